@@ -1,0 +1,37 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+.PHONY: demo test lint format stub setup clean
+
+BIN := .venv/bin
+SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/src/*/*.?pp bindings/*.?pp tests/cpp/*.cpp examples/cpp/*.cpp)
+
+demo: setup
+	$(BIN)/fusionslam demo -o out/demo
+
+test: setup
+	cmake -S . -B build/cpp -G Ninja -DCMAKE_BUILD_TYPE=Release > build/cpp-configure.log 2>&1 || (cat build/cpp-configure.log; exit 1)
+	cmake --build build/cpp
+	ctest --test-dir build/cpp --output-on-failure
+	$(BIN)/python -m pytest
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/clang-format --dry-run --Werror $(SOURCES)
+	scripts/stub.sh --check
+
+format: setup
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+	$(BIN)/clang-format -i $(SOURCES)
+
+stub: setup
+	scripts/stub.sh
+
+setup:
+	@mkdir -p build
+	@scripts/setup.sh
+
+clean:
+	rm -rf build .venv out

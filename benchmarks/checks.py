@@ -1,0 +1,177 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Checks this program against the originals' stored output and prints a Markdown table.
+
+    python benchmarks/checks.py            # needs the folder named by FUSIONSLAM_TEST_DATA
+    python benchmarks/checks.py --write    # and put the table into docs/checks.md
+"""
+
+import argparse
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import fusionslam
+import numpy as np
+from fusionslam.datasets import open_dataset, read_poses_kitti
+from fusionslam.evaluation import precision_recall
+from markdown import table, write_between
+from scipy.ndimage import minimum_filter
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "checks.md"
+Row = tuple[str, str, str]
+
+
+def checks(data: Path) -> Iterator[Row]:
+    """(what, bound, what came out), one after the other."""
+    yield from m2dp_rows(data)
+    yield from cm2dp_rows(data)
+    yield from normals_rows(data)
+    yield from evaluation_rows(data)
+    yield from stereo_rows(data)
+    yield from invariance_rows(data)
+
+
+def scan(path: Path) -> np.ndarray:
+    return np.fromfile(path, np.float32).reshape(-1, 4)[:, :3]
+
+
+def m2dp_rows(data: Path) -> Iterator[Row]:
+    points = scan(data / "kitti/sequences/00/velodyne/000000.bin")
+    signature = np.load(data / "reference/m2dp/kitti00_000000_signature_64x128.npy")
+    descriptor = np.load(data / "reference/m2dp/kitti00_000000_descriptor_192.npy")
+    for preset in ("paper", "author"):
+        ours = fusionslam.m2dp_signature(points, preset=preset)
+        change = np.rint((ours - signature) * len(points))
+        moved, missing = change[change > 0].sum(), abs(change.sum())
+        votes = f"{moved:.0f} moved, {missing:.0f} left out"
+        yield f"M2DP `{preset}`, votes that differ from He's signature", "64", votes
+        vector = fusionslam.m2dp(points, preset=preset)
+        distance = min(np.linalg.norm(vector - descriptor), np.linalg.norm(vector + descriptor))
+        yield f"M2DP `{preset}`, L2 to He's descriptor up to sign", "1e-4", f"{distance:.1e}"
+
+
+def colored_cloud(data: Path) -> tuple[np.ndarray, np.ndarray]:
+    cloud = np.load(data / "reference/cm2dp/colored_cloud.npz")
+    return cloud["xyz"], cloud["rgb"]
+
+
+def cm2dp_rows(data: Path) -> Iterator[Row]:
+    points, colors = colored_cloud(data)
+    vectors = {"m2dp_192": fusionslam.m2dp(points, preset="author")}
+    for space in ("rgb", "hsv", "lab"):
+        vectors[f"cm2dp_{space}_576"] = fusionslam.cm2dp(
+            points, colors, color_space=space, preset="author"
+        )
+    vectors["shot_352"] = fusionslam.shot(points)
+    vectors["cshot_1344"] = fusionslam.cshot(points, colors)
+    for name, vector in vectors.items():
+        distance = np.linalg.norm(vector - np.load(data / f"reference/cm2dp/{name}.npy"))
+        yield f"L2 to the c-M2DP author's `{name}`", "1e-4", f"{distance:.1e}"
+
+
+def normals_rows(data: Path) -> Iterator[Row]:
+    points, _ = colored_cloud(data)
+    stored = np.load(data / "reference/cm2dp/normals.npz")["normals"][:, 3:6]
+    normals, _, _ = fusionslam.estimate_normals(points, radius=0.323908135)
+    error = np.minimum(np.abs(normals - stored), np.abs(normals + stored)).max()
+    yield f"{len(normals):,} normals, largest difference up to sign", "1e-4", f"{error:.1e}"
+
+
+def evaluation_rows(data: Path) -> Iterator[Row]:
+    descriptors = np.load(data / "descriptors/kitti06_lidar_camera_m2dp.npy")
+    positions = read_poses_kitti(data / "kitti/poses/06.txt")[:, :3, 3]
+    expected = {
+        "perdomo2019": {"recall_at_full_precision": "0.668122"},
+        "revisit": {
+            "n_revisits": "274",
+            "top1": "0.836",
+            "recall_at_full_precision": "0.558",
+            "max_f1": "0.790",
+            "average_precision": "0.787",
+        },
+    }
+    for protocol, figures in expected.items():
+        curve = precision_recall(descriptors, positions, protocol=protocol)
+        for name, wanted in figures.items():
+            digits = len(wanted.partition(".")[2])
+            value = f"{getattr(curve, name):.{digits}f}"
+            yield f"KITTI 06 stored M2DP, `{protocol}`, {name}", wanted, value
+
+
+def stereo_rows(data: Path) -> Iterator[Row]:
+    dataset = open_dataset(data / "kitti/sequences/00", gaps="skip")
+    frame = dataset[0]
+    left, right = frame.images["left"], frame.images["right"]
+    height, width = left.shape[:2]
+    matrices = [
+        frame.cameras[name].projection @ frame.cameras["left"].rectified_from_points
+        for name in ("left", "right")
+    ]
+    u, v, predicted, visible = lidar_disparity(frame.points, matrices, width, height)
+    for preset in ("image_undistort", "sgbm"):
+        config = fusionslam.StereoConfig(preset=preset)
+        found = fusionslam.stereo_disparity(left, right, config=config)[v, u]
+        for who, mask in (("all", found > 0), ("those the camera sees", (found > 0) & visible)):
+            share = (np.abs(found - predicted)[mask] <= 1).mean()
+            what = f"KITTI 00/000000, stereo `{preset}` within 1 px of the scan, {who}"
+            yield what, ">= 70 %", f"{share:.1%} of {mask.sum():,} points"
+
+
+def lidar_disparity(
+    points: np.ndarray, matrices: list[np.ndarray], width: int, height: int
+) -> tuple[np.ndarray, ...]:
+    """Pixel (u, v), disparity and visibility of the scan's points in the left image.
+
+    The scanner looks over what hides things from the camera: a point counts as visible unless
+    another one within 4 x 7 pixels is clearly nearer.
+    """
+    homogeneous = np.c_[points.astype(np.float64), np.ones(len(points))]
+    (ul, vl, wl), (ur, _, wr) = (matrix @ homogeneous.T for matrix in matrices)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u, v, predicted = np.rint(ul / wl), np.rint(vl / wl), ul / wl - ur / wr
+    seen = (wl > 0) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    u, v, predicted = u[seen].astype(int), v[seen].astype(int), predicted[seen]
+    depth = fusionslam.depth_image(points, matrices[0], width=width, height=height)
+    nearest = minimum_filter(np.where(depth > 0, depth, np.inf), size=(15, 9))[v, u]
+    return u, v, predicted, wl[seen] < 1.05 * nearest + 0.3
+
+
+def invariance_rows(data: Path) -> Iterator[Row]:
+    paths = sorted((data / "kitti/sequences").glob("0*/velodyne/*.bin"))
+    scans = [scan(path) for path in paths]
+    for preset in ("author", "robust"):
+        rng = np.random.default_rng(0)
+        plain = [fusionslam.m2dp(points, preset=preset) for points in scans]
+        moved, dropped = [], []
+        for points, vector in zip(scans, plain, strict=True):
+            rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))  # determinant 1 or -1: mirrors too
+            turned = (points @ rotation.T + rng.uniform(-50, 50, 3)).astype(np.float32)
+            moved.append(np.linalg.norm(fusionslam.m2dp(turned, preset=preset) - vector))
+            kept = points[rng.random(len(points)) > 0.1]
+            dropped.append(np.linalg.norm(fusionslam.m2dp(kept, preset=preset) - vector))
+        others = min(
+            np.linalg.norm(a - b) for i, a in enumerate(plain) for b in plain[:i]
+        )
+        bound = "1e-4" if preset == "robust" else "for comparison"
+        what = f"M2DP `{preset}`, {len(scans)} scans of 00 and 08"
+        yield f"{what}, turned, shifted, mirrored: largest L2", bound, f"{max(moved):.1e}"
+        yield f"{what}, 10 % of points dropped: largest L2", f"< {others:.3f}", f"{max(dropped):.3f}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true")
+    data = Path(os.environ.get("FUSIONSLAM_TEST_DATA", ROOT.parent / "shared" / "data"))
+    if not data.is_dir():
+        parser.exit(1, "FUSIONSLAM_TEST_DATA names no folder with the reference data\n")
+    arguments = parser.parse_args()
+    text = table(["check", "bound", "came out"], list(checks(data)))
+    print(text)
+    if arguments.write:
+        write_between(PAGE, "checks", text)
+
+
+if __name__ == "__main__":
+    main()

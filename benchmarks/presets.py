@@ -1,0 +1,81 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compares the presets of M2DP and c-M2DP on simulated drives and prints a Markdown table.
+
+    python benchmarks/presets.py            # the embedded drive
+    python benchmarks/presets.py DRIVE ...  # other recordings of the simulator
+    python benchmarks/presets.py --write    # and put the table into docs/descriptors.md
+"""
+
+import argparse
+import json
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from fusionslam import DescriptorConfig, FusionConfig, PipelineConfig, describe_dataset
+from fusionslam.datasets import open_dataset
+from fusionslam.evaluation import Evaluation, evaluate
+from fusionslam.sim import embedded_drive
+from markdown import table, write_between
+
+PAGE = Path(__file__).parents[1] / "docs" / "descriptors.md"
+PRESETS = ("author", "paper", "robust")
+SOURCES = {"lidar": ["m2dp", "cm2dp"], "stereo": ["m2dp", "cm2dp"], "cloud": ["m2dp"]}
+WORDS = {"lidar": "LiDAR-camera", "stereo": "stereo", "cloud": "LiDAR, full circle"}
+
+
+def evaluations(drive: Path, source: str, preset: str) -> list[Evaluation]:
+    """The descriptors of one source under one preset, judged with 10 m and 50 frames."""
+    config = PipelineConfig(
+        fusion=FusionConfig(source=source, voxel=0.2 if source == "stereo" else 0),
+        descriptors=DescriptorConfig(preset=preset),
+    )
+    dataset = open_dataset(drive)
+    with tempfile.TemporaryDirectory() as folder:
+        runs = describe_dataset(
+            dataset, SOURCES[source], folder, config=config, jobs=os.cpu_count() or 1
+        )
+    return [evaluate(run) for run in runs]
+
+
+def row(evaluation: Evaluation, preset: str, visits: np.ndarray) -> list[str]:
+    """Top-1 of all revisits and by direction, recall at 100 % precision, max F1, AP."""
+    curve = evaluation.curves["revisit"]
+    by_visit = [curve.correct[visits == kind].mean() for kind in ("same", "opposite")]
+    figures = [curve.top1, *by_visit, curve.recall_at_full_precision, curve.max_f1]
+    run = evaluation.run
+    names = [WORDS[run.source], run.descriptor, preset]
+    return [*names, *(f"{x:.3f}" for x in (*figures, curve.average_precision))]
+
+
+def compare(drive: Path) -> str:
+    """The table of one drive."""
+    frames = json.loads((drive / "sim.json").read_text())["frames"]
+    visits = np.array([frame["visit"] for frame in frames])
+    rows = []
+    for source in SOURCES:
+        judged = {preset: evaluations(drive, source, preset) for preset in PRESETS}
+        for position in range(len(SOURCES[source])):
+            rows += [row(judged[preset][position], preset, visits) for preset in PRESETS]
+    header = ["cloud", "descriptor", "preset", "top-1", "same direction", "opposite"]
+    text = table([*header, "recall at 100 % precision", "max F1", "AP"], rows)
+    counts = ", ".join(f"{(visits == kind).sum()} {kind}" for kind in ("same", "opposite"))
+    return f"{len(frames)} frames, revisits by direction: {counts}; protocol revisit, 10 m, 50 frames.\n\n{text}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("drives", nargs="*", type=Path)
+    parser.add_argument("--write", action="store_true")
+    arguments = parser.parse_args()
+    for drive in arguments.drives or [embedded_drive()]:
+        text = compare(drive)
+        print(f"{text}\n")
+    if arguments.write:
+        write_between(PAGE, "presets", f"`python benchmarks/presets.py`: {text}")
+
+
+if __name__ == "__main__":
+    main()

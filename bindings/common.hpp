@@ -1,0 +1,351 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+// The one file that owns the rules for numpy arrays, configurations and errors.
+//
+// Arguments: C-contiguous arrays of the right type are viewed, everything else is copied once;
+// the wrong shape or kind raises ShapeError. Results: vectors are handed to numpy without a copy.
+#pragma once
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/typing.h>
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "fusionslam/fusionslam.hpp"
+
+namespace fusionslam::bindings {
+
+namespace py = pybind11;
+
+using Options = py::KWArgs<py::object>;
+using OptionTable = py::typing::List<py::typing::Dict<py::str, py::object>>;
+using CloudTuple =
+    py::typing::Tuple<py::array_t<float>, py::array_t<std::uint8_t>, py::array_t<std::int64_t>>;
+
+inline std::string shape_text(const py::array& array) {
+  return py::str(array.attr("shape")).cast<std::string>();
+}
+
+/// float64 is accepted for float32 and converted; integers, booleans and objects are not.
+inline bool is_float(const py::array& array) { return array.dtype().kind() == 'f'; }
+
+inline py::array as_array(py::handle source, const char* name) {
+  py::array array = py::array::ensure(source);
+  if (!array) {
+    PyErr_Clear();
+    throw ShapeError(std::string(name) + " is no array");
+  }
+  return array;
+}
+
+template <class T>
+py::array_t<T, py::array::c_style | py::array::forcecast> contiguous(const py::array& array) {
+  return py::array_t<T, py::array::c_style | py::array::forcecast>::ensure(array);
+}
+
+/// float (N, 3).
+struct PointsArg {
+  py::array_t<float, py::array::c_style | py::array::forcecast> array;
+
+  explicit PointsArg(py::handle source) {
+    const py::array given = as_array(source, "points");
+    if (given.ndim() != 2 || given.shape(1) != 3)
+      throw ShapeError("points has shape " + shape_text(given) + ", expected (N, 3)");
+    if (!is_float(given))
+      throw ShapeError("points has dtype " + py::str(given.dtype()).cast<std::string>() +
+                       ", expected float32");
+    array = contiguous<float>(given);
+  }
+  PointsView view() const { return {array.data(), static_cast<std::size_t>(array.shape(0))}; }
+};
+
+inline py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast> bytes_array(
+    const py::array& given, const char* name) {
+  if (!given.dtype().is(py::dtype::of<std::uint8_t>()) &&
+      !given.dtype().equal(py::dtype::of<std::uint8_t>()))
+    throw ShapeError(std::string(name) + " has dtype " +
+                     py::str(given.dtype()).cast<std::string>() + ", expected uint8");
+  return contiguous<std::uint8_t>(given);
+}
+
+/// uint8 (N, 3), RGB.
+struct ColorsArg {
+  py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast> array;
+
+  explicit ColorsArg(py::handle source) {
+    const py::array given = as_array(source, "colors");
+    if (given.ndim() != 2 || given.shape(1) != 3)
+      throw ShapeError("colors has shape " + shape_text(given) + ", expected (N, 3)");
+    array = bytes_array(given, "colors");
+  }
+  ColorsView view() const { return {array.data(), static_cast<std::size_t>(array.shape(0))}; }
+};
+
+/// uint8 (H, W, 3) RGB or (H, W).
+struct ImageArg {
+  py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast> array;
+
+  explicit ImageArg(py::handle source) {
+    const py::array given = as_array(source, "image");
+    if (given.ndim() != 2 && !(given.ndim() == 3 && given.shape(2) == 3))
+      throw ShapeError("image has shape " + shape_text(given) + ", expected (H, W, 3) or (H, W)");
+    array = bytes_array(given, "image");
+  }
+  ImageView view() const {
+    const int channels = array.ndim() == 3 ? 3 : 1;
+    const auto width = static_cast<int>(array.shape(1));
+    return {array.data(), width, static_cast<int>(array.shape(0)), channels,
+            static_cast<std::size_t>(width * channels)};
+  }
+};
+
+/// float64 (Rows, Columns).
+template <int Rows, int Columns>
+struct MatrixArg {
+  std::array<double, Rows * Columns> values;
+
+  explicit MatrixArg(py::handle source) {
+    const py::array given = as_array(source, "matrix");
+    if (given.ndim() != 2 || given.shape(0) != Rows || given.shape(1) != Columns)
+      throw ShapeError("matrix has shape " + shape_text(given) + ", expected (" +
+                       std::to_string(Rows) + ", " + std::to_string(Columns) + ")");
+    const auto array = contiguous<double>(given);
+    if (!array) throw py::error_already_set();
+    std::copy_n(array.data(), Rows * Columns, values.begin());
+  }
+};
+
+using ProjectionArg = MatrixArg<3, 4>;
+using TransformArg = MatrixArg<4, 4>;
+
+/// float (D,), or (N, D) for a table.
+template <int Dimensions>
+struct DescriptorsArg {
+  py::array_t<float, py::array::c_style | py::array::forcecast> array;
+
+  explicit DescriptorsArg(py::handle source) {
+    constexpr const char* name = Dimensions == 1 ? "descriptor" : "descriptors";
+    const py::array given = as_array(source, name);
+    if (given.ndim() != Dimensions)
+      throw ShapeError(std::string(name) + " has shape " + shape_text(given) + ", expected " +
+                       (Dimensions == 1 ? "(D,)" : "(N, D)"));
+    if (!is_float(given))
+      throw ShapeError(std::string(name) + " has dtype " +
+                       py::str(given.dtype()).cast<std::string>() + ", expected float32");
+    array = contiguous<float>(given);
+  }
+  std::span<const float> values() const {
+    return {array.data(), static_cast<std::size_t>(array.size())};
+  }
+};
+
+using DescriptorArg = DescriptorsArg<1>;
+using DescriptorTableArg = DescriptorsArg<2>;
+
+/// A vector given to numpy: it lives as long as the array.
+template <class T>
+py::array_t<T> to_numpy(std::vector<T>&& values, std::vector<py::ssize_t> shape) {
+  auto owner = std::make_unique<std::vector<T>>(std::move(values));
+  const T* data = owner->data();
+  const py::capsule capsule(owner.release(),
+                            [](void* p) { delete static_cast<std::vector<T>*>(p); });
+  return py::array_t<T>(std::move(shape), data, capsule);
+}
+
+template <class T>
+py::array_t<T> to_numpy(std::vector<T>&& values) {
+  const auto size = static_cast<py::ssize_t>(values.size());
+  return to_numpy(std::move(values), {size});
+}
+
+template <class T>
+py::array_t<T> rows_of_three(std::vector<T>&& values) {
+  const auto rows = static_cast<py::ssize_t>(values.size() / 3);
+  return to_numpy(std::move(values), {rows, 3});
+}
+
+/// Runs `work`, which must not touch Python, without the GIL.
+template <class Work>
+auto without_gil(Work&& work) {
+  const py::gil_scoped_release release;
+  return work();
+}
+
+/// Python value of an option: enumerations are their names.
+template <class Value>
+py::object option_to_python(const Value& value) {
+  if constexpr (std::is_enum_v<Value>)
+    return py::str(std::string(choice_name(value)));
+  else
+    return py::cast(value);
+}
+
+template <class Value>
+void option_from_python(const char* section, const char* name, py::handle given, Value& value) {
+  const std::string key = std::string(section) + '.' + name;
+  try {
+    if constexpr (std::is_enum_v<Value>)
+      value = choice_from_name<Value>(key, py::cast<std::string>(given));
+    else if (std::is_same_v<Value, bool> != py::isinstance<py::bool_>(given))
+      throw py::cast_error();
+    else
+      value = py::cast<Value>(given);
+  } catch (const py::cast_error&) {
+    constexpr const char* expected = std::is_same_v<Value, bool>       ? "true or false"
+                                     : std::is_integral_v<Value>       ? "a whole number"
+                                     : std::is_floating_point_v<Value> ? "a number"
+                                                                       : "a name";
+    throw ConfigError(key + " is " + py::repr(given).cast<std::string>() + ", expected " +
+                      expected);
+  }
+}
+
+template <class Config>
+std::string option_names() {
+  std::string names;
+  Config config;
+  Config::visit(config, [&](const char* name, const auto&, const OptionInfo&) {
+    names += (names.empty() ? "" : ", ") + std::string(name);
+  });
+  return names;
+}
+
+/// Sets the named options and checks the whole configuration.
+template <class Config>
+Config with_options(Config config, const Options& options) {
+  for (const auto& [key, given] : options) {
+    const std::string wanted = py::str(key);
+    bool known = false;
+    Config::visit(config, [&](const char* name, auto& value, const OptionInfo&) {
+      if (wanted != name) return;
+      option_from_python(Config::section, name, given, value);
+      known = true;
+    });
+    if (!known)
+      throw ConfigError(std::string(Config::section) + " has no option '" + wanted +
+                        "'; known: " + option_names<Config>());
+  }
+  validate(config);
+  return config;
+}
+
+template <class Value>
+constexpr const char* option_kind() {
+  if constexpr (std::is_same_v<Value, bool>)
+    return "bool";
+  else if constexpr (std::is_integral_v<Value>)
+    return "int";
+  else if constexpr (std::is_floating_point_v<Value>)
+    return "float";
+  else
+    return "choice";
+}
+
+/// What config.py builds its sections from: name, kind, default, help, unit, range or choices.
+template <class Config>
+OptionTable describe_options() {
+  OptionTable options;
+  Config config;
+  Config::visit(config, [&](const char* name, const auto& value, const OptionInfo& info) {
+    using Value = std::decay_t<decltype(value)>;
+    py::dict option;
+    option["name"] = name;
+    option["kind"] = option_kind<Value>();
+    option["default"] = option_to_python(value);
+    option["help"] = info.help;
+    option["unit"] = info.unit;
+    if constexpr (std::is_enum_v<Value>) {
+      py::list choices;
+      for (const auto choice : ChoiceNames<Value>::value) choices.append(std::string(choice));
+      option["choices"] = choices;
+    } else if constexpr (!std::is_same_v<Value, bool>) {
+      option["minimum"] = info.minimum;
+      option["maximum"] = info.maximum;
+    }
+    options.append(option);
+  });
+  return options;
+}
+
+/// Binds an immutable configuration: keyword arguments in, read-only attributes out.
+template <class Config>
+py::class_<Config> bind_config(py::module_& module, const char* name, const char* doc) {
+  py::class_<Config> bound(module, name, doc);
+  Config config;
+  Config::visit(config, [&](const char* option, const auto& value, const OptionInfo& info) {
+    using Value = std::decay_t<decltype(value)>;
+    const auto get = [option = std::string(option)](const Config& self) {
+      py::object result;
+      Config::visit(self, [&](const char* other, const auto& current, const OptionInfo&) {
+        if (option == other) result = option_to_python(current);
+      });
+      if constexpr (std::is_enum_v<Value>)
+        return result.template cast<std::string>();
+      else
+        return result.template cast<Value>();
+    };
+    const std::string unit = *info.unit ? std::string(" [") + info.unit + "]" : "";
+    bound.def_property_readonly(option, get, (info.help + unit).c_str());
+  });
+  bound.def_static("options", &describe_options<Config>,
+                   "Every option: name, kind, default, help, unit, range or choices.");
+  bound.def("__repr__", [name = std::string(name)](const Config& self) {
+    std::string text;
+    Config::visit(self, [&](const char* option, const auto& value, const OptionInfo&) {
+      text += (text.empty() ? "" : ", ") + std::string(option) + "=" +
+              py::repr(option_to_python(value)).template cast<std::string>();
+    });
+    return name + "(" + text + ")";
+  });
+  return bound;
+}
+
+void bind_descriptors(py::module_& module);
+void bind_fusion(py::module_& module);
+void bind_matching(py::module_& module);
+
+}  // namespace fusionslam::bindings
+
+namespace pybind11::detail {
+
+/// Casts an array argument by its converting constructor; `Name` is what the stub shows.
+template <class Arg>
+struct array_arg_caster {
+  template <class T>
+  using cast_op_type = pybind11::detail::movable_cast_op_type<T>;
+  operator Arg*() { return &*value; }
+  operator Arg&() { return *value; }
+  operator Arg&&() && { return std::move(*value); }
+
+  bool load(handle source, bool) {
+    value.emplace(source);
+    return true;
+  }
+  std::optional<Arg> value;
+};
+
+#define FUSIONSLAM_ARRAY_ARG(Arg, type)                                        \
+  template <>                                                                  \
+  struct type_caster<Arg> : array_arg_caster<Arg> {                            \
+    static constexpr auto name = const_name("numpy.typing.NDArray[" type "]"); \
+  }
+
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::PointsArg, "numpy.float32");
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::ColorsArg, "numpy.uint8");
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::ImageArg, "numpy.uint8");
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::ProjectionArg, "numpy.float64");
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::TransformArg, "numpy.float64");
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::DescriptorArg, "numpy.float32");
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::DescriptorTableArg, "numpy.float32");
+
+#undef FUSIONSLAM_ARRAY_ARG
+
+}  // namespace pybind11::detail

@@ -1,0 +1,180 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+#include "common.hpp"
+
+namespace fusionslam::bindings {
+namespace {
+
+using OptionalConfig = std::optional<M2dpConfig>;
+
+M2dpConfig chosen(const OptionalConfig& config, const std::string& preset) {
+  return config ? *config : m2dp_preset(preset);
+}
+
+ColorSpace color_space_of(const std::string& name) {
+  return choice_from_name<ColorSpace>("color_space", name);
+}
+
+py::array_t<double> to_numpy_matrix(Signature&& signature) {
+  return to_numpy(std::move(signature.values), {signature.rows, signature.columns});
+}
+
+void bind_m2dp(py::module_& module) {
+  using namespace py::literals;
+  module.def(
+      "m2dp",
+      [](const PointsArg& points, const std::string& preset, const OptionalConfig& config,
+         int threads) {
+        const M2dpConfig settings = chosen(config, preset);
+        return to_numpy(without_gil([&] { return m2dp(points.view(), settings, threads); }));
+      },
+      "points"_a, py::kw_only(), "preset"_a = "robust", "config"_a = py::none(), "threads"_a = 1,
+      R"(M2DP descriptor of a cloud (He, Wang, Zhang, IROS 2016).
+
+Args:
+    points: float32 (N, 3), metres, any frame; N >= 4.
+    preset: "robust" (default), "paper" (He's MATLAB) or "author" (Perdomo's C++).
+    config: an M2dpConfig, used instead of the preset.
+    threads: threads of this call; 0 is one a core. The result does not depend on it.
+
+Returns:
+    float32 (192,): first left (64) and right (128) singular vectors of the signature matrix.
+
+Raises:
+    DataError: fewer than 4 points, NaN or infinity, points all equal or on one line.
+    ShapeError, ConfigError: wrong array, unknown preset.)");
+  module.def(
+      "m2dp_signature",
+      [](const PointsArg& points, const std::string& preset, const OptionalConfig& config,
+         int threads) {
+        const M2dpConfig settings = chosen(config, preset);
+        return to_numpy_matrix(
+            without_gil([&] { return m2dp_signature(points.view(), settings, threads); }));
+      },
+      "points"_a, py::kw_only(), "preset"_a = "robust", "config"_a = py::none(), "threads"_a = 1,
+      R"(Signature matrix of M2DP: float64 (64, 128), one row a projection plane, counts / n.
+
+Arguments and errors as m2dp.)");
+}
+
+void bind_cm2dp(py::module_& module) {
+  using namespace py::literals;
+  module.def(
+      "cm2dp",
+      [](const PointsArg& points, const ColorsArg& colors, const std::string& color_space,
+         const std::string& preset, const OptionalConfig& config, int threads) {
+        const M2dpConfig settings = chosen(config, preset);
+        const ColorSpace space = color_space_of(color_space);
+        return to_numpy(without_gil(
+            [&] { return cm2dp(points.view(), colors.view(), space, settings, threads); }));
+      },
+      "points"_a, "colors"_a, py::kw_only(), "color_space"_a = "rgb", "preset"_a = "robust",
+      "config"_a = py::none(), "threads"_a = 1,
+      R"(c-M2DP descriptor of a coloured cloud (Perdomo 2019, chapter 3).
+
+Args:
+    points: float32 (N, 3), metres, any frame; N >= 4.
+    colors: uint8 (N, 3), RGB.
+    color_space: "rgb" (the published choice), "hsv" or "lab".
+    preset, config, threads: as m2dp.
+
+Returns:
+    float32 (576,): first left (64) and right (512) singular vectors of the signature matrix.
+
+Raises:
+    DataError, ShapeError, ConfigError: as m2dp, and if there is not one colour a point.)");
+  module.def(
+      "cm2dp_signature",
+      [](const PointsArg& points, const ColorsArg& colors, const std::string& color_space,
+         const std::string& preset, const OptionalConfig& config, int threads) {
+        const M2dpConfig settings = chosen(config, preset);
+        const ColorSpace space = color_space_of(color_space);
+        return to_numpy_matrix(without_gil([&] {
+          return cm2dp_signature(points.view(), colors.view(), space, settings, threads);
+        }));
+      },
+      "points"_a, "colors"_a, py::kw_only(), "color_space"_a = "rgb", "preset"_a = "robust",
+      "config"_a = py::none(), "threads"_a = 1,
+      R"(Signature matrix of c-M2DP: float64 (64, 512), counts / n: 128 shape bins, then
+8 rings x 16 bins for each colour channel. Arguments and errors as cm2dp.)");
+}
+
+void bind_shot(py::module_& module) {
+  using namespace py::literals;
+  module.def(
+      "shot",
+      [](const PointsArg& points, std::optional<double> normal_radius, int threads) {
+        return to_numpy(without_gil([&] { return shot(points.view(), normal_radius, threads); }));
+      },
+      "points"_a, py::kw_only(), "normal_radius"_a = py::none(), "threads"_a = 1,
+      R"(Global SHOT: PCL's SHOT at the centroid, the whole cloud its support
+(Tombari, Salti, Di Stefano 2010; Perdomo 2019, section 4.1).
+
+Args:
+    points: float32 (N, 3), metres.
+    normal_radius: metres; None is 5 x cloud_resolution(points).
+    threads: threads for the normals; the result does not depend on it.
+
+Returns:
+    float32 (352,).
+
+Raises:
+    DataError: NaN or infinity, equal points, or fewer than 5 points with a normal.)");
+  module.def(
+      "cshot",
+      [](const PointsArg& points, const ColorsArg& colors, std::optional<double> normal_radius,
+         int threads) {
+        return to_numpy(without_gil(
+            [&] { return cshot(points.view(), colors.view(), normal_radius, threads); }));
+      },
+      "points"_a, "colors"_a, py::kw_only(), "normal_radius"_a = py::none(), "threads"_a = 1,
+      R"(Global CSHOT: SHOT with colour (Tombari, Salti, Di Stefano 2011; Perdomo 2019, 4.1).
+
+Args:
+    colors: uint8 (N, 3), RGB; the rest as shot.
+
+Returns:
+    float32 (1344,).)");
+  module.def(
+      "cloud_resolution",
+      [](const PointsArg& points) {
+        return without_gil([&] { return cloud_resolution(points.view()); });
+      },
+      "points"_a, "Mean distance from a point to its nearest neighbour, metres.");
+  module.def(
+      "estimate_normals",
+      [](const PointsArg& points, double radius, int threads)
+          -> py::typing::Tuple<py::array_t<float>, py::array_t<float>, py::array_t<std::int64_t>> {
+        Normals normals =
+            without_gil([&] { return estimate_normals(points.view(), radius, threads); });
+        return py::make_tuple(rows_of_three(std::move(normals.normals)),
+                              to_numpy(std::move(normals.curvatures)),
+                              to_numpy(std::move(normals.indices)));
+      },
+      "points"_a, py::kw_only(), "radius"_a, "threads"_a = 1,
+      R"(Least-squares normals (PCL), turned towards the origin.
+
+Args:
+    points: float32 (N, 3), metres.
+    radius: of the neighbourhood, metres.
+
+Returns:
+    (normals float32 (M, 3), curvatures float32 (M,), indices int64 (M,)) of the points with at
+    least three neighbours.)");
+}
+
+}  // namespace
+
+void bind_descriptors(py::module_& module) {
+  bind_config<M2dpConfig>(module, "M2dpConfig", "Parameters of M2DP and c-M2DP.")
+      .def(py::init([](const std::string& preset, const Options& options) {
+             return with_options(m2dp_preset(preset), options);
+           }),
+           py::kw_only(), py::arg("preset") = "robust",
+           "The preset's values, with the given options in their place.");
+  bind_m2dp(module);
+  bind_cm2dp(module);
+  bind_shot(module);
+}
+
+}  // namespace fusionslam::bindings

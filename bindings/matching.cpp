@@ -1,0 +1,120 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+#include <cmath>
+
+#include "common.hpp"
+
+namespace fusionslam::bindings {
+namespace {
+
+using MatchTuple = py::typing::Tuple<py::array_t<std::int64_t>, py::array_t<float>>;
+
+ExclusionWindow window_of(py::ssize_t frames, double seconds) {
+  if (frames < 0) throw ConfigError("window is " + std::to_string(frames) + ", expected >= 0");
+  if (!(seconds >= 0 && seconds < 9e9))
+    throw ConfigError("window_seconds is " + std::to_string(seconds) + ", expected >= 0");
+  return {static_cast<std::size_t>(frames), std::llround(seconds * 1e9)};
+}
+
+std::size_t count_of(py::ssize_t k) {
+  if (k < 1) throw ConfigError("k is " + std::to_string(k) + ", expected at least 1");
+  return static_cast<std::size_t>(k);
+}
+
+MatchTuple to_tuple(const std::vector<Match>& matches) {
+  std::vector<std::int64_t> indices;
+  std::vector<float> distances;
+  for (const auto& [index, distance] : matches) {
+    indices.push_back(index);
+    distances.push_back(distance);
+  }
+  return py::make_tuple(to_numpy(std::move(indices)), to_numpy(std::move(distances)));
+}
+
+}  // namespace
+
+void bind_matching(py::module_& module) {
+  using namespace py::literals;
+  py::class_<DescriptorIndex>(module, "DescriptorIndex",
+                              R"(Exact, causal L2 nearest neighbours over added descriptors.
+
+A query is answered as if it were the next descriptor to be added, number len(index): candidates
+are older by more than window frames and by more than window_seconds.
+Equal distances go to the lowest index.)")
+      .def(py::init([](py::ssize_t dimension, py::ssize_t window, double window_seconds) {
+             if (dimension < 1)
+               throw ConfigError("dimension is " + std::to_string(dimension) +
+                                 ", expected at least 1");
+             return DescriptorIndex(static_cast<std::size_t>(dimension),
+                                    window_of(window, window_seconds));
+           }),
+           "dimension"_a, py::kw_only(), "window"_a = 0, "window_seconds"_a = 0.0)
+      .def(
+          "add",
+          [](DescriptorIndex& self, const DescriptorArg& descriptor, std::int64_t stamp_ns) {
+            return self.add(descriptor.values(), stamp_ns);
+          },
+          "descriptor"_a, py::kw_only(), "stamp_ns"_a = 0,
+          "Adds a descriptor, float32 (D,), and returns its index.")
+      .def(
+          "query",
+          [](const DescriptorIndex& self, const DescriptorArg& descriptor, py::ssize_t k,
+             std::optional<std::int64_t> stamp_ns) {
+            const std::size_t count = count_of(k);
+            return to_tuple(
+                without_gil([&] { return self.query(descriptor.values(), count, stamp_ns); }));
+          },
+          "descriptor"_a, py::kw_only(), "k"_a = 1, "stamp_ns"_a = py::none(),
+          R"(The nearest candidates, nearest first.
+
+Returns:
+    (indices int64 (M,), distances float32 (M,)), M <= k.
+
+Raises:
+    ShapeError, DataError: wrong length, NaN. ConfigError: the window is in seconds and stamp_ns
+    is missing.)")
+      .def("save", &DescriptorIndex::save, "path"_a, py::call_guard<py::gil_scoped_release>(),
+           "Writes one file, whole or not at all. Raises DataError naming the path.")
+      .def_static("load", &DescriptorIndex::load, "path"_a,
+                  py::call_guard<py::gil_scoped_release>(),
+                  "Reads it again. Raises DataError if it is no index, of another version, or cut.")
+      .def(
+          "descriptor",
+          [](const DescriptorIndex& self, std::size_t i) {
+            const auto values = self.descriptor(i);
+            return to_numpy(std::vector<float>(values.begin(), values.end()));
+          },
+          "index"_a, "A copy of one descriptor, float32 (D,).")
+      .def("__len__", &DescriptorIndex::size)
+      .def_property_readonly("dimension", &DescriptorIndex::dimension)
+      .def_property_readonly("window",
+                             [](const DescriptorIndex& self) { return self.window().frames; })
+      .def_property_readonly("window_seconds", [](const DescriptorIndex& self) {
+        return static_cast<double>(self.window().nanoseconds) * 1e-9;
+      });
+  module.def(
+      "nearest_causal",
+      [](const DescriptorTableArg& descriptors, py::ssize_t window, py::ssize_t k,
+         int threads) -> MatchTuple {
+        const auto rows = descriptors.array.shape(0);
+        const std::size_t frames = window_of(window, 0).frames;
+        const std::size_t count = count_of(k);
+        MatchTable table = without_gil([&] {
+          return nearest_causal(descriptors.values(),
+                                static_cast<std::size_t>(descriptors.array.shape(1)), frames, count,
+                                threads);
+        });
+        return py::make_tuple(to_numpy(std::move(table.indices), {rows, k}),
+                              to_numpy(std::move(table.distances), {rows, k}));
+      },
+      "descriptors"_a, py::kw_only(), "window"_a, "k"_a = 1, "threads"_a = 0,
+      R"(For each row i the k nearest rows j < i - window, as an online run would find them.
+
+Args:
+    descriptors: float32 (N, D).
+
+Returns:
+    (indices int64 (N, k), -1 where there is none; distances float32 (N, k), infinite there).)");
+}
+
+}  // namespace fusionslam::bindings

@@ -1,0 +1,157 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "fusionslam/config.hpp"
+#include "fusionslam/sensors.hpp"
+
+namespace fusionslam {
+
+enum class ColorSpace { rgb, hsv, lab };
+
+template <>
+struct ChoiceNames<ColorSpace> {
+  static constexpr std::array<std::string_view, 3> value{"rgb", "hsv", "lab"};
+};
+
+/// How the signs of the principal axes are chosen; PCA itself leaves them open.
+enum class AxisSigns {
+  largest_entry,  ///< the entry of largest magnitude is positive (MATLAB's pca)
+  pcl,            ///< as Eigen's float solver returns them, third axis = first x second (PCL's PCA)
+  mirror_pairs,   ///< for each pair of bins that mirror each other: the fuller one is positive
+};
+
+template <>
+struct ChoiceNames<AxisSigns> {
+  static constexpr std::array<std::string_view, 3> value{"largest_entry", "pcl", "mirror_pairs"};
+};
+
+/// Radius of the outermost ring.
+enum class OuterRadius {
+  farthest_point,  ///< distance of the farthest point from the mean
+  three_rms,       ///< three times the root mean square distance: single points do not move it
+};
+
+template <>
+struct ChoiceNames<OuterRadius> {
+  static constexpr std::array<std::string_view, 2> value{"farthest_point", "three_rms"};
+};
+
+/// What the singular vectors are taken of.
+enum class Weighting {
+  counts,       ///< the signature matrix itself
+  square_root,  ///< its square roots, so that full bins do not drown sparse ones
+};
+
+template <>
+struct ChoiceNames<Weighting> {
+  static constexpr std::array<std::string_view, 2> value{"counts", "square_root"};
+};
+
+/// Parameters of M2DP (He, Wang, Zhang, IROS 2016) and c-M2DP (Perdomo 2019, chapter 3); the
+/// defaults are those of the "robust" preset.
+struct M2dpConfig {
+  static constexpr const char* section = "m2dp";
+
+  int azimuths = 8;
+  int elevations = 8;
+  int rings = 8;
+  int sectors = 16;
+  int color_bins = 16;
+  AxisSigns axis_signs = AxisSigns::mirror_pairs;
+  OuterRadius outer_radius = OuterRadius::three_rms;
+  Weighting weighting = Weighting::square_root;
+  bool grey_world = true;
+  bool drop_last_point = false;
+  bool author_lab = false;
+
+  template <class Config, class Visitor>
+  static void visit(Config& config, Visitor&& visitor) {
+    visitor("azimuths", config.azimuths,
+            OptionInfo{"azimuth angles of the projection planes (p)", "", 1, 64});
+    visitor("elevations", config.elevations,
+            OptionInfo{"elevation angles of the projection planes (q)", "", 1, 64});
+    visitor("rings", config.rings, OptionInfo{"concentric circles on a plane (l)", "", 1, 64});
+    visitor("sectors", config.sectors, OptionInfo{"sectors of a circle (t)", "", 1, 64});
+    visitor("color_bins", config.color_bins,
+            OptionInfo{"histogram bins of a colour channel (g)", "", 1, 64});
+    visitor("axis_signs", config.axis_signs,
+            OptionInfo{"rule for the signs of the PCA axes; mirror_pairs needs azimuths in fours "
+                       "and an even number of sectors"});
+    visitor("outer_radius", config.outer_radius, OptionInfo{"radius of the outermost ring"});
+    visitor("weighting", config.weighting, OptionInfo{"what the singular vectors are taken of"});
+    visitor("grey_world", config.grey_world,
+            OptionInfo{"scale each colour channel to one mean, against exposure and tint"});
+    visitor("drop_last_point", config.drop_last_point,
+            OptionInfo{"leave the last point out of the counts, as the c-M2DP author's program"});
+    visitor("author_lab", config.author_lab,
+            OptionInfo{"convert sRGB to Lab as the c-M2DP author's program, fault included"});
+  }
+
+  int planes() const { return azimuths * elevations; }
+  int shape_columns() const { return rings * sectors; }
+  int color_columns() const { return rings * 3 * color_bins; }
+};
+
+/// "paper": He's MATLAB program. "author": Perdomo's C++ program, quirks included.
+/// "robust", the default: turned, shifted and mirrored clouds get the same descriptor, small
+/// changes of a cloud or of the exposure change it little. Throws ConfigError for any other name.
+M2dpConfig m2dp_preset(std::string_view name);
+
+/// A signature matrix, row-major: one row a projection plane, values are counts / n.
+struct Signature {
+  int rows = 0;
+  int columns = 0;
+  std::vector<double> values;
+};
+
+/// Signature matrix A of M2DP (64 x 128 with the default sizes); every preset's entries sum to the
+/// number of rows.
+/// Throws DataError for fewer than 4 points, NaN or infinity, and equal or collinear points.
+Signature m2dp_signature(PointsView points, const M2dpConfig& config = {}, int threads = 1);
+
+/// Signature matrix of c-M2DP: the shape columns, then rings x color_bins for each channel (64 x
+/// 512). Throws as m2dp_signature, and ShapeError if there is not one colour a point.
+Signature cm2dp_signature(PointsView points, ColorsView colors,
+                          ColorSpace color_space = ColorSpace::rgb, const M2dpConfig& config = {},
+                          int threads = 1);
+
+/// M2DP: first left (64) and right (128) singular vectors of the signature matrix, both >= 0.
+std::vector<float> m2dp(PointsView points, const M2dpConfig& config = {}, int threads = 1);
+
+/// c-M2DP: the same of the coloured signature matrix (64 + 512 floats).
+std::vector<float> cm2dp(PointsView points, ColorsView colors,
+                         ColorSpace color_space = ColorSpace::rgb, const M2dpConfig& config = {},
+                         int threads = 1);
+
+/// Mean distance from a point to its nearest neighbour, in metres.
+/// Throws DataError for fewer than 2 points, NaN or infinity.
+double cloud_resolution(PointsView points);
+
+/// Unit normals, turned towards the origin, of the points that have enough neighbours.
+struct Normals {
+  std::vector<float> normals;         ///< x, y, z
+  std::vector<float> curvatures;      ///< smallest eigenvalue over the sum of all three
+  std::vector<std::int64_t> indices;  ///< of the points they belong to
+};
+
+/// Least-squares normals over all neighbours within `radius` metres (PCL); points with fewer than
+/// three neighbours are left out. The result does not depend on `threads`.
+Normals estimate_normals(PointsView points, double radius, int threads = 1);
+
+/// Global SHOT (352 floats): PCL's SHOT at the centroid with the whole cloud as support
+/// (Tombari, Salti, Di Stefano 2010; Perdomo 2019, 4.1). `normal_radius` in metres; without it
+/// 5 x cloud_resolution(points). Throws DataError if the cloud has no normals or no local frame.
+std::vector<float> shot(PointsView points, std::optional<double> normal_radius = std::nullopt,
+                        int threads = 1);
+
+/// Global CSHOT (1344 floats): the same with colour (Tombari, Salti, Di Stefano 2011).
+std::vector<float> cshot(PointsView points, ColorsView colors,
+                         std::optional<double> normal_radius = std::nullopt, int threads = 1);
+
+}  // namespace fusionslam

@@ -1,0 +1,165 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "fusionslam/config.hpp"
+#include "fusionslam/sensors.hpp"
+
+namespace fusionslam {
+
+enum class Interpolation { nearest, bilinear };
+
+template <>
+struct ChoiceNames<Interpolation> {
+  static constexpr std::array<std::string_view, 2> value{"nearest", "bilinear"};
+};
+
+/// Colours each point with the pixel it projects to (Perdomo 2019, 3.3.1; Stastny 2022, 4.3).
+///
+/// Keeps the points in front of the camera whose projection, rounded to the nearest pixel, lies
+/// inside the image. Grey images give equal channels. Throws DataError if the projection is not
+/// finite or singular, a point is not finite, or the image is empty.
+ColoredCloud colorize(PointsView points, ImageView image, const Projection& projection,
+                      Interpolation interpolation = Interpolation::nearest);
+
+/// Depth along the optical axis of the nearest point in each pixel, row-major; 0 where there is
+/// none. Throws as colorize.
+std::vector<float> depth_image(PointsView points, int width, int height,
+                               const Projection& projection);
+
+enum class StereoMethod { bm, sgbm };
+
+template <>
+struct ChoiceNames<StereoMethod> {
+  static constexpr std::array<std::string_view, 2> value{"bm", "sgbm"};
+};
+
+/// Stereo matching. The defaults are the "image_undistort" preset.
+struct StereoConfig {
+  static constexpr const char* section = "stereo";
+
+  StereoMethod method = StereoMethod::bm;
+  int min_disparity = 0;
+  int num_disparities = 64;
+  int block_size = 21;
+  int pre_filter_size = 9;
+  int pre_filter_cap = 31;
+  int texture_threshold = 10;
+  int uniqueness_ratio = 15;
+  int speckle_range = 0;
+  int speckle_window_size = 0;
+  int p1 = 120;
+  int p2 = 240;
+  int disp12_max_diff = -1;
+  bool median_blur = true;
+  double min_range = 0.5;
+  double max_range = 80.0;
+
+  template <class Config, class Visitor>
+  static void visit(Config& config, Visitor&& visitor) {
+    visitor("method", config.method, OptionInfo{"OpenCV's StereoBM or StereoSGBM"});
+    visitor("min_disparity", config.min_disparity,
+            OptionInfo{"smallest disparity searched", "px", -1024, 1024});
+    visitor("num_disparities", config.num_disparities,
+            OptionInfo{"how many disparities are searched, a multiple of 16", "px", 16, 1024});
+    visitor("block_size", config.block_size, OptionInfo{"window size, odd", "px", 1, 255});
+    visitor("pre_filter_size", config.pre_filter_size,
+            OptionInfo{"prefilter window, odd (StereoBM)", "px", 5, 255});
+    visitor("pre_filter_cap", config.pre_filter_cap,
+            OptionInfo{"bound of prefiltered values", "", 1, 63});
+    visitor("texture_threshold", config.texture_threshold,
+            OptionInfo{"least texture of a window (StereoBM)", "", 0, 100000});
+    visitor("uniqueness_ratio", config.uniqueness_ratio,
+            OptionInfo{"margin by which the best match must win", "%", 0, 100});
+    visitor("speckle_range", config.speckle_range,
+            OptionInfo{"disparity change inside one speckle", "px", 0, 1024});
+    visitor("speckle_window_size", config.speckle_window_size,
+            OptionInfo{"largest speckle to remove; 0 is off", "px", 0, 1000000});
+    visitor("p1", config.p1, OptionInfo{"smoothness penalty, small changes (SGBM)", "", 0, 100000});
+    visitor("p2", config.p2, OptionInfo{"smoothness penalty, large changes (SGBM)", "", 0, 100000});
+    visitor("disp12_max_diff", config.disp12_max_diff,
+            OptionInfo{"left-right check (SGBM); -1 is off", "px", -1, 1024});
+    visitor("median_blur", config.median_blur,
+            OptionInfo{"5 x 5 median filter on the disparity image"});
+    visitor("min_range", config.min_range, OptionInfo{"nearest point kept", "m", 0, 1e6});
+    visitor("max_range", config.max_range, OptionInfo{"farthest point kept", "m", 0, 1e6});
+  }
+};
+
+/// "image_undistort": StereoBM with the defaults of image_undistort's depth node, which Perdomo 2019
+/// used. "sgbm": StereoSGBM with the penalties OpenCV recommends for 5 x 5 windows, a left-right
+/// check and a speckle filter. Throws ConfigError for any other name.
+StereoConfig stereo_preset(std::string_view name);
+
+/// Disparity of a rectified pair, row-major float pixels of the left image; 0 where there is no
+/// match. Throws ShapeError if the images differ in size, ConfigError for sizes OpenCV refuses.
+std::vector<float> stereo_disparity(ImageView left, ImageView right,
+                                    const StereoConfig& config = {});
+
+/// A calibrated rectified pair; the transform maps its frame to that of the wanted cloud.
+struct StereoCalibration {
+  Projection left{};
+  Projection right{};
+  Transform cloud_from_rectified = identity_transform;
+};
+
+/// Coloured cloud of all pixels with a disparity whose depth is within the configured range.
+/// `indices` are row-major pixels of the left image. Throws DataError if the two projections do not
+/// belong to a rectified pair with a baseline, ShapeError if sizes differ.
+ColoredCloud cloud_from_disparity(const std::vector<float>& disparity, ImageView left_colors,
+                                  const StereoCalibration& calibration,
+                                  const StereoConfig& config = {});
+
+enum class UpAxis { x, y, z, minus_x, minus_y, minus_z };
+
+template <>
+struct ChoiceNames<UpAxis> {
+  static constexpr std::array<std::string_view, 6> value{"x", "y", "z", "-x", "-y", "-z"};
+};
+
+/// Parameters of the ground plane found by RANSAC.
+struct GroundPlaneConfig {
+  static constexpr const char* section = "ground";
+
+  double distance = 0.2;
+  double max_tilt = 15.0;
+  int iterations = 200;
+
+  template <class Config, class Visitor>
+  static void visit(Config& config, Visitor&& visitor) {
+    visitor("distance", config.distance,
+            OptionInfo{"points this near to the plane are ground", "m", 1e-6, 1e6});
+    visitor("max_tilt", config.max_tilt,
+            OptionInfo{"largest angle between the plane's normal and up", "deg", 0, 90});
+    visitor("iterations", config.iterations, OptionInfo{"RANSAC iterations", "", 1, 1000000});
+  }
+};
+
+/// Indices of the points above `height` metres along `up` (Stastny 2022, 4.3).
+std::vector<std::int64_t> above_height(PointsView points, double height, UpAxis up = UpAxis::z);
+
+/// A plane a x + b y + c z + d = 0 with its normal pointing up, and the points not on it.
+struct GroundPlane {
+  std::array<double, 4> coefficients{};
+  std::vector<std::int64_t> kept;
+};
+
+/// Finds the ground with PCL's SACSegmentation (seeded, so repeatable). Where no plane is found all
+/// points are kept and the coefficients are zero. Throws DataError for fewer than 3 points.
+GroundPlane remove_ground_plane(PointsView points, UpAxis up = UpAxis::z,
+                                const GroundPlaneConfig& config = {});
+
+/// One point a cube of `size` metres: mean position and colour of the points in it, in the order in
+/// which the cubes are first met; `indices` is the first point of each. `colors` may be empty.
+/// Throws ConfigError if size <= 0, DataError if the cloud spans more than 2^21 cubes along an
+/// axis.
+ColoredCloud voxel_downsample(PointsView points, ColorsView colors, double size);
+
+/// Indices of the points without NaN or infinity.
+std::vector<std::int64_t> drop_invalid(PointsView points);
+
+}  // namespace fusionslam

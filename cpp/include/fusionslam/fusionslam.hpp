@@ -1,0 +1,10 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include "fusionslam/config.hpp"
+#include "fusionslam/descriptors.hpp"
+#include "fusionslam/errors.hpp"
+#include "fusionslam/fusion.hpp"
+#include "fusionslam/matching.hpp"
+#include "fusionslam/sensors.hpp"

@@ -1,0 +1,75 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace fusionslam {
+
+/// How much of the past just before a query is left out of the search.
+struct ExclusionWindow {
+  std::size_t frames = 0;        ///< candidates are older by more than this many frames ...
+  std::int64_t nanoseconds = 0;  ///< ... and by more than this time; 0 switches the test off
+};
+
+struct Match {
+  std::int64_t index;  ///< of the descriptor, in the order of adding
+  float distance;      ///< L2
+};
+
+/// Exact, causal L2 nearest neighbours over descriptors of one length.
+///
+/// A query is answered as if it were the next descriptor to be added, number size(): only older
+/// ones outside the exclusion window are candidates. Equal distances go to the lowest index.
+class DescriptorIndex {
+ public:
+  /// Throws ConfigError if dimension is 0 or the window is negative.
+  explicit DescriptorIndex(std::size_t dimension, ExclusionWindow window = {});
+
+  /// Returns the index given to the descriptor. Throws ShapeError or DataError (NaN, infinity).
+  std::int64_t add(std::span<const float> descriptor, std::int64_t stamp_ns = 0);
+
+  /// The k nearest candidates, nearest first; fewer if there are fewer.
+  /// Throws ShapeError or DataError, and ConfigError if the window needs a stamp and none is given.
+  std::vector<Match> query(std::span<const float> descriptor, std::size_t k = 1,
+                           std::optional<std::int64_t> stamp_ns = std::nullopt) const;
+
+  /// Writes one file, whole or not at all. Throws DataError naming the path.
+  void save(const std::string& path) const;
+
+  /// Throws DataError naming the path if it is no index, of another version, cut or damaged.
+  static DescriptorIndex load(const std::string& path);
+
+  std::size_t size() const { return stamps_ns_.size(); }
+  std::size_t dimension() const { return dimension_; }
+  ExclusionWindow window() const { return window_; }
+  std::span<const float> descriptor(std::size_t i) const;
+
+ private:
+  bool is_candidate(std::size_t i, std::optional<std::int64_t> stamp_ns) const;
+
+  std::size_t dimension_;
+  ExclusionWindow window_;
+  std::vector<float> descriptors_;
+  std::vector<std::int64_t> stamps_ns_;
+};
+
+/// Row-major results of a batch of queries: `k` columns, -1 and infinity where there is none.
+struct MatchTable {
+  std::size_t k = 0;
+  std::vector<std::int64_t> indices;
+  std::vector<float> distances;
+};
+
+/// For each row i of `descriptors` (row-major, `dimension` columns) its k nearest rows
+/// j < i - window, as if the rows had been added and queried one after the other.
+/// The result does not depend on `threads` (0: all cores).
+MatchTable nearest_causal(std::span<const float> descriptors, std::size_t dimension,
+                          std::size_t window, std::size_t k = 1, int threads = 0);
+
+}  // namespace fusionslam

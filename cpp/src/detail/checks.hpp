@@ -1,0 +1,35 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <string>
+
+#include "fusionslam/errors.hpp"
+#include "fusionslam/sensors.hpp"
+
+namespace fusionslam::detail {
+
+inline bool is_finite(const float* point) {
+  return std::isfinite(point[0]) && std::isfinite(point[1]) && std::isfinite(point[2]);
+}
+
+/// Throws DataError unless there are `minimum` points, all of them finite.
+inline void check_points(PointsView points, std::size_t minimum, const char* what) {
+  if (points.size < minimum)
+    throw DataError("the cloud has " + std::to_string(points.size) + " points, " + what +
+                    " needs at least " + std::to_string(minimum));
+  for (std::size_t i = 0; i < points.size; ++i)
+    if (!is_finite(points[i]))
+      throw DataError("point " + std::to_string(i) +
+                      " is not finite; drop such points first (drop_invalid)");
+}
+
+inline void check_colors(PointsView points, ColorsView colors) {
+  if (points.size != colors.size)
+    throw ShapeError("colors has " + std::to_string(colors.size) + " rows, points has " +
+                     std::to_string(points.size));
+}
+
+}  // namespace fusionslam::detail

@@ -1,0 +1,95 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Place recognition and loop closing for robots that carry a LiDAR and a camera.
+
+    import fusionslam
+
+    dataset = fusionslam.open_dataset("kitti/sequences/06")       # sensors
+    detector = fusionslam.LoopDetector("cm2dp", threshold=0.1)     # descriptors, matching
+    for frame in dataset:
+        points, colors, kept = fusionslam.colorize(                # fusion
+            frame.points, frame.images["left"], frame.cameras["left"].projection_from_points)
+        loop = detector.add(fusionslam.Cloud(points, colors))      # loop closure
+        if loop:
+            print(f"frame {loop.query} is at the place of frame {loop.match}")
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fusionslam import evaluation as evaluation
+    from fusionslam._core import DescriptorIndex as DescriptorIndex
+    from fusionslam._core import GroundPlaneConfig as GroundPlaneConfig
+    from fusionslam._core import M2dpConfig as M2dpConfig
+    from fusionslam._core import StereoConfig as StereoConfig
+    from fusionslam._core import __version__ as __version__
+    from fusionslam._core import above_height as above_height
+    from fusionslam._core import cloud_from_disparity as cloud_from_disparity
+    from fusionslam._core import cloud_resolution as cloud_resolution
+    from fusionslam._core import cm2dp as cm2dp
+    from fusionslam._core import cm2dp_signature as cm2dp_signature
+    from fusionslam._core import colorize as colorize
+    from fusionslam._core import cshot as cshot
+    from fusionslam._core import depth_image as depth_image
+    from fusionslam._core import drop_invalid as drop_invalid
+    from fusionslam._core import estimate_normals as estimate_normals
+    from fusionslam._core import m2dp as m2dp
+    from fusionslam._core import m2dp_signature as m2dp_signature
+    from fusionslam._core import nearest_causal as nearest_causal
+    from fusionslam._core import remove_ground_plane as remove_ground_plane
+    from fusionslam._core import shot as shot
+    from fusionslam._core import stereo_disparity as stereo_disparity
+    from fusionslam._core import voxel_downsample as voxel_downsample
+    from fusionslam.datasets import Dataset as Dataset
+    from fusionslam.datasets import open_dataset as open_dataset
+    from fusionslam.descriptors import DescriptorConfig as DescriptorConfig
+    from fusionslam.descriptors import describe as describe
+    from fusionslam.errors import ConfigError as ConfigError
+    from fusionslam.errors import DataError as DataError
+    from fusionslam.errors import FusionSlamError as FusionSlamError
+    from fusionslam.errors import ShapeError as ShapeError
+    from fusionslam.fusion import FusionConfig as FusionConfig
+    from fusionslam.fusion import fuse as fuse
+    from fusionslam.loop_closure import Loop as Loop
+    from fusionslam.loop_closure import LoopConfig as LoopConfig
+    from fusionslam.loop_closure import LoopDetector as LoopDetector
+    from fusionslam.pipeline import PipelineConfig as PipelineConfig
+    from fusionslam.pipeline import describe_dataset as describe_dataset
+    from fusionslam.sensors import Camera as Camera
+    from fusionslam.sensors import Cloud as Cloud
+    from fusionslam.sensors import Frame as Frame
+
+# Loaded when first used: the command line must answer --help before any of this is there.
+_HOMES = {
+    "_core": (
+        "DescriptorIndex GroundPlaneConfig M2dpConfig StereoConfig __version__ above_height "
+        "cloud_from_disparity cloud_resolution cm2dp cm2dp_signature colorize cshot depth_image "
+        "drop_invalid estimate_normals m2dp m2dp_signature nearest_causal remove_ground_plane "
+        "shot stereo_disparity voxel_downsample"
+    ),
+    "datasets": "Dataset open_dataset",
+    "descriptors": "DescriptorConfig describe",
+    "errors": "ConfigError DataError FusionSlamError ShapeError",
+    "fusion": "FusionConfig fuse",
+    "loop_closure": "Loop LoopConfig LoopDetector",
+    "pipeline": "PipelineConfig describe_dataset",
+    "sensors": "Camera Cloud Frame",
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
+
+__all__ = sorted([*_HOME_OF, "evaluation"])  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name == "evaluation":
+        return import_module("fusionslam.evaluation")
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'fusionslam' has no attribute {name!r}")
+    value = getattr(import_module(f"fusionslam.{_HOME_OF[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,419 @@
+"""
+The C++ core of fusionslam; its public names are those of the package.
+"""
+from __future__ import annotations
+import numpy
+import numpy.typing
+import typing
+__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'depth_image', 'drop_invalid', 'estimate_normals', 'm2dp', 'm2dp_signature', 'nearest_causal', 'remove_ground_plane', 'shot', 'stereo_disparity', 'voxel_downsample']
+class StereoConfig:
+    """
+    Parameters of stereo matching.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __init__(self, *, preset: str = 'image_undistort', **kwargs: typing.Any) -> None:
+        """
+        The preset's values (image_undistort or sgbm), with the given options in their place.
+        """
+    def __repr__(self) -> str:
+        ...
+    @property
+    def block_size(self) -> int:
+        """
+        window size, odd [px]
+        """
+    @property
+    def disp12_max_diff(self) -> int:
+        """
+        left-right check (SGBM); -1 is off [px]
+        """
+    @property
+    def max_range(self) -> float:
+        """
+        farthest point kept [m]
+        """
+    @property
+    def median_blur(self) -> bool:
+        """
+        5 x 5 median filter on the disparity image
+        """
+    @property
+    def method(self) -> str:
+        """
+        OpenCV's StereoBM or StereoSGBM
+        """
+    @property
+    def min_disparity(self) -> int:
+        """
+        smallest disparity searched [px]
+        """
+    @property
+    def min_range(self) -> float:
+        """
+        nearest point kept [m]
+        """
+    @property
+    def num_disparities(self) -> int:
+        """
+        how many disparities are searched, a multiple of 16 [px]
+        """
+    @property
+    def p1(self) -> int:
+        """
+        smoothness penalty, small changes (SGBM)
+        """
+    @property
+    def p2(self) -> int:
+        """
+        smoothness penalty, large changes (SGBM)
+        """
+    @property
+    def pre_filter_cap(self) -> int:
+        """
+        bound of prefiltered values
+        """
+    @property
+    def pre_filter_size(self) -> int:
+        """
+        prefilter window, odd (StereoBM) [px]
+        """
+    @property
+    def speckle_range(self) -> int:
+        """
+        disparity change inside one speckle [px]
+        """
+    @property
+    def speckle_window_size(self) -> int:
+        """
+        largest speckle to remove; 0 is off [px]
+        """
+    @property
+    def texture_threshold(self) -> int:
+        """
+        least texture of a window (StereoBM)
+        """
+    @property
+    def uniqueness_ratio(self) -> int:
+        """
+        margin by which the best match must win [%]
+        """
+class GroundPlaneConfig:
+    """
+    Parameters of the ground plane.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    @property
+    def distance(self) -> float:
+        """
+        points this near to the plane are ground [m]
+        """
+    @property
+    def iterations(self) -> int:
+        """
+        RANSAC iterations
+        """
+    @property
+    def max_tilt(self) -> float:
+        """
+        largest angle between the plane's normal and up [deg]
+        """
+class M2dpConfig:
+    """
+    Parameters of M2DP and c-M2DP.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __init__(self, *, preset: str = 'robust', **kwargs: typing.Any) -> None:
+        """
+        The preset's values, with the given options in their place.
+        """
+    def __repr__(self) -> str:
+        ...
+    @property
+    def author_lab(self) -> bool:
+        """
+        convert sRGB to Lab as the c-M2DP author's program, fault included
+        """
+    @property
+    def axis_signs(self) -> str:
+        """
+        rule for the signs of the PCA axes; mirror_pairs needs azimuths in fours and an even number of sectors
+        """
+    @property
+    def azimuths(self) -> int:
+        """
+        azimuth angles of the projection planes (p)
+        """
+    @property
+    def color_bins(self) -> int:
+        """
+        histogram bins of a colour channel (g)
+        """
+    @property
+    def drop_last_point(self) -> bool:
+        """
+        leave the last point out of the counts, as the c-M2DP author's program
+        """
+    @property
+    def elevations(self) -> int:
+        """
+        elevation angles of the projection planes (q)
+        """
+    @property
+    def grey_world(self) -> bool:
+        """
+        scale each colour channel to one mean, against exposure and tint
+        """
+    @property
+    def outer_radius(self) -> str:
+        """
+        radius of the outermost ring
+        """
+    @property
+    def rings(self) -> int:
+        """
+        concentric circles on a plane (l)
+        """
+    @property
+    def sectors(self) -> int:
+        """
+        sectors of a circle (t)
+        """
+    @property
+    def weighting(self) -> str:
+        """
+        what the singular vectors are taken of
+        """
+class DescriptorIndex:
+    """
+    Exact, causal L2 nearest neighbours over added descriptors.
+    
+    A query is answered as if it were the next descriptor to be added, number len(index): candidates
+    are older by more than window frames and by more than window_seconds.
+    Equal distances go to the lowest index.
+    """
+    @staticmethod
+    def load(path: str) -> DescriptorIndex:
+        """
+        Reads it again. Raises DataError if it is no index, of another version, or cut.
+        """
+    def __init__(self, dimension: typing.SupportsInt | typing.SupportsIndex, *, window: typing.SupportsInt | typing.SupportsIndex = 0, window_seconds: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
+        ...
+    def __len__(self) -> int:
+        ...
+    def add(self, descriptor: numpy.typing.NDArray[numpy.float32], *, stamp_ns: typing.SupportsInt | typing.SupportsIndex = 0) -> int:
+        """
+        Adds a descriptor, float32 (D,), and returns its index.
+        """
+    def descriptor(self, index: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float32]:
+        """
+        A copy of one descriptor, float32 (D,).
+        """
+    def query(self, descriptor: numpy.typing.NDArray[numpy.float32], *, k: typing.SupportsInt | typing.SupportsIndex = 1, stamp_ns: typing.SupportsInt | typing.SupportsIndex | None = None) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float32]]:
+        """
+        The nearest candidates, nearest first.
+        
+        Returns:
+            (indices int64 (M,), distances float32 (M,)), M <= k.
+        
+        Raises:
+            ShapeError, DataError: wrong length, NaN. ConfigError: the window is in seconds and stamp_ns
+            is missing.
+        """
+    def save(self, path: str) -> None:
+        """
+        Writes one file, whole or not at all. Raises DataError naming the path.
+        """
+    @property
+    def dimension(self) -> int:
+        ...
+    @property
+    def window(self) -> int:
+        ...
+    @property
+    def window_seconds(self) -> float:
+        ...
+def above_height(points: numpy.typing.NDArray[numpy.float32], height: typing.SupportsFloat | typing.SupportsIndex, *, up: str = 'z') -> numpy.typing.NDArray[numpy.int64]:
+    """
+    Indices, int64 (M,), of the points above height metres along up (x, y, z, -x, -y, -z).
+    """
+def cloud_from_disparity(disparity: typing.Annotated[numpy.typing.ArrayLike, numpy.float32], image: numpy.typing.NDArray[numpy.uint8], left_projection: numpy.typing.NDArray[numpy.float64], right_projection: numpy.typing.NDArray[numpy.float64], *, cloud_from_rectified: numpy.typing.NDArray[numpy.float64] | None = None, config: StereoConfig = ...) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64]]:
+    """
+    Coloured cloud of a disparity image.
+    
+    Args:
+        disparity: float32 (H, W), pixels of the left image, 0 where there is none.
+        image: the left colours, uint8 (H, W, 3) RGB or (H, W).
+        left_projection, right_projection: float64 (3, 4) of the rectified pair.
+        cloud_from_rectified: float64 (4, 4), the frame wanted; None is the rectified camera frame.
+    
+    Returns:
+        (points float32 (M, 3), colors uint8 (M, 3), indices int64 (M,): row-major pixels).
+    
+    Raises:
+        DataError: projections that are no rectified pair. ShapeError: sizes that differ.
+    """
+def cloud_resolution(points: numpy.typing.NDArray[numpy.float32]) -> float:
+    """
+    Mean distance from a point to its nearest neighbour, metres.
+    """
+def cm2dp(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8], *, color_space: str = 'rgb', preset: str = 'robust', config: M2dpConfig | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    c-M2DP descriptor of a coloured cloud (Perdomo 2019, chapter 3).
+    
+    Args:
+        points: float32 (N, 3), metres, any frame; N >= 4.
+        colors: uint8 (N, 3), RGB.
+        color_space: "rgb" (the published choice), "hsv" or "lab".
+        preset, config, threads: as m2dp.
+    
+    Returns:
+        float32 (576,): first left (64) and right (512) singular vectors of the signature matrix.
+    
+    Raises:
+        DataError, ShapeError, ConfigError: as m2dp, and if there is not one colour a point.
+    """
+def cm2dp_signature(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8], *, color_space: str = 'rgb', preset: str = 'robust', config: M2dpConfig | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Signature matrix of c-M2DP: float64 (64, 512), counts / n: 128 shape bins, then
+    8 rings x 16 bins for each colour channel. Arguments and errors as cm2dp.
+    """
+def colorize(points: numpy.typing.NDArray[numpy.float32], image: numpy.typing.NDArray[numpy.uint8], projection: numpy.typing.NDArray[numpy.float64], *, interpolation: str = 'nearest') -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64]]:
+    """
+    Colours points with the pixels they project to (Perdomo 2019, 3.3.1).
+    
+    Args:
+        points: float32 (N, 3), metres.
+        image: uint8 (H, W, 3) RGB or (H, W).
+        projection: float64 (3, 4), maps homogeneous points to pixels.
+        interpolation: "nearest" or "bilinear".
+    
+    Returns:
+        (points float32 (M, 3), colors uint8 (M, 3), indices int64 (M,)) of the points in front of
+        the camera whose nearest pixel lies inside the image.
+    
+    Raises:
+        DataError: singular projection, NaN or infinity in a point, empty image.
+    """
+def cshot(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8], *, normal_radius: typing.SupportsFloat | typing.SupportsIndex | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Global CSHOT: SHOT with colour (Tombari, Salti, Di Stefano 2011; Perdomo 2019, 4.1).
+    
+    Args:
+        colors: uint8 (N, 3), RGB; the rest as shot.
+    
+    Returns:
+        float32 (1344,).
+    """
+def depth_image(points: numpy.typing.NDArray[numpy.float32], projection: numpy.typing.NDArray[numpy.float64], *, width: typing.SupportsInt | typing.SupportsIndex, height: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Depth along the optical axis of the nearest point in each pixel: float32 (height, width),
+    metres, 0 where there is none. Arguments and errors as colorize.
+    """
+def drop_invalid(points: numpy.typing.NDArray[numpy.float32]) -> numpy.typing.NDArray[numpy.int64]:
+    """
+    Indices, int64 (M,), of the points without NaN or infinity.
+    """
+def estimate_normals(points: numpy.typing.NDArray[numpy.float32], *, radius: typing.SupportsFloat | typing.SupportsIndex, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.int64]]:
+    """
+    Least-squares normals (PCL), turned towards the origin.
+    
+    Args:
+        points: float32 (N, 3), metres.
+        radius: of the neighbourhood, metres.
+    
+    Returns:
+        (normals float32 (M, 3), curvatures float32 (M,), indices int64 (M,)) of the points with at
+        least three neighbours.
+    """
+def m2dp(points: numpy.typing.NDArray[numpy.float32], *, preset: str = 'robust', config: M2dpConfig | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    M2DP descriptor of a cloud (He, Wang, Zhang, IROS 2016).
+    
+    Args:
+        points: float32 (N, 3), metres, any frame; N >= 4.
+        preset: "robust" (default), "paper" (He's MATLAB) or "author" (Perdomo's C++).
+        config: an M2dpConfig, used instead of the preset.
+        threads: threads of this call; 0 is one a core. The result does not depend on it.
+    
+    Returns:
+        float32 (192,): first left (64) and right (128) singular vectors of the signature matrix.
+    
+    Raises:
+        DataError: fewer than 4 points, NaN or infinity, points all equal or on one line.
+        ShapeError, ConfigError: wrong array, unknown preset.
+    """
+def m2dp_signature(points: numpy.typing.NDArray[numpy.float32], *, preset: str = 'robust', config: M2dpConfig | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Signature matrix of M2DP: float64 (64, 128), one row a projection plane, counts / n.
+    
+    Arguments and errors as m2dp.
+    """
+def nearest_causal(descriptors: numpy.typing.NDArray[numpy.float32], *, window: typing.SupportsInt | typing.SupportsIndex, k: typing.SupportsInt | typing.SupportsIndex = 1, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float32]]:
+    """
+    For each row i the k nearest rows j < i - window, as an online run would find them.
+    
+    Args:
+        descriptors: float32 (N, D).
+    
+    Returns:
+        (indices int64 (N, k), -1 where there is none; distances float32 (N, k), infinite there).
+    """
+def remove_ground_plane(points: numpy.typing.NDArray[numpy.float32], *, up: str = 'z', config: GroundPlaneConfig = ...) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64]]:
+    """
+    Finds the ground plane by RANSAC (PCL, seeded) and drops its points.
+    
+    Returns:
+        (indices kept int64 (M,), plane float64 (4,): a x + b y + c z + d = 0 with the normal up;
+        zeros, and every point kept, where there is none).
+    """
+def shot(points: numpy.typing.NDArray[numpy.float32], *, normal_radius: typing.SupportsFloat | typing.SupportsIndex | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Global SHOT: PCL's SHOT at the centroid, the whole cloud its support
+    (Tombari, Salti, Di Stefano 2010; Perdomo 2019, section 4.1).
+    
+    Args:
+        points: float32 (N, 3), metres.
+        normal_radius: metres; None is 5 x cloud_resolution(points).
+        threads: threads for the normals; the result does not depend on it.
+    
+    Returns:
+        float32 (352,).
+    
+    Raises:
+        DataError: NaN or infinity, equal points, or fewer than 5 points with a normal.
+    """
+def stereo_disparity(left: numpy.typing.NDArray[numpy.uint8], right: numpy.typing.NDArray[numpy.uint8], *, config: StereoConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Disparity of a rectified pair by OpenCV: float32 (H, W), pixels, 0 where there is none.
+    
+    Args:
+        left, right: uint8 (H, W) or (H, W, 3) RGB of the same size.
+    
+    Raises:
+        ShapeError: images of different size. ConfigError: sizes that OpenCV refuses.
+    """
+def voxel_downsample(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8] | None = None, *, size: typing.SupportsFloat | typing.SupportsIndex) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64]]:
+    """
+    One point a cube of size metres: mean position and colour.
+    
+    Returns:
+        (points float32 (M, 3), colors uint8 (M, 3), or (0, 3) without colours, indices int64 (M,):
+        the first point of each cube).
+    """
+__version__: str

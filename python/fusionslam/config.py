@@ -1,0 +1,152 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Configuration: each value is defined once, with its default, unit, range and help.
+
+Every stage has one ``Section``. Keyword arguments, YAML files, ``--set stage.key=value`` and
+``fusionslam config`` are all derived from it. Sections of the C++ core are built from the
+core's own tables, so their values stand once too.
+"""
+
+import difflib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Literal, Protocol, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic.fields import FieldInfo
+
+from fusionslam.errors import ConfigError
+
+
+class Section(BaseModel):
+    """A stage's configuration: immutable, no unknown keys, no types but the stated."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, validate_default=True)
+
+
+def option(default: Any, help: str, *, unit: str = "", **limits: Any) -> Any:
+    """A field of a ``Section``: its default, help, unit and limits (``ge``, ``le``, ``gt``, ..)."""
+    return Field(default, description=help, json_schema_extra={"unit": unit}, **limits)
+
+
+S = TypeVar("S", bound=Section)
+
+
+class CoreConfig(Protocol):
+    """A configuration class of the C++ core."""
+
+    @staticmethod
+    def options() -> list[Any]:
+        """Every option as a dictionary: name, kind, default, help, unit, range or choices."""
+
+
+def core_section(name: str, core: type[CoreConfig], *, optional: bool = False) -> type[Section]:
+    """The section that mirrors a C++ configuration.
+
+    Args:
+        name: of the new class.
+        core: the bound C++ class.
+        optional: every value may be None, for "as the preset says", and is so by default.
+    """
+    fields = {entry["name"]: _core_field(entry, optional) for entry in core.options()}
+    return create_model(name, __base__=Section, **fields)  # type: ignore[call-overload, no-any-return]
+
+
+_KINDS = {"bool": bool, "int": int, "float": float}
+
+
+def _core_field(entry: Mapping[str, Any], optional: bool) -> tuple[Any, FieldInfo]:
+    kind: Any = (
+        Literal[tuple(entry["choices"])] if entry["kind"] == "choice" else _KINDS[entry["kind"]]
+    )
+    limits = {"ge": entry["minimum"], "le": entry["maximum"]} if "minimum" in entry else {}
+    if entry["kind"] == "int":
+        limits = {key: int(limit) for key, limit in limits.items()}
+    default = None if optional else entry["default"]
+    return (kind | None if optional else kind), option(
+        default, entry["help"], unit=entry["unit"], **limits
+    )
+
+
+def merged(section: S, changes: Mapping[str, Any], where: str = "") -> S:
+    """The section with some values changed; nested sections may be changed in part.
+
+    Raises:
+        ConfigError: unknown key (the message names the nearest), wrong type or out of range.
+    """
+    values = {name: getattr(section, name) for name in type(section).model_fields}
+    for key, value in changes.items():
+        path = f"{where}{key}"
+        if key not in values:
+            raise ConfigError(_unknown(path, key, list(values)))
+        current = values[key]
+        if isinstance(current, Section):
+            if not isinstance(value, Mapping):
+                known = _names(current)
+                raise ConfigError(f"{path} is {value!r}, expected keys of its own: {known}")
+            values[key] = merged(current, value, f"{path}.")
+        else:
+            values[key] = value
+    try:
+        return type(section)(**values)
+    except ValidationError as error:
+        raise ConfigError(_first_problem(error, where)) from error
+
+
+def with_settings(section: S, settings: list[str]) -> S:
+    """The section changed by texts such as ``fusion.voxel=0.2`` (values are read as YAML)."""
+    import yaml
+
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not equals:
+            raise ConfigError(f"--set {setting}: expected stage.key=value")
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ConfigError(f"--set {setting}: the value is no YAML: {error}") from error
+        for part in reversed(key.strip().split(".")):
+            value = {part: value}
+        section = merged(section, value)
+    return section
+
+
+def with_file(section: S, path: str | Path) -> S:
+    """The section changed by a YAML file. Raises ConfigError naming the file or the key."""
+    import yaml
+
+    try:
+        changes = yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f"{path}: cannot be read as YAML: {error}") from error
+    if not isinstance(changes, dict):
+        found = type(changes).__name__
+        raise ConfigError(f"{path}: expected stages with their keys, found {found}")
+    return merged(section, changes)
+
+
+def walk(section: Section, where: str = "") -> Iterator[tuple[str, Any, FieldInfo]]:
+    """Every (dotted key, value, definition) of a section and the sections in it."""
+    for name, definition in type(section).model_fields.items():
+        value = getattr(section, name)
+        if isinstance(value, Section):
+            yield from walk(value, f"{where}{name}.")
+        else:
+            yield f"{where}{name}", value, definition
+
+
+def _names(section: Section) -> str:
+    return ", ".join(type(section).model_fields)
+
+
+def _unknown(path: str, key: str, known: list[str]) -> str:
+    near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return f"unknown configuration key {path!r}; {hint}known: {', '.join(known)}"
+
+
+def _first_problem(error: ValidationError, where: str) -> str:
+    first = error.errors()[0]
+    key = where + ".".join(str(part) for part in first["loc"])
+    reason = str(first["msg"]).removeprefix("Value error, ")
+    return f"{key.rstrip('.')} is {first['input']!r}: {reason}"

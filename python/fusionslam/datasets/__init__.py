@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings on disk as frames: KITTI odometry, KITTI raw, KITTI object and plain folders.
+
+>>> dataset = open_dataset("kitti/dataset", sequence="06")  # doctest: +SKIP
+>>> dataset[0].points.shape, dataset[0].images["left"].shape  # doctest: +SKIP
+((123397, 3), (370, 1226, 3))
+"""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from fusionslam.datasets.base import Dataset, Kind
+from fusionslam.datasets.calibration import Calibration, read_calib_yaml, read_calibration
+from fusionslam.datasets.folder import FOLDER
+from fusionslam.datasets.kitti_object import KITTI_OBJECT
+from fusionslam.datasets.kitti_odometry import KITTI_ODOMETRY
+from fusionslam.datasets.kitti_raw import KITTI_RAW
+from fusionslam.datasets.readers import (
+    match_poses,
+    read_bin,
+    read_cloud,
+    read_image,
+    read_pcd,
+    read_ply,
+    read_poses,
+    read_poses_kitti,
+    read_poses_tum,
+    read_times,
+    read_timestamps,
+    write_cloud,
+    write_poses_tum,
+)
+from fusionslam.datasets.streams import SENSORS, Request
+from fusionslam.errors import ConfigError, DataError
+
+__all__ = [
+    "KINDS",
+    "SENSORS",
+    "Calibration",
+    "Dataset",
+    "match_poses",
+    "open_dataset",
+    "read_bin",
+    "read_calib_yaml",
+    "read_calibration",
+    "read_cloud",
+    "read_image",
+    "read_pcd",
+    "read_ply",
+    "read_poses",
+    "read_poses_kitti",
+    "read_poses_tum",
+    "read_times",
+    "read_timestamps",
+    "write_cloud",
+    "write_poses_tum",
+]
+
+# In the order in which they are tried: an object folder has a velodyne/ too, any of them may
+# hold a folder of images.
+_KINDS = (KITTI_OBJECT, KITTI_ODOMETRY, KITTI_RAW, FOLDER)
+KINDS = tuple(kind.name for kind in _KINDS)
+GAPS = ("error", "skip")
+
+
+def open_dataset(
+    path: str | os.PathLike[str],
+    *,
+    kind: str | None = None,
+    sequence: str | None = None,
+    sensors: Sequence[str] | None = None,
+    gaps: str = "error",
+    poses: str | os.PathLike[str] | None = None,
+) -> Dataset:
+    """Open a recording; scans and images are read only when they are asked for.
+
+    Args:
+        path: folder of one sequence, or one that holds several.
+        kind: one of ``KINDS``; None recognises it by the folders in it.
+        sequence: which one, where the folder holds several: "06", a drive, "testing".
+        sensors: those that every frame needs, of "points", "left", "right"; None for all of
+            which there are files. Files of other sensors are left alone.
+        gaps: a number between the first and the last frame for which a sensor has no file is
+            an "error", or "skip" leaves those frames out.
+        poses: file in KITTI or TUM format to use instead of the one found beside the data.
+
+    Raises:
+        DataError: nothing there, nothing recognised, no frames, or a file that is missing, too
+            short or malformed; the message names it and what was expected.
+        ConfigError: an unknown kind, sensor or way to treat gaps.
+    """
+    root = _folder(path)
+    _one_of("gaps", gaps, GAPS)
+    request = Request(sequence, _sensors(sensors), gaps, Path(poses) if poses else None)
+    return _kind(root, kind).open(root, request)
+
+
+def _folder(path: str | os.PathLike[str]) -> Path:
+    root = Path(path).expanduser().resolve()
+    if not root.exists():
+        raise DataError(f"{root} does not exist: expected the folder of a recording")
+    if not root.is_dir():
+        raise DataError(f"{root} is a file: expected the folder of a recording")
+    return root
+
+
+def _kind(root: Path, name: str | None) -> Kind:
+    if name is not None:
+        _one_of("kind", name, KINDS)
+        return next(kind for kind in _KINDS if kind.name == name)
+    recognised = next((kind for kind in _KINDS if kind.recognises(root)), None)
+    if recognised is None:
+        looked_for = "\n".join(f"  {kind.name}: {kind.layout}" for kind in _KINDS)
+        raise DataError(f"{root} is no recording that is known here; looked for\n{looked_for}")
+    return recognised
+
+
+def _sensors(names: Sequence[str] | None) -> Sequence[str] | None:
+    if names is None:
+        return None
+    names = [names] if isinstance(names, str) else list(names)
+    for name in names or [""]:
+        _one_of("sensors", name, SENSORS)
+    return names
+
+
+def _one_of(key: str, value: str, values: Sequence[str]) -> None:
+    if value not in values:
+        raise ConfigError(f"{key} is '{value}', expected one of {', '.join(values)}")

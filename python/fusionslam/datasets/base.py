@@ -1,0 +1,150 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""``Dataset``: the frames of one recording, whatever folder layout they came from."""
+
+import functools
+import operator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets.readers import image_size, read_cloud, read_image
+from fusionslam.datasets.streams import Request, Stream
+from fusionslam.errors import DataError
+from fusionslam.sensors import Camera, Frame
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Dataset:
+    """Frames of one recording, in the order of their numbers, loaded when asked for.
+
+    ``dataset[i]`` is the i-th frame present (its ``index`` is i, its number in the file names
+    is ``dataset.numbers[i]``); iterating yields all of them.
+
+    Attributes:
+        kind: "kitti-odometry", "kitti-raw", "kitti-object" or "folder".
+        name: for people, such as "KITTI odometry 06".
+        root: the folder of the recording.
+        streams: the files of each sensor in use: "points", "left", "right".
+        numbers: int64 (N), frame numbers as in the file names; there may be gaps.
+        stamps_ns: int64 (N), nanoseconds.
+        pose_frame: which body the poses describe.
+        body_from_points: float64 (4, 4), maps points of the scan to that body; None if unknown.
+        poses: float64 (N, 4, 4), world_from_body; None if there are none.
+        cameras: calibration by camera name; of the first frame where each frame has its own.
+        gaps: numbers of the frames that lack a file and were left out.
+        frame_cameras: reads the calibration of one frame, for data where each has its own.
+    """
+
+    kind: str
+    name: str
+    root: Path
+    streams: Mapping[str, Stream]
+    numbers: NDArray[np.int64]
+    stamps_ns: NDArray[np.int64]
+    pose_frame: str
+    body_from_points: NDArray[np.float64] | None = None
+    poses: NDArray[np.float64] | None = None
+    cameras: Mapping[str, Camera] = field(default_factory=dict)
+    gaps: Sequence[int] = ()
+    frame_cameras: Callable[[int], Mapping[str, Camera]] | None = None
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """The sensors that every frame has: some of "points", "left", "right"."""
+        return tuple(self.streams)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of files by sensor, including those of frames that were left out."""
+        return {sensor: len(stream.files) for sensor, stream in self.streams.items()}
+
+    @property
+    def has_points(self) -> bool:
+        """Whether the frames have scans."""
+        return "points" in self.streams
+
+    @property
+    def has_stereo(self) -> bool:
+        """Whether the frames have both images of a stereo pair."""
+        return "left" in self.streams and "right" in self.streams
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (self[i] for i in range(len(self)))
+
+    def __getitem__(self, index: int) -> Frame:
+        """The i-th frame present; negative counts from the end. Reads no scan and no image.
+
+        Raises:
+            IndexError: there is no such frame.
+            DataError: its calibration cannot be read. A scan or an image that cannot be read
+                raises when it is first asked for.
+        """
+        index = range(len(self))[operator.index(index)]
+        number = int(self.numbers[index])
+        cameras = self.frame_cameras(number) if self.frame_cameras else self.cameras
+        points, colors = self._scan(number)
+        return Frame(
+            index=index,
+            stamp_ns=int(self.stamps_ns[index]),
+            points=points,
+            colors=colors,
+            images=self._images(number, cameras),
+            cameras=cameras,
+            pose=None if self.poses is None else self.poses[index],
+        )
+
+    def _scan(
+        self, number: int
+    ) -> tuple[Callable[[], NDArray[np.float32]] | None, Callable[[], Image] | None]:
+        """Loaders of the points and their colours, which lie in one file that is read once."""
+        if not self.has_points:
+            return None, None
+        path = self.streams["points"].files[number]
+        cloud = functools.cache(functools.partial(read_cloud, path))
+        # Whether a .ply or .pcd has colours is known only when it is read; Frame passes None on.
+        colors = None if path.suffix.lower() == ".bin" else lambda: cast(Image, cloud().colors)
+        return lambda: cloud().points, colors
+
+    def _images(self, number: int, cameras: Mapping[str, Camera]) -> dict[str, Callable[[], Image]]:
+        return {
+            name: functools.partial(self._image, name, number, cameras.get(name))
+            for name in self.streams
+            if name != "points"
+        }
+
+    def _image(self, name: str, number: int, camera: Camera | None) -> Image:
+        path = self.streams[name].files[number]
+        image = read_image(path)
+        size = (image.shape[1], image.shape[0])
+        if camera and camera.size:
+            _same_size(path, size, camera.size, "the calibration")
+        if name == "right" and self.has_stereo:
+            left = self.streams["left"].files[number]
+            _same_size(path, size, image_size(left), f"the left image {left}")
+        return image
+
+
+class Kind(NamedTuple):
+    """A layout of folders: its name, what it looks like, how to recognise and how to open it."""
+
+    name: str
+    layout: str
+    recognises: Callable[[Path], bool]
+    open: Callable[[Path, Request], Dataset]
+
+
+def _same_size(path: Path, size: tuple[int, int], wanted: tuple[int, int], source: str) -> None:
+    if size != tuple(wanted):
+        raise DataError(
+            f"image {path} is {size[0]}x{size[1]}, {source} says {wanted[0]}x{wanted[1]}"
+        )

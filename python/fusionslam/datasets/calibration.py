@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Calibration files: KITTI's ``key: numbers`` texts and calib.yaml of plain folders."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets.readers import PathLike, reading
+from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.sensors import Camera
+
+CAMERA_KEYS = ("projection", "rectified_from_points", "size")
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibration file of KITTI: the text behind each key, read as numbers when asked for."""
+
+    path: Path
+    entries: Mapping[str, str]
+
+    def numbers(self, key: str, count: int) -> NDArray[np.float64]:
+        """float64 (count): the numbers behind a key.
+
+        Raises:
+            DataError: the key is missing, or what stands there is not that many numbers.
+        """
+        if key not in self.entries:
+            present = ", ".join(self.entries) or "nothing"
+            raise DataError(f"{self.path} lacks {key} ({count} numbers): it has {present}")
+        with reading(self.path, f"{count} numbers behind {key}"):
+            values = np.array(self.entries[key].split(), dtype=np.float64)
+        if len(values) != count:
+            raise DataError(f"{self.path}: {key} has {len(values)} numbers, expected {count}")
+        return values
+
+    def matrix(self, key: str, rows: int, columns: int) -> NDArray[np.float64]:
+        """float64 (rows, columns): the numbers behind a key, row by row.
+
+        Raises:
+            DataError: the key is missing, or what stands there is not that many numbers.
+        """
+        return self.numbers(key, rows * columns).reshape(rows, columns)
+
+    def transform(self, *keys: str) -> NDArray[np.float64]:
+        """float64 (4, 4): the matrix [R t] behind one key, or R and t behind two, completed.
+
+        Raises:
+            DataError: a key is missing, or what stands there is not that many numbers.
+        """
+        if len(keys) == 1:
+            return homogeneous(self.matrix(keys[0], 3, 4))
+        rotation, translation = keys
+        return homogeneous(np.hstack([self.matrix(rotation, 3, 3), self.matrix(translation, 3, 1)]))
+
+
+def read_calibration(path: PathLike) -> Calibration:
+    """KITTI's calib.txt, calib_cam_to_cam.txt or calib_velo_to_cam.txt: ``key: numbers`` lines.
+
+    Raises:
+        DataError: the file is missing or no text.
+    """
+    path = Path(path)
+    with reading(path, "KITTI calibration, lines of 'key: numbers'"):
+        lines = path.read_text(encoding="utf-8").splitlines()
+    pairs = (line.partition(":") for line in lines)
+    return Calibration(path, {key.strip(): text for key, colon, text in pairs if colon})
+
+
+def homogeneous(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """float64 (4, 4): a (3, 3) rotation or (3, 4) matrix [R t], completed."""
+    result = np.eye(4)
+    result[: matrix.shape[0], : matrix.shape[1]] = matrix
+    return result
+
+
+def camera(
+    path: Path,
+    projection: Any,
+    rectified_from_points: Any,
+    size: tuple[int, int] | None = None,
+) -> Camera:
+    """A ``Camera`` whose errors name the file.
+
+    Raises:
+        DataError: a matrix of another shape, not finite or singular.
+    """
+    try:
+        return Camera(projection, rectified_from_points, size)
+    except FusionSlamError as error:
+        raise DataError(f"{path}: {error}") from error
+
+
+def read_calib_yaml(path: PathLike) -> dict[str, Camera]:
+    """Cameras by name from a calib.yaml.
+
+    ``left`` and ``right`` each have ``projection`` (12 numbers or three rows of four) and,
+    optionally, ``rectified_from_points`` (16 numbers or four rows of four; default: identity)
+    and ``size`` ([width, height]).
+
+    Raises:
+        DataError: missing, no YAML, an unknown or missing key, or a value of another shape.
+    """
+    import yaml
+
+    path = Path(path)
+    with reading(path, "YAML with a camera 'left' and, for stereo, 'right'"):
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    entries = _mapping(path, "the file", content, ("left", "right"))
+    return {name: _yaml_camera(path, name, entry) for name, entry in entries.items()}
+
+
+def _yaml_camera(path: Path, name: str, entry: Any) -> Camera:
+    entry = _mapping(path, name, entry, CAMERA_KEYS)
+    if "projection" not in entry:
+        raise DataError(f"{path}: {name} lacks projection (12 numbers)")
+    size = None
+    if "size" in entry:
+        width, height = _array(path, f"{name}.size", entry["size"], (2,))
+        size = (int(width), int(height))
+    transform = entry.get("rectified_from_points", np.eye(4))
+    return camera(
+        path,
+        _array(path, f"{name}.projection", entry["projection"], (3, 4)),
+        _array(path, f"{name}.rectified_from_points", transform, (4, 4)),
+        size,
+    )
+
+
+def _mapping(path: Path, name: str, value: Any, keys: tuple[str, ...]) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise DataError(f"{path}: {name} is no mapping, expected keys {', '.join(keys)}")
+    if unknown := [str(key) for key in value if key not in keys]:
+        raise DataError(
+            f"{path}: {name} has unknown key {', '.join(unknown)}, expected {', '.join(keys)}"
+        )
+    return value
+
+
+def _array(path: Path, key: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    expected = f"{key} to be {' x '.join(map(str, shape))} numbers"
+    with reading(path, expected):
+        return np.asarray(value, dtype=np.float64).reshape(shape)

@@ -1,0 +1,152 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Plain folders: point clouds, images, calib.yaml, poses and times."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets.base import Dataset, Kind
+from fusionslam.datasets.calibration import read_calib_yaml
+from fusionslam.datasets.readers import CLOUD_SUFFIXES, match_poses, pick, read_poses, read_times
+from fusionslam.datasets.streams import (
+    IMAGE_SUFFIXES,
+    Request,
+    Stream,
+    choose,
+    files_in,
+    frame_numbers,
+    itself,
+    regular_stamps,
+    unique,
+)
+from fusionslam.errors import DataError
+from fusionslam.sensors import Camera
+
+# Where each sensor's files may lie, and what they end in; the first folder with files counts.
+LAYOUT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "points": (("clouds", "points", "."), CLOUD_SUFFIXES),
+    "left": (("left", "images"), IMAGE_SUFFIXES),
+    "right": (("right",), IMAGE_SUFFIXES),
+}
+# Names that end in this many digits or more are times in nanoseconds.
+STAMP_DIGITS = 16
+MAX_STAMP_NS = np.iinfo(np.int64).max
+
+
+def open_folder(path: Path, request: Request) -> Dataset:
+    """A folder of clouds and images whose file names say which belong together.
+
+    Raises:
+        DataError: a file is missing, too short or malformed.
+    """
+    root = itself(path, request.sequence)
+    # Files of sensors that nobody asked for do not count as frames.
+    wanted = request.sensors or tuple(LAYOUT)
+    streams, name_stamps = _number({s: paths for s, paths in _files(root).items() if s in wanted})
+    chosen = choose(streams, request, root)
+    numbers, gaps = frame_numbers(chosen, request)
+    poses = request.poses or _poses(root)
+    stamps = _stamps(root, numbers, name_stamps, poses)
+    return Dataset(
+        kind=FOLDER.name,
+        name=root.name,
+        root=root,
+        streams=chosen,
+        numbers=numbers,
+        stamps_ns=stamps,
+        pose_frame="points",
+        body_from_points=np.eye(4),
+        poses=match_poses(poses, numbers, stamps) if poses else None,
+        cameras=_cameras(root, chosen),
+        gaps=gaps,
+    )
+
+
+def _files(root: Path) -> dict[str, list[Path]]:
+    """The files of each sensor, none where it has no folder."""
+    return {
+        sensor: next(filter(None, (files_in(root / folder, suffixes) for folder in folders)), [])
+        for sensor, (folders, suffixes) in LAYOUT.items()
+    }
+
+
+def _number(
+    files: dict[str, list[Path]],
+) -> tuple[dict[str, Stream | None], NDArray[np.int64] | None]:
+    """Streams of frames, and the times of frames 0, 1, ... where the file names tell them."""
+    stems = sorted({path.stem for paths in files.values() for path in paths})
+    ends = [re.search(r"\d+$", stem) for stem in stems]
+    digits = [end[0] for end in ends if end]
+    if len(digits) < len(stems):
+        return _streams(files, {stem: n for n, stem in enumerate(stems)}, ranked=True), None
+    values = dict(zip(stems, map(int, digits), strict=True))
+    if min(map(len, digits), default=0) < STAMP_DIGITS:
+        return _streams(files, values, ranked=False), None
+    stamps = sorted(set(values.values()))
+    if stamps[-1] > MAX_STAMP_NS:
+        raise DataError(f"file names end in {stamps[-1]}, which is no time in nanoseconds")
+    ranks = {stamp: n for n, stamp in enumerate(stamps)}
+    numbers = {stem: ranks[stamp] for stem, stamp in values.items()}
+    return _streams(files, numbers, ranked=True), np.array(stamps, dtype=np.int64)
+
+
+def _streams(
+    files: dict[str, list[Path]], numbers: dict[str, int], *, ranked: bool
+) -> dict[str, Stream | None]:
+    """The files by number; ``ranked`` numbers are places in an order and not in the names."""
+    stems = {number: stem for stem, number in numbers.items()} if ranked else {}
+    return {
+        sensor: Stream(unique(paths, lambda path: numbers[path.stem]), stems) if paths else None
+        for sensor, paths in files.items()
+    }
+
+
+def _stamps(
+    root: Path,
+    numbers: NDArray[np.int64],
+    name_stamps: NDArray[np.int64] | None,
+    poses: Path | None,
+) -> NDArray[np.int64]:
+    """From the file names, else times.txt, else the lines of TUM poses, else 10 Hz."""
+    times = root / "times.txt"
+    if name_stamps is not None:
+        return name_stamps[numbers]
+    if times.exists():
+        return pick(read_times(times), numbers, times)
+    pose_stamps = read_poses(poses)[0] if poses else None
+    if poses is None or pose_stamps is None:
+        return regular_stamps(numbers, str(times))
+    return pick(pose_stamps, numbers, poses)
+
+
+def _poses(root: Path) -> Path | None:
+    path = root / "poses.txt"
+    return path if path.exists() else None
+
+
+def _cameras(root: Path, streams: dict[str, Stream]) -> dict[str, Camera]:
+    """calib.yaml, if there is one, which then has every camera in use."""
+    path = root / "calib.yaml"
+    if not path.exists():
+        return {}
+    cameras = read_calib_yaml(path)
+    names = [name for name in streams if name != "points"]
+    for name in names:
+        if name not in cameras:
+            raise DataError(f"{path} lacks camera '{name}', of which there are images")
+    return {name: cameras[name] for name in names}
+
+
+def _recognises(path: Path) -> bool:
+    return any(_files(path).values())
+
+
+FOLDER = Kind(
+    "folder",
+    "clouds/, points/ or itself with .bin, .pcd or .ply files; images/, or left/ and right/",
+    _recognises,
+    open_folder,
+)

@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Frames of the KITTI object benchmark: no order in time, a calibration for each."""
+
+import functools
+from collections.abc import Mapping
+from pathlib import Path
+
+from fusionslam.datasets.base import Dataset, Kind
+from fusionslam.datasets.calibration import camera, homogeneous, read_calibration
+from fusionslam.datasets.kitti_odometry import POSE_FRAME, find_streams
+from fusionslam.datasets.streams import Request, Stream, choose, frame_numbers, itself, one_of, scan
+from fusionslam.errors import DataError
+from fusionslam.sensors import Camera
+
+NANOSECONDS = 1_000_000_000
+
+
+def open_kitti_object(path: Path, request: Request) -> Dataset:
+    """``training/`` or ``testing/``, or the folder that holds them (then training by default).
+
+    Numbers need not be consecutive: any choice of frames is a dataset.
+
+    Raises:
+        DataError: a file is missing or malformed; or poses are asked for, of which there are none.
+    """
+    root = _split(path, request.sequence)
+    if request.poses:
+        raise DataError(f"{root} has frames without order in time: poses are not expected")
+    camera_numbers, streams = find_streams(root, "velodyne", "image_{}")
+    chosen = choose(streams, request, root)
+    used = {name: n for name, n in camera_numbers.items() if name in chosen}
+    calib = {"calib": _calibrations(root)} if used else {}
+    numbers, gaps = frame_numbers(chosen | calib, request, consecutive=False)
+    cameras = functools.partial(_cameras, calib.get("calib"), used)
+    return Dataset(
+        kind=KITTI_OBJECT.name,
+        name=f"KITTI object {root.name}",
+        root=root,
+        streams=chosen,
+        numbers=numbers,
+        stamps_ns=numbers * NANOSECONDS,
+        pose_frame=POSE_FRAME,
+        cameras=cameras(int(numbers[0])),
+        gaps=gaps,
+        frame_cameras=cameras,
+    )
+
+
+def _split(path: Path, name: str | None) -> Path:
+    splits = [path / split for split in ("training", "testing")]
+    available = {split.name: split for split in splits if _is_split(split)}
+    if not available:
+        return itself(path, name)
+    return one_of(path, available, name or next(iter(available)))
+
+
+def _is_split(path: Path) -> bool:
+    return (path / "calib").is_dir() and any(
+        (path / folder).is_dir() for folder in ("velodyne", "image_2", "image_3")
+    )
+
+
+def _calibrations(root: Path) -> Stream:
+    stream = scan(root / "calib", (".txt",))
+    if stream is None:
+        raise DataError(f"{root / 'calib'} has no file: expected NNNNNN.txt for each frame")
+    return stream
+
+
+def _cameras(calib: Stream | None, used: Mapping[str, int], number: int) -> dict[str, Camera]:
+    """The cameras of a frame; ``used`` maps their names to KITTI's numbers."""
+    if calib is None:
+        return {}
+    calibration = read_calibration(calib.files[number])
+    rectified_from_camera = homogeneous(calibration.matrix("R0_rect", 3, 3))
+    rectified_from_points = rectified_from_camera @ calibration.transform("Tr_velo_to_cam")
+    return {
+        name: camera(calibration.path, calibration.matrix(f"P{n}", 3, 4), rectified_from_points)
+        for name, n in used.items()
+    }
+
+
+def _recognises(path: Path) -> bool:
+    return any(map(_is_split, (path, path / "training", path / "testing")))
+
+
+KITTI_OBJECT = Kind(
+    "kitti-object",
+    "training/ or itself with calib/ and velodyne/ or image_2/",
+    _recognises,
+    open_kitti_object,
+)

@@ -1,0 +1,138 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sequences of the KITTI odometry benchmark (Geiger, Lenz, Urtasun 2012)."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets.base import Dataset, Kind
+from fusionslam.datasets.calibration import Calibration, camera, read_calibration
+from fusionslam.datasets.readers import match_poses, pick, read_times
+from fusionslam.datasets.streams import (
+    IMAGE_SUFFIXES,
+    Request,
+    Stream,
+    choose,
+    frame_numbers,
+    itself,
+    one_of,
+    regular_stamps,
+    scan,
+)
+from fusionslam.sensors import Camera
+
+POSE_FRAME = "camera 0 (left grey)"
+# Cameras 2 and 3 are the colour pair, 0 and 1 the grey one.
+PAIRS = ({"left": 2, "right": 3}, {"left": 0, "right": 1})
+
+
+def open_kitti_odometry(path: Path, request: Request) -> Dataset:
+    """A sequence folder, or the root with ``sequences/`` and the sequence that is asked for.
+
+    Raises:
+        DataError: no such sequence; a file is missing, too short or malformed.
+    """
+    root = _sequence(path, request.sequence)
+    cameras, streams = find_streams(root, "velodyne", "image_{}")
+    chosen = choose(streams, request, root)
+    numbers, gaps = frame_numbers(chosen, request)
+    stamps = _stamps(root, numbers)
+    calibration = _calibration(root, chosen)
+    poses = request.poses or _existing(root / "poses.txt", root / f"../../poses/{root.name}.txt")
+    return Dataset(
+        kind=KITTI_ODOMETRY.name,
+        name=f"KITTI odometry {root.name}",
+        root=root,
+        streams=chosen,
+        numbers=numbers,
+        stamps_ns=stamps,
+        pose_frame=POSE_FRAME,
+        body_from_points=_camera0_from_points(calibration, chosen),
+        poses=match_poses(poses, numbers, stamps) if poses else None,
+        cameras=_cameras(calibration, cameras, chosen) if calibration else {},
+        gaps=gaps,
+    )
+
+
+def find_streams(
+    root: Path, scans: str, images: str
+) -> tuple[dict[str, int], dict[str, Stream | None]]:
+    """KITTI's streams: the scans, and the colour pair if it has files, else the grey one.
+
+    Args:
+        root: folder of the sequence.
+        scans: folder of the scans in it.
+        images: folder of the images, with a place for the camera's number.
+
+    Returns:
+        KITTI's camera numbers by sensor, for the images there are, and the streams by sensor.
+    """
+    points = scan(root / scans, (".bin",))
+    for pair in PAIRS:
+        found = {name: scan(root / images.format(n), IMAGE_SUFFIXES) for name, n in pair.items()}
+        if any(found.values()):
+            break
+    return {name: n for name, n in pair.items() if found[name]}, {"points": points, **found}
+
+
+def _sequence(path: Path, name: str | None) -> Path:
+    if not (path / "sequences").is_dir():
+        return itself(path, name)
+    folders = sorted(folder for folder in (path / "sequences").iterdir() if folder.is_dir())
+    available = {folder.name: folder for folder in folders}
+    return one_of(path / "sequences", available, name and name.zfill(2))
+
+
+def _stamps(root: Path, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+    path = _existing(root / "times.txt", root / f"../../times/times_{root.name}.txt")
+    if path is None:
+        return regular_stamps(numbers, str(root / "times.txt"))
+    return pick(read_times(path), numbers, path)
+
+
+def _calibration(root: Path, streams: dict[str, Stream]) -> Calibration | None:
+    """calib.txt, which scans alone can do without."""
+    path = root / "calib.txt"
+    if set(streams) == {"points"} and not path.exists():
+        return None
+    return read_calibration(path)
+
+
+def _camera0_from_points(
+    calibration: Calibration | None, streams: dict[str, Stream]
+) -> NDArray[np.float64] | None:
+    """Tr; the calib.txt that comes with the images alone may lack it."""
+    if calibration is None or ("points" not in streams and "Tr" not in calibration.entries):
+        return None
+    return calibration.transform("Tr")
+
+
+def _cameras(
+    calibration: Calibration, cameras: dict[str, int], streams: dict[str, Stream]
+) -> dict[str, Camera]:
+    tr = _camera0_from_points(calibration, streams)
+    rectified_from_points = np.eye(4) if tr is None else tr
+    return {
+        name: camera(calibration.path, calibration.matrix(f"P{n}", 3, 4), rectified_from_points)
+        for name, n in cameras.items()
+        if name in streams
+    }
+
+
+def _existing(*paths: Path) -> Path | None:
+    return next((path.resolve() for path in paths if path.exists()), None)
+
+
+def _recognises(path: Path) -> bool:
+    folders = ("sequences", "velodyne", "image_0", "image_1", "image_2", "image_3")
+    return any((path / folder).is_dir() for folder in folders)
+
+
+KITTI_ODOMETRY = Kind(
+    "kitti-odometry",
+    "sequences/NN/ or itself with velodyne/, image_2/, image_3/, image_0/ or image_1/",
+    _recognises,
+    open_kitti_odometry,
+)

@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Drives of the KITTI raw data, synchronised and rectified (Geiger, Lenz, Stiller, Urtasun 2013).
+
+The GPS/IMU records in ``oxts/`` are not read: without a file of poses the frames have none.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets.base import Dataset, Kind
+from fusionslam.datasets.calibration import Calibration, camera, homogeneous, read_calibration
+from fusionslam.datasets.kitti_odometry import POSE_FRAME, find_streams
+from fusionslam.datasets.readers import match_poses, pick, read_timestamps
+from fusionslam.datasets.streams import (
+    Request,
+    Stream,
+    choose,
+    frame_numbers,
+    itself,
+    one_of,
+    regular_stamps,
+)
+from fusionslam.errors import DataError
+from fusionslam.sensors import Camera
+
+STREAM_FOLDERS = ("velodyne_points", "image_00", "image_01", "image_02", "image_03")
+
+
+def open_kitti_raw(path: Path, request: Request) -> Dataset:
+    """A drive folder, or the folder of a date with its drives and the one that is asked for.
+
+    Raises:
+        DataError: no such drive; a file is missing, too short or malformed.
+    """
+    root = _drive(path, request.sequence)
+    camera_numbers, streams = find_streams(root, "velodyne_points/data", "image_{:02d}/data")
+    chosen = choose(streams, request, root)
+    numbers, gaps = frame_numbers(chosen, request)
+    stamps = _stamps(root, numbers, chosen)
+    cam_to_cam = _calibration(root, "calib_cam_to_cam.txt")
+    rectified_from_points = _rectified_from_points(root, cam_to_cam)
+    return Dataset(
+        kind=KITTI_RAW.name,
+        name=f"KITTI raw {root.name}",
+        root=root,
+        streams=chosen,
+        numbers=numbers,
+        stamps_ns=stamps,
+        pose_frame=POSE_FRAME,
+        body_from_points=rectified_from_points,
+        poses=match_poses(request.poses, numbers, stamps) if request.poses else None,
+        cameras={
+            name: _camera(cam_to_cam, number, rectified_from_points)
+            for name, number in camera_numbers.items()
+            if name in chosen
+        },
+        gaps=gaps,
+    )
+
+
+def _drive(path: Path, name: str | None) -> Path:
+    """The drive folder; a drive may be named by its number alone ("0001")."""
+    if _is_drive(path):
+        return itself(path, name)
+    available = {folder.name: folder for folder in sorted(path.iterdir()) if _is_drive(folder)}
+    full = next((drive for drive in available if f"_drive_{name}_" in drive), name)
+    return one_of(path, available, full)
+
+
+def _is_drive(path: Path) -> bool:
+    return any((path / folder).is_dir() for folder in STREAM_FOLDERS)
+
+
+def _stamps(
+    root: Path, numbers: NDArray[np.int64], streams: dict[str, Stream]
+) -> NDArray[np.int64]:
+    """Times of the scans or, where they have none, of the first sensor that has."""
+    folders = [stream.expected(int(numbers[0])).parent.parent for stream in streams.values()]
+    paths = [folder / "timestamps.txt" for folder in folders]
+    path = next((path for path in paths if path.exists()), None)
+    if path is None:
+        return regular_stamps(numbers, str(paths[0]))
+    return pick(read_timestamps(path), numbers, path)
+
+
+def _rectified_from_points(root: Path, cam_to_cam: Calibration) -> NDArray[np.float64]:
+    rectified_from_camera = homogeneous(cam_to_cam.matrix("R_rect_00", 3, 3))
+    camera_from_points = _calibration(root, "calib_velo_to_cam.txt").transform("R", "T")
+    return rectified_from_camera @ camera_from_points
+
+
+def _camera(
+    cam_to_cam: Calibration, number: int, rectified_from_points: NDArray[np.float64]
+) -> Camera:
+    width, height = cam_to_cam.numbers(f"S_rect_{number:02d}", 2)
+    return camera(
+        cam_to_cam.path,
+        cam_to_cam.matrix(f"P_rect_{number:02d}", 3, 4),
+        rectified_from_points,
+        (int(width), int(height)),
+    )
+
+
+def _calibration(root: Path, name: str) -> Calibration:
+    """Published drives lie in the folder of their date, which holds the calibration."""
+    path = next((folder / name for folder in (root, root.parent) if (folder / name).exists()), None)
+    if path is None:
+        raise DataError(f"{root / name} is missing, and so is {root.parent / name}")
+    return read_calibration(path)
+
+
+def _recognises(path: Path) -> bool:
+    return _is_drive(path) or any(_is_drive(folder) for folder in path.iterdir())
+
+
+KITTI_RAW = Kind(
+    "kitti-raw",
+    "velodyne_points/data/, image_02/data/ ... with calib_*.txt beside them or one folder up",
+    _recognises,
+    open_kitti_raw,
+)

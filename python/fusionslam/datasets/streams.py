@@ -1,0 +1,198 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which files make which frame: one stream of numbered files per sensor, and the gaps in them."""
+
+import logging
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+
+logger = logging.getLogger(__name__)
+
+SENSORS = ("points", "left", "right")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
+# More numbers than this between the first and the last file (28 hours at 10 Hz) means that the
+# names do not count frames.
+MAX_SPAN = 1_000_000
+PERIOD_NS = 100_000_000
+
+Key = TypeVar("Key", int, str)
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One sensor's files by frame number.
+
+    Attributes:
+        files: the file of each frame that has one; never empty.
+        stems: file name (without suffix) by frame number, where names do not count frames.
+    """
+
+    files: Mapping[int, Path]
+    stems: Mapping[int, str] = field(default_factory=dict)
+
+    def expected(self, number: int) -> Path:
+        """Where the file of a frame is or would be."""
+        sample = next(iter(self.files.values()))
+        return self.files.get(number) or sample.with_name(
+            self._stem(number, sample.stem) + sample.suffix
+        )
+
+    def _stem(self, number: int, sample: str) -> str:
+        if number in self.stems:
+            return self.stems[number]
+        return re.sub(r"\d+$", lambda digits: f"{number:0{len(digits[0])}d}", sample)
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the caller of ``open_dataset`` asked for.
+
+    Attributes:
+        sequence: which sequence of a root folder.
+        sensors: which sensors every frame needs; None for all that the folder has.
+        gaps: "error" or "skip".
+        poses: file of poses, instead of the one found beside the data.
+    """
+
+    sequence: str | None = None
+    sensors: Sequence[str] | None = None
+    gaps: str = "error"
+    poses: Path | None = None
+
+
+def scan(folder: Path, suffixes: Sequence[str]) -> Stream | None:
+    """The files of a folder whose names are frame numbers, or None where there is none.
+
+    Args:
+        folder: need not exist.
+        suffixes: those that count, in lower case, with the dot.
+
+    Raises:
+        DataError: two files have the same number.
+    """
+    paths = [path for path in files_in(folder, suffixes) if path.stem.isdecimal()]
+    return Stream(unique(paths, lambda path: int(path.stem))) if paths else None
+
+
+def files_in(folder: Path, suffixes: Sequence[str]) -> list[Path]:
+    """The files of a folder with one of these suffixes, without hidden ones, by name."""
+    if not folder.is_dir():
+        return []
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in suffixes and not path.name.startswith(".")
+    )
+
+
+def unique(paths: Sequence[Path], key: Callable[[Path], Key]) -> dict[Key, Path]:
+    """The paths by their key.
+
+    Raises:
+        DataError: two paths have the same key.
+    """
+    files: dict[Key, Path] = {}
+    for path in paths:
+        if (other := files.setdefault(key(path), path)) is not path:
+            raise DataError(f"{other} and {path} are both frame {key(path)}: expected one file")
+    return files
+
+
+def choose(streams: Mapping[str, Stream | None], request: Request, root: Path) -> dict[str, Stream]:
+    """The streams that every frame needs: those asked for, else all that the folder has.
+
+    Raises:
+        DataError: a sensor asked for has no file, or there is no file at all.
+    """
+    found = {sensor: stream for sensor, stream in streams.items() if stream is not None}
+    wanted = found if request.sensors is None else request.sensors
+    if not wanted:
+        raise DataError(f"{root} has no frames: expected scans or images in it")
+    for sensor in wanted:
+        if sensor not in found:
+            others = f", only of {', '.join(found)}" if found else ""
+            raise DataError(f"{root} has no files of sensor '{sensor}'{others}")
+    return {sensor: found[sensor] for sensor in SENSORS if sensor in wanted}
+
+
+def frame_numbers(
+    streams: Mapping[str, Stream], request: Request, *, consecutive: bool = True
+) -> tuple[NDArray[np.int64], list[int]]:
+    """The frames that have a file from every stream, and the numbers in between that have not.
+
+    Args:
+        streams: those that every frame needs.
+        request: its ``gaps`` says whether incomplete frames are an error or left out.
+        consecutive: whether every number from the first to the last should be a frame; else
+            only those that have a file from at least one stream.
+
+    Raises:
+        DataError: a file is missing and gaps are an error; or no frame is complete.
+    """
+    stream_numbers = [set(stream.files) for stream in streams.values()]
+    seen, complete = set.union(*stream_numbers), set.intersection(*stream_numbers)
+    gaps = sorted((_span(streams, seen) if consecutive else seen) - complete)
+    if gaps:
+        _report(streams, gaps, len(complete), request.gaps)
+    if not complete:
+        raise DataError(f"no frame has a file from each of {', '.join(streams)}")
+    return np.array(sorted(complete), dtype=np.int64), gaps
+
+
+def _span(streams: Mapping[str, Stream], seen: set[int]) -> set[int]:
+    first, last = min(seen), max(seen)
+    if last - first > MAX_SPAN:
+        folder = next(iter(streams.values())).expected(first).parent
+        raise DataError(f"{folder}: file names {first} to {last} do not count frames")
+    return set(range(first, last + 1))
+
+
+def _report(streams: Mapping[str, Stream], gaps: list[int], complete: int, policy: str) -> None:
+    first = gaps[0]
+    path = next(s.expected(first) for s in streams.values() if first not in s.files)
+    message = f"{path} is missing; {len(gaps)} of {len(gaps) + complete} frames lack a file"
+    if policy == "error":
+        raise DataError(f'{message}: gaps="skip" (command line: --skip-gaps) leaves them out')
+    logger.warning("%s and are left out", message)
+
+
+def regular_stamps(numbers: NDArray[np.int64], missing: str) -> NDArray[np.int64]:
+    """int64 (N) nanoseconds at 10 Hz, for data that says nothing about time; logs so."""
+    logger.warning("no %s: frames are taken to be 0.1 s apart (10 Hz)", missing)
+    return numbers * PERIOD_NS
+
+
+def one_of(root: Path, available: Mapping[str, Path], name: str | None) -> Path:
+    """The sequence of that name; without a name the only one.
+
+    Raises:
+        DataError: there is no such sequence, or there are several and none was named.
+    """
+    if name is None and len(available) == 1:
+        return next(iter(available.values()))
+    if name is not None and name in available:
+        return available[name]
+    wish = f"{len(available)} sequences" if name is None else f"no sequence {name}"
+    raise DataError(
+        f"{root} has {wish}: choose with sequence= (command line: --sequence) "
+        f"one of {', '.join(available) or 'none'}"
+    )
+
+
+def itself(root: Path, name: str | None) -> Path:
+    """The folder of a single sequence, provided that no other one was asked for.
+
+    Raises:
+        DataError: another sequence was asked for.
+    """
+    if name not in (None, root.name):
+        raise DataError(f"{root} is a single sequence: there is no sequence {name} in it")
+    return root

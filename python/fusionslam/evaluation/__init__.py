@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""How good is a descriptor at telling revisited places, and what does it cost?
+
+    curve = precision_recall(descriptors, positions, protocol="revisit", radius=10.0)
+    print(curve)
+    curve.save("curve.json")
+
+``Evaluation`` joins such curves with what the run cost; the report shows them.
+"""
+
+from fusionslam.evaluation.costs import Costs, StageCost, summarise_costs
+from fusionslam.evaluation.curve import PrecisionRecall
+from fusionslam.evaluation.judgement import Evaluation, evaluate
+from fusionslam.evaluation.matches import Matches, find_matches
+from fusionslam.evaluation.protocols import (
+    COMMON_RULES,
+    PROTOCOLS,
+    EvaluationConfig,
+    Protocol,
+    protocol_named,
+)
+from fusionslam.evaluation.published import CITATION, kitti_sequence, published_figures
+from fusionslam.evaluation.runs import DescriptorRun
+from fusionslam.evaluation.sweep import RANKS, evaluate_matches, precision_recall
+
+__all__ = [
+    "CITATION",
+    "COMMON_RULES",
+    "PROTOCOLS",
+    "RANKS",
+    "Costs",
+    "DescriptorRun",
+    "Evaluation",
+    "EvaluationConfig",
+    "Matches",
+    "PrecisionRecall",
+    "Protocol",
+    "StageCost",
+    "evaluate",
+    "evaluate_matches",
+    "find_matches",
+    "kitti_sequence",
+    "precision_recall",
+    "protocol_named",
+    "published_figures",
+    "summarise_costs",
+]

@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The nearest earlier places of each frame, as a value, and the checks of what they came from."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError, ShapeError
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """The k nearest candidates of each of N queries, nearest first.
+
+    Attributes:
+        indices: int64 (N, k), rows of the candidates; -1 where there is none.
+        distances: float32 (N, k), Euclidean distances of the descriptors; inf where there is none.
+
+    Raises:
+        ShapeError: arrays of other or unequal shapes.
+        DataError: a candidate without finite distance, or the other way round.
+    """
+
+    indices: NDArray[np.int64]
+    distances: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.indices)
+        if len(shape) != 2 or shape[1] < 1 or shape != np.shape(self.distances):
+            raise ShapeError(
+                f"matches: indices {shape} and distances {np.shape(self.distances)}, "
+                "expected two arrays (N, k) with k >= 1"
+            )
+        unsound = np.flatnonzero(((self.indices >= 0) != np.isfinite(self.distances)).any(axis=1))
+        if unsound.size:
+            raise DataError(
+                f"matches: row {unsound[0]} has indices {self.indices[unsound[0]].tolist()} but "
+                f"distances {self.distances[unsound[0]].tolist()}; expected -1 and inf together"
+            )
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+
+def find_matches(
+    descriptors: NDArray[np.float32], *, window: int, k: int = 10, threads: int = 0
+) -> Matches:
+    """Find the k nearest candidates j <= i - window - 1 of each row i, by brute force.
+
+    Args:
+        descriptors: float32 (N, D), one row a frame, in order of time.
+        window: how many frames before the query are no candidates.
+        k: how many candidates to keep.
+        threads: how many threads may work; 0 is one per core.
+
+    Raises:
+        ShapeError: descriptors of another shape or dtype.
+        DataError: descriptors that are not finite.
+    """
+    from fusionslam._core import nearest_causal
+
+    check_descriptors(descriptors)
+    return Matches(*nearest_causal(descriptors, window=window, k=k, threads=threads))
+
+
+def check_descriptors(descriptors: NDArray[np.float32]) -> None:
+    """Raise ShapeError unless float32 (N, D), DataError unless finite."""
+    shape, dtype = np.shape(descriptors), getattr(descriptors, "dtype", type(descriptors))
+    if len(shape) != 2 or shape[1] < 1 or dtype != np.float32:
+        raise ShapeError(f"descriptors: {dtype} {shape}, expected float32 (N, D)")
+    _check_finite("descriptors", descriptors)
+
+
+def checked_positions(positions: Any, count: int) -> NDArray[np.float64]:
+    """Positions as float64 (count, 3), metres.
+
+    Raises:
+        ShapeError: another shape or length.
+        DataError: a position that is not finite; the message names its row.
+    """
+    places = np.asarray(positions, dtype=np.float64)
+    if places.shape != (count, 3):
+        raise ShapeError(
+            f"positions: shape {places.shape}, expected ({count}, 3): one position a descriptor"
+        )
+    _check_finite("positions", places)
+    return places
+
+
+def check_causal(matches: Matches, window: int) -> None:
+    """Raise DataError if a match is not among the candidates j <= i - window - 1."""
+    latest = np.arange(len(matches))[:, None] - window - 1
+    wrong = np.flatnonzero((matches.indices > np.maximum(latest, -1)).any(axis=1))
+    if wrong.size:
+        raise DataError(
+            f"matches: query {wrong[0]} has candidates {matches.indices[wrong[0]].tolist()}, but "
+            f"with window = {window} they must be at most {latest[wrong[0], 0]}"
+        )
+
+
+def _check_finite(name: str, rows: NDArray[np.floating[Any]]) -> None:
+    broken = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    if broken.size:
+        count = f"{broken.size} of {len(rows)} rows"
+        raise DataError(f"{name}: row {broken[0]} is not finite ({count})")

@@ -1,0 +1,163 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report's tables, as text cells: what stands in them and which cell is the best."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from fusionslam.evaluation import Costs, Evaluation, summarise_costs
+
+Value = Callable[[Evaluation], float | None]
+PUBLISHED_PROTOCOL = "perdomo2019"
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the summary: how its value is found, shown, and judged.
+
+    Attributes:
+        title, hint: heading, and what it means.
+        value: of one evaluation; None is shown as a dash.
+        show: format of the value.
+        best: max, min, or None where no value is better than another.
+    """
+
+    title: str
+    hint: str
+    value: Value
+    show: str
+    best: Callable[[Sequence[float]], float] | None = None
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Text, and whether it is the best of its column."""
+
+    text: str
+    best: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """Headings (title, hint), row labels and cells."""
+
+    heads: list[tuple[str, str]]
+    rows: list[tuple[str, list[Cell]]]
+
+
+def summary_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
+    """One row per source and descriptor: accuracy, time, memory."""
+    accuracy = _accuracy_columns(protocol) if any(e.curves for e in evaluations) else []
+    columns = accuracy + _published_columns(evaluations, protocol) + _cost_columns(evaluations)
+    return _filled(columns, evaluations, lambda e: f"{e.run.source} / {e.run.descriptor}")
+
+
+def time_table(evaluations: Sequence[Evaluation]) -> Table:
+    """One row per descriptor: median and 95th percentile of each stage, and what was published."""
+    columns = []
+    for stage in _stages(evaluations):
+        columns.append(_stage_column(stage, "median_ms", f"{stage} median"))
+        columns.append(_stage_column(stage, "p95_ms", f"{stage} p95"))
+    columns += [_frame_column("median_ms", "frame median"), _frame_column("p95_ms", "frame p95")]
+    columns.append(_cost_column("points", "median of a cloud", lambda c: c.median_points, ",.0f"))
+    if any("describe_seconds" in (e.published or {}) for e in evaluations):
+        columns.append(_published("describe_seconds", "published: describe", "{:.1f}", 1e3))
+    return _filled(columns, evaluations, lambda e: e.run.descriptor)
+
+
+def _filled(
+    columns: Sequence[Column], evaluations: Sequence[Evaluation], label: Callable[[Evaluation], str]
+) -> Table:
+    cells = [_cells(column, [column.value(e) for e in evaluations]) for column in columns]
+    rows = [(label(e), [column[row] for column in cells]) for row, e in enumerate(evaluations)]
+    return Table([(column.title, column.hint) for column in columns], rows)
+
+
+def _cells(column: Column, values: Sequence[float | None]) -> list[Cell]:
+    texts = ["\N{EN DASH}" if value is None else column.show.format(value) for value in values]
+    known = [value for value in values if value is not None]
+    if column.best is None or len(known) < 2:
+        return [Cell(text) for text in texts]
+    # Values that look the same are equally good.
+    best = column.show.format(column.best(known))
+    return [Cell(text, best=text == best) for text in texts]
+
+
+def _accuracy_columns(protocol: str) -> list[Column]:
+    def of(name: str) -> Value:
+        return lambda e: getattr(e.curves[protocol], name) if protocol in e.curves else None
+
+    def ranked(e: Evaluation) -> float | None:
+        return e.curves[protocol].recall_at_k.get(5) if protocol in e.curves else None
+
+    full = "largest recall at which every accepted match is correct"
+    return [
+        Column("R@100P", full, of("recall_at_full_precision"), "{:.3f}", max),
+        Column("max F1", "largest 2PR / (P + R)", of("max_f1"), "{:.3f}", max),
+        Column("AP", "average precision", of("average_precision"), "{:.3f}", max),
+        Column("top-1", "revisits whose nearest is correct", of("top1"), "{:.3f}", max),
+        Column("recall@5", "revisits with a correct one among 5", ranked, "{:.3f}", max),
+    ]
+
+
+def _published_columns(evaluations: Sequence[Evaluation], protocol: str) -> list[Column]:
+    if not any(e.published for e in evaluations):
+        return []
+    name = PUBLISHED_PROTOCOL
+    found = _published("recall_at_full_precision", "R@100P, published", "{:.3f}")
+    if protocol == name or not any(name in e.curves for e in evaluations):
+        return [found]
+
+    def ours(e: Evaluation) -> float | None:
+        return e.curves[name].recall_at_full_precision if name in e.curves else None
+
+    hint = f"recall at 100 % precision, protocol {name}: compare with the published figure"
+    return [Column(f"R@100P, {name}", hint, ours, "{:.3f}", max), found]
+
+
+def _published(figure: str, title: str, show: str, scale: float = 1.0) -> Column:
+    def value(e: Evaluation) -> float | None:
+        found = (e.published or {}).get(figure)
+        return None if found is None else found * scale
+
+    return Column(title, f"as published, protocol {PUBLISHED_PROTOCOL}", value, show)
+
+
+def _cost_columns(evaluations: Sequence[Evaluation]) -> list[Column]:
+    return [
+        _frame_column("median_ms", "ms a frame"),
+        _frame_column("p95_ms", "p95"),
+        *(_stage_column(stage, "median_ms", stage) for stage in _stages(evaluations)),
+        _cost_column("bytes", "of one descriptor", lambda c: c.bytes_per_descriptor, ",.0f", min),
+        _cost_column("peak MiB", "memory", lambda c: c.peak_memory_bytes / 2**20, ",.0f", min),
+    ]
+
+
+def _stages(evaluations: Sequence[Evaluation]) -> list[str]:
+    return list(dict.fromkeys(stage for e in evaluations for stage in e.run.seconds))
+
+
+def _frame_column(figure: str, title: str) -> Column:
+    def value(costs: Costs) -> float | None:
+        return getattr(costs.frame, figure, None)
+
+    hint = {"median_ms": "median", "p95_ms": "95th percentile"}[figure]
+    return _cost_column(title, f"{hint} of all stages of a frame together, ms", value, ".1f", min)
+
+
+def _stage_column(stage: str, figure: str, title: str) -> Column:
+    def value(costs: Costs) -> float | None:
+        return getattr(costs.stages.get(stage), figure, None)
+
+    hint = {"median_ms": "median", "p95_ms": "95th percentile"}[figure]
+    return _cost_column(title, f"{hint} of stage {stage}, ms", value, ".2f", min)
+
+
+def _cost_column(
+    title: str,
+    hint: str,
+    value: Callable[[Costs], float | None],
+    show: str,
+    best: Callable[[Sequence[float]], float] | None = None,
+) -> Column:
+    return Column(title, hint, lambda e: value(summarise_costs(e.run)), f"{{:{show}}}", best)

@@ -1,0 +1,78 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A square image measured in metres, on which textures are painted."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+SIDE = 512
+Image = NDArray[np.uint8]
+Rgb = tuple[float, float, float]
+
+
+class Canvas:
+    """SIDE x SIDE texels that cover ``extent`` metres; x to the right, y upwards, both repeat.
+
+    Attributes:
+        rgb: float32 (SIDE, SIDE, 3), 0 .. 1, row 0 on top.
+        tint: float32 (SIDE, SIDE), 0 .. 1, how far the surface's tint colours the texel.
+    """
+
+    def __init__(self, extent: tuple[float, float], rgb: Rgb, tint: float) -> None:
+        self.scale = SIDE / np.asarray(extent)
+        self.rgb = np.tile(np.asarray(rgb, np.float32), (SIDE, SIDE, 1))
+        self.tint = np.full((SIDE, SIDE), tint, np.float32)
+
+    def rectangle(self, corner: ArrayLike, size: ArrayLike, rgb: ArrayLike, tint: float) -> None:
+        """Fill a rectangle given by its lower left corner and its size in metres."""
+        low = np.round(np.asarray(corner) * self.scale).astype(int)
+        high = np.round((np.asarray(corner) + np.asarray(size)) * self.scale).astype(int)
+        high = np.maximum(high, low + 1)
+        columns = np.arange(low[0], high[0]) % SIDE
+        rows = (SIDE - 1 - np.arange(low[1], high[1])) % SIDE
+        area = np.ix_(rows, columns)
+        self.rgb[area] = np.asarray(rgb, np.float32)
+        self.tint[area] = tint
+
+    def bricks(
+        self,
+        rng: np.random.Generator,
+        *,
+        brick: tuple[float, float],
+        joint: float,
+        joint_rgb: Rgb,
+        spread: float,
+    ) -> None:
+        """Courses of bricks (width, height in metres), every other one shifted by half a brick."""
+        columns, rows = np.maximum(np.round(SIDE / self.scale / brick).astype(int), 1)
+        across = np.linspace(0, columns, SIDE, endpoint=False)
+        upward = np.linspace(0, rows, SIDE, endpoint=False)[::-1, None]
+        row = upward.astype(int)
+        shifted = (across[None, :] + 0.5 * (row % 2)) % columns
+        shades = 1 + spread * rng.uniform(-1, 1, (rows, columns))
+        self.rgb *= shades[row, shifted.astype(int)][..., None].astype(np.float32)
+        in_joint = (shifted % 1 < joint / brick[0]) | (upward % 1 < joint / brick[1])
+        self.rgb[in_joint] = joint_rgb
+
+    def shade(self, change: NDArray[np.float32]) -> None:
+        """Brighten every texel by a factor of 1 + change, (SIDE, SIDE)."""
+        self.rgb *= 1 + change[..., None]
+
+    def image(self) -> Image:
+        """uint8 (SIDE, SIDE, 4): RGB and tint."""
+        stacked = np.dstack([self.rgb, self.tint])
+        image: Image = np.clip(stacked * 255 + 0.5, 0, 255).astype(np.uint8)
+        return image
+
+
+def noise(rng: np.random.Generator, roughness: float) -> NDArray[np.float32]:
+    """Noise that repeats, float32 (SIDE, SIDE), mean 0, deviation 1, limited to -3 .. 3.
+
+    Its amplitude falls with frequency to the power ``roughness``: 0 is white, 1 is cloudy.
+    """
+    spectrum = np.fft.rfft2(rng.standard_normal((SIDE, SIDE)))
+    frequency = np.hypot(np.fft.fftfreq(SIDE)[:, None], np.fft.rfftfreq(SIDE)[None, :])
+    frequency[0, 0] = np.inf
+    smooth = np.fft.irfft2(spectrum / frequency**roughness, s=(SIDE, SIDE))
+    scaled: NDArray[np.float32] = np.clip(smooth / smooth.std(), -3, 3).astype(np.float32)
+    return scaled

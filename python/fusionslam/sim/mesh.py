@@ -1,0 +1,177 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Textured triangles and the few shapes that worlds are built of.
+
+Metres, z up. Texture coordinates count whole images: (0, 0) is the lower left corner of the image,
+(1, 1) the upper right one, and images repeat.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float32]
+
+_BOX_FACES = ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (4, 5, 6, 7), (3, 2, 1, 0))
+
+
+@dataclass(frozen=True)
+class Paint:
+    """What covers a surface: a texture, the colour that tints it, and one image's extent.
+
+    Attributes:
+        texture: index into the scene's textures.
+        tint: RGB factor, 1 leaves the texture as it is.
+        extent: width and height in metres that one image covers.
+        offset: texture coordinate of a panel's first corner, in images.
+    """
+
+    texture: int
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    extent: tuple[float, float] = (1.0, 1.0)
+    offset: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """T triangles.
+
+    Attributes:
+        triangles: float32 (T, 3, 3), corners in metres, counter-clockwise seen from outside.
+        uv: float32 (T, 3, 2), texture coordinates of the corners.
+        texture: int32 (T,), index into the scene's textures.
+        tint: float32 (T, 3), RGB factor on the tinted parts of the texture.
+        normals: float32 (T, 3), unit vectors used for light (foliage bends them).
+    """
+
+    triangles: Floats
+    uv: Floats
+    texture: NDArray[np.int32]
+    tint: Floats
+    normals: Floats
+
+    def __len__(self) -> int:
+        return len(self.triangles)
+
+    def moved(self, position: ArrayLike, yaw: float = 0.0) -> "Mesh":
+        """The mesh turned by ``yaw`` (radians, about z), then shifted by ``position``."""
+        turn = _turn(yaw)
+        return Mesh(
+            self.triangles @ turn.T + np.asarray(position, np.float32),
+            self.uv,
+            self.texture,
+            self.tint,
+            self.normals @ turn.T,
+        )
+
+    def tinted(self, tint: ArrayLike) -> "Mesh":
+        """The mesh with its tint multiplied by ``tint`` (RGB)."""
+        return Mesh(
+            self.triangles,
+            self.uv,
+            self.texture,
+            self.tint * np.asarray(tint, np.float32),
+            self.normals,
+        )
+
+
+def joined(meshes: Sequence[Mesh]) -> Mesh:
+    """One mesh of all the triangles, in order."""
+    return Mesh(
+        np.concatenate([mesh.triangles for mesh in meshes]),
+        np.concatenate([mesh.uv for mesh in meshes]),
+        np.concatenate([mesh.texture for mesh in meshes]),
+        np.concatenate([mesh.tint for mesh in meshes]),
+        np.concatenate([mesh.normals for mesh in meshes]),
+    )
+
+
+def triangles(corners: ArrayLike, uv: ArrayLike, paint: Paint) -> Mesh:
+    """Triangles of one paint.
+
+    Args:
+        corners: (T, 3, 3), metres. Triangles without area are left out.
+        uv: (T, 3, 2), texture coordinates.
+        paint: what covers them; its extent and offset are not applied.
+    """
+    points = np.asarray(corners, np.float32)
+    cross = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    length = np.linalg.norm(cross, axis=1)
+    keep = length > 1e-8
+    count = int(keep.sum())
+    return Mesh(
+        points[keep],
+        np.asarray(uv, np.float32)[keep],
+        np.full(count, paint.texture, np.int32),
+        np.tile(np.asarray(paint.tint, np.float32), (count, 1)),
+        cross[keep] / length[keep, None],
+    )
+
+
+def panels(corners: ArrayLike, paint: Paint) -> Mesh:
+    """Flat four-sided panels, (Q, 4, 3) in metres, counter-clockwise from the lower left corner."""
+    quads = np.asarray(corners, np.float32)
+    across, upward = quads[:, 1] - quads[:, 0], quads[:, 3] - quads[:, 0]
+    width = np.linalg.norm(across, axis=1, keepdims=True)
+    unit = across / np.maximum(width, 1e-6)
+    height = np.linalg.norm(upward - unit * _dot(upward, unit), axis=1, keepdims=True)
+    up = (upward - unit * _dot(upward, unit)) / np.maximum(height, 1e-6)
+    relative = quads - quads[:, :1]
+    metres = np.concatenate([_dot(relative, unit[:, None]), _dot(relative, up[:, None])], axis=-1)
+    uv = (metres / np.asarray(paint.extent) + np.asarray(paint.offset)).astype(np.float32)
+    return triangles(_split(quads), _split(uv), paint)
+
+
+def box(low: ArrayLike, high: ArrayLike, paint: Paint, top: Paint | None = None) -> Mesh:
+    """A box between two opposite corners without its bottom, the roof in another paint if given."""
+    corners = _box_corners(low, high)
+    sides = panels(corners[list(_BOX_FACES[:4])], paint)
+    return joined([sides, panels(corners[list(_BOX_FACES[4:5])], top or paint)])
+
+
+def tapered(low: ArrayLike, high: ArrayLike, top_scale: tuple[float, float], paint: Paint) -> Mesh:
+    """A box whose top face is scaled by ``top_scale`` (x, y) about its centre, no bottom."""
+    corners = _box_corners(low, high)
+    centre = corners[4:].mean(axis=0)
+    corners[4:, :2] = centre[:2] + (corners[4:, :2] - centre[:2]) * np.asarray(top_scale)
+    return panels(corners[list(_BOX_FACES[:5])], paint)
+
+
+def tube(
+    start: ArrayLike, end: ArrayLike, radii: tuple[float, float], paint: Paint, sides: int = 6
+) -> Mesh:
+    """The side of a cylinder or cone around the line from start to end."""
+    first, last = np.asarray(start, np.float64), np.asarray(end, np.float64)
+    axis = (last - first) / np.linalg.norm(last - first)
+    helper = np.eye(3)[np.argmin(np.abs(axis))]
+    across = np.cross(axis, helper)
+    across /= np.linalg.norm(across)
+    angles = np.arange(sides + 1) * 2 * np.pi / sides
+    ring = np.outer(np.cos(angles), across) + np.outer(np.sin(angles), np.cross(axis, across))
+    low, high = first + radii[0] * ring, last + radii[1] * ring
+    return panels(np.stack([low[:-1], low[1:], high[1:], high[:-1]], axis=1), paint)
+
+
+def _box_corners(low: ArrayLike, high: ArrayLike) -> Floats:
+    (x0, y0, z0), (x1, y1, z1) = np.asarray(low, float), np.asarray(high, float)
+    plan = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    return np.array([(x, y, z) for z in (z0, z1) for x, y in plan], np.float32)
+
+
+def _split(quads: Floats) -> Floats:
+    """(Q, 4, k) -> (2 Q, 3, k): the two halves of each four-sided panel."""
+    return np.stack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(
+        -1, 3, quads.shape[-1]
+    )
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    product: Floats = (a * b).sum(axis=-1, keepdims=True)
+    return product
+
+
+def _turn(yaw: float) -> Floats:
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]], np.float32)

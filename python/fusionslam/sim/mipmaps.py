@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Textures at halved sizes (Williams 1983), so that distant surfaces do not glitter."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from fusionslam.sim.mesh import Floats
+
+
+class MipMaps:
+    """All textures of a scene and their halvings in one flat array of packed RGBA texels.
+
+    Args:
+        images: uint8 (H, W, 4) each: RGB and tint. Sides that are no powers of two are resized.
+
+    Attributes:
+        texels: float32 (K,), number of texels of each texture's finest level.
+    """
+
+    def __init__(self, images: Sequence[NDArray[np.uint8]]) -> None:
+        pyramids = [_pyramid(_power_of_two(image)) for image in images]
+        levels = max(len(pyramid) for pyramid in pyramids)
+        padded = [pyramid + [pyramid[-1]] * (levels - len(pyramid)) for pyramid in pyramids]
+        self._last = levels - 1
+        self._width = np.array([[level.shape[1] for level in p] for p in padded], np.int32)
+        self._height = np.array([[level.shape[0] for level in p] for p in padded], np.int32)
+        sizes = (self._width.astype(np.int64) * self._height).ravel()
+        starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+        self._start = starts.reshape(self._width.shape).astype(np.int32)
+        flat = np.concatenate([level.reshape(-1, 4) for p in padded for level in p])
+        self._packed = np.ascontiguousarray(flat).view(np.uint32).ravel()
+        self.texels = (self._width[:, 0] * self._height[:, 0]).astype(np.float32)
+
+    def sample(self, texture: NDArray[np.int32], u: Floats, v: Floats, level: Floats) -> Floats:
+        """Bilinear samples, float32 (R, 4) in 0 .. 1: RGB and tint.
+
+        Args:
+            texture: int32 (R,), index of the texture.
+            u, v: float32 (R,), texture coordinates in images, v upwards; images repeat.
+            level: float32 (R,), log2 of the number of texels under a pixel's width.
+        """
+        nearest = np.clip(np.rint(level), 0, self._last).astype(np.int32)
+        width, height = self._width[texture, nearest], self._height[texture, nearest]
+        start = self._start[texture, nearest]
+        x0, right = _split(u, width)
+        y0, lower = _split(-v, height)
+        x1, y1 = (x0 + 1) & (width - 1), (y0 + 1) & (height - 1)
+        top, bottom = start + y0 * width, start + y1 * width
+        upper = self._mix(top + x0, top + x1, right)
+        upper += lower[:, None] * (self._mix(bottom + x0, bottom + x1, right) - upper)
+        upper *= np.float32(1 / 255)
+        return upper
+
+    def _mix(self, first: NDArray[np.int32], second: NDArray[np.int32], part: Floats) -> Floats:
+        a, b = self._fetch(first), self._fetch(second)
+        mixed: Floats = a + part[:, None] * (b - a)
+        return mixed
+
+    def _fetch(self, index: NDArray[np.int32]) -> Floats:
+        return self._packed[index].view(np.uint8).reshape(-1, 4).astype(np.float32)
+
+
+def _split(coordinate: Floats, size: NDArray[np.int32]) -> tuple[NDArray[np.int32], Floats]:
+    """Index of the texel before each coordinate, wrapped, and the way on to the next, 0 .. 1."""
+    whole = coordinate - np.floor(coordinate)
+    place = whole * size.astype(np.float32) - np.float32(0.5)
+    before = np.floor(place)
+    return before.astype(np.int32) & (size - 1), (place - before).astype(np.float32)
+
+
+def _pyramid(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+    levels = [image]
+    while min(levels[-1].shape[:2]) > 1:
+        fine = levels[-1].astype(np.uint16)
+        total = fine[::2, ::2] + fine[1::2, ::2] + fine[::2, 1::2] + fine[1::2, 1::2]
+        levels.append(((total + 2) // 4).astype(np.uint8))
+    return levels
+
+
+def _power_of_two(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    height, width = (1 << (side - 1).bit_length() for side in image.shape[:2])
+    if (height, width) == image.shape[:2]:
+        return image
+    return np.asarray(Image.fromarray(image, "RGBA").resize((width, height)), np.uint8)

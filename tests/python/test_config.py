@@ -1,0 +1,278 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Configuration: one definition of each value, the same in the core, Python, YAML and --set."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from pydantic import ValidationError
+
+import fusionslam
+from fusionslam import ConfigError, GroundPlaneConfig, M2dpConfig, PipelineConfig, StereoConfig
+from fusionslam.config import Section, merged, walk, with_file, with_settings
+from fusionslam.descriptors import M2dpSection
+from fusionslam.fusion import PlaneSection, StereoSection
+
+SECTIONS: list[tuple[type[Any], type[Section]]] = [
+    (M2dpConfig, M2dpSection),
+    (StereoConfig, StereoSection),
+    (GroundPlaneConfig, PlaneSection),
+]
+CORE_OPTIONS = [
+    pytest.param(core, section, option, id=f"{core.__name__}.{option['name']}")
+    for core, section in SECTIONS
+    for option in core.options()
+]
+CORE_NUMBERS = [
+    parameter for parameter in CORE_OPTIONS if parameter.values[2]["kind"] in ("int", "float")
+]
+
+
+# The core's options and the sections made of them
+
+
+@pytest.mark.parametrize(("core", "section", "option"), CORE_OPTIONS)
+def test_every_option_of_the_core_is_described(
+    core: type[Any], section: type[Section], option: dict[str, Any]
+) -> None:
+    assert option["help"] and not option["help"].endswith(".")
+    assert option["default"] == getattr(core(), option["name"])
+    if option["kind"] == "choice":
+        assert option["default"] in option["choices"]
+    elif option["kind"] != "bool":
+        assert option["minimum"] <= option["default"] <= option["maximum"]
+
+
+@pytest.mark.parametrize(("core", "section"), SECTIONS)
+def test_a_section_has_the_options_of_the_core_once_and_in_order(
+    core: type[Any], section: type[Section]
+) -> None:
+    names = [option["name"] for option in core.options()]
+    assert list(section.model_fields) == names and len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize(("core", "section", "option"), CORE_OPTIONS)
+def test_a_section_has_the_defaults_help_and_units_of_the_core(
+    core: type[Any], section: type[Section], option: dict[str, Any]
+) -> None:
+    name = option["name"]
+    definition = section.model_fields[name]
+    # M2DP's values come from the preset, so that none of them is set by default
+    expected = None if core is M2dpConfig else getattr(core(), name)
+    assert getattr(section(), name) == expected
+    assert definition.description == option["help"]
+    assert definition.json_schema_extra == {"unit": option["unit"]}
+
+
+@pytest.mark.parametrize(("core", "section", "option"), CORE_NUMBERS)
+def test_values_out_of_range_are_refused_by_the_core_and_by_the_section(
+    core: type[Any], section: type[Section], option: dict[str, Any]
+) -> None:
+    name, step = option["name"], 1 if option["kind"] == "int" else 0.5
+    kind = int if option["kind"] == "int" else float
+    for value in (option["minimum"] - step, option["maximum"] + step):
+        bad = kind(value)
+        if value in (option["minimum"], option["maximum"]):  # no number beyond this limit
+            continue
+        with pytest.raises(ConfigError, match=rf"\.{name} is "):
+            core(**{name: bad})
+        with pytest.raises(ConfigError, match=name):
+            merged(section(), {name: bad})
+
+
+@pytest.mark.parametrize(("core", "section", "option"), CORE_OPTIONS)
+def test_values_of_another_type_are_refused_by_the_core_and_by_the_section(
+    core: type[Any], section: type[Section], option: dict[str, Any]
+) -> None:
+    name = option["name"]
+    expected = {"bool": "true or false", "int": "whole number", "float": "number"}
+    for bad in ("certainly", [1], {"a": 1}):
+        with pytest.raises(ConfigError, match=name) as error:
+            core(**{name: bad})
+        assert expected.get(option["kind"], "expected") in str(error.value)
+        with pytest.raises(ConfigError, match=f"{name} is .*(should be|valid)"):
+            merged(section(), {name: bad})
+
+
+@pytest.mark.parametrize(("core", "section", "option"), CORE_NUMBERS)
+def test_a_truth_value_is_no_number(
+    core: type[Any], section: type[Section], option: dict[str, Any]
+) -> None:
+    with pytest.raises(ConfigError, match=option["name"]):
+        core(**{option["name"]: True})
+    with pytest.raises(ConfigError, match=option["name"]):
+        merged(section(), {option["name"]: True})
+
+
+@pytest.mark.parametrize("core", [core for core, _ in SECTIONS])
+def test_the_core_names_an_unknown_option(core: type[Any]) -> None:
+    with pytest.raises(ConfigError, match=r"has no option 'azimuth_count'; known: \w+, \w+"):
+        core(azimuth_count=3)
+
+
+def test_keyword_arguments_set_single_values() -> None:
+    config = M2dpConfig(preset="author", rings=5, axis_signs="largest_entry")
+    assert (config.rings, config.axis_signs, config.drop_last_point) == (5, "largest_entry", True)
+    assert (M2dpConfig(preset="paper").rings, M2dpConfig(preset="paper").sectors) == (8, 16)
+    stereo = StereoConfig(method="sgbm", num_disparities=128, median_blur=False, max_range=30)
+    assert (stereo.method, stereo.num_disparities, stereo.median_blur) == ("sgbm", 128, False)
+    assert stereo.max_range == 30.0 and stereo.block_size == StereoConfig().block_size
+    assert GroundPlaneConfig(distance=0.3).distance == 0.3
+    assert "rings=5" in repr(config)
+
+
+def test_the_stereo_defaults_are_those_of_image_undistort() -> None:
+    config = StereoConfig()
+    assert (config.method, config.min_disparity, config.num_disparities) == ("bm", 0, 64)
+    assert (config.block_size, config.pre_filter_size, config.pre_filter_cap) == (21, 9, 31)
+    assert (config.texture_threshold, config.uniqueness_ratio) == (10, 15)
+    assert (config.speckle_range, config.speckle_window_size) == (0, 0)
+    assert (config.p1, config.p2, config.disp12_max_diff) == (120, 240, -1)
+
+
+def test_a_core_configuration_cannot_be_changed() -> None:
+    with pytest.raises(AttributeError):
+        M2dpConfig().rings = 3  # type: ignore[misc]
+
+
+def test_unknown_presets_and_choices_name_those_there_are() -> None:
+    with pytest.raises(ConfigError, match=r"'best', expected one of"):
+        M2dpConfig(preset="best")
+    with pytest.raises(ConfigError, match=r"stereo\.method is 'magic', expected one of bm, sgbm"):
+        StereoConfig(method="magic")
+
+
+# The whole configuration
+
+
+def test_every_option_is_listed_once_with_help() -> None:
+    entries = list(walk(PipelineConfig()))
+    keys = [key for key, _, _ in entries]
+    assert len(set(keys)) == len(keys)
+    for key in ("fusion.stereo.method", "descriptors.m2dp.rings", "loop_closure.threshold",
+                "evaluation.radius", "fusion.plane.distance"):  # fmt: skip
+        assert key in keys
+    for key, _, definition in entries:
+        assert definition.description, key
+        assert set(definition.json_schema_extra or {}) == {"unit"}, key
+
+
+def test_every_default_survives_yaml_and_set() -> None:
+    config = PipelineConfig()
+    for key, value, _ in walk(config):
+        text = yaml.safe_dump(value, default_flow_style=True).removesuffix("...\n").strip()
+        assert with_settings(config, [f"{key}={text}"]) == config, key
+    dumped = yaml.safe_load(yaml.safe_dump(config.model_dump(mode="json")))
+    assert merged(config, dumped) == config
+
+
+def test_a_yaml_file_changes_what_it_names(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("fusion:\n  voxel: 0.2\n  stereo: {method: sgbm}\nloop_closure: {window: 7}\n")
+    config = with_file(PipelineConfig(), path)
+    assert (config.fusion.voxel, config.fusion.stereo.method) == (0.2, "sgbm")
+    assert config.fusion.stereo.block_size == 21 and config.loop_closure.window == 7
+    assert config.descriptors == PipelineConfig().descriptors
+    path.write_text(yaml.safe_dump(config.model_dump(mode="json")))
+    assert with_file(PipelineConfig(), path) == config
+    path.write_text("")
+    assert with_file(PipelineConfig(), path) == PipelineConfig()
+
+
+def test_settings_change_what_they_name_in_order() -> None:
+    config = with_settings(
+        PipelineConfig(),
+        [
+            "fusion.voxel=0.5",
+            "descriptors.m2dp.rings=4",
+            "descriptors.normal_radius=0.7",
+            "descriptors.preset=paper",
+            "fusion.stereo.median_blur=false",
+            "fusion.voxel=0.25",
+            "fusion.up=-x",
+        ],
+    )
+    assert (config.fusion.voxel, config.descriptors.m2dp.rings) == (0.25, 4)
+    assert (config.descriptors.normal_radius, config.descriptors.preset) == (0.7, "paper")
+    assert config.fusion.stereo.median_blur is False and config.fusion.up == "-x"
+    config = with_settings(config, ["descriptors.normal_radius=null"])
+    assert config.descriptors.normal_radius is None
+
+
+def test_the_original_is_never_changed() -> None:
+    config = PipelineConfig()
+    with_settings(config, ["fusion.voxel=3"])
+    assert config == PipelineConfig()
+    with pytest.raises(ValidationError, match="frozen"):
+        config.fusion.voxel = 3.0
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("fusion.voxle=1", "unknown configuration key 'fusion.voxle'; did you mean 'voxel'"),
+        ("fusoin.voxel=1", "unknown configuration key 'fusoin'; did you mean 'fusion'"),
+        ("descriptors.m2dp.ring=1", "'descriptors.m2dp.ring'; did you mean 'rings'"),
+        ("fusion.stereo.metod=bm", "'fusion.stereo.metod'; did you mean 'method'"),
+        ("quux=1", "unknown configuration key 'quux'; known: fusion, descriptors"),
+        ("fusion.voxel=-1", "fusion.voxel is -1: .*greater than or equal to 0"),
+        ("fusion.voxel=.nan", "fusion.voxel is nan"),
+        ("fusion.voxel=tall", "fusion.voxel is 'tall': .*number"),
+        ("fusion.source=radar", "fusion.source is 'radar': .*'lidar', 'stereo' or 'cloud'"),
+        ("fusion.stereo.block_size=1.5", "fusion.stereo.block_size is 1.5: .*integer"),
+        ("fusion.stereo.median_blur=7", "fusion.stereo.median_blur is 7: .*boolean"),
+        ("loop_closure.window=true", "loop_closure.window is True: .*integer"),
+        ("loop_closure.threshold=.inf", "loop_closure.threshold is inf: .*finite"),
+        ("fusion=3", "fusion is 3, expected keys of its own: source, interpolation"),
+        ("fusion.voxel", "--set fusion.voxel: expected stage.key=value"),
+        ("fusion.voxel=[1", "--set fusion.voxel=.*no YAML"),
+    ],
+)
+def test_a_wrong_setting_names_its_key_and_what_was_expected(setting: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        with_settings(PipelineConfig(), [setting])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("fusion: {voxle: 1}", "'fusion.voxle'; did you mean 'voxel'"),
+        ("- fusion\n- voxel\n", "expected stages with their keys, found list"),
+        ("fusion: [1, 2]", r"fusion is \[1, 2\], expected keys"),
+        ("fusion: {voxel: 1", "cannot be read as YAML"),
+        ("3: 4", "unknown configuration key '3'"),
+    ],
+)
+def test_a_wrong_file_names_its_key_or_itself(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "wrong.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        with_file(PipelineConfig(), path)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"nowhere\.yaml"):
+        with_file(PipelineConfig(), tmp_path / "nowhere.yaml")
+
+
+def test_a_changed_value_reaches_the_core() -> None:
+    import numpy as np
+
+    points = np.random.default_rng(0).normal(size=(200, 3)).astype(np.float32) * [5, 2, 1]
+    config = with_settings(
+        PipelineConfig(), ["descriptors.preset=paper", "descriptors.m2dp.rings=4"]
+    )
+    given = fusionslam.describe(fusionslam.Cloud(points), "m2dp", config.descriptors)
+    core = M2dpConfig(preset="paper", rings=4)
+    assert np.array_equal(given, fusionslam.m2dp(points, config=core))
+    assert len(given) == 64 + 4 * 16
+
+
+def test_limits_are_finite_where_they_are_shown() -> None:
+    for core, _ in SECTIONS:
+        for option in core.options():
+            if "minimum" in option:
+                assert math.isfinite(option["minimum"]) and math.isfinite(option["maximum"])

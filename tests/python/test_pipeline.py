@@ -1,0 +1,204 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""describe_dataset: the same vectors however it is run, and nothing finished is lost."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import fusionslam
+from fusionslam import ConfigError, DataError, PipelineConfig, describe_dataset, open_dataset
+from fusionslam.config import with_settings
+from fusionslam.datasets import Dataset
+from fusionslam.evaluation import DescriptorRun
+from fusionslam.pipeline import CHUNK, load_runs, run_path
+
+FRAMES = CHUNK + 4
+LARGEST = FRAMES - 1
+NAMES = ("m2dp", "cm2dp", "cshot")
+CALIB = (
+    "P0: 30 0 32 0 0 30 24 0 0 0 1 0\nP1: 30 0 32 -15 0 30 24 0 0 0 1 0\n"
+    "P2: 30 0 32 0 0 30 24 0 0 0 1 0\nP3: 30 0 32 -15 0 30 24 0 0 0 1 0\n"
+    "Tr: 0 -1 0 0 0 0 -1 0 1 0 0 0\n"
+)
+
+
+def scan_path(root: Path, number: int) -> Path:
+    return root / f"velodyne/{number:06d}.bin"
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """A sequence of coloured stereo pairs and scans in KITTI odometry's layout."""
+    root = tmp_path / "sequences" / "03"
+    for folder in ("velodyne", "image_2", "image_3"):
+        (root / folder).mkdir(parents=True)
+    for number in range(FRAMES):
+        rng = np.random.default_rng(number)
+        count = 900 if number == LARGEST else 600
+        points = rng.uniform([2, -9, -1.7], [30, 6, 4], (count, 3)) * [1, 1 + number / 9, 1]
+        scan = np.c_[points, rng.uniform(size=count)].astype(np.float32)
+        scan.tofile(scan_path(root, number))
+        wide = rng.integers(0, 256, (48, 80, 3), dtype=np.uint8)
+        Image.fromarray(wide[:, :64]).save(root / f"image_2/{number:06d}.png")
+        Image.fromarray(wide[:, 6:70]).save(root / f"image_3/{number:06d}.png")
+    (root / "calib.txt").write_text(CALIB)
+    (root / "times.txt").write_text("".join(f"{0.1 * n:e}\n" for n in range(FRAMES)))
+    (tmp_path / "poses").mkdir()
+    lines = "".join(f"1 0 0 0 0 1 0 0 0 0 1 {n}\n" for n in range(FRAMES))
+    (tmp_path / "poses" / "03.txt").write_text(lines)
+    return root
+
+
+def assert_same_vectors(a: list[DescriptorRun], b: list[DescriptorRun]) -> None:
+    assert [run.descriptor for run in a] == [run.descriptor for run in b]
+    for first, second in zip(a, b, strict=True):
+        assert first.descriptors.tobytes() == second.descriptors.tobytes()
+        assert np.array_equal(first.points, second.points)
+        assert np.array_equal(first.stamps_ns, second.stamps_ns)
+        assert np.array_equal(first.poses, second.poses)
+
+
+def test_each_row_is_the_descriptor_of_that_frame(recording: Path, tmp_path: Path) -> None:
+    dataset = open_dataset(recording)
+    runs = describe_dataset(dataset, NAMES, tmp_path / "out")
+    assert [run.descriptor for run in runs] == list(NAMES)
+    first = fusionslam.fuse(dataset[0])
+    radius = 5 * fusionslam.cloud_resolution(first.points)
+    config = fusionslam.DescriptorConfig(normal_radius=radius)
+    for run in runs:
+        assert len(run) == FRAMES and run.source == "lidar"
+        assert run.positions is not None and run.positions[:, 2].tolist() == list(range(FRAMES))
+        for index in (0, CHUNK - 1, CHUNK, LARGEST):
+            cloud = fusionslam.fuse(dataset[index])
+            expected = fusionslam.describe(cloud, run.descriptor, config)
+            assert np.array_equal(run.descriptors[index], expected)
+            assert run.points[index] == len(cloud)
+        assert set(run.seconds) == {"load", "fuse", "describe"}
+
+
+def test_what_is_stored_is_what_is_returned(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    runs = describe_dataset(open_dataset(recording), ("m2dp", "cm2dp"), out)
+    assert sorted(os.listdir(out)) == ["lidar-cm2dp.npz", "lidar-m2dp.npz"]
+    assert_same_vectors([DescriptorRun.load(run_path(out, "lidar", "m2dp"))], runs[:1])
+    assert {run.descriptor for run in load_runs(out)} == {"m2dp", "cm2dp"}
+
+
+def test_one_or_two_jobs_give_the_same_vectors(recording: Path, tmp_path: Path) -> None:
+    dataset = open_dataset(recording)
+    one = describe_dataset(dataset, NAMES, tmp_path / "one", jobs=1)
+    two = describe_dataset(dataset, NAMES, tmp_path / "two", jobs=2)
+    assert_same_vectors(one, two)
+
+
+@pytest.mark.parametrize("source", ["stereo", "cloud"])
+def test_other_sources_are_described_too(recording: Path, tmp_path: Path, source: str) -> None:
+    settings = [f"fusion.source={source}", "fusion.stereo.block_size=5",
+                "fusion.stereo.num_disparities=16"]  # fmt: skip
+    config = with_settings(PipelineConfig(), settings)
+    (run,) = describe_dataset(open_dataset(recording), ["m2dp"], tmp_path / "out", config=config)
+    assert run.source == source and run_path(tmp_path / "out", source, "m2dp").exists()
+    assert run.config["fusion"]["source"] == source
+
+
+class Interruption(BaseException):
+    """What Ctrl-C is, without its side effects on the test runner."""
+
+
+def interrupted(dataset: Dataset, out: Path, jobs: int) -> None:
+    """Start, and be stopped after the first chunk."""
+
+    def stop(done: int, total: int) -> None:
+        assert (done, total) == (CHUNK, FRAMES)
+        raise Interruption
+
+    with pytest.raises(Interruption):
+        describe_dataset(dataset, ("m2dp", "cm2dp"), out, jobs=jobs, progress=stop)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_interrupted_call_goes_on_where_it_stopped(
+    recording: Path, tmp_path: Path, jobs: int
+) -> None:
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    whole = describe_dataset(dataset, ("m2dp", "cm2dp"), tmp_path / "whole")
+    interrupted(dataset, out, jobs)
+    assert not list(out.glob("*.npz")), "nothing half done looks finished"
+    scan_path(recording, 3).write_bytes(b"")  # a frame of the finished chunk is not read again
+    calls = []
+    resumed = describe_dataset(
+        dataset, ("m2dp", "cm2dp"), out, jobs=jobs, progress=lambda *step: calls.append(step)
+    )
+    assert calls == [(CHUNK, FRAMES), (FRAMES, FRAMES)]
+    assert_same_vectors(whole, resumed)
+    assert sorted(os.listdir(out)) == ["lidar-cm2dp.npz", "lidar-m2dp.npz"]
+
+
+def test_another_configuration_does_not_take_up_what_was_left(
+    recording: Path, tmp_path: Path
+) -> None:
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    interrupted(dataset, out, 1)
+    config = with_settings(PipelineConfig(), ["descriptors.preset=author"])
+    (author,) = describe_dataset(dataset, ["m2dp"], out, config=config)
+    (fresh,) = describe_dataset(dataset, ["m2dp"], tmp_path / "fresh", config=config)
+    assert_same_vectors([author], [fresh])
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("number", [5, CHUNK + 1])
+def test_a_frame_that_cannot_be_described_is_named_and_the_rest_is_kept(
+    recording: Path, tmp_path: Path, number: int, jobs: int
+) -> None:
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    good = scan_path(recording, number).read_bytes()
+    np.array([[5, 0, 0, 1]] * 9, np.float32).tofile(scan_path(recording, number))
+    with pytest.raises(DataError, match=rf"03, frame {number}: all points of the cloud are equal"):
+        describe_dataset(dataset, ["m2dp"], out, jobs=jobs)
+    assert bool(list(out.glob(".partial-*/000000.npz"))) == (number > CHUNK)
+    scan_path(recording, number).write_bytes(good)
+    mended = describe_dataset(dataset, ["m2dp"], out, jobs=jobs)
+    assert_same_vectors(mended, describe_dataset(dataset, ["m2dp"], tmp_path / "whole"))
+
+
+def test_a_frame_that_cannot_be_read_is_named(recording: Path, tmp_path: Path) -> None:
+    scan_path(recording, 2).write_bytes(bytes(33))
+    with pytest.raises(DataError, match=r"frame 2: .*000002\.bin"):
+        describe_dataset(open_dataset(recording), ["m2dp"], tmp_path / "out")
+
+
+def test_a_damaged_remainder_is_named(recording: Path, tmp_path: Path) -> None:
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    interrupted(dataset, out, 1)
+    (chunk,) = out.glob(".partial-*/000000.npz")
+    chunk.write_bytes(chunk.read_bytes()[: chunk.stat().st_size // 2])
+    with pytest.raises(DataError, match=r"000000\.npz: cannot be read .*delete it"):
+        describe_dataset(dataset, ("m2dp", "cm2dp"), out)
+
+
+def test_an_output_folder_that_cannot_be_written_is_named(recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("not a folder")
+    with pytest.raises(DataError, match=r"cannot write .*file"):
+        describe_dataset(open_dataset(recording), ["m2dp"], tmp_path / "file" / "out")
+
+
+def test_an_unknown_descriptor_stops_before_any_work(recording: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="unknown descriptor 'm3dp'"):
+        describe_dataset(open_dataset(recording), ["m2dp", "m3dp"], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_without_runs_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="holds no descriptor runs"):
+        load_runs(tmp_path)
+
+
+def test_the_first_radius_of_normals_is_kept_with_the_run(recording: Path, tmp_path: Path) -> None:
+    dataset = open_dataset(recording)
+    (run,) = describe_dataset(dataset, ["shot"], tmp_path / "out")
+    radius = 5 * fusionslam.cloud_resolution(fusionslam.fuse(dataset[0]).points)
+    assert run.config["descriptors"]["normal_radius"] == pytest.approx(radius)
