@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks this program against the originals' stored output and prints a Markdown table.
 
-    python benchmarks/checks.py            # needs the folder named by FUSIONSLAM_TEST_DATA
-    python benchmarks/checks.py --write    # and put the table into docs/checks.md
+python benchmarks/checks.py            # needs the folder named by FUSIONSLAM_TEST_DATA
+python benchmarks/checks.py --write    # and put the table into docs/checks.md
 """
 
 import argparse
@@ -11,12 +11,13 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-import fusionslam
 import numpy as np
-from fusionslam.datasets import open_dataset, read_poses_kitti
-from fusionslam.evaluation import precision_recall
 from markdown import table, write_between
 from scipy.ndimage import minimum_filter
+
+import fusionslam
+from fusionslam.datasets import open_dataset, read_poses_kitti
+from fusionslam.evaluation import precision_recall
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "checks.md"
@@ -151,13 +152,15 @@ def invariance_rows(data: Path) -> Iterator[Row]:
             moved.append(np.linalg.norm(fusionslam.m2dp(turned, preset=preset) - vector))
             kept = points[rng.random(len(points)) > 0.1]
             dropped.append(np.linalg.norm(fusionslam.m2dp(kept, preset=preset) - vector))
-        others = min(
-            np.linalg.norm(a - b) for i, a in enumerate(plain) for b in plain[:i]
-        )
+        others = min(np.linalg.norm(a - b) for i, a in enumerate(plain) for b in plain[:i])
         bound = "1e-4" if preset == "robust" else "for comparison"
         what = f"M2DP `{preset}`, {len(scans)} scans of 00 and 08"
         yield f"{what}, turned, shifted, mirrored: largest L2", bound, f"{max(moved):.1e}"
-        yield f"{what}, 10 % of points dropped: largest L2", f"< {others:.3f}", f"{max(dropped):.3f}"
+        yield (
+            f"{what}, 10 % of points dropped: largest L2",
+            f"< {others:.3f}",
+            f"{max(dropped):.3f}",
+        )
 
 
 def main() -> None:

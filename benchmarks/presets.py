@@ -2,23 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares the presets of M2DP and c-M2DP on simulated drives and prints a Markdown table.
 
-    python benchmarks/presets.py            # the embedded drive
-    python benchmarks/presets.py DRIVE ...  # other recordings of the simulator
-    python benchmarks/presets.py --write    # and put the table into docs/descriptors.md
+python benchmarks/presets.py            # the embedded drive
+python benchmarks/presets.py DRIVE ...  # other recordings of the simulator
+python benchmarks/presets.py --write    # and put the table into docs/descriptors.md
 """
 
 import argparse
-import json
 import os
 import tempfile
+from collections import Counter
 from pathlib import Path
 
-import numpy as np
+from markdown import table, write_between
+
 from fusionslam import DescriptorConfig, FusionConfig, PipelineConfig, describe_dataset
 from fusionslam.datasets import open_dataset
-from fusionslam.evaluation import Evaluation, evaluate
+from fusionslam.evaluation import DIRECTIONS, Evaluation, evaluate, visits
 from fusionslam.sim import embedded_drive
-from markdown import table, write_between
 
 PAGE = Path(__file__).parents[1] / "docs" / "descriptors.md"
 PRESETS = ("author", "paper", "robust")
@@ -40,11 +40,11 @@ def evaluations(drive: Path, source: str, preset: str) -> list[Evaluation]:
     return [evaluate(run) for run in runs]
 
 
-def row(evaluation: Evaluation, preset: str, visits: np.ndarray) -> list[str]:
+def row(evaluation: Evaluation, preset: str) -> list[str]:
     """Top-1 of all revisits and by direction, recall at 100 % precision, max F1, AP."""
     curve = evaluation.curves["revisit"]
-    by_visit = [curve.correct[visits == kind].mean() for kind in ("same", "opposite")]
-    figures = [curve.top1, *by_visit, curve.recall_at_full_precision, curve.max_f1]
+    by_direction = [evaluation.top1_by_direction[kind] for kind in ("same", "opposite")]
+    figures = [curve.top1, *by_direction, curve.recall_at_full_precision, curve.max_f1]
     run = evaluation.run
     names = [WORDS[run.source], run.descriptor, preset]
     return [*names, *(f"{x:.3f}" for x in (*figures, curve.average_precision))]
@@ -52,17 +52,19 @@ def row(evaluation: Evaluation, preset: str, visits: np.ndarray) -> list[str]:
 
 def compare(drive: Path) -> str:
     """The table of one drive."""
-    frames = json.loads((drive / "sim.json").read_text())["frames"]
-    visits = np.array([frame["visit"] for frame in frames])
+    poses = open_dataset(drive).poses
+    assert poses is not None  # the simulator always writes them
+    kinds = Counter(visit.kind for visit in visits(poses))
     rows = []
     for source in SOURCES:
         judged = {preset: evaluations(drive, source, preset) for preset in PRESETS}
         for position in range(len(SOURCES[source])):
-            rows += [row(judged[preset][position], preset, visits) for preset in PRESETS]
+            rows += [row(judged[preset][position], preset) for preset in PRESETS]
     header = ["cloud", "descriptor", "preset", "top-1", "same direction", "opposite"]
     text = table([*header, "recall at 100 % precision", "max F1", "AP"], rows)
-    counts = ", ".join(f"{(visits == kind).sum()} {kind}" for kind in ("same", "opposite"))
-    return f"{len(frames)} frames, revisits by direction: {counts}; protocol revisit, 10 m, 50 frames.\n\n{text}"
+    counts = ", ".join(f"{kinds[kind]} {kind}" for kind in DIRECTIONS)
+    rules = "protocol revisit, 10 m, 50 frames"
+    return f"{len(poses)} frames, revisits by direction: {counts}; {rules}.\n\n{text}"
 
 
 def main() -> None:

@@ -9,6 +9,7 @@
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
 #include <pybind11/typing.h>
 
 #include <array>
@@ -113,13 +114,32 @@ struct MatrixArg {
   std::array<double, Rows * Columns> values;
 
   explicit MatrixArg(py::handle source) {
-    const py::array given = as_array(source, "matrix");
+    constexpr const char* name = Rows == 3 ? "projection" : "transform";
+    const py::array given = as_array(source, name);
     if (given.ndim() != 2 || given.shape(0) != Rows || given.shape(1) != Columns)
-      throw ShapeError("matrix has shape " + shape_text(given) + ", expected (" +
+      throw ShapeError(std::string(name) + " has shape " + shape_text(given) + ", expected (" +
                        std::to_string(Rows) + ", " + std::to_string(Columns) + ")");
+    const char kind = given.dtype().kind();
+    if (kind != 'f' && kind != 'i' && kind != 'u')
+      throw ShapeError(std::string(name) + " has dtype " +
+                       py::str(given.dtype()).cast<std::string>() + ", expected float64");
     const auto array = contiguous<double>(given);
-    if (!array) throw py::error_already_set();
     std::copy_n(array.data(), Rows * Columns, values.begin());
+  }
+};
+
+/// float (H, W), pixels.
+struct DisparityArg {
+  py::array_t<float, py::array::c_style | py::array::forcecast> array;
+
+  explicit DisparityArg(py::handle source) {
+    const py::array given = as_array(source, "disparity");
+    if (given.ndim() != 2)
+      throw ShapeError("disparity has shape " + shape_text(given) + ", expected (H, W)");
+    if (!is_float(given))
+      throw ShapeError("disparity has dtype " + py::str(given.dtype()).cast<std::string>() +
+                       ", expected float32");
+    array = contiguous<float>(given);
   }
 };
 
@@ -341,6 +361,7 @@ struct array_arg_caster {
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::PointsArg, "numpy.float32");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::ColorsArg, "numpy.uint8");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::ImageArg, "numpy.uint8");
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::DisparityArg, "numpy.float32");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::ProjectionArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::TransformArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::DescriptorArg, "numpy.float32");

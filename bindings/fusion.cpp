@@ -74,17 +74,17 @@ Raises:
     ShapeError: images of different size. ConfigError: sizes that OpenCV refuses.)");
   module.def(
       "cloud_from_disparity",
-      [](const py::array_t<float, py::array::c_style | py::array::forcecast>& disparity,
-         const ImageArg& image, const ProjectionArg& left, const ProjectionArg& right,
-         const std::optional<TransformArg>& cloud_from_rectified, const StereoConfig& config) {
+      [](const DisparityArg& disparity, const ImageArg& image, const ProjectionArg& left,
+         const ProjectionArg& right, const std::optional<TransformArg>& cloud_from_rectified,
+         const StereoConfig& config) {
         const ImageView view = image.view();
-        if (disparity.ndim() != 2 || disparity.shape(0) != view.height ||
-            disparity.shape(1) != view.width)
-          throw ShapeError("disparity has shape " + shape_text(disparity) + ", the image is (" +
+        const auto& pixels = disparity.array;
+        if (pixels.shape(0) != view.height || pixels.shape(1) != view.width)
+          throw ShapeError("disparity has shape " + shape_text(pixels) + ", the image is (" +
                            std::to_string(view.height) + ", " + std::to_string(view.width) + ")");
         StereoCalibration calibration{left.values, right.values, identity_transform};
         if (cloud_from_rectified) calibration.cloud_from_rectified = cloud_from_rectified->values;
-        const std::vector<float> values(disparity.data(), disparity.data() + disparity.size());
+        const std::vector<float> values(pixels.data(), pixels.data() + pixels.size());
         return to_tuple(
             without_gil([&] { return cloud_from_disparity(values, view, calibration, config); }));
       },

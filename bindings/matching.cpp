@@ -1,6 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
 #include <cmath>
+#include <filesystem>
 
 #include "common.hpp"
 
@@ -73,11 +74,19 @@ Returns:
 Raises:
     ShapeError, DataError: wrong length, NaN. ConfigError: the window is in seconds and stamp_ns
     is missing.)")
-      .def("save", &DescriptorIndex::save, "path"_a, py::call_guard<py::gil_scoped_release>(),
-           "Writes one file, whole or not at all. Raises DataError naming the path.")
-      .def_static("load", &DescriptorIndex::load, "path"_a,
-                  py::call_guard<py::gil_scoped_release>(),
-                  "Reads it again. Raises DataError if it is no index, of another version, or cut.")
+      .def(
+          "save",
+          [](const DescriptorIndex& self, const std::filesystem::path& path) {
+            without_gil([&] { self.save(path.string()); });
+          },
+          "path"_a, "Writes one file, whole or not at all. Raises DataError naming the path.")
+      .def_static(
+          "load",
+          [](const std::filesystem::path& path) {
+            return without_gil([&] { return DescriptorIndex::load(path.string()); });
+          },
+          "path"_a,
+          "Reads it again. Raises DataError if it is no index, of another version, or cut.")
       .def(
           "descriptor",
           [](const DescriptorIndex& self, std::size_t i) {

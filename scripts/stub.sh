@@ -8,7 +8,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 .venv/bin/pybind11-stubgen fusionslam._core -o "$folder" --exit-code >/dev/null
 made=$folder/fusionslam/_core.pyi
-sed -i '/^__version__/s/.*/__version__: str/' "$made"
+sed -i -e '/^__version__/s/.*/__version__: str/' -e 's/os\.PathLike |/os.PathLike[str] |/' "$made"
 if [ "${1:-}" = --check ]; then
   diff -u python/fusionslam/_core.pyi "$made" ||
     { echo "python/fusionslam/_core.pyi is out of date: run make stub" >&2; exit 1; }

@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Place recognition and loop closing for robots that carry a LiDAR and a camera.
 
-    import fusionslam
+import fusionslam
 
-    dataset = fusionslam.open_dataset("kitti/sequences/06")       # sensors
-    detector = fusionslam.LoopDetector("cm2dp", threshold=0.1)     # descriptors, matching
-    for frame in dataset:
-        points, colors, kept = fusionslam.colorize(                # fusion
-            frame.points, frame.images["left"], frame.cameras["left"].projection_from_points)
-        loop = detector.add(fusionslam.Cloud(points, colors))      # loop closure
-        if loop:
-            print(f"frame {loop.query} is at the place of frame {loop.match}")
+dataset = fusionslam.open_dataset("kitti/sequences/06")       # sensors
+detector = fusionslam.LoopDetector("cm2dp", threshold=0.1)     # descriptors, matching
+for frame in dataset:
+    points, colors, kept = fusionslam.colorize(                # fusion
+        frame.points, frame.images["left"], frame.cameras["left"].projection_from_points)
+    loop = detector.add(fusionslam.Cloud(points, colors))      # loop closure
+    if loop:
+        print(f"frame {loop.query} is at the place of frame {loop.match}")
 """
 
 from importlib import import_module
@@ -78,7 +78,7 @@ _HOMES = {
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
 
-__all__ = sorted([*_HOME_OF, "evaluation"])  # noqa: PLE0605
+__all__ = sorted([*_HOME_OF, "evaluation"])
 
 
 def __getattr__(name: str) -> Any:

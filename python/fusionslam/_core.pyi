@@ -4,6 +4,7 @@ The C++ core of fusionslam; its public names are those of the package.
 from __future__ import annotations
 import numpy
 import numpy.typing
+import os
 import typing
 __all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'depth_image', 'drop_invalid', 'estimate_normals', 'm2dp', 'm2dp_signature', 'nearest_causal', 'remove_ground_plane', 'shot', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
@@ -208,7 +209,7 @@ class DescriptorIndex:
     Equal distances go to the lowest index.
     """
     @staticmethod
-    def load(path: str) -> DescriptorIndex:
+    def load(path: os.PathLike[str] | str | bytes) -> DescriptorIndex:
         """
         Reads it again. Raises DataError if it is no index, of another version, or cut.
         """
@@ -235,7 +236,7 @@ class DescriptorIndex:
             ShapeError, DataError: wrong length, NaN. ConfigError: the window is in seconds and stamp_ns
             is missing.
         """
-    def save(self, path: str) -> None:
+    def save(self, path: os.PathLike[str] | str | bytes) -> None:
         """
         Writes one file, whole or not at all. Raises DataError naming the path.
         """
@@ -252,7 +253,7 @@ def above_height(points: numpy.typing.NDArray[numpy.float32], height: typing.Sup
     """
     Indices, int64 (M,), of the points above height metres along up (x, y, z, -x, -y, -z).
     """
-def cloud_from_disparity(disparity: typing.Annotated[numpy.typing.ArrayLike, numpy.float32], image: numpy.typing.NDArray[numpy.uint8], left_projection: numpy.typing.NDArray[numpy.float64], right_projection: numpy.typing.NDArray[numpy.float64], *, cloud_from_rectified: numpy.typing.NDArray[numpy.float64] | None = None, config: StereoConfig = ...) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64]]:
+def cloud_from_disparity(disparity: numpy.typing.NDArray[numpy.float32], image: numpy.typing.NDArray[numpy.uint8], left_projection: numpy.typing.NDArray[numpy.float64], right_projection: numpy.typing.NDArray[numpy.float64], *, cloud_from_rectified: numpy.typing.NDArray[numpy.float64] | None = None, config: StereoConfig = ...) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64]]:
     """
     Coloured cloud of a disparity image.
     

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 from pydantic.fields import FieldInfo
 
 from fusionslam.errors import ConfigError
@@ -22,6 +22,20 @@ class Section(BaseModel):
     """A stage's configuration: immutable, no unknown keys, no types but the stated."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, validate_default=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _sequences_are_tuples(cls, values: Any) -> Any:
+        """YAML and JSON know lists only."""
+        return _tupled(values)
+
+
+def _tupled(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_tupled(item) for item in value)
+    if isinstance(value, dict):
+        return {key: _tupled(item) for key, item in value.items()}
+    return value
 
 
 def option(default: Any, help: str, *, unit: str = "", **limits: Any) -> Any:

@@ -134,7 +134,7 @@ class LoopDetector:
             "fusion": self.fusion_config.model_dump(),
         }
         with atomic_path(target / "descriptors.index") as temporary:
-            self._index.save(str(temporary))
+            self._index.save(temporary)
         with atomic_path(target / "detector.json") as temporary:
             temporary.write_text(json.dumps(about, indent=1), encoding="utf-8")
 
@@ -152,7 +152,7 @@ class LoopDetector:
             )
         except (KeyError, TypeError, AttributeError, ConfigError) as error:
             raise DataError(f"{source / 'detector.json'}: {error}") from error
-        detector._index = DescriptorIndex.load(str(source / "descriptors.index"))
+        detector._index = DescriptorIndex.load(source / "descriptors.index")
         if len(detector) != about.get("frames"):
             raise DataError(
                 f"{source}: {len(detector)} descriptors, detector.json says {about.get('frames')}"

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam import _core
 from fusionslam._files import atomic_path
 from fusionslam.config import Section, option
 from fusionslam.descriptors import (
@@ -87,7 +88,7 @@ def describe_dataset(
     settings = config or PipelineConfig()
     for name in names:
         descriptor_named(name)
-    settings = _settled(dataset, names, settings)
+    settings = settled(dataset, names, settings)
     work = _Work(dataset, tuple(names), settings, Path(folder))
     done = 0
     for chunk in work.run(max(jobs, 1)):
@@ -97,7 +98,7 @@ def describe_dataset(
     return work.finish()
 
 
-def _settled(dataset: "Dataset", names: Sequence[str], config: PipelineConfig) -> PipelineConfig:
+def settled(dataset: "Dataset", names: Sequence[str], config: PipelineConfig) -> PipelineConfig:
     """The configuration with what depends on the first frame fixed."""
     if not any(descriptor_named(name).needs_normals for name in names):
         return config
@@ -117,9 +118,11 @@ class _Work:
     @property
     def partial(self) -> Path:
         """Where finished chunks wait; the name changes with anything that changes the result."""
+        files = [stream.files for stream in self.dataset.streams.values()]
         identity = [
+            _core.__version__,
             str(self.dataset.root),
-            self.dataset.numbers.tolist(),
+            [_state(paths[number]) for paths in files for number in self.dataset.numbers.tolist()],
             self.names,
             self.config.fusion.model_dump(),
             self.config.descriptors.model_dump(),
@@ -232,6 +235,14 @@ def _status_bytes(key: str) -> int:
     lines = Path("/proc/self/status").read_text().splitlines()
     found = next(line for line in lines if line.startswith(f"{key}:"))
     return int(found.split()[1]) * 1024
+
+
+def _state(path: Path) -> list[Any]:
+    """What changes when a file does; a file that is gone is reported when it is read."""
+    with suppress(OSError):
+        status = path.stat()
+        return [str(path), status.st_size, status.st_mtime_ns]
+    return [str(path)]
 
 
 class _Clock:

@@ -9,6 +9,7 @@ points in a, stamps integer nanoseconds.
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+
 import numpy as np
 from numpy.typing import NDArray
 

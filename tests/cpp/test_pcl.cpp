@@ -1,9 +1,13 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
 #include <doctest/doctest.h>
+#include <pcl/console/print.h>
+
+#include <thread>
 
 #include "clouds.hpp"
 #include "fusionslam/descriptors.hpp"
+#include "fusionslam/fusion.hpp"
 #include "fusionslam/pcl.hpp"
 
 namespace fusionslam {
@@ -40,7 +44,8 @@ TEST_CASE("other PCL points are viewed too") {
   plain.emplace_back(1.0F, 2.0F, 3.0F);
   plain.emplace_back(4.0F, 5.0F, 6.0F);
   CHECK(points_view(plain)[1] == &plain[1].x);
-  pcl::PointCloud<pcl::PointXYZRGBNormal> rich(3);
+  pcl::PointCloud<pcl::PointXYZRGBNormal> rich;
+  rich.resize(3);
   CHECK(points_view(rich)[2] == &rich[2].x);
   CHECK(colors_view(rich).data + 2 * colors_view(rich).stride == &rich[2].r);
 }
@@ -61,6 +66,19 @@ TEST_CASE("a PCL cloud has the descriptors of the same plain arrays") {
   CHECK(cm2dp(points_view(cloud), colors_view(cloud)) == cm2dp(points, colors));
   CHECK(shot(points_view(cloud), 1.0) == shot(points, 1.0));
   CHECK(cshot(points_view(cloud), colors_view(cloud), 1.0) == cshot(points, colors, 1.0));
+}
+
+TEST_CASE("PCL prints as much as before after calls at once that quietened it") {
+  const std::vector<float> line{0, 0, 0, 1, 0, 0, 2, 0, 0, 3, 0, 0};
+  const auto before = pcl::console::getVerbosityLevel();
+  const auto search = [&] {
+    for (int i = 0; i < 50; ++i) remove_ground_plane({line.data(), 4});
+  };
+  {
+    const std::jthread thread(search);
+    search();
+  }
+  CHECK(pcl::console::getVerbosityLevel() == before);
 }
 
 }  // namespace

@@ -16,8 +16,7 @@ TEST_CASE("a points view walks in strides") {
   const auto values = testing::strided(cloud, 7);
   const PointsView view{values.data(), 50, 7};
   for (std::size_t i = 0; i < view.size; ++i)
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      CHECK(view[i][axis] == cloud.points[3 * i + axis]);
+    for (std::size_t axis = 0; axis < 3; ++axis) CHECK(view[i][axis] == cloud.points[3 * i + axis]);
 }
 
 TEST_CASE("a colours view reads BGR from behind") {

@@ -60,8 +60,8 @@ def test_a_section_has_the_defaults_help_and_units_of_the_core(
 ) -> None:
     name = option["name"]
     definition = section.model_fields[name]
-    # M2DP's values come from the preset, so that none of them is set by default
-    expected = None if core is M2dpConfig else getattr(core(), name)
+    # where there are presets, values come from these and none is set by default
+    expected = getattr(core(), name) if core is GroundPlaneConfig else None
     assert getattr(section(), name) == expected
     assert definition.description == option["help"]
     assert definition.json_schema_extra == {"unit": option["unit"]}
@@ -133,6 +133,14 @@ def test_the_stereo_defaults_are_those_of_image_undistort() -> None:
     assert (config.p1, config.p2, config.disp12_max_diff) == (120, 240, -1)
 
 
+def test_the_sgbm_preset_follows_the_advice_of_opencv() -> None:
+    config = StereoConfig(preset="sgbm")
+    area = config.block_size**2
+    assert config.method == "sgbm" and config.block_size < StereoConfig().block_size
+    assert (config.p1, config.p2) == (8 * area, 32 * area)
+    assert StereoConfig(preset="sgbm", p2=999).p2 == 999
+
+
 def test_a_core_configuration_cannot_be_changed() -> None:
     with pytest.raises(AttributeError):
         M2dpConfig().rings = 3  # type: ignore[misc]
@@ -174,7 +182,7 @@ def test_a_yaml_file_changes_what_it_names(tmp_path: Path) -> None:
     path.write_text("fusion:\n  voxel: 0.2\n  stereo: {method: sgbm}\nloop_closure: {window: 7}\n")
     config = with_file(PipelineConfig(), path)
     assert (config.fusion.voxel, config.fusion.stereo.method) == (0.2, "sgbm")
-    assert config.fusion.stereo.block_size == 21 and config.loop_closure.window == 7
+    assert config.fusion.stereo.block_size is None and config.loop_closure.window == 7
     assert config.descriptors == PipelineConfig().descriptors
     path.write_text(yaml.safe_dump(config.model_dump(mode="json")))
     assert with_file(PipelineConfig(), path) == config

@@ -199,8 +199,9 @@ def test_an_empty_image_and_an_unknown_interpolation_are_refused() -> None:
     points, image = scene(8)
     with pytest.raises(DataError, match="image is empty"):
         fusionslam.colorize(points, image[:0], PROJECTION)
-    with pytest.raises(DataError, match="image is empty"):
-        fusionslam.depth_image(points, PROJECTION, width=0, height=240)
+    for width in (0, -1, 1 << 20):
+        with pytest.raises(DataError, match=f"image of {width}x240"):
+            fusionslam.depth_image(points, PROJECTION, width=width, height=240)
     with pytest.raises(ConfigError, match=r"interpolation.*nearest, bilinear"):
         fusionslam.colorize(points, image, PROJECTION, interpolation="cubic")
 
@@ -310,6 +311,15 @@ def test_ground_removal_refuses_what_it_cannot_do() -> None:
         fusionslam.above_height(points, float("nan"))
     with pytest.raises(DataError, match="2 points"):
         fusionslam.remove_ground_plane(points[:2])
+
+
+def test_points_without_any_plane_are_all_kept_and_nothing_is_printed(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    same = np.ones((10, 3), np.float32)
+    kept, plane = fusionslam.remove_ground_plane(same)
+    assert len(kept) == 10 and not plane.any()
+    assert capfd.readouterr() == ("", "")
 
 
 # Voxels and invalid points

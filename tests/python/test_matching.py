@@ -4,6 +4,8 @@
 
 import os
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -193,6 +195,16 @@ def test_k_must_be_positive_and_an_index_within_range() -> None:
             nearest_causal(np.zeros((3, 7), np.float32), window=0, k=k)
     with pytest.raises(ShapeError, match="descriptor 20 of 20"):
         index.descriptor(20)
+
+
+def test_a_k_beyond_all_bounds_is_refused_and_does_not_crash() -> None:
+    program = (
+        "import numpy as np, fusionslam\n"
+        "try: fusionslam.nearest_causal(np.zeros((4, 3), 'f4'), window=0, k=2**62)\n"
+        "except (fusionslam.ConfigError, MemoryError): print('refused')"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (run.returncode, run.stdout.strip()) == (0, "refused")
 
 
 # The file

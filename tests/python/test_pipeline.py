@@ -120,6 +120,23 @@ def interrupted(dataset: Dataset, out: Path, jobs: int) -> None:
         describe_dataset(dataset, ("m2dp", "cm2dp"), out, jobs=jobs, progress=stop)
 
 
+def spoil_unnoticed(path: Path) -> None:
+    """Other bytes, but the size and time of before."""
+    status = path.stat()
+    path.write_bytes(b"\xff" * status.st_size)
+    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+
+
+def test_a_file_that_changed_in_between_is_described_anew(recording: Path, tmp_path: Path) -> None:
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    interrupted(dataset, out, 1)
+    path = scan_path(recording, 3)
+    path.write_bytes(path.read_bytes()[: 16 * 500])
+    (resumed,) = describe_dataset(dataset, ["m2dp"], out)
+    (fresh,) = describe_dataset(dataset, ["m2dp"], tmp_path / "fresh")
+    assert_same_vectors([resumed], [fresh])
+
+
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_an_interrupted_call_goes_on_where_it_stopped(
     recording: Path, tmp_path: Path, jobs: int
@@ -128,7 +145,7 @@ def test_an_interrupted_call_goes_on_where_it_stopped(
     whole = describe_dataset(dataset, ("m2dp", "cm2dp"), tmp_path / "whole")
     interrupted(dataset, out, jobs)
     assert not list(out.glob("*.npz")), "nothing half done looks finished"
-    scan_path(recording, 3).write_bytes(b"")  # a frame of the finished chunk is not read again
+    spoil_unnoticed(scan_path(recording, 3))  # a frame of the finished chunk is not read again
     calls = []
     resumed = describe_dataset(
         dataset, ("m2dp", "cm2dp"), out, jobs=jobs, progress=lambda *step: calls.append(step)

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
 from fusionslam.errors import DataError
+from fusionslam.evaluation.visits import visits
 from fusionslam.sim import (
     CarConfig,
     DriveConfig,
@@ -26,7 +27,7 @@ from fusionslam.sim import (
     recorder,
     robot,
 )
-from fusionslam.sim.drive import make_drive, visits
+from fusionslam.sim.drive import make_drive
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.town import make_town
 

@@ -90,9 +90,9 @@ struct StereoConfig {
   }
 };
 
-/// "image_undistort": StereoBM with the defaults of image_undistort's depth node, which Perdomo 2019
-/// used. "sgbm": StereoSGBM with the penalties OpenCV recommends for 5 x 5 windows, a left-right
-/// check and a speckle filter. Throws ConfigError for any other name.
+/// "image_undistort": StereoBM with the defaults of image_undistort's depth node, which Perdomo
+/// 2019 used. "sgbm": StereoSGBM with the penalties OpenCV recommends for 5 x 5 windows, a
+/// left-right check and a speckle filter. Throws ConfigError for any other name.
 StereoConfig stereo_preset(std::string_view name);
 
 /// Disparity of a rectified pair, row-major float pixels of the left image; 0 where there is no

@@ -4,9 +4,9 @@
 #include <pcl/search/kdtree.h>
 
 #include <cmath>
-#include <thread>
 
 #include "../detail/checks.hpp"
+#include "../detail/parallel.hpp"
 #include "../detail/pcl.hpp"
 #include "fusionslam/descriptors.hpp"
 
@@ -16,7 +16,7 @@ namespace {
 pcl::PointCloud<pcl::Normal> pcl_normals(PointsView points, double radius, int threads) {
   const auto cloud = detail::pcl_cloud(points);
   pcl::NormalEstimationOMP<pcl::PointXYZ, pcl::Normal> estimation(
-      threads > 0 ? static_cast<unsigned>(threads) : std::thread::hardware_concurrency());
+      static_cast<unsigned>(detail::thread_count(threads)));
   estimation.setInputCloud(cloud);
   estimation.setSearchMethod(std::make_shared<pcl::search::KdTree<pcl::PointXYZ>>());
   estimation.setRadiusSearch(radius);

@@ -38,30 +38,22 @@ Matrix3<Scalar> scatter(PointsView points, const Vector3<Scalar>& mean) {
 }
 
 /// Two axes are only defined if the points spread, beyond the rounding of float, along both.
-template <class Scalar>
-void check_spread(const Vector3<Scalar>& variances, const Vector3<Scalar>& mean) {
+void check_spread(const Eigen::Vector3d& variances, const Eigen::Vector3d& mean) {
   const double float_rounding = 1e-13;  // square of float's relative rounding, with some margin
-  const double first = double(variances[2]);
-  const double second = double(variances[1]);
-  const double scale = double(mean.squaredNorm()) + first;
+  const double first = variances[2];
+  const double second = variances[1];
+  const double scale = mean.squaredNorm() + first;
   if (!(first > float_rounding * scale))
     throw DataError("all points of the cloud are equal: it has no principal axes");
   if (!(second > float_rounding * scale))
     throw DataError("all points of the cloud lie on one line: its principal axes are undefined");
 }
 
-template <class Scalar>
-Eigen::SelfAdjointEigenSolver<Matrix3<Scalar>> solve(PointsView points,
-                                                     const Vector3<Scalar>& mean) {
-  Eigen::SelfAdjointEigenSolver<Matrix3<Scalar>> solver(scatter<Scalar>(points, mean));
-  check_spread<Scalar>(solver.eigenvalues(), mean);
-  return solver;
-}
-
 /// MATLAB's pca: the entry of largest magnitude of each axis is positive.
 PrincipalAxes matlab_axes(PointsView points) {
   const Eigen::Vector3d mean = mean_point<double>(points);
-  const auto solver = solve<double>(points, mean);
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(scatter<double>(points, mean));
+  check_spread(solver.eigenvalues(), mean);
   Eigen::Matrix3d axes;
   for (int i = 0; i < 3; ++i) {
     Eigen::Vector3d axis = solver.eigenvectors().col(2 - i);
@@ -75,7 +67,7 @@ PrincipalAxes matlab_axes(PointsView points) {
 /// PCL's PCA: float throughout, signs as the solver leaves them, a right-handed frame.
 PrincipalAxes pcl_axes(PointsView points) {
   const Eigen::Vector3f mean = mean_point<float>(points);
-  const auto solver = solve<float>(points, mean);
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f> solver(scatter<float>(points, mean));
   Eigen::Matrix3f axes;
   axes.row(0) = solver.eigenvectors().col(2);
   axes.row(1) = solver.eigenvectors().col(1);
@@ -86,7 +78,8 @@ PrincipalAxes pcl_axes(PointsView points) {
 }  // namespace
 
 PrincipalAxes principal_axes(PointsView points, AxisSigns signs) {
-  return signs == AxisSigns::pcl ? pcl_axes(points) : matlab_axes(points);
+  const PrincipalAxes precise = matlab_axes(points);  // refuses clouds without axes, for both
+  return signs == AxisSigns::pcl ? pcl_axes(points) : precise;
 }
 
 }  // namespace fusionslam::detail

@@ -78,6 +78,7 @@ std::vector<float> describe(const Surface& surface, const char* name) {
   estimation.setSearchMethod(std::make_shared<pcl::search::KdTree<Point>>());
   estimation.setRadiusSearch(radius);
   pcl::PointCloud<Descriptor> descriptors;
+  const detail::QuietPcl quiet;
   estimation.compute(descriptors);
   const auto& values = descriptors.front().descriptor;
   std::vector<float> result(std::begin(values), std::end(values));

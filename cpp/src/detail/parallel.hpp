@@ -7,19 +7,28 @@
 #include <cstddef>
 #include <exception>
 #include <mutex>
+#include <string>
 #include <thread>
 #include <vector>
 
+#include "fusionslam/errors.hpp"
+
 namespace fusionslam::detail {
+
+/// The number of threads that a `threads` argument asks for. Throws ConfigError if it is negative.
+inline std::size_t thread_count(int threads) {
+  if (threads < 0)
+    throw ConfigError("threads is " + std::to_string(threads) +
+                      ", expected 0 (one a core) or more");
+  if (threads > 0) return static_cast<std::size_t>(threads);
+  return std::max<std::size_t>(1, std::thread::hardware_concurrency());
+}
 
 /// Calls work(i) for i in [0, count) on `threads` threads (0: one a core) that end with the call.
 /// The order is free, so work(i) must write to places of its own. Rethrows the first exception.
 template <class Work>
 void parallel_for(std::size_t count, int threads, Work&& work) {
-  const std::size_t wanted = threads > 0
-                                 ? static_cast<std::size_t>(threads)
-                                 : std::max<std::size_t>(1, std::thread::hardware_concurrency());
-  const std::size_t workers = std::min(wanted, count);
+  const std::size_t workers = std::min(thread_count(threads), count);
   if (workers <= 1) {
     for (std::size_t i = 0; i < count; ++i) work(i);
     return;

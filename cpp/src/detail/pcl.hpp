@@ -1,10 +1,13 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// With opencv.hpp and stereo.cpp's includes the only place that names PCL's headers.
+// PCL's point types and manners; files that use one of its algorithms include that themselves.
 #pragma once
 
+#include <pcl/console/print.h>
 #include <pcl/point_cloud.h>
 #include <pcl/point_types.h>
+
+#include <mutex>
 
 #include "fusionslam/sensors.hpp"
 
@@ -17,5 +20,28 @@ inline pcl::PointCloud<pcl::PointXYZ>::Ptr pcl_cloud(PointsView points) {
     cloud->emplace_back(points[i][0], points[i][1], points[i][2]);
   return cloud;
 }
+
+/// Keeps PCL from printing while it lives: what goes wrong is said by exceptions here. PCL's level
+/// belongs to the process, so the first of several at once lowers it and the last restores it.
+class QuietPcl {
+ public:
+  QuietPcl() {
+    const std::lock_guard lock(mutex_);
+    if (alive_++ > 0) return;
+    level_ = pcl::console::getVerbosityLevel();
+    pcl::console::setVerbosityLevel(pcl::console::L_ALWAYS);
+  }
+  ~QuietPcl() {
+    const std::lock_guard lock(mutex_);
+    if (--alive_ == 0) pcl::console::setVerbosityLevel(level_);
+  }
+  QuietPcl(const QuietPcl&) = delete;
+  QuietPcl& operator=(const QuietPcl&) = delete;
+
+ private:
+  static inline std::mutex mutex_;
+  static inline int alive_ = 0;
+  static inline pcl::console::VERBOSITY_LEVEL level_ = pcl::console::L_INFO;
+};
 
 }  // namespace fusionslam::detail

@@ -74,7 +74,10 @@ ColoredCloud colorize(PointsView points, ImageView image, const Projection& proj
 std::vector<float> depth_image(PointsView points, int width, int height,
                                const Projection& projection) {
   detail::check_projection(projection);
-  if (width <= 0 || height <= 0) throw DataError("the image is empty");
+  constexpr int most = 1 << 15;
+  if (width <= 0 || height <= 0 || width > most || height > most)
+    throw DataError("an image of " + std::to_string(width) + "x" + std::to_string(height) +
+                    ", expected 1 to " + std::to_string(most) + " pixels a side");
   detail::check_points(points, 0, "depth_image");
   std::vector<float> depth(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
   for (std::size_t i = 0; i < points.size; ++i) {

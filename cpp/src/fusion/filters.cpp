@@ -33,7 +33,7 @@ std::uint64_t cube_key(const float* point, const std::array<double, 3>& origin, 
   std::uint64_t key = 0;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const double number = std::floor(point[axis] / size) - std::floor(origin[axis] / size);
-    if (number >= (1 << axis_bits))
+    if (!(number < (1 << axis_bits)))  // NaN where a tiny size overflows
       throw DataError("the cloud spans more than 2^21 voxels of " + std::to_string(size) + " m");
     key = key << axis_bits | static_cast<std::uint64_t>(number);
   }

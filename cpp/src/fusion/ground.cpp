@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <pcl/segmentation/sac_segmentation.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -35,12 +36,14 @@ pcl::ModelCoefficients fit(const pcl::PointCloud<pcl::PointXYZ>::Ptr& cloud, UpA
   segmentation.setModelType(pcl::SACMODEL_PERPENDICULAR_PLANE);
   segmentation.setMethodType(pcl::SAC_RANSAC);
   segmentation.setAxis(direction(up));
-  segmentation.setEpsAngle(config.max_tilt * std::numbers::pi / 180);
+  // PCL takes 0 for no limit at all, and its float angles are good to some 1e-4.
+  segmentation.setEpsAngle(std::max(config.max_tilt * std::numbers::pi / 180, 1e-3));
   segmentation.setDistanceThreshold(config.distance);
   segmentation.setMaxIterations(config.iterations);
   segmentation.setInputCloud(cloud);
   pcl::PointIndices inliers;
   pcl::ModelCoefficients coefficients;
+  const detail::QuietPcl quiet;
   segmentation.segment(inliers, coefficients);
   return coefficients;
 }

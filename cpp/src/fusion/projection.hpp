@@ -53,6 +53,10 @@ inline void check_image(ImageView image) {
   if (image.channels != 1 && image.channels != 3)
     throw ShapeError("the image has " + std::to_string(image.channels) +
                      " channels, expected 1 (grey) or 3 (RGB)");
+  const auto row = static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.channels);
+  if (image.row_stride < row)
+    throw ShapeError("row_stride is " + std::to_string(image.row_stride) +
+                     ", a row of the image has " + std::to_string(row) + " bytes");
 }
 
 }  // namespace fusionslam::detail

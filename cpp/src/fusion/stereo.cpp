@@ -177,6 +177,9 @@ ColoredCloud cloud_from_disparity(const std::vector<float>& disparity, ImageView
       const float here =
           disparity[static_cast<std::size_t>(row) * width + static_cast<std::size_t>(column)];
       if (here == 0) continue;
+      if (!std::isfinite(here))
+        throw DataError("the disparity of row " + std::to_string(row) + ", column " +
+                        std::to_string(column) + " is not finite");
       const auto point = triangulation.point(column, row, here);
       if (!(point[2] >= config.min_range && point[2] <= config.max_range)) continue;
       append(cloud, transformed(calibration.cloud_from_rectified, point), left_colors, row, column);

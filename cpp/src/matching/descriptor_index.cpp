@@ -54,7 +54,11 @@ std::span<const float> DescriptorIndex::descriptor(std::size_t i) const {
 
 bool DescriptorIndex::is_candidate(std::size_t i, std::optional<std::int64_t> stamp_ns) const {
   if (size() - i <= window_.frames) return false;
-  return window_.nanoseconds == 0 || *stamp_ns - stamps_ns_[i] > window_.nanoseconds;
+  if (window_.nanoseconds == 0) return true;
+  // Unsigned, because the difference of any two stamps need not fit a signed one.
+  const auto age =
+      static_cast<std::uint64_t>(*stamp_ns) - static_cast<std::uint64_t>(stamps_ns_[i]);
+  return *stamp_ns > stamps_ns_[i] && age > static_cast<std::uint64_t>(window_.nanoseconds);
 }
 
 }  // namespace fusionslam

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "nearest.hpp"
 
+#include <algorithm>
 #include <limits>
 #include <string>
 
@@ -26,7 +27,9 @@ void check_table(std::span<const float> descriptors, std::size_t dimension, std:
   if (dimension == 0 || descriptors.size() % dimension != 0)
     throw ShapeError(std::to_string(descriptors.size()) + " values are no rows of dimension " +
                      std::to_string(dimension));
-  if (k == 0) throw ConfigError("k is 0, expected at least 1");
+  constexpr std::size_t most = std::size_t{1} << 32;  // results beyond that are a mistake
+  if (k == 0 || k > most / std::max<std::size_t>(descriptors.size() / dimension, 1))
+    throw ConfigError("k is " + std::to_string(k) + ", expected at least 1 and results that fit");
   for (std::size_t row = 0; row < descriptors.size() / dimension; ++row)
     detail::check_finite(descriptors.subspan(row * dimension, dimension), row);
 }

@@ -51,7 +51,9 @@ class Descriptor:
     compute: Callable[[Cloud, DescriptorConfig], NDArray[np.float32]]
 
 
-def describe(cloud: Cloud, name: str, config: DescriptorConfig | None = None) -> NDArray[np.float32]:
+def describe(
+    cloud: Cloud, name: str, config: DescriptorConfig | None = None
+) -> NDArray[np.float32]:
     """The descriptor of that name, float32 (D,), of a cloud.
 
     Raises:

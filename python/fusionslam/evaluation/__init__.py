@@ -23,10 +23,12 @@ from fusionslam.evaluation.protocols import (
 from fusionslam.evaluation.published import CITATION, kitti_sequence, published_figures
 from fusionslam.evaluation.runs import DescriptorRun
 from fusionslam.evaluation.sweep import RANKS, evaluate_matches, precision_recall
+from fusionslam.evaluation.visits import DIRECTIONS, Visit, visits
 
 __all__ = [
     "CITATION",
     "COMMON_RULES",
+    "DIRECTIONS",
     "PROTOCOLS",
     "RANKS",
     "Costs",
@@ -37,6 +39,7 @@ __all__ = [
     "PrecisionRecall",
     "Protocol",
     "StageCost",
+    "Visit",
     "evaluate",
     "evaluate_matches",
     "find_matches",
@@ -45,4 +48,5 @@ __all__ = [
     "protocol_named",
     "published_figures",
     "summarise_costs",
+    "visits",
 ]

@@ -4,6 +4,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
 
 from fusionslam.evaluation.curve import PrecisionRecall
 from fusionslam.evaluation.matches import Matches, find_matches
@@ -11,6 +14,7 @@ from fusionslam.evaluation.protocols import DEFAULTS, PROTOCOLS, checked_config
 from fusionslam.evaluation.published import kitti_sequence, published_figures
 from fusionslam.evaluation.runs import DescriptorRun
 from fusionslam.evaluation.sweep import RANKS, evaluate_matches
+from fusionslam.evaluation.visits import DIRECTIONS, visits
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +35,21 @@ class Evaluation:
     published: dict[str, float] | None = None
     matches: Matches | None = None
     window: int = DEFAULTS.window
+
+    @cached_property
+    def top1_by_direction(self) -> dict[str, float]:
+        """Top-1 of the revisits in the same, the opposite and a crossing direction, if any."""
+        if self.run.poses is None or not self.curves:
+            return {}
+        curve = next(iter(self.curves.values()))
+        kinds = np.array(
+            [v.kind for v in visits(self.run.poses, radius=curve.radius, window=curve.window)]
+        )
+        return {
+            kind: float(curve.correct[kinds == kind].mean())
+            for kind in DIRECTIONS
+            if (kinds == kind).any()
+        }
 
 
 def evaluate(

@@ -5,7 +5,7 @@
 import json
 import os
 from collections.abc import Mapping, Sequence
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -96,7 +96,7 @@ def _about(dataset: str, command: str, config: Mapping[str, Any]) -> dict[str, A
     return {
         "dataset": dataset,
         "command": command,
-        "date": datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC"),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "versions": versions(),
         "machine": machine(),
         "config": dict(config),

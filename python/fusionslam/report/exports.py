@@ -26,6 +26,7 @@ def metrics_of(evaluation: Evaluation) -> dict[str, Any]:
         "descriptor": run.descriptor,
         "frames": len(run),
         "protocols": {name: curve.metrics() for name, curve in evaluation.curves.items()},
+        "top1_by_direction": evaluation.top1_by_direction,
         "published": evaluation.published and {**evaluation.published, "citation": CITATION},
         "costs": asdict(summarise_costs(run)),
         "config": run.config,

@@ -90,12 +90,19 @@ def _accuracy_columns(protocol: str) -> list[Column]:
     def ranked(e: Evaluation) -> float | None:
         return e.curves[protocol].recall_at_k.get(5) if protocol in e.curves else None
 
+    def towards(kind: str) -> Value:
+        return lambda e: e.top1_by_direction.get(kind)
+
     full = "largest recall at which every accepted match is correct"
     return [
         Column("R@100P", full, of("recall_at_full_precision"), "{:.3f}", max),
         Column("max F1", "largest 2PR / (P + R)", of("max_f1"), "{:.3f}", max),
         Column("AP", "average precision", of("average_precision"), "{:.3f}", max),
         Column("top-1", "revisits whose nearest is correct", of("top1"), "{:.3f}", max),
+        Column(
+            "same way", "top-1 of revisits in the same direction", towards("same"), "{:.3f}", max
+        ),
+        Column("opposite", "top-1 of revisits head-on", towards("opposite"), "{:.3f}", max),
         Column("recall@5", "revisits with a correct one among 5", ranked, "{:.3f}", max),
     ]
 

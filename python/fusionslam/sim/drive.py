@@ -88,14 +88,6 @@ class Drive:
     lap: NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class Visit:
-    """How a frame meets earlier ones: "new", "same", "opposite" or "crossing", and which one."""
-
-    kind: str
-    earlier: int | None = None
-
-
 def make_drive(config: DriveConfig, block_m: float, seed: int) -> Drive:
     """Drive the laps over streets ``block_m`` apart; ``seed`` decides drift and wobble."""
     rng = np.random.default_rng([seed, 0xD21])
@@ -109,24 +101,6 @@ def make_drive(config: DriveConfig, block_m: float, seed: int) -> Drive:
     poses = _poses(where, yaw, stops, config, rng)
     laps = lap[np.searchsorted(length, stops).clip(max=len(lap) - 1)]
     return Drive(poses, stops / config.speed_m_s, laps)
-
-
-def visits(poses: Array, *, radius_m: float = 10.0, gap: int = 50) -> list[Visit]:
-    """For each frame, the nearest one within a radius and more than ``gap`` frames earlier."""
-    return [_visit(poses, index, radius_m, gap) for index in range(len(poses))]
-
-
-def _visit(poses: Array, index: int, radius_m: float, gap: int) -> Visit:
-    earlier = poses[: max(index - gap, 0)]
-    if not len(earlier):
-        return Visit("new")
-    distance = np.linalg.norm(earlier[:, :3, 3] - poses[index, :3, 3], axis=1)
-    nearest = int(distance.argmin())
-    if distance[nearest] > radius_m:
-        return Visit("new")
-    cosine = float(earlier[nearest, :3, 0] @ poses[index, :3, 0])
-    kind = "same" if cosine > 0.7 else "opposite" if cosine < -0.7 else "crossing"
-    return Visit(kind, nearest)
 
 
 def _middle_line(config: DriveConfig, block_m: float) -> tuple[Array, NDArray[np.int64]]:

@@ -22,8 +22,9 @@ from pydantic import model_validator
 from fusionslam._files import atomic_path
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
+from fusionslam.evaluation.visits import visits
 from fusionslam.sim import robot
-from fusionslam.sim.drive import Array, Drive, DriveConfig, make_drive, visits
+from fusionslam.sim.drive import Array, Drive, DriveConfig, make_drive
 from fusionslam.sim.robot import CarConfig
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.town import TownConfig, make_town

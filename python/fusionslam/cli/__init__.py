@@ -1,0 +1,36 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command line. Importing it loads typer only: commands import what they need themselves."""
+
+import typer
+
+from fusionslam.cli import about, data, results
+from fusionslam.cli.guard import Guarded
+
+app = typer.Typer(
+    cls=Guarded,
+    help="Place recognition and loop closing for robots that carry a LiDAR and a camera.",
+    no_args_is_help=True,
+    add_completion=False,
+    # Errors that nobody foresaw show Python's own traceback.
+    pretty_exceptions_enable=False,
+)
+
+for command in (
+    results.demo,
+    data.info,
+    data.fuse,
+    data.describe,
+    data.loops,
+    results.evaluate,
+    results.bench,
+    results.report,
+    about.config,
+    about.doctor,
+):
+    app.command({"evaluate": "eval"}.get(command.__name__))(command)
+
+
+def main() -> None:
+    """Run the command line."""
+    app(prog_name="fusionslam")

@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Commands about the program itself: config, doctor."""
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.guard import DATA, missing_extras
+from fusionslam.cli.screen import print_table
+
+if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
+
+    from fusionslam.config import Section
+
+
+def config(
+    stage: Annotated[str | None, typer.Argument(metavar="[STAGE]", help="Only this one.")] = None,
+    yaml: Annotated[
+        bool, typer.Option("--yaml", help="As a file that --config reads again.")
+    ] = False,
+    settings: opt.Settings = None,
+    file: opt.ConfigFile = None,
+) -> None:
+    """Print every value of the configuration with its unit, range and help."""
+    from fusionslam.config import as_yaml, walk, with_file, with_settings
+
+    whole = opt.everything()
+    whole = with_settings(whole if file is None else with_file(whole, file), settings or [])
+    stages = _stages(whole, stage)
+    if yaml:
+        print(as_yaml(whole, stages), end="")
+        return
+    rows = [
+        [key, _value(value), _unit(definition), _range(definition), definition.description or ""]
+        for key, value, definition in walk(whole)
+        if key.partition(".")[0] in stages
+    ]
+    print_table(["key", "value", "unit", "range", "help"], rows, numbers=False)
+
+
+def doctor() -> None:
+    """Say what works here and what to install."""
+    from fusionslam.doctor import examine
+
+    findings = examine(missing_extras())
+    marks = {True: "ok", False: "missing"}
+    rows = [[marks[finding.fine], finding.what, finding.detail] for finding in findings]
+    print_table(["", "what", "detail"], rows, numbers=False)
+    if not all(finding.fine or finding.optional for finding in findings):
+        raise typer.Exit(DATA)
+
+
+def _stages(whole: "Section", stage: str | None) -> list[str]:
+    names = tuple(type(whole).model_fields)
+    if stage is None:
+        return list(names)
+    opt.one_of("stage", stage, names)
+    return [stage]
+
+
+def _value(value: Any) -> str:
+    if value is None:
+        return "none"
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _unit(definition: "FieldInfo") -> str:
+    extra = definition.json_schema_extra
+    return str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+
+
+def _range(definition: "FieldInfo") -> str:
+    """The choices or limits of a value, as its definition states them."""
+    kinds = (definition.annotation, *get_args(definition.annotation))
+    choices = next((get_args(kind) for kind in kinds if get_origin(kind) is Literal), ())
+    if choices:
+        return ", ".join(str(choice) for choice in choices)
+    if bool in kinds:
+        return "true, false"
+    signs = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
+    limits = [(sign, getattr(m, name, None)) for m in definition.metadata
+              for name, sign in signs.items()]
+    return ", ".join(f"{sign} {limit:g}" for sign, limit in limits if limit is not None)

@@ -1,0 +1,158 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that read recordings: info, fuse, describe, loops."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.guard import keep
+from fusionslam.cli.screen import print_table, progress
+
+
+def info(
+    data: opt.Data,
+    kind: opt.KindOption = None,
+    sequence: opt.Sequence = None,
+    gt: opt.Truth = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Say what is in DATA: frames, rates, sensors, calibration, poses, gaps, time offsets."""
+    from fusionslam.overview import overview
+
+    seen = overview(opt.recording_of(data, kind, sequence, skip_gaps=True, truth=gt).open())
+    print_table(["what", "value"], seen.rows, numbers=False)
+
+
+def fuse(
+    ctx: typer.Context,
+    data: opt.Data,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the clouds.")],
+    source: opt.Source = None,
+    format: Annotated[
+        str, typer.Option("--format", help="ply, pcd, or bin, which has no colours.")
+    ] = "ply",
+    kind: opt.KindOption = None,
+    sequence: opt.Sequence = None,
+    skip_gaps: opt.SkipGaps = False,
+    gt: opt.Truth = None,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    jobs: opt.Jobs = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Write DATA's coloured clouds, with their times and poses, as a folder to open again."""
+    from fusionslam.bench import for_source
+    from fusionslam.clouds import write_clouds
+
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt)
+    chosen = opt.pipeline_config(config, settings)
+    chosen = for_source(chosen, opt.source_of(source, chosen, recording))
+    keep(ctx, output)
+    with progress() as step:
+        write_clouds(
+            recording,
+            output,
+            chosen.fusion,
+            format=format,
+            jobs=opt.cores(jobs),
+            command=opt.command_line(),
+            progress=lambda done, total: step("fusing", done, total),
+        )
+    print(output)
+
+
+def describe(
+    ctx: typer.Context,
+    data: opt.Data,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the runs.")],
+    descriptors: opt.Names = "all",
+    source: opt.Source = None,
+    kind: opt.KindOption = None,
+    sequence: opt.Sequence = None,
+    skip_gaps: opt.SkipGaps = False,
+    gt: opt.Truth = None,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    jobs: opt.Jobs = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Describe every frame of DATA; an interrupted call goes on where it stopped."""
+    from fusionslam import bench
+    from fusionslam.pipeline import run_path
+
+    names = opt.names_of(descriptors)
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt)
+    chosen = opt.pipeline_config(config, settings)
+    chosen = bench.for_source(chosen, opt.source_of(source, chosen, recording))
+    dataset = recording.open(chosen.fusion.source)
+    if descriptors == "all":
+        names = bench.describable(dataset, names, chosen)
+    keep(ctx, output)
+    with progress() as step:
+        runs = bench.work_on(
+            recording,
+            dataset,
+            output,
+            names,
+            config=chosen,
+            jobs=opt.cores(jobs),
+            command=opt.command_line(),
+            step=step,
+            inside=".",
+        )
+    for run in runs:
+        print(f"{run_path(output, run.source, run.descriptor)}: {len(run)} frames")
+
+
+def loops(
+    ctx: typer.Context,
+    data: opt.Data,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for loops and runs.")],
+    descriptor: Annotated[
+        str, typer.Option("--descriptor", "-d", help="m2dp, cm2dp, shot or cshot.")
+    ] = "cm2dp",
+    threshold: Annotated[
+        float | None, typer.Option("--threshold", help="Largest distance that is a loop.")
+    ] = None,
+    source: opt.Source = None,
+    kind: opt.KindOption = None,
+    sequence: opt.Sequence = None,
+    skip_gaps: opt.SkipGaps = False,
+    gt: opt.Truth = None,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    jobs: opt.Jobs = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Find the loops in DATA as a robot would, frame after frame; writes loops.csv."""
+    from fusionslam import bench
+    from fusionslam.config import merged
+    from fusionslam.descriptors import descriptor_named
+    from fusionslam.loop_report import find_loops
+
+    name = descriptor_named(descriptor).name
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt)
+    chosen = opt.pipeline_config(config, settings)
+    if threshold is not None:
+        chosen = merged(chosen, {"loop_closure": {"threshold": threshold}})
+    chosen = bench.for_source(chosen, opt.source_of(source, chosen, recording))
+    dataset = recording.open(chosen.fusion.source)
+    keep(ctx, output)
+    with progress() as step:
+        (run,) = bench.work_on(
+            recording,
+            dataset,
+            output,
+            [name],
+            config=chosen,
+            jobs=opt.cores(jobs),
+            command=opt.command_line(),
+            step=step,
+        )
+    found = find_loops(run, chosen.loop_closure)
+    found.save(output / "loops.csv")
+    print(found)
+    print(output / "loops.csv")

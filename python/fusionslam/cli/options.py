@@ -1,0 +1,166 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Options that several commands share, and what is made of them."""
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from fusionslam.config import Section
+    from fusionslam.pipeline import PipelineConfig
+    from fusionslam.workspace import Recording
+
+
+def _start_logging(verbose: bool) -> bool:
+    """Messages of the library, from warnings on, go to stderr."""
+    import logging
+
+    from rich.logging import RichHandler
+
+    from fusionslam.cli.screen import stderr
+
+    handler = RichHandler(console=stderr(), show_path=False, show_time=False)
+    level = logging.INFO if verbose else logging.WARNING
+    logging.basicConfig(level=level, format="%(message)s", handlers=[handler], force=True)
+    return verbose
+
+
+Data = Annotated[
+    Path, typer.Argument(metavar="DATA", help="Folder of a recording; its kind is recognised.")
+]
+Results = Annotated[Path, typer.Argument(metavar="OUT", help="Folder with stored runs.")]
+KindOption = Annotated[
+    str | None,
+    typer.Option("--kind", help="kitti-odometry, kitti-raw, kitti-object or folder."),
+]
+Sequence = Annotated[
+    str | None, typer.Option("--sequence", help="Which one, where DATA holds several.")
+]
+SkipGaps = Annotated[
+    bool, typer.Option("--skip-gaps", help="Leave out frames of which a file is missing.")
+]
+Truth = Annotated[
+    Path | None,
+    typer.Option("--gt", metavar="FILE", help="True poses (KITTI or TUM), not those of the data."),
+]
+Source = Annotated[
+    str | None,
+    typer.Option("--source", help="lidar, stereo or cloud; else the first that the data allow."),
+]
+Names = Annotated[
+    str, typer.Option("--descriptors", "-d", help="m2dp, cm2dp, shot, cshot, with commas; or all.")
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="STAGE.KEY=VALUE", help="Change a value; may be repeated."),
+]
+ConfigFile = Annotated[
+    Path | None, typer.Option("--config", metavar="FILE", help="YAML, as config --yaml prints.")
+]
+Jobs = Annotated[
+    int | None, typer.Option("--jobs", "-j", min=1, help="Frames at a time; else one a core.")
+]
+Protocol = Annotated[
+    str | None, typer.Option("--protocol", help="What recall is a share of: revisit, perdomo2019.")
+]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", callback=_start_logging, help="Say more, on stderr.")
+]
+
+
+def cores(jobs: int | None) -> int:
+    """The number of jobs asked for, else one for each core that this process may use."""
+    if jobs is not None:
+        return jobs
+    # macOS has no affinity.
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def recording_of(
+    data: Path,
+    kind: str | None = None,
+    sequence: str | None = None,
+    skip_gaps: bool = False,
+    truth: Path | None = None,
+) -> "Recording":
+    """The recording that the options name."""
+    from fusionslam.workspace import Recording
+
+    gaps = "skip" if skip_gaps else "error"
+    return Recording.at(data, kind=kind, sequence=sequence, gaps=gaps, poses=truth)
+
+
+def everything() -> "Section":
+    """Every default of every stage and of the simulator."""
+    from fusionslam.config import Section, option
+    from fusionslam.pipeline import PipelineConfig
+    from fusionslam.sim import SimConfig
+
+    class SystemConfig(PipelineConfig):
+        """All there is to configure."""
+
+        sim: SimConfig = option(SimConfig(), "the simulated drive of the demo")
+
+    whole: Section = SystemConfig()
+    return whole
+
+
+def pipeline_config(
+    file: Path | None, settings: list[str] | None, **first: Any
+) -> "PipelineConfig":
+    """The defaults, changed by ``first``, then by the file, then by the settings.
+
+    The file may have a section ``sim``, which only the demo reads.
+    """
+    from fusionslam.config import merged, with_file, with_settings
+    from fusionslam.pipeline import PipelineConfig
+
+    config = merged(PipelineConfig(), first)
+    if file is not None:
+        whole = with_file(merged(everything(), first), file)
+        stages = {name: getattr(whole, name) for name in PipelineConfig.model_fields}
+        config = PipelineConfig(**stages)
+    return with_settings(config, settings or [])
+
+
+def source_of(chosen: str | None, config: "PipelineConfig", recording: "Recording") -> str:
+    """The source asked for by option, else by configuration, else the first that there is."""
+    from fusionslam.fusion import SOURCES, FusionConfig
+
+    if chosen is not None:
+        one_of("--source", chosen, SOURCES)
+        return chosen
+    if config.fusion.source != FusionConfig().source:
+        return config.fusion.source
+    return recording.sources()[0]
+
+
+def names_of(text: str) -> list[str]:
+    """The descriptors named, once each. Raises ConfigError for one that does not exist."""
+    from fusionslam.descriptors import DESCRIPTORS, descriptor_named
+
+    names = list(DESCRIPTORS) if text == "all" else [name.strip() for name in text.split(",")]
+    return list(dict.fromkeys(descriptor_named(name).name for name in names))
+
+
+def one_of(key: str, value: str, values: tuple[str, ...]) -> None:
+    """Raise ConfigError unless the value is one of these."""
+    from difflib import get_close_matches
+
+    from fusionslam.errors import ConfigError
+
+    if value not in values:
+        near = get_close_matches(value, values, n=1, cutoff=0.5)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise ConfigError(f"{key} is {value!r}, expected one of {', '.join(values)}{hint}")
+
+
+def command_line() -> str:
+    """What was typed, as it could be typed again."""
+    import shlex
+
+    return shlex.join(["fusionslam", *sys.argv[1:]])

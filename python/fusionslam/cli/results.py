@@ -1,0 +1,171 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that compare and judge: demo, bench, eval, report."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.guard import keep, needs_extra
+from fusionslam.cli.screen import Step, print_summary, progress
+
+if TYPE_CHECKING:
+    from fusionslam.pipeline import PipelineConfig
+    from fusionslam.workspace import Recording
+
+
+def demo(
+    ctx: typer.Context,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
+        "out/demo"
+    ),
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    jobs: opt.Jobs = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Drive through a simulated town and compare all descriptors; needs no data."""
+    from fusionslam.bench import DEMO
+    from fusionslam.workspace import Recording, forget_other
+
+    for extra in ("sim", "report"):
+        needs_extra(extra)
+    own, others = _split_settings(settings)
+    configs = {
+        source: opt.pipeline_config(config, others, **DEMO.get(source, {}))
+        for source in ("lidar", "stereo")
+    }
+    keep(ctx, output)
+    with progress() as step:
+        recording = Recording.at(_drive(output, config, own, opt.cores(jobs), step))
+        forget_other(output, recording)
+        _compare(recording, output, "all", configs, opt.cores(jobs), step)
+
+
+def bench(
+    ctx: typer.Context,
+    data: opt.Data,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
+        "out/bench"
+    ),
+    descriptors: opt.Names = "all",
+    source: Annotated[
+        str | None, typer.Option("--source", help="lidar, stereo or cloud; else all there are.")
+    ] = None,
+    kind: opt.KindOption = None,
+    sequence: opt.Sequence = None,
+    skip_gaps: opt.SkipGaps = False,
+    gt: opt.Truth = None,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    jobs: opt.Jobs = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Compare descriptors on DATA, for each source of clouds: accuracy, time, memory."""
+    needs_extra("report")
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt)
+    opt.names_of(descriptors)
+    chosen = opt.pipeline_config(config, settings)
+    sources = recording.sources() if source is None else (opt.source_of(source, chosen, recording),)
+    keep(ctx, output)
+    with progress() as step:
+        configs = dict.fromkeys(sources, chosen)
+        _compare(recording, output, descriptors, configs, opt.cores(jobs), step)
+
+
+def evaluate(
+    folder: opt.Results,
+    gt: opt.Truth = None,
+    protocol: opt.Protocol = None,
+    radius: Annotated[
+        float | None, typer.Option("--radius", help="Closer than this is one place, in metres.")
+    ] = None,
+    window: Annotated[
+        int | None, typer.Option("--window", help="This many frames before are no candidates.")
+    ] = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Judge the runs in OUT against true poses; writes metrics.json there."""
+    from fusionslam.bench import stored_evaluations, write_stored_metrics
+
+    given = {"protocol": protocol, "radius": radius, "window": window}
+    changes = {key: value for key, value in given.items() if value is not None}
+    evaluations, config = stored_evaluations(folder, changes, gt)
+    path = write_stored_metrics(folder, evaluations, command=opt.command_line())
+    print_summary(evaluations, config.protocol)
+    print(path)
+
+
+def report(
+    folder: opt.Results,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for the report; else OUT.")
+    ] = None,
+    protocol: opt.Protocol = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Write report.html for the runs in OUT, with pictures if their data is still there."""
+    from fusionslam.bench import write_stored_report
+
+    needs_extra("report")
+    with progress() as step:
+        step("writing the report", 0, 1)
+        page = write_stored_report(folder, output=output, protocol=protocol)
+        step("writing the report", 1, 1)
+    print(page)
+
+
+def _compare(
+    recording: "Recording",
+    output: Path,
+    descriptors: str,
+    configs: "dict[str, PipelineConfig]",
+    jobs: int,
+    step: Step,
+) -> None:
+    from fusionslam.bench import benchmark, write_stored_report
+
+    protocol = next(iter(configs.values())).evaluation.protocol
+    evaluations = benchmark(
+        recording,
+        output,
+        opt.names_of(descriptors),
+        configs=configs,
+        jobs=jobs,
+        command=opt.command_line(),
+        step=step,
+    )
+    step("writing the report", 0, 1)
+    page = write_stored_report(output, evaluations, protocol=protocol)
+    step("writing the report", 1, 1)
+    print_summary(evaluations, protocol)
+    print(page)
+
+
+def _split_settings(settings: list[str] | None) -> tuple[list[str], list[str]]:
+    """Those of the simulator, and the others."""
+    own = [setting for setting in settings or [] if setting.strip().startswith("sim.")]
+    return own, [setting for setting in settings or [] if setting not in own]
+
+
+def _drive(output: Path, file: Path | None, settings: list[str], jobs: int, step: Step) -> Path:
+    """The embedded drive, or another one beside the results if the simulator was configured."""
+    from fusionslam.config import with_file, with_settings
+    from fusionslam.errors import DataError
+    from fusionslam.sim import SimConfig, embedded_drive, record
+
+    def show(done: int, total: int) -> None:
+        step("driving through the town", done, total)
+
+    whole = opt.everything()
+    whole = with_settings(whole if file is None else with_file(whole, file), settings)
+    simulation: SimConfig = whole.sim  # type: ignore[attr-defined]
+    if simulation != SimConfig():
+        return record(simulation, output / "drive", jobs=jobs, progress=show)
+    try:
+        return embedded_drive(jobs=jobs, progress=show)
+    except DataError as error:
+        hint = "the environment variable FUSIONSLAM_CACHE can name another folder"
+        raise DataError(f"{error}; {hint}") from error

@@ -1,0 +1,103 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Coloured clouds of a whole recording as a plain folder, which ``open_dataset`` reads again."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fusionslam._files import atomic_path
+from fusionslam.datasets import write_cloud, write_poses_tum
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.fusion import FusionConfig, fuse
+from fusionslam.workspace import Recording, Work, claim
+
+if TYPE_CHECKING:
+    from fusionslam.datasets import Dataset
+
+FORMATS = ("ply", "pcd", "bin")
+
+
+def write_clouds(
+    recording: Recording,
+    folder: str | os.PathLike[str],
+    config: FusionConfig,
+    *,
+    format: str = "ply",
+    jobs: int = 1,
+    command: str = "",
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Write ``clouds/NNNNNN.<format>``, times.txt and, if the data has them, poses of the scans.
+
+    Files are numbered as the frames of the dataset. Clouds that are there already are kept: a
+    call that was interrupted goes on. Format bin drops the colours.
+
+    Args:
+        recording: the data.
+        folder: where to.
+        config: how frames become clouds.
+        format: one of ``FORMATS``.
+        jobs: frames worked on at a time.
+        command: what to store as the command that led here.
+        progress: called with (frames done, frames in all).
+
+    Raises:
+        DataError: a frame that cannot be read or fused, a folder that cannot be written or holds
+            other clouds. ConfigError: unknown format.
+    """
+    if format not in FORMATS:
+        raise ConfigError(f"format is {format!r}, expected one of {', '.join(FORMATS)}")
+    dataset, root = recording.open(config.source), Path(folder)
+    about = {"fusion": config.model_dump(mode="json"), "format": format}
+    numbers = {config.source: dataset.numbers.tolist()}
+    work = Work(recording, dataset.name, command, numbers=numbers, about=about)
+    claim(root, work)
+    _write_texts(root, dataset)
+    writer = _Writer(dataset, config, root / "clouds", format)
+    with ThreadPoolExecutor(max(jobs, 1)) as pool:
+        try:
+            for done, _ in enumerate(pool.map(writer.write, range(len(dataset))), start=1):
+                if progress is not None:
+                    progress(done, len(dataset))
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+    return root
+
+
+@dataclass(frozen=True)
+class _Writer:
+    """Writes single clouds; shared by all threads."""
+
+    dataset: "Dataset"
+    config: FusionConfig
+    folder: Path
+    suffix: str
+
+    def write(self, index: int) -> None:
+        path = self.folder / f"{index:06d}.{self.suffix}"
+        if path.exists():
+            return
+        try:
+            write_cloud(path, fuse(self.dataset[index], self.config))
+        except DataError as error:
+            number = self.dataset.numbers[index]
+            raise DataError(f"{self.dataset.name}, frame {number}: {error}") from error
+
+
+def _write_texts(root: Path, dataset: "Dataset") -> None:
+    with atomic_path(root / "times.txt") as temporary:
+        seconds = (Decimal(stamp).scaleb(-9) for stamp in dataset.stamps_ns.tolist())
+        temporary.write_text("".join(f"{second:f}\n" for second in seconds), encoding="ascii")
+    if dataset.poses is None:
+        return
+    # A plain folder's poses are those of its points.
+    body_from_points = np.eye(4) if dataset.body_from_points is None else dataset.body_from_points
+    write_poses_tum(root / "poses.txt", dataset.stamps_ns, dataset.poses @ body_from_points)

@@ -1,0 +1,105 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What works on this machine, and what to install."""
+
+import os
+import platform
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+_PACKAGES = ("numpy", "pydantic", "pillow", "pypcd4", "pyyaml", "rich", "trimesh", "typer")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at.
+
+    Attributes:
+        what: its name.
+        fine: whether it works.
+        detail: version or value; where it does not work, what to do.
+        optional: whether most things work without it.
+    """
+
+    what: str
+    fine: bool
+    detail: str
+    optional: bool = False
+
+
+def examine(missing_extras: Sequence[str] = ()) -> list[Finding]:
+    """Look at everything that commands need.
+
+    Args:
+        missing_extras: names of the extras that are not installed.
+    """
+    return [
+        Finding("python", True, f"{platform.python_version()} on {platform.platform()}"),
+        _core(),
+        *_packages(),
+        *_extras(missing_extras),
+        Finding("cores", True, str(_machine_cores())),
+        _cache(),
+    ]
+
+
+def _core() -> Finding:
+    try:
+        from fusionslam import _core
+    except ImportError as error:
+        return Finding("core", False, f"{error}: install again with pip install fusionslam")
+    return Finding("core", True, f"fusionslam {_core.__version__}, {_core.__file__}")
+
+
+def _packages() -> Iterator[Finding]:
+    for name in _PACKAGES:
+        try:
+            yield Finding(name, True, metadata.version(name))
+        except metadata.PackageNotFoundError:
+            yield Finding(name, False, f"pip install {name}")
+
+
+def _extras(missing: Sequence[str]) -> Iterator[Finding]:
+    for extra, use in (("sim", "demo"), ("report", "demo, bench and report")):
+        fine = extra not in missing
+        line = f"pip install 'fusionslam[{extra}]'"
+        yield Finding(f"extra {extra}", fine, f"for {use}" if fine else f"for {use}: {line}", True)
+
+
+def _machine_cores() -> int:
+    from fusionslam.report.machine import machine
+
+    return int(machine()["cores"])
+
+
+def _cache() -> Finding:
+    try:
+        from fusionslam.sim import cache_folder
+    except ImportError as error:
+        return Finding("cache", False, str(error), optional=True)
+    folder = cache_folder()
+    present = next(place for place in (folder, *folder.parents) if place.exists())
+    if not _works(lambda: tempfile.TemporaryFile(dir=present).close()):
+        hint = "the environment variable FUSIONSLAM_CACHE can name another folder"
+        return Finding("cache", False, f"{folder} cannot be written: {hint}", optional=True)
+    free = shutil.disk_usage(present).free / 2**30
+    return Finding("cache", True, f"{folder}, {free:.1f} GiB free")
+
+
+def _works(action: Callable[[], object]) -> bool:
+    try:
+        action()
+    except OSError:
+        return False
+    return True
+
+
+def default_cache() -> Path:
+    """Where recordings made here are kept."""
+    from platformdirs import user_cache_dir
+
+    return Path(os.environ.get("FUSIONSLAM_CACHE") or user_cache_dir("fusionslam"))

@@ -1,0 +1,81 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The loops of a whole recording, found as a robot would find them: frame after frame."""
+
+import csv
+import os
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam._files import atomic_path
+from fusionslam.evaluation import DescriptorRun
+from fusionslam.loop_closure import Loop, LoopConfig, LoopDetector
+
+COLUMNS = ("query", "match", "distance", "query_stamp_ns", "match_stamp_ns")
+
+
+@dataclass(frozen=True, eq=False)
+class LoopReport:
+    """Loops of a run at one threshold.
+
+    Attributes:
+        run: the descriptors that were compared.
+        config: threshold and window.
+        loops: those accepted; query and match are rows of the run.
+        without_candidates: number of queries that had nothing to be compared with.
+        best: smallest distance to a candidate; None if no query had one.
+        seconds: float64 (N,), what searching and remembering took for each frame.
+    """
+
+    run: DescriptorRun
+    config: LoopConfig
+    loops: list[Loop]
+    without_candidates: int
+    best: float | None
+    seconds: NDArray[np.float64]
+
+    def __str__(self) -> str:
+        rejected = len(self.run) - self.without_candidates - len(self.loops)
+        parts = [
+            f"{self.without_candidates} without candidates",
+            f"{rejected} above threshold {self.config.threshold:.4g}",
+        ]
+        if self.best is not None:
+            parts.append(f"best {self.best:.4g}")
+        found = f"{len(self.loops)} loops in {len(self.run)} queries"
+        return f"{found}: {', '.join(parts)}"
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a CSV, one line a loop; frames are the dataset's. Raises DataError."""
+        frames, stamps = self.run.frames, self.run.stamps_ns
+        with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            for loop in self.loops:
+                pair = [loop.query, loop.match]
+                writer.writerow([*frames[pair], f"{loop.distance:.9g}", *stamps[pair]])
+
+
+def find_loops(run: DescriptorRun, config: LoopConfig | None = None) -> LoopReport:
+    """Give the descriptors of a run to a loop detector, one after the other."""
+    detector = LoopDetector(run.descriptor, config=config)
+    loops, distances, seconds = [], [], []
+    for vector, stamp in zip(run.descriptors, run.stamps_ns.tolist(), strict=True):
+        start = time.perf_counter()
+        loop = detector.add_descriptor(vector, stamp_ns=stamp)
+        seconds.append(time.perf_counter() - start)
+        if detector.nearest is not None:
+            distances.append(detector.nearest.distance)
+        if loop is not None:
+            loops.append(loop)
+    return LoopReport(
+        run=run,
+        config=detector.config,
+        loops=loops,
+        without_candidates=len(run) - len(distances),
+        best=min(distances, default=None),
+        seconds=np.array(seconds),
+    )

@@ -1,0 +1,134 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is in a recording, as a value that prints."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets import read_timestamps
+from fusionslam.datasets.readers import image_size
+from fusionslam.sensors import Camera
+
+if TYPE_CHECKING:
+    from fusionslam.datasets import Dataset
+
+
+@dataclass(frozen=True)
+class Overview:
+    """What is in a recording.
+
+    Attributes:
+        rows: (what, value) in the order in which people want to know.
+        gaps: numbers of the frames that lack a file.
+    """
+
+    rows: list[tuple[str, str]]
+    gaps: list[int]
+
+    def __str__(self) -> str:
+        return "\n".join(f"{name:<16}{value}" for name, value in self.rows)
+
+
+def overview(dataset: "Dataset") -> Overview:
+    """Look at a recording; reads no scan and of the images only their size.
+
+    Raises:
+        DataError: a file that cannot be read.
+    """
+    return Overview(list(_rows(dataset)), [int(number) for number in dataset.gaps])
+
+
+def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:
+    yield "name", dataset.name
+    yield "kind", dataset.kind
+    yield "folder", str(dataset.root)
+    yield "frames", f"{len(dataset)}, numbers {dataset.numbers[0]} to {dataset.numbers[-1]}"
+    yield "time", _time(dataset.stamps_ns)
+    for sensor, count in dataset.counts.items():
+        yield f"sensor {sensor}", f"{count} files{_size(dataset, sensor)}"
+    for name, camera in dataset.cameras.items():
+        yield f"camera {name}", _calibration(camera)
+    if not dataset.cameras:
+        yield "cameras", "no calibration"
+    yield from _stereo(dataset)
+    yield "poses", _path(dataset)
+    yield "gaps", _gaps(dataset)
+    yield "time offsets", _offsets(dataset)
+
+
+def _time(stamps_ns: NDArray[np.int64]) -> str:
+    if len(stamps_ns) < 2:
+        return "one instant"
+    steps = np.diff(stamps_ns) / 1e9
+    median = float(np.median(steps))
+    rate = f"{1 / median:.2f} Hz" if median > 0 else "no rate"
+    lasts = (stamps_ns[-1] - stamps_ns[0]) / 1e9
+    return f"{lasts:.1f} s, {rate} (steps {steps.min():.3f} to {steps.max():.3f} s)"
+
+
+def _size(dataset: "Dataset", sensor: str) -> str:
+    path = next(iter(dataset.streams[sensor].files.values()))
+    if sensor == "points":
+        return f" {path.suffix}"
+    width, height = image_size(path)
+    return f" {path.suffix}, {width}x{height}"
+
+
+def _calibration(camera: Camera) -> str:
+    focal = camera.projection[[0, 1], [0, 1]]
+    centre = camera.projection[:2, 2]
+    size = "" if camera.size is None else f", made for {camera.size[0]}x{camera.size[1]}"
+    return f"focal {focal[0]:.1f} {focal[1]:.1f} px, centre {centre[0]:.1f} {centre[1]:.1f} px{size}"
+
+
+def _stereo(dataset: "Dataset") -> Iterator[tuple[str, str]]:
+    if {"left", "right"} <= dataset.cameras.keys():
+        left, right = (dataset.cameras[name].projection for name in ("left", "right"))
+        baseline = (left[0, 3] - right[0, 3]) / left[0, 0]
+        yield "stereo", f"baseline {baseline:.3f} m"
+
+
+def _path(dataset: "Dataset") -> str:
+    if dataset.poses is None:
+        return "none"
+    steps = np.linalg.norm(np.diff(dataset.poses[:, :3, 3], axis=0), axis=1)
+    return f"{len(dataset.poses)} of {dataset.pose_frame}, path of {steps.sum():.0f} m"
+
+
+def _gaps(dataset: "Dataset") -> str:
+    if not dataset.gaps:
+        return "none"
+    some = ", ".join(str(number) for number in dataset.gaps[:8])
+    more = ", ..." if len(dataset.gaps) > 8 else ""
+    return f"{len(dataset.gaps)} frames lack a file: {some}{more} (other commands: --skip-gaps)"
+
+
+def _offsets(dataset: "Dataset") -> str:
+    """Median time of each sensor relative to the first, where each has times of its own."""
+    times = {sensor: _times(dataset, sensor) for sensor in dataset.sensors}
+    known = {sensor: stamps for sensor, stamps in times.items() if stamps is not None}
+    if len(known) < 2:
+        return "unknown: the sensors share one time a frame"
+    first, *others = known
+    rows = dataset.numbers[dataset.numbers < min(len(stamps) for stamps in known.values())]
+    parts = []
+    for sensor in others:
+        offsets = (known[sensor][rows] - known[first][rows]) / 1e6
+        parts.append(
+            f"{sensor} {np.median(offsets):+.1f} ms ({offsets.min():+.1f} to {offsets.max():+.1f})"
+        )
+    return f"against {first}: {', '.join(parts)}"
+
+
+def _times(dataset: "Dataset", sensor: str) -> NDArray[np.int64] | None:
+    """KITTI raw keeps times for each sensor, beside the folder of its files."""
+    path: Path = next(iter(dataset.streams[sensor].files.values())).parent.parent
+    stamps = path / "timestamps.txt"
+    if dataset.kind != "kitti-raw" or not stamps.exists():
+        return None
+    return read_timestamps(stamps)
