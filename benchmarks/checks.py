@@ -7,11 +7,11 @@ python benchmarks/checks.py --write    # and put the table into docs/checks.md
 """
 
 import argparse
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from kitti_pairs import PAGE, data_folder
 from markdown import table, write_between
 from scipy.ndimage import minimum_filter
 
@@ -19,8 +19,6 @@ import fusionslam
 from fusionslam.datasets import open_dataset, read_poses_kitti
 from fusionslam.evaluation import precision_recall
 
-ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "checks.md"
 Row = tuple[str, str, str]
 
 
@@ -166,11 +164,8 @@ def invariance_rows(data: Path) -> Iterator[Row]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true")
-    data = Path(os.environ.get("FUSIONSLAM_TEST_DATA", ROOT.parent / "shared" / "data"))
-    if not data.is_dir():
-        parser.exit(1, "FUSIONSLAM_TEST_DATA names no folder with the reference data\n")
     arguments = parser.parse_args()
-    text = table(["check", "bound", "came out"], list(checks(data)))
+    text = table(["check", "bound", "came out"], list(checks(data_folder())))
     print(text)
     if arguments.write:
         write_between(PAGE, "checks", text)

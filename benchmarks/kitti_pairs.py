@@ -2,24 +2,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """How near is the same place, how far are others? A Markdown table from real KITTI scans.
 
-    python benchmarks/kitti_pairs.py [DATA]
+    python benchmarks/kitti_pairs.py [--write]
 
-DATA is the folder of test data (default: $FUSIONSLAM_TEST_DATA, else ../shared/data). Frames 94
+Needs the test data, which FUSIONSLAM_TEST_DATA names. Frames 94
 and 95, and 198 and 199, of sequence 00 are neighbours; 720 and 1500 of sequence 08 see one place
 in opposite directions, 3.6 m apart. These scans have no camera images: c-M2DP and CSHOT get the
 reflectance as a grey colour.
 """
 
+import argparse
 import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from markdown import table, write_between
 from numpy.typing import NDArray
 
 import fusionslam
 
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "checks.md"
 Vector = NDArray[np.float32]
 Describe = Callable[[fusionslam.Cloud], Vector]
 
@@ -33,23 +37,32 @@ PAIRS = ("00 at 94", "00 at 198", "08 at 720")
 
 
 def main() -> None:
-    folder = data_folder() / "kitti" / "sequences"
-    scans = {name: read(folder, name) for place in PLACES.values() for name in place}
-    print("| descriptor | " + " | ".join(heading(place) for place in PAIRS) + " |")
-    print("|---" * (len(PAIRS) + 1) + "|")
-    for name, describe in descriptors(next(iter(scans.values()))).items():
-        vectors = {scan: describe(cloud) for scan, cloud in scans.items()}
-        print(f"| {name} | " + " | ".join(cell(vectors, place) for place in PAIRS) + " |")
-    print("\nEach cell: distance of the pair; median and least distance to scans of other places.")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="put the table into docs/checks.md")
+    arguments = parser.parse_args()
+    text = pairs_table(data_folder())
+    print(text)
+    if arguments.write:
+        write_between(PAGE, "pairs", text)
 
 
 def data_folder() -> Path:
-    default = Path(__file__).resolve().parents[2] / "shared" / "data"
-    given = sys.argv[1] if len(sys.argv) > 1 else os.environ.get("FUSIONSLAM_TEST_DATA", default)
-    folder = Path(given)
+    folder = Path(os.environ.get("FUSIONSLAM_TEST_DATA", ROOT.parent / "shared" / "data"))
     if not (folder / "kitti").is_dir():
-        sys.exit(f"{folder} holds no kitti/: name the folder of test data")
+        sys.exit(f"{folder} holds no kitti/: FUSIONSLAM_TEST_DATA must name the test data")
     return folder
+
+
+def pairs_table(data: Path) -> str:
+    """Distances of the pairs for every descriptor and preset."""
+    folder = data / "kitti" / "sequences"
+    scans = {name: read(folder, name) for place in PLACES.values() for name in place}
+    rows = []
+    for name, describe in descriptors(next(iter(scans.values()))).items():
+        vectors = {scan: describe(cloud) for scan, cloud in scans.items()}
+        rows.append([name, *(cell(vectors, place) for place in PAIRS)])
+    text = table(["descriptor", *map(heading, PAIRS)], rows)
+    return f"{text}\n\nEach cell: distance of the pair; median and least distance to other places."
 
 
 def read(folder: Path, name: str) -> fusionslam.Cloud:
