@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Descriptors side by side on one recording: accuracy and cost.
 
-    recording = Recording.at("kitti/dataset", sequence="06")
-    for evaluation in benchmark(recording, "out", ["m2dp", "cm2dp"]):
-        print(evaluation.run.source, evaluation.run.descriptor, evaluation.curves["revisit"])
-    write_stored_report("out")
+recording = Recording.at("kitti/dataset", sequence="06")
+for evaluation in benchmark(recording, "out", ["m2dp", "cm2dp"]):
+    print(evaluation.run.source, evaluation.run.descriptor, evaluation.curves["revisit"])
+write_stored_report("out")
 """
 
 import logging
@@ -49,7 +49,7 @@ Step = Callable[[str, int, int], None]
 DEMO: Mapping[str, Mapping[str, Any]] = {"stereo": {"fusion": {"voxel": 0.2}}}
 """What the demo changes, by source: dense stereo clouds are thinned, or it would take long."""
 
-# Neither changes a descriptor that does not compute normals, nor what any of them comes to.
+# The result is the same for any number of threads.
 _IRRELEVANT = {"threads"}
 
 
@@ -242,6 +242,20 @@ def _with_truth(run: DescriptorRun, path: Path, work: Work | None) -> Descriptor
     if work is not None and run.source in work.numbers:
         numbers = np.array(work.numbers[run.source], np.int64)[run.frames]
     return replace(run, poses=match_poses(path, numbers, run.stamps_ns))
+
+
+def write_stored_metrics(
+    folder: str | os.PathLike[str], evaluations: Sequence[Evaluation], *, command: str = ""
+) -> Path:
+    """Write ``folder/metrics.json``: every figure under every protocol. Raises DataError."""
+    from fusionslam.report.exports import write_metrics
+    from fusionslam.report.machine import machine, versions
+
+    dataset = evaluations[0].run.dataset
+    about = {"dataset": dataset, "command": command, "versions": versions(), "machine": machine()}
+    path = Path(folder) / "metrics.json"
+    write_metrics(path, evaluations, about)
+    return path
 
 
 def write_stored_report(

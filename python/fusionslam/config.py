@@ -8,7 +8,7 @@ core's own tables, so their values stand once too.
 """
 
 import difflib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar
 
@@ -147,6 +147,36 @@ def walk(section: Section, where: str = "") -> Iterator[tuple[str, Any, FieldInf
             yield from walk(value, f"{where}{name}.")
         else:
             yield f"{where}{name}", value, definition
+
+
+def as_yaml(section: Section, only: Collection[str] | None = None) -> str:
+    """The section as a YAML file that ``with_file`` reads, with units and help as comments.
+
+    Args:
+        section: with its values.
+        only: names of the fields to write; None for all.
+    """
+    return "".join(_yaml_lines(section.model_dump(mode="json"), section, only, ""))
+
+
+def _yaml_lines(
+    values: Mapping[str, Any], section: Section, only: Collection[str] | None, indent: str
+) -> Iterator[str]:
+    import yaml
+
+    for name, definition in type(section).model_fields.items():
+        if only is not None and name not in only:
+            continue
+        extra = definition.json_schema_extra
+        unit = extra.get("unit") if isinstance(extra, dict) else ""
+        yield f"{indent}# {definition.description}{f' [{unit}]' if unit else ''}\n"
+        inner = getattr(section, name)
+        if isinstance(inner, Section):
+            yield f"{indent}{name}:\n"
+            yield from _yaml_lines(values[name], inner, None, indent + "  ")
+        else:
+            text = yaml.safe_dump(values[name], default_flow_style=True, width=10**6)
+            yield f"{indent}{name}: {text.removesuffix('...' + chr(10)).strip()}\n"
 
 
 def _names(section: Section) -> str:

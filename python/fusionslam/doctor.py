@@ -77,11 +77,7 @@ def _machine_cores() -> int:
 
 
 def _cache() -> Finding:
-    try:
-        from fusionslam.sim import cache_folder
-    except ImportError as error:
-        return Finding("cache", False, str(error), optional=True)
-    folder = cache_folder()
+    folder = _cache_folder()
     present = next(place for place in (folder, *folder.parents) if place.exists())
     if not _works(lambda: tempfile.TemporaryFile(dir=present).close()):
         hint = "the environment variable FUSIONSLAM_CACHE can name another folder"
@@ -98,8 +94,8 @@ def _works(action: Callable[[], object]) -> bool:
     return True
 
 
-def default_cache() -> Path:
-    """Where recordings made here are kept."""
+def _cache_folder() -> Path:
+    """Where the embedded drive is kept."""
     from platformdirs import user_cache_dir
 
     return Path(os.environ.get("FUSIONSLAM_CACHE") or user_cache_dir("fusionslam"))

@@ -83,7 +83,9 @@ def _calibration(camera: Camera) -> str:
     focal = camera.projection[[0, 1], [0, 1]]
     centre = camera.projection[:2, 2]
     size = "" if camera.size is None else f", made for {camera.size[0]}x{camera.size[1]}"
-    return f"focal {focal[0]:.1f} {focal[1]:.1f} px, centre {centre[0]:.1f} {centre[1]:.1f} px{size}"
+    return (
+        f"focal {focal[0]:.1f} {focal[1]:.1f} px, centre {centre[0]:.1f} {centre[1]:.1f} px{size}"
+    )
 
 
 def _stereo(dataset: "Dataset") -> Iterator[tuple[str, str]]:

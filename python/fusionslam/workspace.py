@@ -167,6 +167,18 @@ def _shown(about: Mapping[str, Any]) -> str:
     return " made with other settings" if about else ""
 
 
+def forget_other(folder: str | os.PathLike[str], recording: Recording) -> None:
+    """Take stored work out of the way if it was done on another recording. Raises DataError."""
+    earlier = Work.load(folder)
+    if earlier is None or earlier.recording.path == recording.path:
+        return
+    try:
+        for path in [*runs_folder(folder).glob("*-*.npz"), Path(folder) / FILE]:
+            path.unlink()
+    except OSError as error:
+        raise DataError(f"cannot delete {error.filename}: {error.strerror}") from error
+
+
 def runs_folder(folder: str | os.PathLike[str]) -> Path:
     """Where the descriptor runs of a folder of results lie."""
     inner = Path(folder) / "descriptors"

@@ -10,6 +10,7 @@
 #include "../detail/checks.hpp"
 #include "../detail/pcl.hpp"
 #include "fusionslam/descriptors.hpp"
+#include "principal_axes.hpp"
 
 namespace fusionslam {
 namespace {
@@ -90,8 +91,9 @@ std::vector<float> describe(const Surface& surface, const char* name) {
 Surface surface_with_normals(PointsView points, ColorsView colors,
                              std::optional<double> normal_radius, int threads, const char* name) {
   detail::check_points(points, 5, name);
+  // Points on one line have normals by rounding only.
+  detail::principal_axes(points, AxisSigns::largest_entry);
   const double radius = normal_radius ? *normal_radius : 5 * cloud_resolution(points);
-  if (!normal_radius && !(radius > 0)) throw DataError("all points of the cloud are equal");
   const Normals normals = estimate_normals(points, radius, threads);
   if (normals.indices.size() < 5)
     throw DataError(std::string(name) + " needs at least 5 points with a normal, " +

@@ -81,6 +81,7 @@ def _range(definition: "FieldInfo") -> str:
     if bool in kinds:
         return "true, false"
     signs = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
-    limits = [(sign, getattr(m, name, None)) for m in definition.metadata
-              for name, sign in signs.items()]
+    limits = [
+        (sign, getattr(m, name, None)) for m in definition.metadata for name, sign in signs.items()
+    ]
     return ", ".join(f"{sign} {limit:g}" for sign, limit in limits if limit is not None)

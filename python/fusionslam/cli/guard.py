@@ -62,9 +62,7 @@ def missing_extras() -> list[str]:
 def _interrupted(kept: Path | None) -> str:
     if kept is None:
         return "interrupted: nothing was written"
-    return (
-        f"interrupted: what is finished is kept in {kept}; the same command goes on from there"
-    )
+    return f"interrupted: what is finished is kept in {kept}; the same command goes on from there"
 
 
 def _one_line(error: Exception) -> str:
