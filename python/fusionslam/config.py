@@ -109,20 +109,30 @@ def merged(section: S, changes: Mapping[str, Any], where: str = "") -> S:
 
 def with_settings(section: S, settings: list[str]) -> S:
     """The section changed by texts such as ``fusion.voxel=0.2`` (values are read as YAML)."""
+    # All at once: values that belong together may be wrong one by one.
+    changes: dict[str, Any] = {}
+    for setting in settings:
+        keys, value = _setting(setting)
+        place = changes
+        for key in keys[:-1]:
+            if not isinstance(place.get(key), dict):
+                place[key] = {}
+            place = place[key]
+        place[keys[-1]] = value
+    return merged(section, changes)
+
+
+def _setting(text: str) -> tuple[list[str], Any]:
+    """The parts of the key, and the value."""
     import yaml
 
-    for setting in settings:
-        key, equals, text = setting.partition("=")
-        if not equals:
-            raise ConfigError(f"--set {setting}: expected stage.key=value")
-        try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise ConfigError(f"--set {setting}: the value is no YAML: {error}") from error
-        for part in reversed(key.strip().split(".")):
-            value = {part: value}
-        section = merged(section, value)
-    return section
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise ConfigError(f"--set {text}: expected stage.key=value")
+    try:
+        return key.strip().split("."), yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"--set {text}: the value is no YAML: {error}") from error
 
 
 def with_file(section: S, path: str | Path) -> S:

@@ -102,7 +102,10 @@ def settled(dataset: "Dataset", names: Sequence[str], config: PipelineConfig) ->
     """The configuration with what depends on the first frame fixed."""
     if not any(descriptor_named(name).needs_normals for name in names):
         return config
-    described = for_sequence(config.descriptors, fuse(dataset[0], config.fusion))
+    try:
+        described = for_sequence(config.descriptors, fuse(dataset[0], config.fusion))
+    except DataError as error:
+        raise DataError(f"{dataset.name}, frame {dataset.numbers[0]}: {error}") from error
     return config.model_copy(update={"descriptors": described})
 
 

@@ -7,6 +7,7 @@ the descriptor runs, in ``descriptors/`` or beside it.
 """
 
 import json
+import logging
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -79,18 +80,36 @@ class Recording:
 
     def _everything(self) -> "tuple[Dataset | None, DataError | None]":
         try:
-            return self._open(None, "skip"), None
+            return self.open(), None
         except DataError as error:
             return None, error
 
     def _allows(self, source: str) -> bool:
         """Whether there are frames for a source; frames missing in between are an error."""
         try:
+            self.open(source)
+        except DataError:
+            if self._has_gaps(source):
+                raise
+            return False
+        return True
+
+    def _has_gaps(self, source: str) -> bool:
+        """Whether the data could be opened if frames were left out."""
+        # The reader would say that frames are left out, which is not what happens next.
+        reader = logging.getLogger("fusionslam.datasets.streams")
+        reader.addFilter(_nothing)
+        try:
             self._open(SENSORS_OF[source], "skip")
         except DataError:
             return False
-        self.open(source)
+        finally:
+            reader.removeFilter(_nothing)
         return True
+
+
+def _nothing(record: logging.LogRecord) -> bool:
+    return False
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+    from logging import LogRecord
+
     from fusionslam.config import Section
     from fusionslam.pipeline import PipelineConfig
     from fusionslam.workspace import Recording
@@ -25,8 +28,22 @@ def _start_logging(verbose: bool) -> bool:
 
     handler = RichHandler(console=stderr(), show_path=False, show_time=False)
     level = logging.INFO if verbose else logging.WARNING
+    handler.addFilter(_said_once())
     logging.basicConfig(level=level, format="%(message)s", handlers=[handler], force=True)
     return verbose
+
+
+def _said_once() -> "Callable[[LogRecord], bool]":
+    """Lets each message pass once: data are opened anew for each source of clouds."""
+    said: set[str] = set()
+
+    def is_new(entry: "LogRecord") -> bool:
+        message = entry.getMessage()
+        new = message not in said
+        said.add(message)
+        return new
+
+    return is_new
 
 
 Data = Annotated[

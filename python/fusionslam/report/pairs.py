@@ -28,6 +28,7 @@ _MOST_POINTS = 40_000
 _COLUMN = 4.5
 """Inches."""
 _BACKGROUND = "#15181d"
+_GAMMA = 0.65  # brightens colours, which look darker as dots on a dark ground
 
 
 def forgiving(reader: Callable[..., T] | None) -> Callable[..., T | None]:
@@ -128,7 +129,7 @@ def _draw_cloud(axis: "Axes", scene: Cloud | None, view: _View) -> None:
     step = -(-len(scene) // _MOST_POINTS)
     points = scene.points[::step]
     (up,) = {0, 1, 2} - set(view.axes)
-    colors = points[:, up] if scene.colors is None else scene.colors[::step] / 255
+    colors = points[:, up] if scene.colors is None else (scene.colors[::step] / 255) ** _GAMMA
     across, along = view.axes
-    axis.scatter(points[:, across], points[:, along], s=1.2, linewidths=0, c=colors)
+    axis.scatter(points[:, across], points[:, along], s=3.0, linewidths=0, c=colors)
     axis.set_xlabel(f"{len(scene):,} points", fontsize=8, color="#666666")
