@@ -41,16 +41,22 @@ def progress() -> Iterator[Step]:
     if not console.is_terminal:
         yield lambda label, done, total: None
         return
-    from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import (
+        MofNCompleteColumn,
+        Progress,
+        TaskID,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     columns = (*Progress.get_default_columns()[:2], MofNCompleteColumn())
     bars = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console)
-    tasks: dict[str, object] = {}
+    tasks: dict[str, TaskID] = {}
 
     def show(label: str, done: int, total: int) -> None:
-        task = tasks.setdefault(label, None) or bars.add_task(label, total=total)
-        tasks[label] = task
-        bars.update(task, completed=done, total=total)  # type: ignore[arg-type]
+        if label not in tasks:
+            tasks[label] = bars.add_task(label, total=total)
+        bars.update(tasks[label], completed=done, total=total)
 
     with bars:
         yield show
