@@ -49,6 +49,13 @@ Step = Callable[[str, int, int], None]
 DEMO: Mapping[str, Mapping[str, Any]] = {"stereo": {"fusion": {"voxel": 0.2}}}
 """What the demo changes, by source: dense stereo clouds are thinned, or it would take long."""
 
+DEMO_DESCRIPTORS: Mapping[str, Sequence[str]] = {
+    "lidar": tuple(DESCRIPTORS),
+    "stereo": tuple(DESCRIPTORS),
+    "cloud": ("m2dp",),  # the full circle, which a camera cannot colour and SHOT takes long for
+}
+"""The demo's sources and what is computed of each."""
+
 # The result is the same for any number of threads.
 _IRRELEVANT = {"threads"}
 
@@ -56,7 +63,7 @@ _IRRELEVANT = {"threads"}
 def benchmark(
     recording: Recording,
     folder: str | os.PathLike[str],
-    names: Sequence[str] = tuple(DESCRIPTORS),
+    names: Sequence[str] | Mapping[str, Sequence[str]] = tuple(DESCRIPTORS),
     *,
     configs: Mapping[str, PipelineConfig] | None = None,
     jobs: int = 1,
@@ -71,7 +78,7 @@ def benchmark(
     Args:
         recording: the data.
         folder: where results go.
-        names: descriptors; those that need colours are left out where clouds have none.
+        names: descriptors, or descriptors by source; those that need colours are left out where clouds have none.
         configs: by source; None for the defaults with every source that the data allow.
         jobs: frames worked on at a time.
         command: what to store as the command that led here.
@@ -81,14 +88,15 @@ def benchmark(
         DataError: the data cannot be used, or the folder cannot be written or holds other work.
         ConfigError: an unknown descriptor.
     """
-    for name in names:
-        descriptor_named(name)
     configs = configs or {source: PipelineConfig() for source in recording.sources()}
+    wanted = names if isinstance(names, Mapping) else dict.fromkeys(configs, names)
+    for name in (name for source in configs for name in wanted[source]):
+        descriptor_named(name)
     evaluations = []
     for source, config in configs.items():
         own = for_source(config, source)
         dataset = recording.open(source)
-        usable = describable(dataset, names, own)
+        usable = describable(dataset, wanted[source], own)
         runs = work_on(
             recording, dataset, folder, usable, config=own, jobs=jobs, command=command, step=step
         )

@@ -12,6 +12,8 @@ from fusionslam.cli.guard import keep, needs_extra
 from fusionslam.cli.screen import Step, print_summary, progress
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from fusionslam.pipeline import PipelineConfig
     from fusionslam.workspace import Recording
 
@@ -27,7 +29,7 @@ def demo(
     verbose: opt.Verbose = False,
 ) -> None:
     """Drive through a simulated town and compare all descriptors; needs no data."""
-    from fusionslam.bench import DEMO
+    from fusionslam.bench import DEMO, DEMO_DESCRIPTORS
     from fusionslam.workspace import Recording, forget_other
 
     for extra in ("sim", "report"):
@@ -35,13 +37,13 @@ def demo(
     own, others = _split_settings(settings)
     configs = {
         source: opt.pipeline_config(config, others, **DEMO.get(source, {}))
-        for source in ("lidar", "stereo")
+        for source in DEMO_DESCRIPTORS
     }
     keep(ctx, output)
     with progress() as step:
         recording = Recording.at(_drive(output, config, own, opt.cores(jobs), step))
         forget_other(output, recording)
-        _compare(recording, output, "all", configs, opt.cores(jobs), step)
+        _compare(recording, output, DEMO_DESCRIPTORS, configs, opt.cores(jobs), step)
 
 
 def bench(
@@ -66,13 +68,13 @@ def bench(
     """Compare descriptors on DATA, for each source of clouds: accuracy, time, memory."""
     needs_extra("report")
     recording = opt.recording_of(data, kind, sequence, skip_gaps, gt)
-    opt.names_of(descriptors)
+    names = opt.names_of(descriptors)
     chosen = opt.pipeline_config(config, settings)
     sources = recording.sources() if source is None else (opt.source_of(source, chosen, recording),)
     keep(ctx, output)
     with progress() as step:
         configs = dict.fromkeys(sources, chosen)
-        _compare(recording, output, descriptors, configs, opt.cores(jobs), step)
+        _compare(recording, output, names, configs, opt.cores(jobs), step)
 
 
 def evaluate(
@@ -120,7 +122,7 @@ def report(
 def _compare(
     recording: "Recording",
     output: Path,
-    descriptors: str,
+    descriptors: "Sequence[str] | Mapping[str, Sequence[str]]",
     configs: "dict[str, PipelineConfig]",
     jobs: int,
     step: Step,
@@ -131,7 +133,7 @@ def _compare(
     evaluations = benchmark(
         recording,
         output,
-        opt.names_of(descriptors),
+        descriptors,
         configs=configs,
         jobs=jobs,
         command=opt.command_line(),

@@ -14,7 +14,7 @@ from fusionslam.report.plots import draw_curves, draw_distances, draw_trajectory
 from fusionslam.report.tables import Table, time_table
 from fusionslam.sensors import Cloud
 
-SOURCE_NAMES = {"lidar": "LiDAR-camera fusion", "stereo": "Stereo", "cloud": "Coloured clouds"}
+SOURCE_NAMES = {"lidar": "LiDAR-camera fusion", "stereo": "Stereo", "cloud": "Clouds as they are"}
 _PAIR_TEXTS = {
     "best": "Closest correct match",
     "worst": "Closest false match",
