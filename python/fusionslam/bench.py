@@ -78,7 +78,8 @@ def benchmark(
     Args:
         recording: the data.
         folder: where results go.
-        names: descriptors, or descriptors by source; those that need colours are left out where clouds have none.
+        names: descriptors, or descriptors by source; those that need colours are left out where
+            clouds have none.
         configs: by source; None for the defaults with every source that the data allow.
         jobs: frames worked on at a time.
         command: what to store as the command that led here.
