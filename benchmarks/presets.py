@@ -4,7 +4,7 @@
 
 python benchmarks/presets.py            # the embedded drive
 python benchmarks/presets.py DRIVE ...  # other recordings of the simulator
-python benchmarks/presets.py --write    # and put the table into docs/descriptors.md
+python benchmarks/presets.py --write    # and put it into docs/descriptors.md and README.md
 """
 
 import argparse
@@ -20,7 +20,9 @@ from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import DIRECTIONS, Evaluation, evaluate, visits
 from fusionslam.sim import embedded_drive
 
-PAGE = Path(__file__).parents[1] / "docs" / "descriptors.md"
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "descriptors.md"
+README = ROOT / "README.md"
 PRESETS = ("author", "paper", "robust")
 SOURCES = {"lidar": ["m2dp", "cm2dp"], "stereo": ["m2dp", "cm2dp"], "cloud": ["m2dp"]}
 WORDS = {"lidar": "LiDAR-camera", "stereo": "stereo", "cloud": "LiDAR, full circle"}
@@ -50,21 +52,26 @@ def row(evaluation: Evaluation, preset: str) -> list[str]:
     return [*names, *(f"{x:.3f}" for x in (*figures, curve.average_precision))]
 
 
-def compare(drive: Path) -> str:
-    """The table of one drive."""
+def compare(drive: Path) -> tuple[str, str]:
+    """The table of one drive, and a short one of top-1 and recall at 100 % precision."""
     poses = open_dataset(drive).poses
     assert poses is not None  # the simulator always writes them
     kinds = Counter(visit.kind for visit in visits(poses))
-    rows = []
+    rows, short = [], []
     for source in SOURCES:
         judged = {preset: evaluations(drive, source, preset) for preset in PRESETS}
         for position in range(len(SOURCES[source])):
-            rows += [row(judged[preset][position], preset) for preset in PRESETS]
+            columns = [row(judged[preset][position], preset) for preset in PRESETS]
+            rows += columns
+            short.append(
+                [", ".join(columns[0][:2]), *(f"{cells[3]} / {cells[6]}" for cells in columns)]
+            )
     header = ["cloud", "descriptor", "preset", "top-1", "same direction", "opposite"]
     text = table([*header, "recall at 100 % precision", "max F1", "AP"], rows)
     counts = ", ".join(f"{kinds[kind]} {kind}" for kind in DIRECTIONS)
     rules = "protocol revisit, 10 m, 50 frames"
-    return f"{len(poses)} frames, revisits by direction: {counts}; {rules}.\n\n{text}"
+    words = f"{len(poses)} frames, revisits by direction: {counts}; {rules}."
+    return f"{words}\n\n{text}", table(["clouds, descriptor", *PRESETS], short)
 
 
 def main() -> None:
@@ -73,9 +80,10 @@ def main() -> None:
     parser.add_argument("--write", action="store_true")
     arguments = parser.parse_args()
     for drive in arguments.drives or [embedded_drive()]:
-        text = compare(drive)
+        text, short = compare(drive)
         print(f"{text}\n")
     if arguments.write:
+        write_between(README, "readme", short)
         write_between(PAGE, "presets", f"`python benchmarks/presets.py`: {text}")
 
 

@@ -317,16 +317,22 @@ def _cloud_reader(work: Work) -> Callable[[str, int], Cloud]:
     return read
 
 
-def _image_reader(work: Work) -> Callable[[int], NDArray[np.uint8]]:
-    """Left images; frames are numbered as in the first source whose frames have them."""
+def _image_reader(work: Work) -> Callable[[str, int], NDArray[np.uint8]]:
+    """Left images of frames, found by their number: sources may have gaps of their own."""
 
     @cache
-    def dataset() -> "Dataset":
-        for source in work.configs:
+    def dataset() -> "tuple[Dataset, dict[int, int]]":
+        for source in ("lidar", "stereo"):
             with suppress(FusionSlamError):
                 found = work.recording.open(source)
-                if "left" in found.sensors:
-                    return found
+                return found, {number: i for i, number in enumerate(found.numbers.tolist())}
         raise DataError(f"{work.recording.path} has no images")
 
-    return lambda frame: dataset()[frame].images["left"]
+    def read(source: str, frame: int) -> NDArray[np.uint8]:
+        found, places = dataset()
+        number = work.numbers[source][frame]
+        if number not in places:
+            raise DataError(f"frame {number} has no image")
+        return found[places[number]].images["left"]
+
+    return read

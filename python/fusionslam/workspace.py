@@ -24,7 +24,6 @@ FORMAT = "fusionslam.work.1"
 FILE = "run.json"
 SENSORS_OF = {"lidar": ("points", "left"), "stereo": ("left", "right"), "cloud": ("points",)}
 """What each source of clouds needs of a frame."""
-SIMULATED = "simulated drive"
 
 
 @dataclass(frozen=True)
@@ -73,10 +72,7 @@ class Recording:
         from fusionslam.datasets import open_dataset
 
         how = {"kind": self.kind, "sequence": self.sequence, "poses": self.poses}
-        dataset = open_dataset(self.path, sensors=sensors, gaps=gaps, **how)
-        # Its layout is KITTI's, but no figure published for KITTI belongs beside it.
-        simulated = (dataset.root.parent.parent / "sim.json").exists()
-        return replace(dataset, name=SIMULATED) if simulated else dataset
+        return open_dataset(self.path, sensors=sensors, gaps=gaps, **how)
 
     def _everything(self) -> "tuple[Dataset | None, DataError | None]":
         try:

@@ -99,7 +99,7 @@ def some_cloud(source: str, frame: int) -> Cloud:
     return Cloud(points, colors if source == "lidar" else None)
 
 
-def some_image(frame: int) -> NDArray[np.uint8]:
+def some_image(source: str, frame: int) -> NDArray[np.uint8]:
     return np.full((30, 100, 3), frame % 255, dtype=np.uint8)
 
 

@@ -3,13 +3,19 @@
 """Commands that read recordings: info, fuse, describe, loops."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.guard import keep
 from fusionslam.cli.screen import print_table, progress
+
+if TYPE_CHECKING:
+    from fusionslam.datasets import Dataset
+    from fusionslam.evaluation import DescriptorRun
+    from fusionslam.pipeline import PipelineConfig
+    from fusionslam.workspace import Recording
 
 
 def info(
@@ -91,19 +97,7 @@ def describe(
     if descriptors == "all":
         names = bench.describable(dataset, names, chosen)
     keep(ctx, output)
-    with progress() as step:
-        runs = bench.work_on(
-            recording,
-            dataset,
-            output,
-            names,
-            config=chosen,
-            jobs=opt.cores(jobs),
-            command=opt.command_line(),
-            step=step,
-            inside=".",
-        )
-    for run in runs:
+    for run in _described(recording, dataset, output, names, chosen, jobs, inside="."):
         print(f"{run_path(output, run.source, run.descriptor)}: {len(run)} frames")
 
 
@@ -128,7 +122,7 @@ def loops(
     verbose: opt.Verbose = False,
 ) -> None:
     """Find the loops in DATA as a robot would, frame after frame; writes loops.csv."""
-    from fusionslam import bench
+    from fusionslam.bench import for_source
     from fusionslam.config import merged
     from fusionslam.descriptors import descriptor_named
     from fusionslam.loop_report import find_loops
@@ -138,21 +132,36 @@ def loops(
     chosen = opt.pipeline_config(config, settings)
     if threshold is not None:
         chosen = merged(chosen, {"loop_closure": {"threshold": threshold}})
-    chosen = bench.for_source(chosen, opt.source_of(source, chosen, recording))
+    chosen = for_source(chosen, opt.source_of(source, chosen, recording))
     dataset = recording.open(chosen.fusion.source)
     keep(ctx, output)
-    with progress() as step:
-        (run,) = bench.work_on(
-            recording,
-            dataset,
-            output,
-            [name],
-            config=chosen,
-            jobs=opt.cores(jobs),
-            command=opt.command_line(),
-            step=step,
-        )
+    (run,) = _described(recording, dataset, output, [name], chosen, jobs)
     found = find_loops(run, chosen.loop_closure)
     found.save(output / "loops.csv")
     print(found)
     print(output / "loops.csv")
+
+
+def _described(
+    recording: "Recording",
+    dataset: "Dataset",
+    output: Path,
+    names: list[str],
+    config: "PipelineConfig",
+    jobs: int | None,
+    inside: str = "descriptors",
+) -> "list[DescriptorRun]":
+    from fusionslam.bench import work_on
+
+    with progress() as step:
+        return work_on(
+            recording,
+            dataset,
+            output,
+            names,
+            config=config,
+            jobs=opt.cores(jobs),
+            command=opt.command_line(),
+            step=step,
+            inside=inside,
+        )

@@ -43,7 +43,7 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
     poses = request.poses or _existing(root / "poses.txt", root / f"../../poses/{root.name}.txt")
     return Dataset(
         kind=KITTI_ODOMETRY.name,
-        name=f"KITTI odometry {root.name}",
+        name=_name(root),
         root=root,
         streams=chosen,
         numbers=numbers,
@@ -54,6 +54,12 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
         cameras=_cameras(calibration, cameras, chosen) if calibration else {},
         gaps=gaps,
     )
+
+
+def _name(root: Path) -> str:
+    # The simulator writes KITTI's layout, but no figure published for KITTI belongs beside it.
+    simulated = (root.parent.parent / "sim.json").exists()
+    return "simulated drive" if simulated else f"KITTI odometry {root.name}"
 
 
 def find_streams(

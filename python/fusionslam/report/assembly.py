@@ -43,7 +43,7 @@ def write_report(
         command: what was typed to get here.
         config: the configuration in force, as JSON can hold it.
         clouds: (source, frame of the dataset) -> the cloud that was described.
-        images: frame of the dataset -> uint8 (H, W, 3) RGB or (H, W).
+        images: (source, frame of the dataset) -> uint8 (H, W, 3) RGB or (H, W).
         protocol: by which loops are judged; the others appear in metrics.json.
         title: None makes one of the dataset's name.
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Image = NDArray[np.uint8]
 CloudReader = Callable[[str, int], Cloud]
-ImageReader = Callable[[int], Image]
+ImageReader = Callable[[str, int], Image]
 _MOST_POINTS = 40_000
 _COLUMN = 4.5
 """Inches."""
@@ -48,11 +48,11 @@ def draw_pair(
     run: DescriptorRun,
     pair: Pair,
     clouds: Callable[[str, int], Cloud | None],
-    images: Callable[[int], Image | None],
+    images: Callable[[str, int], Image | None],
 ) -> "Figure | None":
     """Query on the left, match on the right; None if neither images nor clouds exist."""
     frames = [int(run.frames[row]) for row in (pair.query, pair.match)]
-    pictures = [images(frame) for frame in frames]
+    pictures = [images(run.source, frame) for frame in frames]
     scenes = [clouds(run.source, frame) for frame in frames]
     view = _common_view(scenes)
     heights = _image_height(pictures) + ([view.height] if view else [])

@@ -35,7 +35,7 @@ class Context:
     folder: Path
     protocol: str
     clouds: Callable[[str, int], Cloud | None]
-    images: Callable[[int], Image | None]
+    images: Callable[[str, int], Image | None]
 
 
 @dataclass(frozen=True)
