@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from PIL import Image
 from typer.testing import CliRunner, Result
 
 import fusionslam
@@ -23,13 +22,9 @@ from fusionslam.datasets import write_cloud
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipeline import CHUNK
 from fusionslam.sensors import Cloud, Frame
+from tiny_kitti import write_sequence
 
 FRAMES = CHUNK + 4
-CALIB = (
-    "P0: 30 0 32 0 0 30 24 0 0 0 1 0\nP1: 30 0 32 -15 0 30 24 0 0 0 1 0\n"
-    "P2: 30 0 32 0 0 30 24 0 0 0 1 0\nP3: 30 0 32 -15 0 30 24 0 0 0 1 0\n"
-    "Tr: 0 -1 0 0 0 0 -1 0 1 0 0 0\n"
-)
 NO_WINDOW = ("--set", "evaluation.window=2", "--set", "loop_closure.window=2")
 TINY_TOWN = (
     "sim.town.blocks=[1,1]",
@@ -48,25 +43,9 @@ TINY_TOWN = (
 @pytest.fixture(scope="session")
 def kitti(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A drive along z and back to its start, in KITTI odometry's layout, colours and all."""
-    base = tmp_path_factory.mktemp("kitti")
-    root = base / "sequences" / "03"
-    for folder in ("velodyne", "image_2", "image_3"):
-        (root / folder).mkdir(parents=True)
     places = [min(n, FRAMES - n) for n in range(FRAMES)]
-    for number, place in enumerate(places):
-        rng = np.random.default_rng(place)
-        points = rng.uniform([2, -9, -1.7], [30, 6, 4], (500, 3)) * [1, 1 + place / 9, 1]
-        scan = np.c_[points, rng.uniform(size=500)].astype(np.float32)
-        scan.tofile(root / f"velodyne/{number:06d}.bin")
-        wide = rng.integers(0, 256, (48, 144, 3), dtype=np.uint8)
-        Image.fromarray(wide[:, :128]).save(root / f"image_2/{number:06d}.png")
-        Image.fromarray(wide[:, 6:134]).save(root / f"image_3/{number:06d}.png")
-    (root / "calib.txt").write_text(CALIB)
-    (root / "times.txt").write_text("".join(f"{0.1 * n:e}\n" for n in range(FRAMES)))
-    (base / "poses").mkdir()
-    lines = [f"1 0 0 0 0 1 0 0 0 0 1 {20 * place}\n" for place in places]
-    (base / "poses" / "03.txt").write_text("".join(lines))
-    return root
+    base = tmp_path_factory.mktemp("kitti")
+    return write_sequence(base, places, [500] * FRAMES, metres=20, width=128)
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import fusionslam
 from fusionslam import ConfigError, DataError, PipelineConfig, describe_dataset, open_dataset
@@ -15,15 +14,11 @@ from fusionslam.config import with_settings
 from fusionslam.datasets import Dataset
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipeline import CHUNK, load_runs, run_path
+from tiny_kitti import write_sequence
 
 FRAMES = CHUNK + 4
 LARGEST = FRAMES - 1
 NAMES = ("m2dp", "cm2dp", "cshot")
-CALIB = (
-    "P0: 30 0 32 0 0 30 24 0 0 0 1 0\nP1: 30 0 32 -15 0 30 24 0 0 0 1 0\n"
-    "P2: 30 0 32 0 0 30 24 0 0 0 1 0\nP3: 30 0 32 -15 0 30 24 0 0 0 1 0\n"
-    "Tr: 0 -1 0 0 0 0 -1 0 1 0 0 0\n"
-)
 
 
 def scan_path(root: Path, number: int) -> Path:
@@ -33,24 +28,8 @@ def scan_path(root: Path, number: int) -> Path:
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     """A sequence of coloured stereo pairs and scans in KITTI odometry's layout."""
-    root = tmp_path / "sequences" / "03"
-    for folder in ("velodyne", "image_2", "image_3"):
-        (root / folder).mkdir(parents=True)
-    for number in range(FRAMES):
-        rng = np.random.default_rng(number)
-        count = 900 if number == LARGEST else 600
-        points = rng.uniform([2, -9, -1.7], [30, 6, 4], (count, 3)) * [1, 1 + number / 9, 1]
-        scan = np.c_[points, rng.uniform(size=count)].astype(np.float32)
-        scan.tofile(scan_path(root, number))
-        wide = rng.integers(0, 256, (48, 80, 3), dtype=np.uint8)
-        Image.fromarray(wide[:, :64]).save(root / f"image_2/{number:06d}.png")
-        Image.fromarray(wide[:, 6:70]).save(root / f"image_3/{number:06d}.png")
-    (root / "calib.txt").write_text(CALIB)
-    (root / "times.txt").write_text("".join(f"{0.1 * n:e}\n" for n in range(FRAMES)))
-    (tmp_path / "poses").mkdir()
-    lines = "".join(f"1 0 0 0 0 1 0 0 0 0 1 {n}\n" for n in range(FRAMES))
-    (tmp_path / "poses" / "03.txt").write_text(lines)
-    return root
+    counts = [900 if number == LARGEST else 600 for number in range(FRAMES)]
+    return write_sequence(tmp_path, range(FRAMES), counts, metres=1, width=64)
 
 
 def assert_same_vectors(a: list[DescriptorRun], b: list[DescriptorRun]) -> None:

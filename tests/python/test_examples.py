@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The Python examples, run as their users run them."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from tiny_kitti import write_sequence
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "python"
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """60 places, the first two of them seen again after 58 others."""
+    places = [*range(60), 0, 1]
+    base = tmp_path_factory.mktemp("drive")
+    return write_sequence(base, places, [500] * 62, metres=20, width=128)
+
+
+def run(name: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(EXAMPLES / name), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_loops_prints_the_places_that_the_drive_comes_back_to(drive: Path) -> None:
+    done = run("loops.py", drive, "--threshold", 1e-6)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [
+        "frame 60 is at the place of frame 0 (0.000)",
+        "frame 61 is at the place of frame 1 (0.000)",
+        "KITTI odometry 03: 62 frames, 2 loops",
+    ]
+
+
+def test_loops_names_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    done = run("loops.py", tmp_path / "nothing")
+    assert done.returncode == 1 and "nothing does not exist" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_overlay_draws_a_picture_of_the_images_size(drive: Path, tmp_path: Path) -> None:
+    done = run("overlay.py", drive, 3, tmp_path / "overlay.png")
+    assert done.returncode == 0, done.stderr
+    assert Image.open(tmp_path / "overlay.png").size == (128, 48)
