@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cmath>
 #include <filesystem>
+#include <mutex>
+#include <shared_mutex>
 
 #include "common.hpp"
 
@@ -9,6 +11,32 @@ namespace fusionslam::bindings {
 namespace {
 
 using MatchTuple = py::typing::Tuple<py::array_t<std::int64_t>, py::array_t<float>>;
+
+/// An index that Python threads may share: queries run without the GIL, so it cannot guard them.
+class SharedIndex {
+ public:
+  explicit SharedIndex(DescriptorIndex index) : index_(std::move(index)) {}
+
+  /// Calls work(index) without the GIL, while nobody writes.
+  template <class Work>
+  auto read(Work&& work) const {
+    const py::gil_scoped_release release;
+    const std::shared_lock lock(mutex_);
+    return work(index_);
+  }
+
+  /// Calls work(index) without the GIL, alone.
+  template <class Work>
+  auto write(Work&& work) {
+    const py::gil_scoped_release release;
+    const std::unique_lock lock(mutex_);
+    return work(index_);
+  }
+
+ private:
+  DescriptorIndex index_;
+  mutable std::shared_mutex mutex_;
+};
 
 ExclusionWindow window_of(py::ssize_t frames, double seconds) {
   if (frames < 0) throw ConfigError("window is " + std::to_string(frames) + ", expected >= 0");
@@ -36,8 +64,8 @@ MatchTuple to_tuple(const std::vector<Match>& matches) {
 
 void bind_matching(py::module_& module) {
   using namespace py::literals;
-  py::class_<DescriptorIndex>(module, "DescriptorIndex",
-                              R"(Exact, causal L2 nearest neighbours over added descriptors.
+  py::class_<SharedIndex>(module, "DescriptorIndex",
+                          R"(Exact, causal L2 nearest neighbours over added descriptors.
 
 A query is answered as if it were the next descriptor to be added, number len(index): candidates
 are older by more than window frames and by more than window_seconds.
@@ -46,24 +74,27 @@ Equal distances go to the lowest index.)")
              if (dimension < 1)
                throw ConfigError("dimension is " + std::to_string(dimension) +
                                  ", expected at least 1");
-             return DescriptorIndex(static_cast<std::size_t>(dimension),
-                                    window_of(window, window_seconds));
+             return std::make_unique<SharedIndex>(DescriptorIndex(
+                 static_cast<std::size_t>(dimension), window_of(window, window_seconds)));
            }),
            "dimension"_a, py::kw_only(), "window"_a = 0, "window_seconds"_a = 0.0)
       .def(
           "add",
-          [](DescriptorIndex& self, const DescriptorArg& descriptor, std::int64_t stamp_ns) {
-            return self.add(descriptor.values(), stamp_ns);
+          [](SharedIndex& self, const DescriptorArg& descriptor, std::int64_t stamp_ns) {
+            const auto values = descriptor.values();
+            return self.write([&](DescriptorIndex& index) { return index.add(values, stamp_ns); });
           },
           "descriptor"_a, py::kw_only(), "stamp_ns"_a = 0,
           "Adds a descriptor, float32 (D,), and returns its index.")
       .def(
           "query",
-          [](const DescriptorIndex& self, const DescriptorArg& descriptor, py::ssize_t k,
+          [](const SharedIndex& self, const DescriptorArg& descriptor, py::ssize_t k,
              std::optional<std::int64_t> stamp_ns) {
             const std::size_t count = count_of(k);
-            return to_tuple(
-                without_gil([&] { return self.query(descriptor.values(), count, stamp_ns); }));
+            const auto values = descriptor.values();
+            return to_tuple(self.read([&](const DescriptorIndex& index) {
+              return index.query(values, count, stamp_ns);
+            }));
           },
           "descriptor"_a, py::kw_only(), "k"_a = 1, "stamp_ns"_a = py::none(),
           R"(The nearest candidates, nearest first.
@@ -76,30 +107,45 @@ Raises:
     is missing.)")
       .def(
           "save",
-          [](const DescriptorIndex& self, const std::filesystem::path& path) {
-            without_gil([&] { self.save(path.string()); });
+          [](const SharedIndex& self, const std::filesystem::path& path) {
+            self.read([&](const DescriptorIndex& index) { index.save(path.string()); });
           },
           "path"_a, "Writes one file, whole or not at all. Raises DataError naming the path.")
       .def_static(
           "load",
           [](const std::filesystem::path& path) {
-            return without_gil([&] { return DescriptorIndex::load(path.string()); });
+            return std::make_unique<SharedIndex>(
+                without_gil([&] { return DescriptorIndex::load(path.string()); }));
           },
           "path"_a,
           "Reads it again. Raises DataError if it is no index, of another version, or cut.")
       .def(
           "descriptor",
-          [](const DescriptorIndex& self, std::size_t i) {
-            const auto values = self.descriptor(i);
-            return to_numpy(std::vector<float>(values.begin(), values.end()));
+          [](const SharedIndex& self, std::size_t i) {
+            return to_numpy(self.read([&](const DescriptorIndex& index) {
+              const auto values = index.descriptor(i);
+              return std::vector<float>(values.begin(), values.end());
+            }));
           },
           "index"_a, "A copy of one descriptor, float32 (D,).")
-      .def("__len__", &DescriptorIndex::size)
-      .def_property_readonly("dimension", &DescriptorIndex::dimension)
-      .def_property_readonly("window",
-                             [](const DescriptorIndex& self) { return self.window().frames; })
-      .def_property_readonly("window_seconds", [](const DescriptorIndex& self) {
-        return static_cast<double>(self.window().nanoseconds) * 1e-9;
+      .def("__len__",
+           [](const SharedIndex& self) {
+             return self.read([](const DescriptorIndex& index) { return index.size(); });
+           })
+      .def_property_readonly(
+          "dimension",
+          [](const SharedIndex& self) {
+            return self.read([](const DescriptorIndex& index) { return index.dimension(); });
+          })
+      .def_property_readonly(
+          "window",
+          [](const SharedIndex& self) {
+            return self.read([](const DescriptorIndex& index) { return index.window().frames; });
+          })
+      .def_property_readonly("window_seconds", [](const SharedIndex& self) {
+        return self.read([](const DescriptorIndex& index) {
+          return static_cast<double>(index.window().nanoseconds) * 1e-9;
+        });
       });
   module.def(
       "nearest_causal",

@@ -6,6 +6,7 @@ import os
 import struct
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -331,3 +332,21 @@ def test_a_failed_save_leaves_the_old_file_as_it_was(stored: Path) -> None:
         assert stored.read_bytes() == before
     else:
         assert len(DescriptorIndex.load(str(stored))) == 5
+
+
+def test_an_index_may_be_shared_by_threads_that_add_and_query() -> None:
+    rows = np.random.default_rng(5).normal(size=(4000, 64)).astype(np.float32)
+    index = DescriptorIndex(64)
+    index.add(rows[0])
+
+    def ask(_: int) -> None:
+        while len(index) < len(rows):
+            found, distances = index.query(rows[0])
+            assert found[0] == 0 and distances[0] == 0
+
+    with ThreadPoolExecutor(3) as pool:
+        askers = pool.map(ask, range(2))
+        for row in rows[1:]:
+            index.add(row)
+        list(askers)
+    assert len(index) == len(rows)
