@@ -164,8 +164,8 @@ def describe_missing(
 ) -> list[DescriptorRun]:
     """``describe_dataset`` for the descriptors whose run is not stored in the folder yet.
 
-    A stored run counts if it was made of the same frames with the same configuration by the
-    core that is in use; changes of the recording's files go unnoticed. True poses are taken anew.
+    A stored run counts if it was made of the same frames with the same configuration, and is
+    newer than the recording's files and the core in use. True poses are taken anew.
     """
     config = settled(dataset, names, config)
     runs = {name: _stored(dataset, name, folder, config) for name in names}
@@ -182,7 +182,7 @@ def _stored(
     dataset: "Dataset", name: str, folder: str | os.PathLike[str], config: PipelineConfig
 ) -> DescriptorRun | None:
     path = run_path(folder, config.fusion.source, name)
-    if not path.exists() or path.stat().st_mtime < Path(str(_core.__file__)).stat().st_mtime:
+    if not path.exists() or path.stat().st_mtime < _newest(dataset):
         return None
     try:
         run = DescriptorRun.load(path)
@@ -195,6 +195,14 @@ def _stored(
         and _relevant(run.config, name) == _relevant(config.model_dump(mode="json"), name)
     )
     return run if same else None
+
+
+def _newest(dataset: "Dataset") -> float:
+    """When the recording or the compiled core changed last."""
+    files = [path for stream in dataset.streams.values() for path in stream.files.values()]
+    with suppress(OSError):  # a file that is gone is reported when it is read
+        return max(path.stat().st_mtime for path in (Path(str(_core.__file__)), *files))
+    return float("inf")
 
 
 def _relevant(config: Mapping[str, Any], name: str) -> tuple[Any, Any]:
