@@ -15,7 +15,7 @@ from fusionslam._core import DescriptorIndex
 from fusionslam._files import atomic_path
 from fusionslam.config import Section, merged, option
 from fusionslam.descriptors import DescriptorConfig, describe, descriptor_named, for_sequence
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.sensors import Cloud, Frame
 
@@ -88,12 +88,15 @@ class LoopDetector:
 
         Raises:
             DataError: a cloud that cannot be described; nothing is remembered then.
+            ShapeError: neither a frame nor a cloud.
         """
         if isinstance(frame_or_cloud, Frame):
             stamp_ns = frame_or_cloud.stamp_ns if stamp_ns is None else stamp_ns
             cloud = fuse(frame_or_cloud, self.fusion_config)
-        else:
+        elif isinstance(frame_or_cloud, Cloud):
             cloud = frame_or_cloud
+        else:
+            raise ShapeError(f"expected a Frame or a Cloud, got {type(frame_or_cloud).__name__}")
         config = self.describe_config
         if descriptor_named(self.descriptor).needs_normals and len(self) == 0:
             config = for_sequence(config, cloud)
