@@ -80,12 +80,14 @@ Equal distances go to the lowest index.)")
            "dimension"_a, py::kw_only(), "window"_a = 0, "window_seconds"_a = 0.0)
       .def(
           "add",
-          [](SharedIndex& self, const DescriptorArg& descriptor, std::int64_t stamp_ns) {
+          [](SharedIndex& self, const DescriptorArg& descriptor,
+             std::optional<std::int64_t> stamp_ns) {
             const auto values = descriptor.values();
             return self.write([&](DescriptorIndex& index) { return index.add(values, stamp_ns); });
           },
-          "descriptor"_a, py::kw_only(), "stamp_ns"_a = 0,
-          "Adds a descriptor, float32 (D,), and returns its index.")
+          "descriptor"_a, py::kw_only(), "stamp_ns"_a = py::none(),
+          "Adds a descriptor, float32 (D,), and returns its index. A window in seconds needs "
+          "stamp_ns.")
       .def(
           "query",
           [](const SharedIndex& self, const DescriptorArg& descriptor, py::ssize_t k,

@@ -52,7 +52,8 @@ if [ ! -e "$stamp" ] ||
   [ -n "$(find CMakeLists.txt README.md LICENSE cpp bindings python -newer "$stamp" -type f \
     -not -name '*.pyc' -print -quit)" ]; then
   echo "Building fusionslam"
+  touch "$stamp.new"  # what is edited during the build is built again next time
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation \
     "${extras:-.}"
-  touch "$stamp"
+  mv "$stamp.new" "$stamp"
 fi

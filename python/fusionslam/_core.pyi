@@ -217,9 +217,9 @@ class DescriptorIndex:
         ...
     def __len__(self) -> int:
         ...
-    def add(self, descriptor: numpy.typing.NDArray[numpy.float32], *, stamp_ns: typing.SupportsInt | typing.SupportsIndex = 0) -> int:
+    def add(self, descriptor: numpy.typing.NDArray[numpy.float32], *, stamp_ns: typing.SupportsInt | typing.SupportsIndex | None = None) -> int:
         """
-        Adds a descriptor, float32 (D,), and returns its index.
+        Adds a descriptor, float32 (D,), and returns its index. A window in seconds needs stamp_ns.
         """
     def descriptor(self, index: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float32]:
         """

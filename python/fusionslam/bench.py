@@ -25,7 +25,7 @@ from fusionslam.config import merged
 from fusionslam.descriptors import DESCRIPTORS, descriptor_named
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.evaluation import DescriptorRun, Evaluation, EvaluationConfig, evaluate
-from fusionslam.fusion import fuse
+from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.loop_report import find_loops
 from fusionslam.pipeline import (
     PipelineConfig,
@@ -302,25 +302,25 @@ def write_stored_report(
         evaluations, config = stored_evaluations(folder)
         protocol = protocol or config.protocol
     work = Work.load(folder)
-    run = evaluations[0].run
+    runs = [evaluation.run for evaluation in evaluations]
     return write_report(
         evaluations,
         output or folder,
-        dataset_name=run.dataset,
+        dataset_name=runs[0].dataset,
         command=(work.command if work and command is None else command) or "",
-        config=work.configs if work else {run.source: run.config},
+        config={f"{run.source} / {run.descriptor}": run.config for run in runs},
         protocol=protocol or EvaluationConfig().protocol,
-        clouds=_cloud_reader(work) if work else None,
+        clouds=_cloud_reader(work, runs) if work else None,
         images=_image_reader(work) if work else None,
     )
 
 
-def _cloud_reader(work: Work) -> Callable[[str, int], Cloud]:
+def _cloud_reader(work: Work, runs: Sequence[DescriptorRun]) -> Callable[[str, int], Cloud]:
     opened = cache(work.recording.open)
+    fusion = {run.source: merged(FusionConfig(), run.config["fusion"]) for run in runs}
 
     def read(source: str, frame: int) -> Cloud:
-        config = merged(PipelineConfig(), work.configs[source])
-        return fuse(opened(source)[frame], config.fusion)
+        return fuse(opened(source)[frame], fusion[source])
 
     return read
 

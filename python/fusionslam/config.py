@@ -88,16 +88,17 @@ def merged(section: S, changes: Mapping[str, Any], where: str = "") -> S:
     Raises:
         ConfigError: unknown key (the message names the nearest), wrong type or out of range.
     """
-    values = {name: getattr(section, name) for name in type(section).model_fields}
+    known = list(type(section).model_fields)
+    values = {name: getattr(section, name) for name in section.model_fields_set}
     for key, value in changes.items():
         path = f"{where}{key}"
-        if key not in values:
-            raise ConfigError(_unknown(path, key, list(values)))
-        current = values[key]
+        if key not in known:
+            raise ConfigError(_unknown(path, key, known))
+        current = getattr(section, key)
         if isinstance(current, Section):
             if not isinstance(value, Mapping):
-                known = _names(current)
-                raise ConfigError(f"{path} is {value!r}, expected keys of its own: {known}")
+                keys = _names(current)
+                raise ConfigError(f"{path} is {value!r}, expected keys of its own: {keys}")
             values[key] = merged(current, value, f"{path}.")
         else:
             values[key] = value

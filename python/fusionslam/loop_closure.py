@@ -117,7 +117,7 @@ class LoopDetector:
                 window_seconds=self.config.window_seconds,
             )
         indices, distances = index.query(descriptor, stamp_ns=stamp_ns)
-        number = index.add(descriptor, stamp_ns=stamp_ns or 0)
+        number = index.add(descriptor, stamp_ns=stamp_ns)
         self._index = index  # only now: a first descriptor that failed must not fix the length
         self.nearest = Loop(number, int(indices[0]), float(distances[0])) if len(indices) else None
         accepted = self.nearest and self.nearest.distance <= self.config.threshold

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -118,7 +119,7 @@ class _Work:
     config: PipelineConfig
     folder: Path
 
-    @property
+    @cached_property
     def partial(self) -> Path:
         """Where finished chunks wait; the name changes with anything that changes the result."""
         files = [stream.files for stream in self.dataset.streams.values()]

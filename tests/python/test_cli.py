@@ -492,3 +492,21 @@ def test_help_loads_nothing_heavy(words: list[str], expected: str, heavy: list[s
     )
     assert expected in done.stdout
     assert done.stderr.strip() == ""
+
+
+def test_the_report_names_the_configuration_of_each_run(kitti: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    succeeds("describe", kitti, "-d", "m2dp", "--set", "descriptors.preset=author", "-o", out)
+    succeeds("describe", kitti, "-d", "cm2dp", "-o", out)
+    succeeds("report", out)
+    config = json.loads((out / "metrics.json").read_text())["config"]
+    presets = {name: stages["descriptors"]["preset"] for name, stages in config.items()}
+    assert presets == {"lidar / m2dp": "author", "lidar / cm2dp": "robust"}
+
+
+def test_bench_takes_the_source_that_the_configuration_names(kitti: Path, tmp_path: Path) -> None:
+    chosen = ("--set", "fusion.source=lidar")
+    succeeds("bench", kitti, "-d", "m2dp", *chosen, *NO_WINDOW, "-o", tmp_path / "out")
+    assert [path.name for path in (tmp_path / "out" / "descriptors").iterdir()] == [
+        "lidar-m2dp.npz"
+    ]

@@ -433,3 +433,17 @@ def test_fuse_names_what_a_frame_lacks() -> None:
     for given, config, message in cases:
         with pytest.raises(DataError, match=message):
             fusionslam.fuse(given, config)
+
+
+def test_a_camera_far_from_the_origin_is_not_singular() -> None:
+    """A frame in UTM coordinates has an offset of millions of metres and a sound calibration."""
+    points, image = scene(21)
+    shift = np.array([4e2, 5e2, 1e1])
+    moved = PROJECTION.copy()
+    moved[:, 3] -= PROJECTION[:, :3] @ shift
+    _, _, kept = fusionslam.colorize(points, image, PROJECTION)
+    _, _, again = fusionslam.colorize((points + shift).astype(np.float32), image, moved)
+    assert len(kept) and len(set(kept.tolist()) ^ set(again.tolist())) < 0.01 * len(kept) + 2
+    far = PROJECTION.copy()
+    far[:, 3] = [5e9, 5e9, 5e6]
+    fusionslam.colorize(points, image, far)  # nothing may be in view, but nothing is wrong either

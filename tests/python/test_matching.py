@@ -350,3 +350,20 @@ def test_an_index_may_be_shared_by_threads_that_add_and_query() -> None:
             index.add(row)
         list(askers)
     assert len(index) == len(rows)
+
+
+def test_a_window_in_seconds_needs_the_stamp_of_what_is_added() -> None:
+    index = DescriptorIndex(3, window_seconds=5.0)
+    with pytest.raises(ConfigError, match="stamp_ns is missing"):
+        index.add(np.ones(3, np.float32))
+    assert len(index) == 0
+
+
+def test_threads_may_save_to_one_path_at_a_time(tmp_path: Path) -> None:
+    index = DescriptorIndex(64)
+    for row in np.random.default_rng(6).normal(size=(500, 64)).astype(np.float32):
+        index.add(row)
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda _: index.save(tmp_path / "places.index"), range(40)))
+    assert len(DescriptorIndex.load(tmp_path / "places.index")) == 500
+    assert [path.name for path in tmp_path.iterdir()] == ["places.index"]

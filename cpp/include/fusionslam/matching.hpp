@@ -31,8 +31,10 @@ class DescriptorIndex {
   /// Throws ConfigError if dimension is 0 or the window is negative.
   explicit DescriptorIndex(std::size_t dimension, ExclusionWindow window = {});
 
-  /// Returns the index given to the descriptor. Throws ShapeError or DataError (NaN, infinity).
-  std::int64_t add(std::span<const float> descriptor, std::int64_t stamp_ns = 0);
+  /// Returns the index given to the descriptor. Throws ShapeError or DataError (NaN, infinity), and
+  /// ConfigError if the window needs a stamp and none is given.
+  std::int64_t add(std::span<const float> descriptor,
+                   std::optional<std::int64_t> stamp_ns = std::nullopt);
 
   /// The k nearest candidates, nearest first; fewer if there are fewer.
   /// Throws ShapeError or DataError, and ConfigError if the window needs a stamp and none is given.
@@ -51,6 +53,7 @@ class DescriptorIndex {
   std::span<const float> descriptor(std::size_t i) const;
 
  private:
+  void check_stamp(std::optional<std::int64_t> stamp_ns) const;
   bool is_candidate(std::size_t i, std::optional<std::int64_t> stamp_ns) const;
 
   std::size_t dimension_;

@@ -94,6 +94,8 @@ Surface surface_with_normals(PointsView points, ColorsView colors,
   // Points on one line have normals by rounding only.
   detail::principal_axes(points, AxisSigns::largest_entry);
   const double radius = normal_radius ? *normal_radius : 5 * cloud_resolution(points);
+  if (!normal_radius && !(radius > 0))
+    throw DataError("each point of the cloud lies on another one: it has no resolution");
   const Normals normals = estimate_normals(points, radius, threads);
   if (normals.indices.size() < 5)
     throw DataError(std::string(name) + " needs at least 5 points with a normal, " +

@@ -20,7 +20,8 @@ inline std::size_t thread_count(int threads) {
   if (threads < 0)
     throw ConfigError("threads is " + std::to_string(threads) +
                       ", expected 0 (one a core) or more");
-  if (threads > 0) return static_cast<std::size_t>(threads);
+  constexpr int most = 1024;  // more would only cost
+  if (threads > 0) return static_cast<std::size_t>(std::min(threads, most));
   return std::max<std::size_t>(1, std::thread::hardware_concurrency());
 }
 

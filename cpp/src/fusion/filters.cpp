@@ -18,7 +18,7 @@ struct Cube {
   std::size_t first = 0;
   std::size_t count = 0;
   std::array<double, 3> position{};
-  std::array<std::uint32_t, 3> color{};
+  std::array<std::uint64_t, 3> color{};
 };
 
 std::array<double, 3> lowest_corner(PointsView points) {

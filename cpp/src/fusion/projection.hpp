@@ -35,15 +35,15 @@ inline bool nearest_pixel(const Pixel& pixel, int width, int height, int& column
 
 /// Throws DataError if the matrix is not finite or its left 3x3 part is singular.
 inline void check_projection(const Projection& p) {
-  double largest = 0;
-  for (const double value : p) {
+  for (const double value : p)
     if (!std::isfinite(value)) throw DataError("the projection matrix is not finite");
-    largest = std::fmax(largest, std::fabs(value));
-  }
   const double determinant = p[0] * (p[5] * p[10] - p[6] * p[9]) -
                              p[1] * (p[4] * p[10] - p[6] * p[8]) +
                              p[2] * (p[4] * p[9] - p[5] * p[8]);
-  if (!(std::fabs(determinant) > 1e-12 * largest * largest))
+  double volume = 1;  // of a box with the rows' lengths
+  for (std::size_t row = 0; row < 3; ++row)
+    volume *= std::hypot(p[4 * row], p[4 * row + 1], p[4 * row + 2]);
+  if (!(std::fabs(determinant) > 1e-12 * volume))
     throw DataError("the projection matrix is singular (missing calibration?)");
 }
 

@@ -24,10 +24,13 @@ DescriptorIndex::DescriptorIndex(std::size_t dimension, ExclusionWindow window)
   if (window.nanoseconds < 0) throw ConfigError("window in seconds is negative, expected >= 0");
 }
 
-std::int64_t DescriptorIndex::add(std::span<const float> descriptor, std::int64_t stamp_ns) {
+std::int64_t DescriptorIndex::add(std::span<const float> descriptor,
+                                  std::optional<std::int64_t> stamp_ns) {
   check_descriptor(descriptor, dimension_, size());
-  descriptors_.insert(descriptors_.end(), descriptor.begin(), descriptor.end());
-  stamps_ns_.push_back(stamp_ns);
+  check_stamp(stamp_ns);
+  const std::vector<float> copy(descriptor.begin(), descriptor.end());  // it may be one of ours
+  descriptors_.insert(descriptors_.end(), copy.begin(), copy.end());
+  stamps_ns_.push_back(stamp_ns.value_or(0));
   return static_cast<std::int64_t>(size() - 1);
 }
 
@@ -35,8 +38,7 @@ std::vector<Match> DescriptorIndex::query(std::span<const float> descriptor, std
                                           std::optional<std::int64_t> stamp_ns) const {
   check_descriptor(descriptor, dimension_, size());
   if (k == 0) throw ConfigError("k is 0, expected at least 1");
-  if (window_.nanoseconds > 0 && !stamp_ns)
-    throw ConfigError("stamp_ns is missing: this index excludes a window in seconds");
+  check_stamp(stamp_ns);
   detail::NearestK nearest(k);
   for (std::size_t i = 0; i < size(); ++i)
     if (is_candidate(i, stamp_ns))
@@ -50,6 +52,11 @@ std::span<const float> DescriptorIndex::descriptor(std::size_t i) const {
   if (i >= size())
     throw ShapeError("descriptor " + std::to_string(i) + " of " + std::to_string(size()));
   return {descriptors_.data() + i * dimension_, dimension_};
+}
+
+void DescriptorIndex::check_stamp(std::optional<std::int64_t> stamp_ns) const {
+  if (window_.nanoseconds > 0 && !stamp_ns)
+    throw ConfigError("stamp_ns is missing: this index excludes a window in seconds");
 }
 
 bool DescriptorIndex::is_candidate(std::size_t i, std::optional<std::int64_t> stamp_ns) const {

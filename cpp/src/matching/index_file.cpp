@@ -4,7 +4,7 @@
 // checksum.
 #include <unistd.h>
 
-#include <bit>
+#include <atomic>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
@@ -95,7 +95,9 @@ void DescriptorIndex::save(const std::string& path) const {
   header.count = size();
   const std::uint64_t sum = checksum(header, stamps_ns_, descriptors_);
 
-  const std::string temporary = path + "." + std::to_string(::getpid()) + ".tmp";
+  static std::atomic<unsigned> number{0};  // threads may save to one path at a time
+  const std::string temporary =
+      path + "." + std::to_string(::getpid()) + "." + std::to_string(number++) + ".tmp";
   std::ofstream file(temporary, std::ios::binary);
   if (!file) refuse(path, std::string("cannot be written: ") + std::strerror(errno));
   write(file, &header, 1);

@@ -146,12 +146,12 @@ def pipeline_config(
 
 def source_of(chosen: str | None, config: "PipelineConfig", recording: "Recording") -> str:
     """The source asked for by option, else by configuration, else the first that there is."""
-    from fusionslam.fusion import SOURCES, FusionConfig
+    from fusionslam.fusion import SOURCES
 
     if chosen is not None:
         one_of("--source", chosen, SOURCES)
         return chosen
-    if config.fusion.source != FusionConfig().source:
+    if "source" in config.fusion.model_fields_set:
         return config.fusion.source
     return recording.sources()[0]
 

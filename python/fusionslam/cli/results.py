@@ -70,7 +70,8 @@ def bench(
     recording = opt.recording_of(data, kind, sequence, skip_gaps, gt)
     names = opt.names_of(descriptors)
     chosen = opt.pipeline_config(config, settings)
-    sources = recording.sources() if source is None else (opt.source_of(source, chosen, recording),)
+    given = source is not None or "source" in chosen.fusion.model_fields_set
+    sources = (opt.source_of(source, chosen, recording),) if given else recording.sources()
     keep(ctx, output)
     with progress() as step:
         configs = dict.fromkeys(sources, chosen)

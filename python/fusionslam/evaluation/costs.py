@@ -26,7 +26,7 @@ class Costs:
         stages: by stage name.
         frame: all stages of a frame together; None if no stage was timed.
         bytes_per_descriptor: size of one row.
-        peak_memory_bytes: of the process.
+        peak_memory_bytes: what describing the largest cloud took on top of what was in use.
         median_points: points of a described cloud.
     """
 

@@ -34,7 +34,7 @@ class DescriptorRun:
         stamps_ns: int64 (N,), nanoseconds.
         poses: float64 (N, 4, 4), world_from_body, or None without ground truth.
         seconds: wall time by stage ("load", "fuse", "describe", "match"), float64 (N,) each.
-        peak_memory_bytes: of the process.
+        peak_memory_bytes: what describing the largest cloud took on top of what was in use.
         points: int64 (N,), how many points were described.
         config: the configuration in force, as JSON can hold it.
 

@@ -29,7 +29,7 @@ class Context:
     Attributes:
         folder: where pictures go.
         protocol: by which the loops are judged.
-        clouds: (source, frame) -> cloud or None. images: frame -> image or None.
+        clouds, images: (source, frame) -> cloud or image, or None.
     """
 
     folder: Path

@@ -96,6 +96,12 @@ def _accuracy_columns(protocol: str) -> list[Column]:
     full = "largest recall at which every accepted match is correct"
     return [
         Column("R@100P", full, of("recall_at_full_precision"), "{:.3f}", max),
+        Column(
+            "threshold",
+            "descriptor distance up to which every match is correct",
+            of("threshold_at_full_precision"),
+            "{:.3f}",
+        ),
         Column("max F1", "largest 2PR / (P + R)", of("max_f1"), "{:.3f}", max),
         Column("AP", "average precision", of("average_precision"), "{:.3f}", max),
         Column("top-1", "revisits whose nearest is correct", of("top1"), "{:.3f}", max),
@@ -136,7 +142,13 @@ def _cost_columns(evaluations: Sequence[Evaluation]) -> list[Column]:
         _frame_column("p95_ms", "p95"),
         *(_stage_column(stage, "median_ms", stage) for stage in _stages(evaluations)),
         _cost_column("bytes", "of one descriptor", lambda c: c.bytes_per_descriptor, ",.0f", min),
-        _cost_column("peak MiB", "memory", lambda c: c.peak_memory_bytes / 2**20, ",.0f", min),
+        _cost_column(
+            "peak MiB",
+            "memory to describe the largest cloud",
+            lambda c: c.peak_memory_bytes / 2**20,
+            ",.0f",
+            min,
+        ),
     ]
 
 
