@@ -387,9 +387,9 @@ def runs_beside(call: Callable[[], object]) -> bool:
         ran.append(True)
 
     thread, interval = threading.Thread(target=wait_and_note), sys.getswitchinterval()
-    thread.start()
     sys.setswitchinterval(1000)
     try:
+        thread.start()
         go.set()
         call()
         beside = bool(ran)
@@ -416,7 +416,8 @@ LONG_CALLS: dict[str, Callable[[], object]] = {
 
 @pytest.mark.parametrize("call", LONG_CALLS)
 def test_other_threads_run_during_a_long_call(call: str) -> None:
-    assert runs_beside(LONG_CALLS[call])
+    # On a busy machine the other thread may not get a core in time.
+    assert any(runs_beside(LONG_CALLS[call]) for _ in range(5))
 
 
 def test_the_check_above_notices_a_call_that_keeps_the_gil() -> None:
