@@ -28,6 +28,9 @@ def checks(data: Path) -> Iterator[Row]:
     yield from cm2dp_rows(data)
     yield from normals_rows(data)
     yield from evaluation_rows(data)
+    yield from curve_rows(data)
+    yield from fusion_rows(data)
+    yield from matching_rows(data)
     yield from stereo_rows(data)
     yield from invariance_rows(data)
 
@@ -97,6 +100,56 @@ def evaluation_rows(data: Path) -> Iterator[Row]:
             digits = len(wanted.partition(".")[2])
             value = f"{getattr(curve, name):.{digits}f}"
             yield f"KITTI 06 stored M2DP, `{protocol}`, {name}", wanted, value
+
+
+def curve_rows(data: Path) -> Iterator[Row]:
+    descriptors = np.load(data / "descriptors/kitti06_lidar_camera_m2dp.npy")
+    positions = read_poses_kitti(data / "kitti/poses/06.txt")[:, :3, 3]
+    stored = np.loadtxt(
+        data / "descriptors/kitti06_lidar_camera_m2dp.pr.csv", delimiter=",", skiprows=1
+    )
+    curve = precision_recall(descriptors, positions, protocol="perdomo2019")
+    ours = np.c_[curve.recall, curve.precision]
+    equal = (np.abs(ours - stored) <= 5e-6 * stored).all(axis=1).sum()
+    yield "rows of the stored curve of KITTI 06, to 6 digits", f"{len(stored)}", f"{equal}"
+
+
+def fusion_rows(data: Path) -> Iterator[Row]:
+    for name, folder in (("raw", "kitti/raw_2011_09_26"), ("object", "kitti/object/training")):
+        frame = open_dataset(data / folder)[0]
+        image, matrix = frame.images["left"], frame.cameras["left"].projection_from_points
+        _, colors, kept = fusionslam.colorize(frame.points, image, matrix)
+        u, v, w = matrix @ np.c_[frame.points.astype(np.float64), np.ones(len(frame.points))].T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = np.floor(np.c_[v / w, u / w] + 0.5)
+        inside = (w > 0) & (pixels >= 0).all(axis=1) & (pixels < image.shape[:2]).all(axis=1)
+        rows, columns = pixels[inside].astype(int).T
+        differ = len(set(kept.tolist()) ^ set(np.flatnonzero(inside).tolist()))
+        if differ == 0:
+            differ = int((colors != image[rows, columns]).any(axis=1).sum())
+        came = f"{differ} of {inside.sum():,}"
+        yield f"KITTI {name}, points coloured otherwise than by NumPy", "0", came
+
+
+def matching_rows(data: Path) -> Iterator[Row]:
+    rows = np.load(data / "descriptors/kitti06_lidar_camera_m2dp.npy")
+    found, _ = fusionslam.nearest_causal(rows, window=50, k=5)
+    wide = rows.astype(np.float64)
+    differ = 0
+    for i in range(51, len(rows)):
+        order = np.argsort(((wide[: i - 50] - wide[i]) ** 2).sum(axis=1), kind="stable")[:5]
+        differ += int((found[i, : len(order)] != order).sum())
+    yield "5 nearest of KITTI 06's 1101 descriptors that differ from NumPy's", "0", f"{differ}"
+    points, colors = colored_cloud(data)
+    calls = {
+        "m2dp": lambda threads: fusionslam.m2dp(points, threads=threads),
+        "cm2dp": lambda threads: fusionslam.cm2dp(points, colors, threads=threads),
+        "shot": lambda threads: fusionslam.shot(points, threads=threads),
+        "cshot": lambda threads: fusionslam.cshot(points, colors, threads=threads),
+    }
+    for name, call in calls.items():
+        same = len({call(threads).tobytes() for threads in (1, 1, 2)}) == 1
+        yield f"{name}, two runs and two threads", "identical", "identical" if same else "differ"
 
 
 def stereo_rows(data: Path) -> Iterator[Row]:
