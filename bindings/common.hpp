@@ -192,10 +192,15 @@ py::array_t<T> rows_of_three(std::vector<T>&& values) {
   return to_numpy(std::move(values), {rows, 3});
 }
 
-/// Runs `work`, which must not touch Python, without the GIL.
+/// Runs `work`, which must not touch Python, without the GIL. Ctrl-C ends it: signals are looked
+/// for while it runs (their handlers run on the main thread only, as Python has it).
 template <class Work>
 auto without_gil(Work&& work) {
   const py::gil_scoped_release release;
+  const InterruptScope scope([] {
+    const py::gil_scoped_acquire acquire;
+    return PyErr_CheckSignals() != 0;
+  });
   return work();
 }
 

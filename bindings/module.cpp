@@ -21,6 +21,9 @@ void translate_errors() {
       raise("ConfigError", error.what());
     } catch (const ShapeError& error) {
       raise("ShapeError", error.what());
+    } catch (const Interrupted&) {
+      // What the signal's handler raised is set already.
+      if (!PyErr_Occurred()) PyErr_SetNone(PyExc_KeyboardInterrupt);
     }
   });
 }
@@ -31,6 +34,15 @@ PYBIND11_MODULE(_core, module) {
   module.doc() = "The C++ core of fusionslam; its public names are those of the package.";
   module.attr("__version__") = FUSIONSLAM_VERSION;
   translate_errors();
+  module.def(
+      "simd_level", [] { return std::string(choice_name(simd_level())); },
+      R"(Name of the instruction set the hot loops use: baseline, avx2 or avx512.
+
+It is the best the machine has, or what the environment variable FUSIONSLAM_SIMD said at the first
+use. Results do not depend on it.
+
+Raises:
+    ConfigError: FUSIONSLAM_SIMD names no level, or one this machine lacks.)");
   bind_fusion(module);
   bind_descriptors(module);
   bind_matching(module);

@@ -6,7 +6,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'depth_image', 'drop_invalid', 'estimate_normals', 'm2dp', 'm2dp_signature', 'nearest_causal', 'remove_ground_plane', 'shot', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'depth_image', 'drop_invalid', 'estimate_normals', 'm2dp', 'm2dp_signature', 'nearest_causal', 'remove_ground_plane', 'shot', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -398,6 +398,16 @@ def shot(points: numpy.typing.NDArray[numpy.float32], *, normal_radius: typing.S
     
     Raises:
         DataError: NaN or infinity, equal points, or fewer than 5 points with a normal.
+    """
+def simd_level() -> str:
+    """
+    Name of the instruction set the hot loops use: baseline, avx2 or avx512.
+    
+    It is the best the machine has, or what the environment variable FUSIONSLAM_SIMD said at the first
+    use. Results do not depend on it.
+    
+    Raises:
+        ConfigError: FUSIONSLAM_SIMD names no level, or one this machine lacks.
     """
 def stereo_disparity(left: numpy.typing.NDArray[numpy.uint8], right: numpy.typing.NDArray[numpy.uint8], *, config: StereoConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
     """

@@ -43,6 +43,7 @@ def examine(missing_extras: Sequence[str] = ()) -> list[Finding]:
         *_packages(),
         *_extras(missing_extras),
         Finding("cores", True, str(_machine_cores())),
+        _simd_level(),
         _cache(),
     ]
 
@@ -53,6 +54,15 @@ def _core() -> Finding:
     except ImportError as error:
         return Finding("core", False, f"{error}: install again with pip install fusionslam")
     return Finding("core", True, f"fusionslam {_core.__version__}, {_core.__file__}")
+
+
+def _simd_level() -> Finding:
+    import fusionslam
+
+    try:
+        return Finding("instructions", True, fusionslam.simd_level())
+    except fusionslam.ConfigError as error:
+        return Finding("instructions", False, str(error))
 
 
 def _packages() -> Iterator[Finding]:

@@ -6,5 +6,7 @@
 #include "fusionslam/descriptors.hpp"
 #include "fusionslam/errors.hpp"
 #include "fusionslam/fusion.hpp"
+#include "fusionslam/interrupt.hpp"
 #include "fusionslam/matching.hpp"
 #include "fusionslam/sensors.hpp"
+#include "fusionslam/simd.hpp"

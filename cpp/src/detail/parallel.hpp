@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "fusionslam/errors.hpp"
+#include "interrupt.hpp"
 
 namespace fusionslam::detail {
 
@@ -26,12 +27,16 @@ inline std::size_t thread_count(int threads) {
 }
 
 /// Calls work(i) for i in [0, count) on `threads` threads (0: one a core) that end with the call.
-/// The order is free, so work(i) must write to places of its own. Rethrows the first exception.
+/// The order is free, so work(i) must write to places of its own. Rethrows the first exception;
+/// between two items of its own the calling thread looks for an interrupt.
 template <class Work>
 void parallel_for(std::size_t count, int threads, Work&& work) {
   const std::size_t workers = std::min(thread_count(threads), count);
   if (workers <= 1) {
-    for (std::size_t i = 0; i < count; ++i) work(i);
+    for (std::size_t i = 0; i < count; ++i) {
+      check_interrupt();
+      work(i);
+    }
     return;
   }
   std::atomic<std::size_t> next{0};
@@ -39,7 +44,10 @@ void parallel_for(std::size_t count, int threads, Work&& work) {
   std::mutex failure_mutex;
   const auto loop = [&] {
     try {
-      for (std::size_t i = next++; i < count; i = next++) work(i);
+      for (std::size_t i = next++; i < count; i = next++) {
+        check_interrupt();  // does nothing on the threads of the pool, which have no scope
+        work(i);
+      }
     } catch (...) {
       const std::lock_guard lock(failure_mutex);
       if (!failure) failure = std::current_exception();

@@ -1,0 +1,40 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+#include "simd.hpp"
+
+#include <cstdlib>
+
+namespace fusionslam {
+namespace {
+
+SimdLevel level_in_use() {
+  const char* wanted = std::getenv("FUSIONSLAM_SIMD");
+  if (wanted == nullptr || *wanted == '\0') return best_simd_level();
+  const auto level = choice_from_name<SimdLevel>("FUSIONSLAM_SIMD", wanted);
+  if (level > best_simd_level())
+    throw ConfigError("FUSIONSLAM_SIMD is '" + std::string(wanted) +
+                      "', this machine has no more than " +
+                      std::string(choice_name(best_simd_level())));
+  return level;
+}
+
+}  // namespace
+
+SimdLevel best_simd_level() {
+#if defined(__x86_64__)
+  if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("bmi2"))
+    return SimdLevel::baseline;
+  const bool avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+                      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
+  return avx512 ? SimdLevel::avx512 : SimdLevel::avx2;
+#else
+  return SimdLevel::baseline;
+#endif
+}
+
+SimdLevel simd_level() {
+  static const SimdLevel level = level_in_use();  // a throw leaves it to be tried again
+  return level;
+}
+
+}  // namespace fusionslam
