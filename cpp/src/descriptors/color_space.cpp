@@ -8,8 +8,20 @@
 namespace fusionslam::detail {
 namespace {
 
-double srgb_to_linear(double value, double deciding) {
-  return deciding > 0.04045 ? std::pow((value + 0.055) / 1.055, 2.4) : value / 12.92;
+/// The two branches of the sRGB curve for each byte, since a power a point would cost too much.
+struct SrgbCurve {
+  double low[256], high[256];
+  SrgbCurve() {
+    for (int i = 0; i < 256; ++i) {
+      low[i] = i / 255.0 / 12.92;
+      high[i] = std::pow((i / 255.0 + 0.055) / 1.055, 2.4);
+    }
+  }
+};
+
+double srgb_to_linear(std::uint8_t value, double deciding) {
+  static const SrgbCurve curve;
+  return deciding > 0.04045 ? curve.high[value] : curve.low[value];
 }
 
 double lab_curve(double t) { return t > 0.008856 ? std::cbrt(t) : 7.787 * t + 16.0 / 116.0; }
@@ -36,13 +48,15 @@ std::uint8_t bin_of(double value, double range, int bins) {
 /// Buchsbaum 1980), which cancels exposure and tint.
 std::array<double, 3> grey_world_gains(ColorsView colors) {
   constexpr double common_mean = 110;
-  std::array<double, 3> gains{};
-  for (int channel = 0; channel < 3; ++channel) {
-    double sum = 0;
-    for (std::size_t i = 0; i < colors.size; ++i) sum += colors.at(i, channel);
-    gains[static_cast<std::size_t>(channel)] =
-        sum > 0 ? common_mean * static_cast<double>(colors.size) / sum : 1;
-  }
+  std::array<std::uint64_t, 3> sums{};
+  for (std::size_t i = 0; i < colors.size; ++i)
+    for (std::size_t channel = 0; channel < 3; ++channel)
+      sums[channel] += colors.at(i, static_cast<int>(channel));
+  std::array<double, 3> gains{1, 1, 1};
+  for (std::size_t channel = 0; channel < 3; ++channel)
+    if (sums[channel] > 0)
+      gains[channel] =
+          common_mean * static_cast<double>(colors.size) / static_cast<double>(sums[channel]);
   return gains;
 }
 
@@ -63,30 +77,38 @@ std::array<double, 3> hsv_from_rgb(std::uint8_t r, std::uint8_t g, std::uint8_t 
 
 std::array<double, 3> lab_from_rgb(std::uint8_t r, std::uint8_t g, std::uint8_t b,
                                    bool author_fault) {
-  const double red = srgb_to_linear(r / 255.0, r / 255.0);
-  const double green = srgb_to_linear(g / 255.0, author_fault ? red : g / 255.0);
-  const double blue = srgb_to_linear(b / 255.0, author_fault ? red : b / 255.0);
+  const double red = srgb_to_linear(r, r / 255.0);
+  const double green = srgb_to_linear(g, author_fault ? red : g / 255.0);
+  const double blue = srgb_to_linear(b, author_fault ? red : b / 255.0);
   const double x = lab_curve((red * 41.24 + green * 35.76 + blue * 18.05) / 95.047);
   const double y = lab_curve((red * 21.26 + green * 71.52 + blue * 7.22) / 100.0);
   const double z = lab_curve((red * 1.93 + green * 11.92 + blue * 95.05) / 108.883);
   return {(116 * y - 16) / 100, (500 * (x - y) + 128) / 255, (200 * (y - z) + 128) / 255};
 }
 
-std::vector<std::uint8_t> color_bins(ColorsView colors, ColorSpace space,
-                                     const M2dpConfig& config) {
+ColorBinner::ColorBinner(ColorsView colors, ColorSpace space, const M2dpConfig& config)
+    : colors_(colors), space_(space), config_(config) {
   const auto gains = config.grey_world ? grey_world_gains(colors) : std::array<double, 3>{1, 1, 1};
-  const double range = space == ColorSpace::rgb ? 255 : 1;
-  std::vector<std::uint8_t> result(colors.size * 3);
-  for (std::size_t i = 0; i < colors.size; ++i) {
-    std::array<std::uint8_t, 3> color{};
-    for (std::size_t c = 0; c < 3; ++c)
-      color[c] =
-          static_cast<std::uint8_t>(std::min(colors.at(i, static_cast<int>(c)) * gains[c], 255.0));
-    const auto value = channels(color, space, config.author_lab);
-    for (std::size_t c = 0; c < 3; ++c)
-      result[i * 3 + c] = bin_of(value[c], range, config.color_bins);
+  for (std::size_t channel = 0; channel < 3; ++channel)
+    for (std::size_t value = 0; value < 256; ++value) {
+      const auto scaled =
+          static_cast<std::uint8_t>(std::min(static_cast<double>(value) * gains[channel], 255.0));
+      scaled_[channel][value] = scaled;
+      rgb_bins_[channel][value] = bin_of(scaled, 255, config.color_bins);
+    }
+}
+
+void ColorBinner::bins(std::size_t begin, std::size_t count, std::uint8_t* result) const {
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto byte = [&](std::size_t c) { return colors_.at(begin + i, static_cast<int>(c)); };
+    if (space_ == ColorSpace::rgb) {
+      for (std::size_t c = 0; c < 3; ++c) result[3 * i + c] = rgb_bins_[c][byte(c)];
+      continue;
+    }
+    const auto value = channels({scaled_[0][byte(0)], scaled_[1][byte(1)], scaled_[2][byte(2)]},
+                                space_, config_.author_lab);
+    for (std::size_t c = 0; c < 3; ++c) result[3 * i + c] = bin_of(value[c], 1, config_.color_bins);
   }
-  return result;
 }
 
 }  // namespace fusionslam::detail

@@ -3,17 +3,30 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
-#include <vector>
 
 #include "fusionslam/descriptors.hpp"
 #include "fusionslam/sensors.hpp"
 
 namespace fusionslam::detail {
 
-/// Histogram bin of each channel of each colour, three bytes a colour
-/// (c-M2DP author's binning: floor(value / width) with a width just above range / bins).
-std::vector<std::uint8_t> color_bins(ColorsView colors, ColorSpace space, const M2dpConfig& config);
+/// Histogram bins of the colours of a cloud (c-M2DP author's binning: floor(value / width) with a
+/// width just above range / bins), after scaling to a grey world if that is configured.
+class ColorBinner {
+ public:
+  ColorBinner(ColorsView colors, ColorSpace space, const M2dpConfig& config);
+
+  /// Three bins a colour, for `count` colours from `begin` on.
+  void bins(std::size_t begin, std::size_t count, std::uint8_t* result) const;
+
+ private:
+  ColorsView colors_;
+  ColorSpace space_;
+  M2dpConfig config_;
+  std::array<std::array<std::uint8_t, 256>, 3> scaled_;    ///< channel values times their gains
+  std::array<std::array<std::uint8_t, 256>, 3> rgb_bins_;  ///< and the bins of these
+};
 
 /// Channels in [0, 1]: (hue / 360, saturation, value).
 std::array<double, 3> hsv_from_rgb(std::uint8_t r, std::uint8_t g, std::uint8_t b);

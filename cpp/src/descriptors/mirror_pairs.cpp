@@ -13,7 +13,12 @@ namespace {
 /// Where mirroring axis 0, 1 or 2 takes planes and sectors, and which side of it they are on.
 class Mirror {
  public:
-  Mirror(int axis, const M2dpConfig& config) : axis_(axis), config_(config) {}
+  Mirror(int axis, const M2dpConfig& config) : axis_(axis), config_(config) {
+    for (int sector = 0; sector < config.sectors; ++sector) {
+      const double angle = 2 * std::numbers::pi * (sector + 0.5) / config.sectors;
+      directions_.push_back({-std::cos(angle), -std::sin(angle)});
+    }
+  }
 
   int plane(int row) const {
     const int p = config_.azimuths;
@@ -31,8 +36,8 @@ class Mirror {
 
   /// Component along the axis of the direction to the middle of a sector.
   double side_of_bin(const KernelPlane& plane, int sector) const {
-    const double angle = 2 * std::numbers::pi * (sector + 0.5) / config_.sectors;
-    return -std::cos(angle) * plane.x_axis[axis_] - std::sin(angle) * plane.y_axis[axis_];
+    const auto& [x, y] = directions_[static_cast<std::size_t>(sector)];
+    return x * plane.x_axis[axis_] + y * plane.y_axis[axis_];
   }
 
   /// Component along the axis of a plane's normal.
@@ -45,6 +50,7 @@ class Mirror {
  private:
   int axis_;
   const M2dpConfig& config_;
+  std::vector<std::pair<double, double>> directions_;  ///< to the middle of each sector
 };
 
 /// Puts the larger of two values on the positive side.
@@ -76,9 +82,9 @@ void sort_color_pairs(const Mirror& mirror, const M2dpConfig& config, Signature&
   for (int row = 0; row < signature.rows; ++row) {
     const int mirrored = mirror.plane(row);
     if (mirrored < row) continue;
+    const double side = mirror.side_of_plane(row);
     for (int column = config.shape_columns(); column < signature.columns; ++column)
-      sort_pair(mirror.side_of_plane(row),
-                signature.values[static_cast<std::size_t>(row * signature.columns + column)],
+      sort_pair(side, signature.values[static_cast<std::size_t>(row * signature.columns + column)],
                 signature.values[static_cast<std::size_t>(mirrored * signature.columns + column)]);
   }
 }

@@ -13,10 +13,12 @@ namespace fusionslam::detail {
 struct PrincipalAxes {
   Eigen::Vector3d mean;
   Eigen::Matrix3d axes;
+  double mean_square;  ///< distance from the mean
 };
 
 /// Mean and PCA of a cloud with the signs of PCL (`pcl`) or MATLAB (all other rules; those of
-/// `mirror_pairs` do not matter). Throws DataError if all points are equal or on one line.
+/// `mirror_pairs` do not matter). Throws DataError if a point is not finite, or if
+/// all points are equal or on one line.
 PrincipalAxes principal_axes(PointsView points, AxisSigns signs);
 
 }  // namespace fusionslam::detail

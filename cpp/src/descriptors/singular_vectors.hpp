@@ -4,12 +4,27 @@
 
 #include <vector>
 
-#include "fusionslam/descriptors.hpp"
-
 namespace fusionslam::detail {
 
-/// First left and right singular vectors of a matrix of non-negative entries, concatenated.
-/// Both can be chosen non-negative (Perron and Frobenius) and are.
-std::vector<float> first_singular_vectors(const Signature& signature);
+/// Row-major matrix of entries >= 0.
+struct MatrixView {
+  const float* data;
+  int rows;
+  int columns;
+};
+
+struct SingularVectors {
+  std::vector<float> joined;  ///< left (rows), then right (columns), each of length 1
+  int iterations = 0;         ///< of the power method
+  bool fell_back = false;     ///< to the eigenvectors of the Gram matrix
+};
+
+/// First left and right singular vectors of a matrix of non-negative entries. Both can be chosen
+/// non-negative (Perron and Frobenius) and are. Where the two largest singular values are equal,
+/// the left one is that of their vectors' space which is nearest to the row sums.
+///
+/// Power method until the estimated error is below 1e-9; where that would take long because the
+/// two largest singular values are close, the eigenvectors of A A^T in double precision.
+SingularVectors first_singular_vectors(MatrixView matrix);
 
 }  // namespace fusionslam::detail

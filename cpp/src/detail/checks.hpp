@@ -15,11 +15,16 @@ inline bool is_finite(const float* point) {
   return std::isfinite(point[0]) && std::isfinite(point[1]) && std::isfinite(point[2]);
 }
 
-/// Throws DataError unless there are `minimum` points, all of them finite.
-inline void check_points(PointsView points, std::size_t minimum, const char* what) {
+/// Throws DataError unless there are `minimum` points.
+inline void check_size(PointsView points, std::size_t minimum, const char* what) {
   if (points.size < minimum)
     throw DataError("the cloud has " + std::to_string(points.size) + " points, " + what +
                     " needs at least " + std::to_string(minimum));
+}
+
+/// Throws DataError unless there are `minimum` points, all of them finite.
+inline void check_points(PointsView points, std::size_t minimum, const char* what) {
+  check_size(points, minimum, what);
   for (std::size_t i = 0; i < points.size; ++i)
     if (!is_finite(points[i]))
       throw DataError("point " + std::to_string(i) +

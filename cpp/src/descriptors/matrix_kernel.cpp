@@ -1,0 +1,146 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+#include "matrix_kernel.hpp"
+
+namespace fusionslam::detail {
+namespace {
+
+template <class Scalar>
+FUSIONSLAM_INLINE Scalar dot(const float* row, const Scalar* vector, std::size_t size) {
+  constexpr std::size_t lanes = 256 / sizeof(Scalar);  // partial sums; part of the result
+  Scalar partial[lanes] = {};
+  std::size_t i = 0;
+  for (; i + lanes <= size; i += lanes)
+    for (std::size_t lane = 0; lane < lanes; ++lane)
+      partial[lane] += static_cast<Scalar>(row[i + lane]) * vector[i + lane];
+  Scalar sum = 0;
+  for (std::size_t lane = 0; lane < lanes; ++lane) sum += partial[lane];
+  for (; i < size; ++i) sum += static_cast<Scalar>(row[i]) * vector[i];
+  return sum;
+}
+
+template <class Scalar>
+FUSIONSLAM_INLINE void multiply(const float* matrix, int rows, int columns, const Scalar* right,
+                                Scalar* result) {
+  const auto size = static_cast<std::size_t>(columns);
+  for (int row = 0; row < rows; ++row)
+    result[row] = dot(matrix + static_cast<std::size_t>(row) * size, right, size);
+}
+
+/// Four rows at a time, so that the result is read and written less often.
+template <class Scalar>
+FUSIONSLAM_INLINE void multiply_transposed(const float* matrix, int rows, int columns,
+                                           const Scalar* left, Scalar* __restrict result) {
+  const auto size = static_cast<std::size_t>(columns);
+  for (std::size_t i = 0; i < size; ++i) result[i] = 0;
+  int row = 0;
+  for (; row + 4 <= rows; row += 4) {
+    const float* a = matrix + static_cast<std::size_t>(row) * size;
+    const float *b = a + size, *c = b + size, *d = c + size;
+    const Scalar s = left[row], t = left[row + 1], u = left[row + 2], v = left[row + 3];
+    for (std::size_t i = 0; i < size; ++i)
+      result[i] += (static_cast<Scalar>(a[i]) * s + static_cast<Scalar>(b[i]) * t) +
+                   (static_cast<Scalar>(c[i]) * u + static_cast<Scalar>(d[i]) * v);
+  }
+  for (; row < rows; ++row) {
+    const float* a = matrix + static_cast<std::size_t>(row) * size;
+    for (std::size_t i = 0; i < size; ++i) result[i] += static_cast<Scalar>(a[i]) * left[row];
+  }
+}
+
+FUSIONSLAM_INLINE void to_float(const double* values, std::size_t size, float* __restrict result) {
+  for (std::size_t i = 0; i < size; ++i) result[i] = static_cast<float>(values[i]);
+}
+
+FUSIONSLAM_INLINE void to_roots(const double* values, std::size_t size, float* __restrict result) {
+  for (std::size_t i = 0; i < size; ++i) result[i] = __builtin_sqrtf(static_cast<float>(values[i]));
+}
+
+namespace baseline {
+void times(const float* a, int rows, int columns, const float* right, float* result) {
+  multiply(a, rows, columns, right, result);
+}
+void transposed_times(const float* a, int rows, int columns, const float* left, float* result) {
+  multiply_transposed(a, rows, columns, left, result);
+}
+void times(const float* a, int rows, int columns, const double* right, double* result) {
+  multiply(a, rows, columns, right, result);
+}
+void transposed_times(const float* a, int rows, int columns, const double* left, double* result) {
+  multiply_transposed(a, rows, columns, left, result);
+}
+void convert(const double* values, std::size_t size, float* result) {
+  to_float(values, size, result);
+}
+void square_roots(const double* values, std::size_t size, float* result) {
+  to_roots(values, size, result);
+}
+}  // namespace baseline
+
+namespace avx2 {
+FUSIONSLAM_AVX2 void times(const float* a, int rows, int columns, const float* right,
+                           float* result) {
+  multiply(a, rows, columns, right, result);
+}
+FUSIONSLAM_AVX2 void transposed_times(const float* a, int rows, int columns, const float* left,
+                                      float* result) {
+  multiply_transposed(a, rows, columns, left, result);
+}
+FUSIONSLAM_AVX2 void times(const float* a, int rows, int columns, const double* right,
+                           double* result) {
+  multiply(a, rows, columns, right, result);
+}
+FUSIONSLAM_AVX2 void transposed_times(const float* a, int rows, int columns, const double* left,
+                                      double* result) {
+  multiply_transposed(a, rows, columns, left, result);
+}
+FUSIONSLAM_AVX2 void convert(const double* values, std::size_t size, float* result) {
+  to_float(values, size, result);
+}
+FUSIONSLAM_AVX2 void square_roots(const double* values, std::size_t size, float* result) {
+  to_roots(values, size, result);
+}
+}  // namespace avx2
+
+namespace avx512 {
+FUSIONSLAM_AVX512 void times(const float* a, int rows, int columns, const float* right,
+                             float* result) {
+  multiply(a, rows, columns, right, result);
+}
+FUSIONSLAM_AVX512 void transposed_times(const float* a, int rows, int columns, const float* left,
+                                        float* result) {
+  multiply_transposed(a, rows, columns, left, result);
+}
+FUSIONSLAM_AVX512 void times(const float* a, int rows, int columns, const double* right,
+                             double* result) {
+  multiply(a, rows, columns, right, result);
+}
+FUSIONSLAM_AVX512 void transposed_times(const float* a, int rows, int columns, const double* left,
+                                        double* result) {
+  multiply_transposed(a, rows, columns, left, result);
+}
+FUSIONSLAM_AVX512 void convert(const double* values, std::size_t size, float* result) {
+  to_float(values, size, result);
+}
+FUSIONSLAM_AVX512 void square_roots(const double* values, std::size_t size, float* result) {
+  to_roots(values, size, result);
+}
+}  // namespace avx512
+
+template <class Scalar>
+MatrixProducts<Scalar> products(SimdLevel level) {
+  using Function = void(const float*, int, int, const Scalar*, Scalar*);
+  return {choose<Function>(level, baseline::times, avx2::times, avx512::times),
+          choose<Function>(level, baseline::transposed_times, avx2::transposed_times,
+                           avx512::transposed_times)};
+}
+
+}  // namespace
+
+MatrixKernel matrix_kernel(SimdLevel level) {
+  return {products<float>(level), products<double>(level),
+          choose(level, baseline::convert, avx2::convert, avx512::convert),
+          choose(level, baseline::square_roots, avx2::square_roots, avx512::square_roots)};
+}
+
+}  // namespace fusionslam::detail
