@@ -165,6 +165,33 @@ Returns:
 
 }  // namespace
 
+void bind_singular_vectors(py::module_& module) {
+  using namespace py::literals;
+  module.def(
+      "first_singular_vectors",
+      [](const DescriptorTableArg& matrix) {
+        const auto rows = static_cast<int>(matrix.array.shape(0));
+        const auto columns = static_cast<int>(matrix.array.shape(1));
+        return to_numpy(
+            without_gil([&] { return first_singular_vectors(matrix.values(), rows, columns); }));
+      },
+      "matrix"_a,
+      R"(First left and right singular vectors of a matrix of entries >= 0, both >= 0.
+
+What m2dp and cm2dp make of a signature: power method with a test of convergence; where the two
+largest singular values are close, eigenvectors of A A^T in double precision.
+
+Args:
+    matrix: float32 (R, C).
+
+Returns:
+    float32 (R + C,): left, then right, each of length 1.
+
+Raises:
+    DataError: negative, infinite or NaN entries, or all zero.
+    ShapeError: wrong array.)");
+}
+
 void bind_descriptors(py::module_& module) {
   bind_config<M2dpConfig>(module, "M2dpConfig", "Parameters of M2DP and c-M2DP.")
       .def(py::init([](const std::string& preset, const Options& options) {
@@ -174,6 +201,7 @@ void bind_descriptors(py::module_& module) {
            "The preset's values, with the given options in their place.");
   bind_m2dp(module);
   bind_cm2dp(module);
+  bind_singular_vectors(module);
   bind_shot(module);
 }
 

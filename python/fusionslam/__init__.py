@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from fusionslam._core import depth_image as depth_image
     from fusionslam._core import drop_invalid as drop_invalid
     from fusionslam._core import estimate_normals as estimate_normals
+    from fusionslam._core import first_singular_vectors as first_singular_vectors
     from fusionslam._core import m2dp as m2dp
     from fusionslam._core import m2dp_signature as m2dp_signature
     from fusionslam._core import nearest_causal as nearest_causal
@@ -66,7 +67,7 @@ _HOMES = {
     "_core": (
         "DescriptorIndex GroundPlaneConfig M2dpConfig StereoConfig __version__ above_height "
         "cloud_from_disparity cloud_resolution cm2dp cm2dp_signature colorize cshot depth_image "
-        "drop_invalid estimate_normals m2dp m2dp_signature nearest_causal remove_ground_plane "
+        "drop_invalid estimate_normals first_singular_vectors m2dp m2dp_signature nearest_causal remove_ground_plane "
         "shot simd_level stereo_disparity voxel_downsample"
     ),
     "datasets": "Dataset open_dataset",

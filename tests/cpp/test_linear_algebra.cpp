@@ -20,7 +20,7 @@ namespace {
 using FloatMatrix = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 SingularVectors vectors_of(const FloatMatrix& matrix) {
-  return first_singular_vectors(
+  return singular_vectors(
       {matrix.data(), static_cast<int>(matrix.rows()), static_cast<int>(matrix.cols())});
 }
 

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string_view>
 #include <vector>
 
@@ -128,6 +129,13 @@ std::vector<float> m2dp(PointsView points, const M2dpConfig& config = {}, int th
 std::vector<float> cm2dp(PointsView points, ColorsView colors,
                          ColorSpace color_space = ColorSpace::rgb, const M2dpConfig& config = {},
                          int threads = 1);
+
+/// First left (rows) and right (columns) singular vectors of a row-major matrix of entries >= 0,
+/// both of length 1 and >= 0: what m2dp and cm2dp make of a signature. Power method with a test of
+/// convergence; where the two largest singular values are close, eigenvectors of A A^T in double.
+/// Throws ShapeError if the values are no such matrix, DataError for negative, infinite or NaN
+/// entries and a matrix of zeros.
+std::vector<float> first_singular_vectors(std::span<const float> matrix, int rows, int columns);
 
 /// Mean distance from a point to its nearest neighbour, in metres.
 /// Throws DataError for fewer than 2 points, NaN or infinity.

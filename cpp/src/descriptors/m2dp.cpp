@@ -89,7 +89,7 @@ std::vector<float> describe(const Signature& votes, const M2dpConfig& config) {
   const bool roots = config.weighting == Weighting::square_root;
   std::vector<float> matrix(votes.values.size());
   (roots ? kernel.square_roots : kernel.convert)(votes.values.data(), matrix.size(), matrix.data());
-  return detail::first_singular_vectors({matrix.data(), votes.rows, votes.columns}).joined;
+  return detail::singular_vectors({matrix.data(), votes.rows, votes.columns}).joined;
 }
 
 }  // namespace

@@ -5,42 +5,10 @@
 namespace fusionslam::detail {
 namespace {
 
-constexpr std::size_t lanes = 16;   // partial sums; how many is part of the result
-constexpr std::size_t block = 256;  // points taken apart at a time
-
-/// A block of points as three arrays.
-struct Block {
-  alignas(64) float x[block], y[block], z[block];
-};
-
-template <std::size_t Stride>
-FUSIONSLAM_INLINE void take_apart(const float* data, std::size_t count, Block& b) {
-  for (std::size_t i = 0; i < count; ++i) {
-    b.x[i] = data[i * Stride];
-    b.y[i] = data[i * Stride + 1];
-    b.z[i] = data[i * Stride + 2];
-  }
-}
-
-FUSIONSLAM_INLINE std::size_t load(RawPoints points, std::size_t begin, Block& b) {
-  const std::size_t count = points.size - begin < block ? points.size - begin : block;
-  const float* data = points.data + begin * points.stride;
-  if (points.stride == 3) {
-    take_apart<3>(data, count, b);
-  } else if (points.stride == 4) {
-    take_apart<4>(data, count, b);
-  } else {
-    for (std::size_t i = 0; i < count; ++i) {
-      b.x[i] = data[i * points.stride];
-      b.y[i] = data[i * points.stride + 1];
-      b.z[i] = data[i * points.stride + 2];
-    }
-  }
-  return count;
-}
+constexpr std::size_t lanes = 16;  // partial sums; how many is part of the result
 
 /// Fills the block up to whole lanes with a point that adds nothing.
-FUSIONSLAM_INLINE std::size_t pad(Block& b, std::size_t count, const float* filler) {
+FUSIONSLAM_INLINE std::size_t pad(PointBlock& b, std::size_t count, const float* filler) {
   std::size_t i = count;
   for (; i % lanes != 0; ++i) {
     b.x[i] = filler[0];
@@ -59,8 +27,8 @@ FUSIONSLAM_INLINE double total(const double* partial) {
 FUSIONSLAM_INLINE void sum_points(RawPoints points, double* sums) {
   const float zero[3] = {0, 0, 0};
   double x[lanes] = {}, y[lanes] = {}, z[lanes] = {};
-  Block b;
-  for (std::size_t begin = 0; begin < points.size; begin += block) {
+  PointBlock b;
+  for (std::size_t begin = 0; begin < points.size; begin += point_block) {
     const std::size_t end = pad(b, load(points, begin, b), zero);
     for (std::size_t i = 0; i < end; i += lanes) {
       for (std::size_t lane = 0; lane < lanes; ++lane)
@@ -79,8 +47,8 @@ FUSIONSLAM_INLINE void sum_points(RawPoints points, double* sums) {
 FUSIONSLAM_INLINE void scatter_points(RawPoints points, const double* mean, double* sums) {
   double partial[6][lanes] = {};
   double x[lanes], y[lanes], z[lanes];
-  Block b;
-  for (std::size_t begin = 0; begin < points.size; begin += block) {
+  PointBlock b;
+  for (std::size_t begin = 0; begin < points.size; begin += point_block) {
     const std::size_t count = load(points, begin, b);
     for (std::size_t i = 0; i < count; i += lanes) {
       const std::size_t full = count - i < lanes ? count - i : lanes;
@@ -103,7 +71,7 @@ FUSIONSLAM_INLINE void scatter_points(RawPoints points, const double* mean, doub
   for (std::size_t i = 0; i < 6; ++i) sums[i] += total(partial[i]);
 }
 
-FUSIONSLAM_INLINE void transform_block(const Block& b, std::size_t begin, std::size_t end,
+FUSIONSLAM_INLINE void transform_block(const PointBlock& b, std::size_t begin, std::size_t end,
                                        const KernelFrame& f, double* x, double* y, double* z) {
   for (std::size_t i = begin; i < end; ++i) {
     const double dx = static_cast<double>(b.x[i]) - f.origin[0];
@@ -116,11 +84,11 @@ FUSIONSLAM_INLINE void transform_block(const Block& b, std::size_t begin, std::s
 }
 
 FUSIONSLAM_INLINE double largest_of(RawPoints points, const KernelFrame& frame, double largest) {
-  double x[block], y[block], z[block];
+  double x[point_block], y[point_block], z[point_block];
   double best[lanes];
   for (std::size_t lane = 0; lane < lanes; ++lane) best[lane] = largest;
-  Block b;
-  for (std::size_t begin = 0; begin < points.size; begin += block) {
+  PointBlock b;
+  for (std::size_t begin = 0; begin < points.size; begin += point_block) {
     const std::size_t count = load(points, begin, b);
     const float first[3] = {b.x[0], b.y[0], b.z[0]};
     const std::size_t end = pad(b, count, first);
@@ -139,9 +107,9 @@ FUSIONSLAM_INLINE double largest_of(RawPoints points, const KernelFrame& frame, 
 
 FUSIONSLAM_INLINE void transform_points(RawPoints points, const KernelFrame& frame, float* x,
                                         float* y, float* z) {
-  double qx[block], qy[block], qz[block];
-  Block b;
-  for (std::size_t begin = 0; begin < points.size; begin += block) {
+  double qx[point_block], qy[point_block], qz[point_block];
+  PointBlock b;
+  for (std::size_t begin = 0; begin < points.size; begin += point_block) {
     const std::size_t count = load(points, begin, b);
     transform_block(b, 0, count, frame, qx, qy, qz);
     for (std::size_t i = 0; i < count; ++i) x[begin + i] = static_cast<float>(qx[i]);

@@ -2,18 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <cstddef>
-
-#include "../detail/simd.hpp"
+#include "../detail/point_block.hpp"
 
 namespace fusionslam::detail {
-
-/// Points of three floats, `stride` floats apart.
-struct RawPoints {
-  const float* data;
-  std::size_t stride;
-  std::size_t size;
-};
 
 /// A rotation (rows) after a shift: q = rows (p - origin).
 struct KernelFrame {

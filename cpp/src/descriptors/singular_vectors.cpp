@@ -6,10 +6,14 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <string>
 
+#include "fusionslam/descriptors.hpp"
+#include "fusionslam/errors.hpp"
 #include "matrix_kernel.hpp"
 
-namespace fusionslam::detail {
+namespace fusionslam {
+namespace detail {
 namespace {
 
 using Vector = Eigen::VectorXd;
@@ -82,7 +86,7 @@ Vector gram_vector(MatrixView matrix, const Vector& start) {
 
 }  // namespace
 
-SingularVectors first_singular_vectors(MatrixView matrix) {
+SingularVectors singular_vectors(MatrixView matrix) {
   const auto products = matrix_kernel(simd_level()).in_double;
   Vector start(matrix.rows), right = Vector::Ones(matrix.columns);
   products.times(matrix.data, matrix.rows, matrix.columns, right.data(), start.data());
@@ -100,4 +104,22 @@ SingularVectors first_singular_vectors(MatrixView matrix) {
   return result;
 }
 
-}  // namespace fusionslam::detail
+}  // namespace detail
+
+std::vector<float> first_singular_vectors(std::span<const float> matrix, int rows, int columns) {
+  if (rows < 1 || columns < 1 ||
+      matrix.size() != static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns))
+    throw ShapeError(std::to_string(matrix.size()) + " values are no matrix of " +
+                     std::to_string(rows) + " x " + std::to_string(columns));
+  float largest = 0;
+  for (std::size_t i = 0; i < matrix.size(); ++i) {
+    if (!(matrix[i] >= 0) || std::isinf(matrix[i]))
+      throw DataError("entry " + std::to_string(i) + " of the matrix is " +
+                      std::to_string(matrix[i]) + ", expected a finite number >= 0");
+    largest = std::max(largest, matrix[i]);
+  }
+  if (largest == 0) throw DataError("the matrix is zero, it has no first singular vectors");
+  return detail::singular_vectors({matrix.data(), rows, columns}).joined;
+}
+
+}  // namespace fusionslam

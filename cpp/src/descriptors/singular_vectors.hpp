@@ -25,6 +25,6 @@ struct SingularVectors {
 ///
 /// Power method until the estimated error is below 1e-9; where that would take long because the
 /// two largest singular values are close, the eigenvectors of A A^T in double precision.
-SingularVectors first_singular_vectors(MatrixView matrix);
+SingularVectors singular_vectors(MatrixView matrix);
 
 }  // namespace fusionslam::detail

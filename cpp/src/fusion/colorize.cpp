@@ -2,9 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <array>
-#include <cmath>
+#include <utility>
 
-#include "../detail/checks.hpp"
 #include "fusionslam/fusion.hpp"
 #include "projection.hpp"
 
@@ -44,11 +43,33 @@ Color bilinear_color(ImageView image, double u, double v) {
   return result;
 }
 
-void append(ColoredCloud& cloud, const float* point, const Color& color, std::size_t index) {
-  cloud.points.insert(cloud.points.end(), point, point + 3);
-  cloud.colors.insert(cloud.colors.end(), color.begin(), color.end());
-  cloud.indices.push_back(static_cast<std::int64_t>(index));
-}
+/// A cloud that grows without being filled with zeros first for each point.
+class Collector {
+ public:
+  explicit Collector(std::size_t expected) { resize(expected); }
+
+  void add(const float* point, const Color& color, std::size_t index) {
+    if (size_ == cloud_.indices.size()) resize(2 * size_ + 1024);
+    std::copy_n(point, 3, cloud_.points.data() + 3 * size_);
+    std::copy_n(color.data(), 3, cloud_.colors.data() + 3 * size_);
+    cloud_.indices[size_++] = static_cast<std::int64_t>(index);
+  }
+
+  ColoredCloud take() {
+    resize(size_);
+    return std::move(cloud_);
+  }
+
+ private:
+  void resize(std::size_t size) {
+    cloud_.points.resize(3 * size);
+    cloud_.colors.resize(3 * size);
+    cloud_.indices.resize(size);
+  }
+
+  ColoredCloud cloud_;
+  std::size_t size_ = 0;
+};
 
 }  // namespace
 
@@ -56,19 +77,16 @@ ColoredCloud colorize(PointsView points, ImageView image, const Projection& proj
                       Interpolation interpolation) {
   detail::check_projection(projection);
   detail::check_image(image);
-  detail::check_points(points, 0, "colorize");
-  ColoredCloud cloud;
-  for (std::size_t i = 0; i < points.size; ++i) {
-    const auto pixel = detail::project(points[i], projection);
-    int column = 0;
-    int row = 0;
-    if (!detail::nearest_pixel(pixel, image.width, image.height, column, row)) continue;
-    append(cloud, points[i],
-           interpolation == Interpolation::nearest ? color_at(image, row, column)
-                                                   : bilinear_color(image, pixel.u, pixel.v),
-           i);
-  }
-  return cloud;
+  Collector cloud(points.size / 5);  // of a full circle a camera sees about that much
+  const bool nearest = interpolation == Interpolation::nearest;
+  detail::for_each_visible(points, projection, image.width, image.height,
+                           [&](std::size_t i, const detail::Pixel& pixel) {
+                             cloud.add(points[i],
+                                       nearest ? color_at(image, pixel.row(), pixel.column())
+                                               : bilinear_color(image, pixel.u, pixel.v),
+                                       i);
+                           });
+  return cloud.take();
 }
 
 std::vector<float> depth_image(PointsView points, int width, int height,
@@ -78,18 +96,15 @@ std::vector<float> depth_image(PointsView points, int width, int height,
   if (width <= 0 || height <= 0 || width > most || height > most)
     throw DataError("an image of " + std::to_string(width) + "x" + std::to_string(height) +
                     ", expected 1 to " + std::to_string(most) + " pixels a side");
-  detail::check_points(points, 0, "depth_image");
   std::vector<float> depth(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-  for (std::size_t i = 0; i < points.size; ++i) {
-    const auto pixel = detail::project(points[i], projection);
-    int column = 0;
-    int row = 0;
-    if (!detail::nearest_pixel(pixel, width, height, column, row)) continue;
-    float& nearest = depth[static_cast<std::size_t>(row) * static_cast<std::size_t>(width) +
-                           static_cast<std::size_t>(column)];
-    const auto here = static_cast<float>(pixel.depth);
-    if (nearest == 0 || here < nearest) nearest = here;
-  }
+  detail::for_each_visible(
+      points, projection, width, height, [&](std::size_t, const detail::Pixel& pixel) {
+        float& nearest =
+            depth[static_cast<std::size_t>(pixel.row()) * static_cast<std::size_t>(width) +
+                  static_cast<std::size_t>(pixel.column())];
+        const auto here = static_cast<float>(pixel.depth);
+        if (nearest == 0 || here < nearest) nearest = here;
+      });
   return depth;
 }
 

@@ -2,9 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 
+#include "../detail/checks.hpp"
+#include "../detail/interrupt.hpp"
+#include "frustum_kernel.hpp"
 #include "fusionslam/errors.hpp"
 #include "fusionslam/sensors.hpp"
 
@@ -13,6 +17,10 @@ namespace fusionslam::detail {
 /// A point in an image: column u and row v in pixels, depth in metres along the optical axis.
 struct Pixel {
   double u, v, depth;
+
+  /// Of the pixel whose centre is nearest; for points in the image, where the casts round down.
+  int column() const { return static_cast<int>(u + 0.5); }
+  int row() const { return static_cast<int>(v + 0.5); }
 };
 
 inline Pixel project(const float* point, const Projection& p) {
@@ -22,15 +30,46 @@ inline Pixel project(const float* point, const Projection& p) {
           w};
 }
 
-/// The pixel centre nearest to a projected point; false if that is outside or behind the camera.
-inline bool nearest_pixel(const Pixel& pixel, int width, int height, int& column, int& row) {
-  if (!(pixel.depth > 0)) return false;
-  const double u = std::floor(pixel.u + 0.5);
-  const double v = std::floor(pixel.v + 0.5);
-  if (!(u >= 0 && v >= 0 && u < width && v < height)) return false;
-  column = static_cast<int>(u);
-  row = static_cast<int>(v);
-  return true;
+/// In front of the camera, and the nearest pixel centre is one of the image.
+inline bool is_visible(const Pixel& pixel, int width, int height) {
+  const double u = pixel.u + 0.5, v = pixel.v + 0.5;
+  return pixel.depth > 0 && u >= 0 && v >= 0 && u < width && v < height;
+}
+
+/// The sides of an image: u >= -1/2, u <= width - 1/2, and the same for v, times the depth.
+inline Frustum frustum_of(const Projection& p, int width, int height) {
+  Frustum frustum{};
+  for (std::size_t k = 0; k < 4; ++k) {
+    const double u = p[k], v = p[4 + k], depth = p[8 + k];
+    frustum.sides[0][k] = static_cast<float>(u + 0.5 * depth);
+    frustum.sides[1][k] = static_cast<float>((width - 0.5) * depth - u);
+    frustum.sides[2][k] = static_cast<float>(v + 0.5 * depth);
+    frustum.sides[3][k] = static_cast<float>((height - 0.5) * depth - v);
+  }
+  return frustum;
+}
+
+/// Calls work(i, pixel) for each point that is visible, in order. Throws DataError at the first
+/// point that is not finite.
+template <class Work>
+void for_each_visible(PointsView points, const Projection& projection, int width, int height,
+                      Work&& work) {
+  const auto list_inside = frustum_kernel(simd_level());
+  const Frustum frustum = frustum_of(projection, width, height);
+  int list[point_block];
+  std::int32_t largest = 0;
+  for (std::size_t begin = 0; begin < points.size; begin += point_block) {
+    check_interrupt();
+    const std::size_t size = std::min(point_block, points.size - begin);
+    const int count = list_inside({points[begin], points.stride, size}, frustum, list, largest);
+    constexpr std::int32_t infinity = 0x7f800000;
+    if (largest >= infinity) check_points(points, 0, "the projection");
+    for (int k = 0; k < count; ++k) {
+      const std::size_t i = begin + static_cast<std::size_t>(list[k]);
+      const Pixel pixel = project(points[i], projection);
+      if (is_visible(pixel, width, height)) work(i, pixel);
+    }
+  }
 }
 
 /// Throws DataError if the matrix is not finite or its left 3x3 part is singular.
