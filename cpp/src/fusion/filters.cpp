@@ -6,6 +6,7 @@
 #include <unordered_map>
 
 #include "../detail/checks.hpp"
+#include "../detail/interrupt.hpp"
 #include "fusionslam/fusion.hpp"
 
 namespace fusionslam {
@@ -45,6 +46,7 @@ std::vector<Cube> collect(PointsView points, ColorsView colors, double size) {
   std::unordered_map<std::uint64_t, std::size_t> cube_of_key;
   std::vector<Cube> cubes;
   for (std::size_t i = 0; i < points.size; ++i) {
+    if (i % 4096 == 0) detail::check_interrupt();
     const auto [place, is_new] =
         cube_of_key.try_emplace(cube_key(points[i], origin, size), cubes.size());
     if (is_new) cubes.push_back({i});

@@ -1,12 +1,15 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-#include <pcl/segmentation/sac_segmentation.h>
+#include <pcl/sample_consensus/ransac.h>
+#include <pcl/sample_consensus/sac_model_perpendicular_plane.h>
 
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <optional>
 
 #include "../detail/checks.hpp"
+#include "../detail/interrupt.hpp"
 #include "../detail/pcl.hpp"
 #include "fusionslam/fusion.hpp"
 
@@ -30,22 +33,35 @@ Eigen::Vector3f direction(UpAxis up) {
   return result;
 }
 
-pcl::ModelCoefficients fit(const pcl::PointCloud<pcl::PointXYZ>::Ptr& cloud, UpAxis up,
-                           const GroundPlaneConfig& config) {
-  pcl::SACSegmentation<pcl::PointXYZ> segmentation;
-  segmentation.setModelType(pcl::SACMODEL_PERPENDICULAR_PLANE);
-  segmentation.setMethodType(pcl::SAC_RANSAC);
-  segmentation.setAxis(direction(up));
+using PlaneModel = pcl::SampleConsensusModelPerpendicularPlane<pcl::PointXYZ>;
+
+/// Looks for an interrupt whenever a candidate plane is counted, which is where the time goes.
+class InterruptiblePlane : public PlaneModel {
+ public:
+  using PlaneModel::PlaneModel;
+  std::size_t countWithinDistance(const Eigen::VectorXf& plane, double threshold) const override {
+    detail::check_interrupt();
+    return PlaneModel::countWithinDistance(plane, threshold);
+  }
+};
+
+/// Coefficients of the plane with most points near it, fitted to these; nothing if there is none.
+std::optional<Eigen::VectorXf> fit(const pcl::PointCloud<pcl::PointXYZ>::Ptr& cloud, UpAxis up,
+                                   const GroundPlaneConfig& config) {
+  const auto model = pcl::make_shared<InterruptiblePlane>(cloud, false);  // false: a fixed seed
+  model->setAxis(direction(up));
   // PCL takes 0 for no limit at all, and its float angles are good to some 1e-4.
-  segmentation.setEpsAngle(std::max(config.max_tilt * std::numbers::pi / 180, 1e-3));
-  segmentation.setDistanceThreshold(config.distance);
-  segmentation.setMaxIterations(config.iterations);
-  segmentation.setInputCloud(cloud);
-  pcl::PointIndices inliers;
-  pcl::ModelCoefficients coefficients;
+  model->setEpsAngle(std::max(config.max_tilt * std::numbers::pi / 180, 1e-3));
+  pcl::RandomSampleConsensus<pcl::PointXYZ> search(model, config.distance);
+  search.setMaxIterations(config.iterations);
   const detail::QuietPcl quiet;
-  segmentation.segment(inliers, coefficients);
-  return coefficients;
+  if (!search.computeModel()) return std::nullopt;
+  pcl::Indices inliers;
+  Eigen::VectorXf coarse, fitted;
+  search.getInliers(inliers);
+  search.getModelCoefficients(coarse);
+  model->optimizeModelCoefficients(inliers, coarse, fitted);
+  return fitted;
 }
 
 double signed_distance(const std::array<double, 4>& plane, const float* p) {
@@ -70,14 +86,14 @@ GroundPlane remove_ground_plane(PointsView points, UpAxis up, const GroundPlaneC
   detail::check_points(points, 3, "the ground plane");
   const auto fitted = fit(detail::pcl_cloud(points), up, config);
   GroundPlane ground;
-  if (fitted.values.size() == 4) {
+  if (fitted) {
     const Axis axis = axis_of(up);
-    const double sign = axis.sign * fitted.values[axis.coordinate] < 0 ? -1 : 1;
-    for (std::size_t i = 0; i < 4; ++i) ground.coefficients[i] = sign * fitted.values[i];
+    const auto value = [&](std::size_t i) { return (*fitted)[static_cast<Eigen::Index>(i)]; };
+    const double sign = axis.sign * value(axis.coordinate) < 0 ? -1 : 1;
+    for (std::size_t i = 0; i < 4; ++i) ground.coefficients[i] = sign * value(i);
   }
-  const bool found = fitted.values.size() == 4;
   for (std::size_t i = 0; i < points.size; ++i)
-    if (!found || std::fabs(signed_distance(ground.coefficients, points[i])) > config.distance)
+    if (!fitted || std::fabs(signed_distance(ground.coefficients, points[i])) > config.distance)
       ground.kept.push_back(static_cast<std::int64_t>(i));
   return ground;
 }
