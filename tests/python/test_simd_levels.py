@@ -1,0 +1,83 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every instruction set that this machine has gives the same bytes."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+# Runs in a process of its own, because the level is chosen once a process.
+PROGRAM = """
+import hashlib
+import numpy as np
+import fusionslam
+
+random = np.random.default_rng(4)
+points = (random.normal(size=(3000, 3)) * [9, 4, 1] + [3, -2, 1]).astype(np.float32)
+colors = random.integers(0, 256, (3000, 3), dtype=np.uint8)
+image = random.integers(0, 256, (60, 80, 3), dtype=np.uint8)
+projection = np.array([[50, 0, 40, 0], [0, 50, 30, 0], [0, 0, 1, 9]], float)
+table = np.abs(random.normal(size=(400, 192))).astype(np.float32)
+
+results = {}
+for preset in ("paper", "author", "robust"):
+    results["m2dp " + preset] = fusionslam.m2dp(points, preset=preset)
+    for space in ("rgb", "hsv", "lab"):
+        results[f"cm2dp {preset} {space}"] = fusionslam.cm2dp(
+            points, colors, preset=preset, color_space=space
+        )
+results["signature"] = fusionslam.cm2dp_signature(points, colors)
+results["singular vectors"] = fusionslam.first_singular_vectors(table)
+results["normals"] = fusionslam.estimate_normals(points, radius=1.0)
+results["resolution"] = fusionslam.cloud_resolution(points)
+results["shot"] = fusionslam.shot(points)
+results["cshot"] = fusionslam.cshot(points, colors)
+results["colorize"] = fusionslam.colorize(points, image, projection)
+results["bilinear"] = fusionslam.colorize(points, image, projection, interpolation="bilinear")
+results["depth"] = fusionslam.depth_image(points, 80, 60, projection)
+results["nearest"] = fusionslam.nearest_causal(table, window=5, k=3)
+index = fusionslam.DescriptorIndex(192)
+for row in table:
+    index.add(row)
+results["query"] = index.query(table[7] + np.float32(0.01), k=9)
+for name, value in results.items():
+    parts = value if isinstance(value, (tuple, list)) else (value,)
+    digest = hashlib.sha256(b"".join(np.asarray(part).tobytes() for part in parts))
+    print(name, digest.hexdigest())
+print("level", fusionslam.simd_level())
+"""
+
+
+def run_on(level: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        env={**os.environ, "FUSIONSLAM_SIMD": level},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+def digests_on(level: str) -> list[str]:
+    """What the program prints without its last line; skips the test where the level is lacking."""
+    done = run_on(level)
+    if "this machine has no more than" in done.stderr:
+        pytest.skip(f"this machine has no {level}")
+    assert done.returncode == 0, done.stderr
+    *digests, used = done.stdout.splitlines()
+    assert used == f"level {level}"
+    return digests
+
+
+@pytest.mark.parametrize("level", ["avx2", "avx512"])
+def test_results_are_those_of_the_baseline_bit_for_bit(level: str) -> None:
+    expected = digests_on("baseline")
+    assert len(expected) == 23
+    assert digests_on(level) == expected
+
+
+def test_an_unknown_level_is_refused_by_name() -> None:
+    done = run_on("sse9")
+    assert "FUSIONSLAM_SIMD is 'sse9', expected one of baseline, avx2, avx512" in done.stderr
