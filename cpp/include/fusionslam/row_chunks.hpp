@@ -4,26 +4,26 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <new>
 #include <span>
 #include <utility>
 #include <vector>
 
 namespace fusionslam::detail {
 
-/// Starts arrays at a cache line, so that wide loads do not straddle two.
+/// Memory that starts at a cache line, so that wide loads do not straddle two; large blocks ask
+/// for huge pages, which make walking through them up to twice as fast.
+void* allocate_lines(std::size_t bytes);
+void free_lines(void* data, std::size_t bytes);
+
 template <class T>
 struct LineAllocator {
   using value_type = T;
-  static constexpr std::align_val_t alignment{64};
 
   LineAllocator() = default;
   template <class Other>
   LineAllocator(const LineAllocator<Other>&) {}
-  T* allocate(std::size_t count) {
-    return static_cast<T*>(::operator new(count * sizeof(T), alignment));
-  }
-  void deallocate(T* data, std::size_t) { ::operator delete(data, alignment); }
+  T* allocate(std::size_t count) { return static_cast<T*>(allocate_lines(count * sizeof(T))); }
+  void deallocate(T* data, std::size_t count) { free_lines(data, count * sizeof(T)); }
   friend bool operator==(const LineAllocator&, const LineAllocator&) { return true; }
 };
 
@@ -70,7 +70,7 @@ class RowChunks {
   std::span<const float> chunk(std::size_t i) const { return chunks_[i]; }
 
  private:
-  static constexpr std::size_t chunk_floats = std::size_t{1} << 18;  // 1 MiB
+  static constexpr std::size_t chunk_floats = std::size_t{1} << 21;  // 8 MiB
   std::size_t dimension_;
   std::size_t chunk_rows_;
   std::vector<AlignedFloats> chunks_;

@@ -181,7 +181,9 @@ void BatchSearch::search_block(std::size_t first, std::size_t count, MatchTable&
   Block block(*this, first, count);
   AlignedFloats panel(width * rows_.dimension);
   const std::size_t end = end_of(first + count - 1);
-  for (std::size_t row = 0; row < end; row += width) {
+  // Backwards, because the latest rows of a drive are the most alike: then few others pass.
+  for (std::size_t tile = (end + width - 1) / width; tile-- > 0;) {
+    const std::size_t row = tile * width;
     check_stop();
     pack_panel(rows_[row], std::min(width, rows_.count - row), rows_.dimension, center_.data(),
                width, panel.data());

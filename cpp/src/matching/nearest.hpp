@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <functional>
 #include <limits>
 #include <span>
 #include <tuple>
@@ -99,18 +100,20 @@ class Shortlist {
 
   template <class Filter>
   void settle(const Filter& filter) {
-    std::ranges::sort(waiting_, {}, &Waiting::bound);
-    for (const auto& [bound, index] : waiting_) {
-      if (bound > limit_) break;
+    std::ranges::make_heap(waiting_, std::greater(), &Waiting::bound);
+    while (!waiting_.empty() && waiting_.front().bound <= limit_) {
+      const std::int64_t index = waiting_.front().index;
       nearest_.offer(index, filter.exact(index, nearest_.worst()));
       limit_ = filter.limit(nearest_.worst());
+      std::ranges::pop_heap(waiting_, std::greater(), &Waiting::bound);
+      waiting_.pop_back();
     }
     waiting_.clear();
   }
 
   NearestK nearest_;
   std::size_t capacity_;
-  std::vector<Waiting> waiting_;
+  std::vector<Waiting> waiting_;  // while settling a heap, the least bound first
   float limit_ = std::numeric_limits<float>::infinity();
 };
 
