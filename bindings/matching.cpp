@@ -13,6 +13,8 @@ namespace {
 using MatchTuple = py::typing::Tuple<py::array_t<std::int64_t>, py::array_t<float>>;
 
 /// An index that Python threads may share: queries run without the GIL, so it cannot guard them.
+/// Ctrl-C ends long reads. Python's signal handlers run inside them, on the thread that holds the
+/// lock: what such a handler reads of the same index needs no lock, and it cannot write.
 class SharedIndex {
  public:
   explicit SharedIndex(DescriptorIndex index) : index_(std::move(index)) {}
@@ -20,20 +22,43 @@ class SharedIndex {
   /// Calls work(index) without the GIL, while nobody writes.
   template <class Work>
   auto read(Work&& work) const {
-    const py::gil_scoped_release release;
-    const std::shared_lock lock(mutex_);
-    return work(index_);
+    return without_gil([&] {
+      std::shared_lock lock(mutex_, std::defer_lock);
+      if (!is_read_here()) lock.lock();
+      const Reading reading(this);
+      return work(index_);
+    });
   }
 
   /// Calls work(index) without the GIL, alone.
   template <class Work>
   auto write(Work&& work) {
+    if (is_read_here())
+      throw std::runtime_error("a signal handler cannot change the index whose use it interrupts");
     const py::gil_scoped_release release;
     const std::unique_lock lock(mutex_);
     return work(index_);
   }
 
  private:
+  /// While it lives, this thread reads an index; they form a list, the innermost first.
+  struct Reading {
+    explicit Reading(const SharedIndex* read) : index(read), outer(readings_) { readings_ = this; }
+    Reading(const Reading&) = delete;
+    Reading& operator=(const Reading&) = delete;
+    ~Reading() { readings_ = outer; }
+
+    const SharedIndex* index;
+    const Reading* outer;
+  };
+
+  bool is_read_here() const {
+    for (const Reading* reading = readings_; reading != nullptr; reading = reading->outer)
+      if (reading->index == this) return true;
+    return false;
+  }
+
+  static inline thread_local const Reading* readings_ = nullptr;
   DescriptorIndex index_;
   mutable std::shared_mutex mutex_;
 };
@@ -58,6 +83,13 @@ MatchTuple to_tuple(const std::vector<Match>& matches) {
     distances.push_back(distance);
   }
   return py::make_tuple(to_numpy(std::move(indices)), to_numpy(std::move(distances)));
+}
+
+MatchTuple to_tuple(MatchTable&& table) {
+  const auto columns = static_cast<py::ssize_t>(table.k);
+  const auto rows = static_cast<py::ssize_t>(table.indices.size()) / columns;
+  return py::make_tuple(to_numpy(std::move(table.indices), {rows, columns}),
+                        to_numpy(std::move(table.distances), {rows, columns}));
 }
 
 }  // namespace
@@ -150,19 +182,40 @@ Raises:
         });
       });
   module.def(
+      "nearest",
+      [](const DescriptorTableArg& queries, const DescriptorTableArg& descriptors, py::ssize_t k,
+         int threads) {
+        const auto dimension = descriptors.array.shape(1);
+        if (queries.array.shape(1) != dimension)
+          throw ShapeError("queries have " + std::to_string(queries.array.shape(1)) +
+                           " columns, descriptors have " + std::to_string(dimension));
+        const std::size_t count = count_of(k);
+        return to_tuple(without_gil([&] {
+          return nearest(queries.values(), descriptors.values(),
+                         static_cast<std::size_t>(dimension), count, threads);
+        }));
+      },
+      "queries"_a, "descriptors"_a, py::kw_only(), "k"_a = 1, "threads"_a = 0,
+      R"(The k nearest descriptors of each query, exactly; equal distances go to the lowest row.
+
+Args:
+    queries, descriptors: float32 (N, D) and (M, D).
+
+Returns:
+    (indices int64 (N, k), -1 where there is none; distances float32 (N, k), infinite there).
+
+Raises:
+    ShapeError, DataError: other lengths, NaN.)");
+  module.def(
       "nearest_causal",
-      [](const DescriptorTableArg& descriptors, py::ssize_t window, py::ssize_t k,
-         int threads) -> MatchTuple {
-        const auto rows = descriptors.array.shape(0);
+      [](const DescriptorTableArg& descriptors, py::ssize_t window, py::ssize_t k, int threads) {
         const std::size_t frames = window_of(window, 0).frames;
         const std::size_t count = count_of(k);
-        MatchTable table = without_gil([&] {
+        return to_tuple(without_gil([&] {
           return nearest_causal(descriptors.values(),
                                 static_cast<std::size_t>(descriptors.array.shape(1)), frames, count,
                                 threads);
-        });
-        return py::make_tuple(to_numpy(std::move(table.indices), {rows, k}),
-                              to_numpy(std::move(table.distances), {rows, k}));
+        }));
       },
       "descriptors"_a, py::kw_only(), "window"_a, "k"_a = 1, "threads"_a = 0,
       R"(For each row i the k nearest rows j < i - window, as an online run would find them.

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from fusionslam._core import first_singular_vectors as first_singular_vectors
     from fusionslam._core import m2dp as m2dp
     from fusionslam._core import m2dp_signature as m2dp_signature
+    from fusionslam._core import nearest as nearest
     from fusionslam._core import nearest_causal as nearest_causal
     from fusionslam._core import remove_ground_plane as remove_ground_plane
     from fusionslam._core import shot as shot
@@ -67,8 +68,8 @@ _HOMES = {
     "_core": (
         "DescriptorIndex GroundPlaneConfig M2dpConfig StereoConfig __version__ above_height "
         "cloud_from_disparity cloud_resolution cm2dp cm2dp_signature colorize cshot depth_image "
-        "drop_invalid estimate_normals first_singular_vectors m2dp m2dp_signature nearest_causal remove_ground_plane "
-        "shot simd_level stereo_disparity voxel_downsample"
+        "drop_invalid estimate_normals first_singular_vectors m2dp m2dp_signature nearest "
+        "nearest_causal remove_ground_plane shot simd_level stereo_disparity voxel_downsample"
     ),
     "datasets": "Dataset open_dataset",
     "descriptors": "DescriptorConfig describe",

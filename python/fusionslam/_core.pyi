@@ -6,7 +6,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'depth_image', 'drop_invalid', 'estimate_normals', 'm2dp', 'm2dp_signature', 'nearest_causal', 'remove_ground_plane', 'shot', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'depth_image', 'drop_invalid', 'estimate_normals', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'remove_ground_plane', 'shot', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -364,6 +364,19 @@ def m2dp_signature(points: numpy.typing.NDArray[numpy.float32], *, preset: str =
     Signature matrix of M2DP: float64 (64, 128), one row a projection plane, counts / n.
     
     Arguments and errors as m2dp.
+    """
+def nearest(queries: numpy.typing.NDArray[numpy.float32], descriptors: numpy.typing.NDArray[numpy.float32], *, k: typing.SupportsInt | typing.SupportsIndex = 1, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float32]]:
+    """
+    The k nearest descriptors of each query, exactly; equal distances go to the lowest row.
+    
+    Args:
+        queries, descriptors: float32 (N, D) and (M, D).
+    
+    Returns:
+        (indices int64 (N, k), -1 where there is none; distances float32 (N, k), infinite there).
+    
+    Raises:
+        ShapeError, DataError: other lengths, NaN.
     """
 def nearest_causal(descriptors: numpy.typing.NDArray[numpy.float32], *, window: typing.SupportsInt | typing.SupportsIndex, k: typing.SupportsInt | typing.SupportsIndex = 1, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float32]]:
     """

@@ -130,6 +130,82 @@ TEST_CASE("an index refuses other lengths, NaN, k = 0 and dimension 0") {
   CHECK(index.size() == 0);
 }
 
+TEST_CASE("descriptors stay where they are while others are added, also past a chunk") {
+  constexpr std::size_t dimension = 5000;
+  DescriptorIndex index(dimension);
+  index.add(std::vector<float>(dimension, 0.0F));
+  const float* first = index.descriptor(0).data();
+  for (int i = 1; i < 1000; ++i) {  // 20 MB
+    index.add(std::vector<float>(dimension, static_cast<float>(i)));
+    index.add(index.descriptor(0));
+  }
+  CHECK(index.descriptor(0).data() == first);
+  CHECK(index.descriptor(1997)[dimension - 1] == 999);
+  const auto matches = index.query(std::vector<float>(dimension, 998.9F), 3);
+  REQUIRE(matches.size() == 3);
+  CHECK(matches[0].index == 1997);
+  CHECK(matches[1].index == 1995);
+  CHECK(matches[2].index == 1993);
+}
+
+TEST_CASE("a copy of an index is one of its own") {
+  const auto rows = coarse_rows(300, 7, 6);
+  DescriptorIndex index(7);
+  for (const auto& row : rows) index.add(row);
+  DescriptorIndex copy(index);
+  CHECK(same(copy.query(rows[9], 300), index.query(rows[9], 300)));
+  copy.add(rows[0]);
+  CHECK(index.size() == 300);
+  CHECK(copy.size() == 301);
+  index = copy;
+  CHECK(index.size() == 301);
+  CHECK(std::ranges::equal(index.descriptor(300), rows[0]));
+}
+
+TEST_CASE("values near the largest float are refused where distances would overflow") {
+  constexpr float largest = std::numeric_limits<float>::max();
+  DescriptorIndex index(2);
+  check_refused<DataError>([&] { index.add(std::vector<float>{1, 0.6F * largest}); },
+                           "descriptor 0 is too long");
+  check_refused<DataError>([&] { index.query(std::vector<float>{largest, largest}); }, "too long");
+  check_refused<DataError>([&] { nearest_causal(std::vector<float>{0, 1, largest, 0}, 2, 0); },
+                           "descriptor 1 is too long");
+  index.add(std::vector<float>{0.499F * largest, 0});
+  index.add(std::vector<float>{0.4F * largest, 0});
+  const auto matches = index.query(std::vector<float>{-0.499F * largest, 0}, 2);
+  REQUIRE(matches.size() == 2);
+  CHECK(matches[0].index == 1);
+  CHECK(matches[0].distance == doctest::Approx(0.899 * static_cast<double>(largest)));
+  CHECK(std::isfinite(matches[1].distance));
+}
+
+TEST_CASE("a batch of queries is the index queried with each, for any number of threads") {
+  for (const std::size_t queries : {3U, 90U}) {
+    const Rows rows = coarse_rows(200, 6, 7), wanted = coarse_rows(queries, 6, 8);
+    DescriptorIndex index(6);
+    for (const auto& row : rows) index.add(row);
+    for (const int threads : {1, 0, 3}) {
+      const auto table = nearest(flat(wanted), flat(rows), 6, 4, threads);
+      for (std::size_t q = 0; q < queries; ++q) {
+        const auto matches = index.query(wanted[q], 4);
+        for (std::size_t rank = 0; rank < 4; ++rank) {
+          CHECK(table.indices[4 * q + rank] == matches[rank].index);
+          CHECK(table.distances[4 * q + rank] == matches[rank].distance);
+        }
+      }
+    }
+  }
+}
+
+TEST_CASE("a batch has -1 and infinity where there are too few candidates") {
+  const auto table = nearest(std::vector<float>{0, 5}, std::vector<float>{3}, 1, 2);
+  CHECK(table.indices == std::vector<std::int64_t>{0, -1, 0, -1});
+  constexpr float infinity = std::numeric_limits<float>::infinity();
+  CHECK(table.distances == std::vector<float>{3, infinity, 2, infinity});
+  CHECK(nearest({}, std::vector<float>{3}, 1).indices.empty());
+  CHECK(nearest(std::vector<float>{3}, {}, 1).indices == std::vector<std::int64_t>{-1});
+}
+
 TEST_CASE("a batch of causal queries is the index queried row by row, for any number of threads") {
   const Rows rows = coarse_rows(120, 5, 4);
   const auto values = flat(rows);
@@ -162,6 +238,11 @@ TEST_CASE("a batch refuses broken rows, NaN and k = 0") {
   values[3] = std::nanf("");
   check_refused<DataError>([&] { nearest_causal(values, 1, 0); }, "descriptor 3");
   CHECK(nearest_causal({}, 3, 0).indices.empty());
+  const std::vector<float> good{1, 2, 3};
+  check_refused<ShapeError>([&] { nearest(good, values, 3); }, "5 values");
+  check_refused<DataError>([&] { nearest(values, good, 1); }, "descriptor 3");
+  check_refused<DataError>([&] { nearest(good, values, 1); }, "descriptor 3");
+  check_refused<ConfigError>([&] { nearest(good, good, 3, 0); }, "k is 0");
 }
 
 /// A folder of its own that is removed at the end.
@@ -238,7 +319,8 @@ TEST_CASE("a file cut anywhere is refused by name") {
   write_bytes(path, bytes.substr(0, bytes.size() / 2));
   check_refused<DataError>([&] { DescriptorIndex::load(path); }, "cut off?");
   write_bytes(path, bytes + "x");
-  check_refused<DataError>([&] { DescriptorIndex::load(path); }, path);
+  check_refused<DataError>([&] { DescriptorIndex::load(path); },
+                           path + ": 1 bytes longer than the 6 descriptors of length 3");
 }
 
 TEST_CASE("any flipped bit is noticed and the file refused by name") {

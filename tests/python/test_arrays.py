@@ -131,6 +131,8 @@ def test_descriptors_in_another_layout_give_the_same_answer(layout: str) -> None
         fusionslam.nearest_causal(given, window=3, k=2),
         fusionslam.nearest_causal(DESCRIPTORS, window=3, k=2),
     )
+    for table in (fusionslam.nearest(given, DESCRIPTORS), fusionslam.nearest(DESCRIPTORS, given)):
+        assert same(table, fusionslam.nearest(DESCRIPTORS, DESCRIPTORS))
     plain, other = fusionslam.DescriptorIndex(8), fusionslam.DescriptorIndex(8)
     for row, given_row in zip(DESCRIPTORS, given, strict=True):
         assert same(other.query(given_row, k=3), plain.query(row, k=3))
@@ -407,7 +409,7 @@ LONG_CALLS: dict[str, Callable[[], object]] = {
     "shot": lambda: fusionslam.shot(BIG[:20_000]),
     "remove_ground_plane": lambda: fusionslam.remove_ground_plane(BIG),
     "voxel_downsample": lambda: fusionslam.voxel_downsample(BIG, size=0.1),
-    "nearest_causal": lambda: fusionslam.nearest_causal(BIG[:3000], window=0, threads=1),
+    "nearest_causal": lambda: fusionslam.nearest_causal(BIG[:20_000], window=0, threads=1),
     "stereo_disparity": lambda: fusionslam.stereo_disparity(
         *[np.tile(LEFT, (20, 12))] * 2, config=fusionslam.StereoConfig(method="sgbm")
     ),

@@ -3,9 +3,11 @@
 """The descriptor index against NumPy brute force, and its file against what befalls files."""
 
 import os
+import signal
 import struct
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -15,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from fusionslam import ConfigError, DataError, DescriptorIndex, ShapeError, nearest_causal
+from fusionslam import ConfigError, DataError, DescriptorIndex, ShapeError, nearest, nearest_causal
 
 SECOND = 1_000_000_000
 VERSION_OFFSET = 8
@@ -104,6 +106,50 @@ def test_a_batch_of_queries_is_what_an_online_run_would_find(
         assert indices[number].tolist() == expected[0] + [-1] * (k - found)
         assert distances[number, :found] == pytest.approx(expected[1], rel=1e-6)
         assert np.isinf(distances[number, found:]).all()
+
+
+HARD_TABLES: dict[str, Callable[[np.random.Generator, tuple[int, int]], NDArray[np.float64]]] = {
+    "normal": lambda rng, shape: rng.normal(size=shape),
+    "near ties": lambda rng, shape: 1 + 1e-7 * rng.integers(0, 3, shape),
+    "far from the origin": lambda rng, shape: 1e6 + rng.normal(size=shape),
+    "denormals": lambda rng, shape: 1e-42 * rng.normal(size=shape),
+    "squares beyond float32": lambda rng, shape: 1e30 * rng.normal(size=shape),
+}
+
+
+@pytest.mark.parametrize("kind", HARD_TABLES)
+@pytest.mark.parametrize("columns", [1, 7, 192, 575, 576])
+def test_one_query_and_a_batch_find_the_neighbours_of_numpy(kind: str, columns: int) -> None:
+    table = HARD_TABLES[kind](np.random.default_rng(7), (300, columns)).astype(np.float32)
+    queries = np.ascontiguousarray(table[::-7]) * np.float32(1.01)
+    index = DescriptorIndex(columns)
+    for row in table:
+        index.add(row)
+    batch = nearest(queries, table, k=5)
+    assert batch[0].shape == batch[1].shape == (len(queries), 5)
+    assert batch[0].dtype == np.int64 and batch[1].dtype == np.float32
+    for number, query in enumerate(queries):
+        squares = np.sum((table.astype(np.float64) - query.astype(np.float64)) ** 2, axis=1)
+        indices, distances = index.query(query, k=5)
+        assert np.array_equal(indices, batch[0][number])
+        assert distances.tobytes() == batch[1][number].tobytes()
+        # NumPy adds in another order, so that ties may fall the other way in the last digits.
+        assert np.allclose(squares[indices], np.sort(squares)[:5], rtol=1e-13, atol=0)
+        assert distances == pytest.approx(np.sqrt(squares[indices]), rel=1e-6, abs=1e-45)
+
+
+def test_a_batch_of_other_length_is_refused() -> None:
+    with pytest.raises(ShapeError, match="queries have 3 columns, descriptors have 4"):
+        nearest(np.zeros((2, 3), np.float32), np.zeros((2, 4), np.float32))
+
+
+def test_descriptors_whose_distances_would_overflow_are_refused() -> None:
+    index = DescriptorIndex(2)
+    with pytest.raises(DataError, match="descriptor 0 is too long"):
+        index.add(np.array([3e38, -3e38], np.float32))
+    with pytest.raises(DataError, match="descriptor 1 is too long"):
+        nearest_causal(np.array([[0, 0], [3e38, 0]], np.float32), window=0)
+    assert len(index) == 0
 
 
 def test_the_neighbours_are_those_of_scikit_learn() -> None:
@@ -288,8 +334,12 @@ def test_a_changed_byte_anywhere_is_noticed(stored: Path) -> None:
 
 
 def test_bytes_at_the_end_are_noticed(stored: Path) -> None:
-    stored.write_bytes(stored.read_bytes() + bytes(36))
-    refusal(stored)
+    content = stored.read_bytes()
+    for count in (1, 36):
+        stored.write_bytes(content + bytes(count))
+        message = refusal(stored)
+        assert f"{count} bytes longer than the 20 descriptors of length 7" in message
+        assert "cut off" not in message
 
 
 def test_a_file_that_is_no_index_is_refused(tmp_path: Path) -> None:
@@ -367,3 +417,129 @@ def test_threads_may_save_to_one_path_at_a_time(tmp_path: Path) -> None:
         list(pool.map(lambda _: index.save(tmp_path / "places.index"), range(40)))
     assert len(DescriptorIndex.load(tmp_path / "places.index")) == 500
     assert [path.name for path in tmp_path.iterdir()] == ["places.index"]
+
+
+# Memory and interrupts
+
+MEMORY_PROGRAM = """
+import sys
+import numpy as np
+import fusionslam
+
+def kibibytes(name):
+    with open("/proc/self/status") as lines:
+        return next(int(line.split()[1]) for line in lines if line.startswith(name))
+
+path, rows, columns = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+row = np.ones(columns, np.float32)
+fusionslam.DescriptorIndex(columns).query(row)  # loads what is loaded once
+before = kibibytes("VmRSS")
+if path:
+    index = fusionslam.DescriptorIndex.load(path)
+else:
+    index = fusionslam.DescriptorIndex(columns)
+    for _ in range(rows):
+        index.add(row)
+    index.save("saved.index")
+assert len(index) == rows
+print((kibibytes("VmHWM") - before) * 1024 / (4 * rows * columns))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="tells no peak of memory")
+def test_filling_saving_and_loading_an_index_takes_little_more_than_its_size(
+    tmp_path: Path,
+) -> None:
+    for path in ("", "saved.index"):
+        run = subprocess.run(
+            [sys.executable, "-c", MEMORY_PROGRAM, path, "260000", "192"],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+            check=True,
+        )
+        assert 1 <= float(run.stdout) <= 1.05
+
+
+class Stop(Exception):
+    """Raised by a signal handler."""
+
+
+@pytest.fixture
+def alarms() -> Iterator[Callable[[Callable[[], None]], None]]:
+    """Calls what it is given every 10 ms."""
+    before = signal.getsignal(signal.SIGALRM)
+
+    def start(handler: Callable[[], None]) -> None:
+        signal.signal(signal.SIGALRM, lambda *_: handler())
+        signal.setitimer(signal.ITIMER_REAL, 0.01, 0.01)
+
+    yield start
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_long_batch_can_be_interrupted(
+    alarms: Callable[[Callable[[], None]], None], threads: int
+) -> None:
+    table = np.random.default_rng(8).normal(size=(40_000, 128)).astype(np.float32)
+    calls = []
+
+    def third_time() -> None:  # once would also be possible after the call
+        calls.append(None)
+        if len(calls) == 3:
+            raise Stop
+
+    alarms(third_time)
+    with pytest.raises(Stop):
+        nearest(table, table, threads=threads)
+
+
+def test_a_signal_handler_may_read_the_index_that_is_in_use_but_not_change_it(
+    alarms: Callable[[Callable[[], None]], None], tmp_path: Path
+) -> None:
+    index = DescriptorIndex(1000)
+    row = np.ones(1000, np.float32)
+    for _ in range(5000):
+        index.add(row)
+    refused = []
+
+    def use() -> None:
+        assert index.query(row)[0].tolist() == [0]
+        try:
+            index.add(row)  # between the calls
+        except RuntimeError as error:
+            refused.append(str(error))
+
+    alarms(use)
+    for _ in range(100):
+        index.save(tmp_path / "places.index")
+        if refused:
+            break
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    assert refused and "signal handler" in refused[0]
+    assert len(DescriptorIndex.load(tmp_path / "places.index")) >= 5000
+
+
+def test_an_interrupted_save_leaves_the_old_file_as_it_was(
+    alarms: Callable[[Callable[[], None]], None], tmp_path: Path
+) -> None:
+    path = tmp_path / "places.index"
+    filled().save(path)
+    before = path.read_bytes()
+    index = DescriptorIndex(1000)
+    for _ in range(20_000):
+        index.add(np.ones(1000, np.float32))
+    calls = []
+
+    def second_time() -> None:
+        calls.append(None)
+        if len(calls) == 2:
+            raise Stop
+
+    alarms(second_time)
+    with pytest.raises(Stop):
+        index.save(path)
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["places.index"]

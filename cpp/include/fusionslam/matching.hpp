@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "fusionslam/row_chunks.hpp"
+
 namespace fusionslam {
 
 /// How much of the past just before a query is left out of the search.
@@ -31,8 +33,9 @@ class DescriptorIndex {
   /// Throws ConfigError if dimension is 0 or the window is negative.
   explicit DescriptorIndex(std::size_t dimension, ExclusionWindow window = {});
 
-  /// Returns the index given to the descriptor. Throws ShapeError or DataError (NaN, infinity), and
-  /// ConfigError if the window needs a stamp and none is given.
+  /// Returns the index given to the descriptor. Throws ShapeError or DataError (NaN, infinity, or
+  /// so long that distances might exceed the largest float), and ConfigError if the window needs a
+  /// stamp and none is given.
   std::int64_t add(std::span<const float> descriptor,
                    std::optional<std::int64_t> stamp_ns = std::nullopt);
 
@@ -48,17 +51,17 @@ class DescriptorIndex {
   static DescriptorIndex load(const std::string& path);
 
   std::size_t size() const { return stamps_ns_.size(); }
-  std::size_t dimension() const { return dimension_; }
+  std::size_t dimension() const { return rows_.dimension(); }
   ExclusionWindow window() const { return window_; }
+  /// Stays where it is while descriptors are added.
   std::span<const float> descriptor(std::size_t i) const;
 
  private:
   void check_stamp(std::optional<std::int64_t> stamp_ns) const;
-  bool is_candidate(std::size_t i, std::optional<std::int64_t> stamp_ns) const;
+  bool is_old_enough(std::size_t i, std::optional<std::int64_t> stamp_ns) const;
 
-  std::size_t dimension_;
   ExclusionWindow window_;
-  std::vector<float> descriptors_;
+  detail::RowChunks rows_;
   std::vector<std::int64_t> stamps_ns_;
 };
 
@@ -68,6 +71,12 @@ struct MatchTable {
   std::vector<std::int64_t> indices;
   std::vector<float> distances;
 };
+
+/// For each row of `queries` the k nearest rows of `descriptors`, both row-major with `dimension`
+/// columns. Equal distances go to the lowest index; the result does not depend on `threads` (0:
+/// all cores). Throws ShapeError, ConfigError or DataError as DescriptorIndex does.
+MatchTable nearest(std::span<const float> queries, std::span<const float> descriptors,
+                   std::size_t dimension, std::size_t k = 1, int threads = 0);
 
 /// For each row i of `descriptors` (row-major, `dimension` columns) its k nearest rows
 /// j < i - window, as if the rows had been added and queried one after the other.

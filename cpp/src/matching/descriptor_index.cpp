@@ -1,10 +1,11 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <string>
 
+#include "direct_search.hpp"
 #include "fusionslam/errors.hpp"
 #include "fusionslam/matching.hpp"
-#include "nearest.hpp"
 
 namespace fusionslam {
 namespace {
@@ -13,45 +14,54 @@ void check_descriptor(std::span<const float> descriptor, std::size_t dimension, 
   if (descriptor.size() != dimension)
     throw ShapeError("descriptor has " + std::to_string(descriptor.size()) +
                      " values, this index holds " + std::to_string(dimension));
-  detail::check_finite(descriptor, row);
+  detail::check_values(descriptor, row);
+}
+
+std::size_t checked_dimension(std::size_t dimension) {
+  if (dimension == 0) throw ConfigError("dimension is 0, expected at least 1");
+  return dimension;
 }
 
 }  // namespace
 
 DescriptorIndex::DescriptorIndex(std::size_t dimension, ExclusionWindow window)
-    : dimension_(dimension), window_(window) {
-  if (dimension == 0) throw ConfigError("dimension is 0, expected at least 1");
+    : window_(window), rows_(checked_dimension(dimension)) {
   if (window.nanoseconds < 0) throw ConfigError("window in seconds is negative, expected >= 0");
 }
 
 std::int64_t DescriptorIndex::add(std::span<const float> descriptor,
                                   std::optional<std::int64_t> stamp_ns) {
-  check_descriptor(descriptor, dimension_, size());
+  check_descriptor(descriptor, dimension(), size());
   check_stamp(stamp_ns);
-  const std::vector<float> copy(descriptor.begin(), descriptor.end());  // it may be one of ours
-  descriptors_.insert(descriptors_.end(), copy.begin(), copy.end());
   stamps_ns_.push_back(stamp_ns.value_or(0));
+  try {
+    rows_.append(descriptor);
+  } catch (...) {
+    stamps_ns_.pop_back();
+    throw;
+  }
   return static_cast<std::int64_t>(size() - 1);
 }
 
 std::vector<Match> DescriptorIndex::query(std::span<const float> descriptor, std::size_t k,
                                           std::optional<std::int64_t> stamp_ns) const {
-  check_descriptor(descriptor, dimension_, size());
+  check_descriptor(descriptor, dimension(), size());
   if (k == 0) throw ConfigError("k is 0, expected at least 1");
   check_stamp(stamp_ns);
-  detail::NearestK nearest(k);
-  for (std::size_t i = 0; i < size(); ++i)
-    if (is_candidate(i, stamp_ns))
-      nearest.offer(static_cast<std::int64_t>(i),
-                    detail::squared_distance(descriptor.data(),
-                                             descriptors_.data() + i * dimension_, dimension_));
-  return nearest.matches();
+  detail::DirectSearch search(
+      descriptor, k, [&](std::size_t i) { return rows_.row(i).data(); }, simd_level());
+  // The last window_.frames are no candidates in any case.
+  const std::size_t end = size() - std::min(size(), window_.frames);
+  for (std::size_t begin = 0; begin < end; begin += rows_.chunk_rows())
+    search.scan(begin, std::min(begin + rows_.chunk_rows(), end),
+                [&](std::size_t i) { return is_old_enough(i, stamp_ns); });
+  return search.matches();
 }
 
 std::span<const float> DescriptorIndex::descriptor(std::size_t i) const {
   if (i >= size())
     throw ShapeError("descriptor " + std::to_string(i) + " of " + std::to_string(size()));
-  return {descriptors_.data() + i * dimension_, dimension_};
+  return rows_.row(i);
 }
 
 void DescriptorIndex::check_stamp(std::optional<std::int64_t> stamp_ns) const {
@@ -59,8 +69,7 @@ void DescriptorIndex::check_stamp(std::optional<std::int64_t> stamp_ns) const {
     throw ConfigError("stamp_ns is missing: this index excludes a window in seconds");
 }
 
-bool DescriptorIndex::is_candidate(std::size_t i, std::optional<std::int64_t> stamp_ns) const {
-  if (size() - i <= window_.frames) return false;
+bool DescriptorIndex::is_old_enough(std::size_t i, std::optional<std::int64_t> stamp_ns) const {
   if (window_.nanoseconds == 0) return true;
   // Unsigned, because the difference of any two stamps need not fit a signed one.
   const auto age =
