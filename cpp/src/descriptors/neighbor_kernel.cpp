@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "neighbor_kernel.hpp"
 
+#include <cstring>
 #include <limits>
 
 #include "../detail/simd.hpp"
@@ -40,23 +41,40 @@ FUSIONSLAM_INLINE std::size_t boxes_within_loop(const BoxGroup& group, const Box
   return size;
 }
 
+// Vectors as wide as a level has them; ranks are the same for every width.
+struct Vectors16 {
+  using Floats = float __attribute__((vector_size(16)));
+  using Integers = std::int32_t __attribute__((vector_size(16)));
+};
+struct Vectors32 {
+  using Floats = float __attribute__((vector_size(32)));
+  using Integers = std::int32_t __attribute__((vector_size(32)));
+};
+struct Vectors64 {
+  using Floats = float __attribute__((vector_size(64)));
+  using Integers = std::int32_t __attribute__((vector_size(64)));
+};
+
+template <class Vectors>
 FUSIONSLAM_INLINE std::size_t ranks_loop(float* values, std::size_t count, std::uint32_t* ranks) {
+  using Floats = typename Vectors::Floats;
+  using Integers = typename Vectors::Integers;
+  constexpr std::size_t lanes = sizeof(Floats) / sizeof(float);
   const std::size_t padded = (count + block_size - 1) / block_size * block_size;
   for (std::size_t i = count; i < padded; ++i) values[i] = -infinity;  // their ranks are 0
-  std::uint32_t sum[block_size] = {};
-  for (std::size_t begin = 0; begin < padded; begin += block_size) {
-    std::uint32_t smaller[block_size] = {};
-    float own[block_size];
-    for (std::size_t i = 0; i < block_size; ++i) own[i] = values[begin + i];
-    for (std::size_t j = 0; j < count; ++j)
-      for (std::size_t i = 0; i < block_size; ++i) smaller[i] += values[j] < own[i];
-    for (std::size_t i = 0; i < block_size; ++i) {
-      ranks[begin + i] = smaller[i];
-      sum[i] += smaller[i];
-    }
+  Integers sums{};
+  for (std::size_t begin = 0; begin < padded; begin += lanes) {
+    Floats own;
+    std::memcpy(&own, values + begin, sizeof own);
+    Integers smaller{};
+    for (std::size_t j = 0; j < count; ++j) smaller -= own > values[j];  // true is -1
+    std::memcpy(ranks + begin, &smaller, sizeof smaller);
+    sums += smaller;
   }
+  std::uint32_t lane_sums[lanes];
+  std::memcpy(lane_sums, &sums, sizeof sums);
   std::size_t total = 0;
-  for (std::size_t i = 0; i < block_size; ++i) total += sum[i];
+  for (const std::uint32_t sum : lane_sums) total += sum;
   return total;
 }
 
@@ -202,8 +220,6 @@ FUSIONSLAM_LEVELS(std::size_t, boxes_within,
                   (const BoxGroup& group, const Box& box, float squared_radius, std::uint32_t first,
                    std::uint32_t* found),
                   (group, box, squared_radius, first, found))
-FUSIONSLAM_LEVELS(std::size_t, ranks, (float* values, std::size_t count, std::uint32_t* ranks),
-                  (values, count, ranks))
 FUSIONSLAM_LEVELS(void, nearest,
                   (const PointBlock& queries, const PointBlock& other, float* nearest),
                   (queries, other, nearest))
@@ -214,6 +230,16 @@ FUSIONSLAM_LEVELS(bool, any_nearer,
                   (queries, box, nearest))
 
 #undef FUSIONSLAM_LEVELS
+
+std::size_t ranks_baseline(float* values, std::size_t count, std::uint32_t* ranks) {
+  return ranks_loop<Vectors16>(values, count, ranks);
+}
+FUSIONSLAM_AVX2 std::size_t ranks_avx2(float* values, std::size_t count, std::uint32_t* ranks) {
+  return ranks_loop<Vectors32>(values, count, ranks);
+}
+FUSIONSLAM_AVX512 std::size_t ranks_avx512(float* values, std::size_t count, std::uint32_t* ranks) {
+  return ranks_loop<Vectors64>(values, count, ranks);
+}
 
 }  // namespace
 

@@ -1,121 +1,170 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
 // SHOT and CSHOT as global descriptors: one keypoint, the centroid, supported by the whole cloud.
-#include <pcl/features/shot.h>
-#include <pcl/search/kdtree.h>
-
 #include <algorithm>
 #include <cmath>
 
 #include "../detail/checks.hpp"
-#include "../detail/pcl.hpp"
+#include "../detail/parallel.hpp"
 #include "fusionslam/descriptors.hpp"
+#include "lab_distance.hpp"
+#include "local_reference_frame.hpp"
 #include "principal_axes.hpp"
+#include "surface_normals.hpp"
 
 namespace fusionslam {
 namespace {
 
-using Point = pcl::PointXYZRGB;
-using PointCloud = pcl::PointCloud<Point>;
-using NormalCloud = pcl::PointCloud<pcl::Normal>;
+using detail::shot_chunk;
 
-/// The points that have a normal, with colours (black where there are none) and normals.
+/// The points that have a normal, a coordinate at a time. 28 bytes a point.
 struct Surface {
-  PointCloud::Ptr points = std::make_shared<PointCloud>();
-  NormalCloud::Ptr normals = std::make_shared<NormalCloud>();
+  std::vector<float> x, y, z, normal_x, normal_y, normal_z;
+  std::vector<float> colors;  ///< distances to the mean colour; empty for SHOT
+
+  explicit Surface(std::size_t size)
+      : x(size), y(size), z(size), normal_x(size), normal_y(size), normal_z(size) {}
 };
 
-Surface surface(PointsView points, ColorsView colors, const Normals& normals) {
-  Surface result;
+Surface surface(PointsView points, const Normals& normals) {
+  Surface result(normals.indices.size());
   for (std::size_t i = 0; i < normals.indices.size(); ++i) {
-    const auto source = static_cast<std::size_t>(normals.indices[i]);
-    Point point(points[source][0], points[source][1], points[source][2]);
-    if (colors.data) {
-      point.r = colors.at(source, 0);
-      point.g = colors.at(source, 1);
-      point.b = colors.at(source, 2);
-    }
-    result.points->push_back(point);
-    const float* n = normals.normals.data() + 3 * i;
-    result.normals->push_back(pcl::Normal(n[0], n[1], n[2], normals.curvatures[i]));
+    const float* point = points[static_cast<std::size_t>(normals.indices[i])];
+    result.x[i] = point[0];
+    result.y[i] = point[1];
+    result.z[i] = point[2];
+    result.normal_x[i] = normals.normals[3 * i];
+    result.normal_y[i] = normals.normals[3 * i + 1];
+    result.normal_z[i] = normals.normals[3 * i + 2];
   }
   return result;
 }
 
-/// Mean position and colour of the cloud.
-PointCloud::Ptr centroid(const PointCloud& cloud) {
-  double sum[6] = {0, 0, 0, 0, 0, 0};
-  for (const auto& p : cloud) {
-    const double values[6] = {p.x, p.y, p.z, double(p.r), double(p.g), double(p.b)};
-    for (int i = 0; i < 6; ++i) sum[i] += values[i];
-  }
-  for (double& value : sum) value /= static_cast<double>(cloud.size());
-  Point mean(static_cast<float>(sum[0]), static_cast<float>(sum[1]), static_cast<float>(sum[2]));
-  mean.r = static_cast<std::uint8_t>(sum[3]);
-  mean.g = static_cast<std::uint8_t>(sum[4]);
-  mean.b = static_cast<std::uint8_t>(sum[5]);
-  auto keypoints = std::make_shared<PointCloud>();
-  keypoints->push_back(mean);
-  return keypoints;
+double mean(const std::vector<float>& values) {
+  double sum = 0;
+  for (const float value : values) sum += value;
+  return sum / static_cast<double>(values.size());
 }
 
-double largest_distance(const PointCloud& cloud, const Point& from) {
+std::array<std::uint8_t, 3> color(ColorsView colors, std::int64_t index) {
+  const auto i = static_cast<std::size_t>(index);
+  return {colors.at(i, 0), colors.at(i, 1), colors.at(i, 2)};
+}
+
+std::vector<float> color_distances(ColorsView colors, const std::vector<std::int64_t>& indices,
+                                   int threads) {
+  std::array<std::uint64_t, 3> sums{};
+  for (const std::int64_t index : indices) {
+    const auto c = color(colors, index);
+    for (std::size_t k = 0; k < 3; ++k) sums[k] += c[k];
+  }
+  std::array<std::uint8_t, 3> mean_color{};
+  for (std::size_t k = 0; k < 3; ++k)
+    mean_color[k] = static_cast<std::uint8_t>(sums[k] / indices.size());
+  const detail::LabDistance distance(mean_color);
+  std::vector<float> result(indices.size());
+  detail::parallel_for((indices.size() + shot_chunk - 1) / shot_chunk, threads, [&](std::size_t c) {
+    const std::size_t end = std::min((c + 1) * shot_chunk, indices.size());
+    for (std::size_t i = c * shot_chunk; i < end; ++i)
+      result[i] = distance(color(colors, indices[i]));
+  });
+  return result;
+}
+
+/// The keypoint is the mean of the surface, its radius the distance of the farthest point.
+detail::ShotSupport support(const Surface& surface) {
+  detail::ShotSupport result{
+      surface.x.data(),
+      surface.y.data(),
+      surface.z.data(),
+      surface.normal_x.data(),
+      surface.normal_y.data(),
+      surface.normal_z.data(),
+      surface.colors.empty() ? nullptr : surface.colors.data(),
+      surface.x.size(),
+      {static_cast<float>(mean(surface.x)), static_cast<float>(mean(surface.y)),
+       static_cast<float>(mean(surface.z))},
+      0,
+      0};
   float largest = 0;
-  for (const auto& p : cloud)
-    largest = std::max(largest, (p.getVector3fMap() - from.getVector3fMap()).squaredNorm());
-  return std::sqrt(static_cast<double>(largest));
-}
-
-template <class Estimation, class Descriptor>
-std::vector<float> describe(const Surface& surface, const char* name) {
-  const auto keypoints = centroid(*surface.points);
-  const double radius = largest_distance(*surface.points, keypoints->front());
-  if (!(radius > 0))
-    throw DataError(std::string("all points are equal, ") + name + " is undefined");
-  Estimation estimation;
-  estimation.setInputCloud(keypoints);
-  estimation.setSearchSurface(surface.points);
-  estimation.setInputNormals(surface.normals);
-  estimation.setSearchMethod(std::make_shared<pcl::search::KdTree<Point>>());
-  estimation.setRadiusSearch(radius);
-  pcl::PointCloud<Descriptor> descriptors;
-  const detail::QuietPcl quiet;
-  estimation.compute(descriptors);
-  const auto& values = descriptors.front().descriptor;
-  std::vector<float> result(std::begin(values), std::end(values));
-  if (!std::all_of(result.begin(), result.end(), [](float v) { return std::isfinite(v); }))
-    throw DataError(std::string(name) + " has no local reference frame on this cloud");
+  for (std::size_t i = 0; i < result.size; ++i) {
+    const float x = surface.x[i] - result.center[0], y = surface.y[i] - result.center[1];
+    const float z = surface.z[i] - result.center[2];
+    largest = std::max(largest, x * x + (y * y + z * z));
+  }
+  result.radius = std::sqrt(static_cast<double>(largest));
+  result.squared_radius = static_cast<float>(result.radius * result.radius);
   return result;
 }
 
-Surface surface_with_normals(PointsView points, ColorsView colors,
-                             std::optional<double> normal_radius, int threads, const char* name) {
+/// All votes, added up chunk by chunk; each chunk of 4,096 points needs 11 kB for its own.
+std::vector<double> histogram(const detail::ShotSupport& support, const detail::ShotFrame& frame,
+                              int threads, const detail::ShotKernels& kernels) {
+  const std::size_t size = static_cast<std::size_t>(detail::shot_shape_size +
+                                                    (support.color ? detail::shot_color_size : 0));
+  const std::size_t chunks = (support.size + shot_chunk - 1) / shot_chunk;
+  std::vector<double> parts(chunks * size);
+  detail::parallel_for(chunks, threads, [&](std::size_t i) {
+    kernels.vote(support, i * shot_chunk, std::min((i + 1) * shot_chunk, support.size), frame,
+                 parts.data() + i * size);
+  });
+  std::vector<double> result(size);
+  for (std::size_t i = 0; i < parts.size(); ++i) result[i % size] += parts[i];
+  return result;
+}
+
+std::vector<float> normalized(const std::vector<double>& histogram) {
+  double squared = 0;
+  for (const double value : histogram) squared += value * value;
+  std::vector<float> result;
+  result.reserve(histogram.size());
+  for (const double value : histogram)
+    result.push_back(static_cast<float>(value / std::sqrt(squared)));
+  return result;
+}
+
+std::vector<float> describe(const Surface& surface, int threads, const char* name) {
+  const detail::ShotSupport seen = support(surface);
+  if (!(seen.radius > 0))
+    throw DataError(std::string("all points are equal, ") + name + " is undefined");
+  const detail::ShotKernels kernels = detail::shot_kernels(simd_level());
+  const auto frame = detail::local_reference_frame(seen, threads, kernels);
+  if (!frame) throw DataError(std::string(name) + " has no local reference frame on this cloud");
+  return normalized(histogram(seen, *frame, threads, kernels));
+}
+
+Normals normals_of(PointsView points, std::optional<double> normal_radius, int threads,
+                   const char* name) {
   detail::check_points(points, 5, name);
   // Points on one line have normals by rounding only.
   detail::principal_axes(points, AxisSigns::largest_entry);
-  const double radius = normal_radius ? *normal_radius : 5 * cloud_resolution(points);
+  if (normal_radius) detail::check_normal_radius(*normal_radius);
+  const detail::PointBlocks cloud(points, threads, simd_level());
+  const double radius = normal_radius ? *normal_radius : 5 * detail::resolution(cloud, threads);
   if (!normal_radius && !(radius > 0))
     throw DataError("each point of the cloud lies on another one: it has no resolution");
-  const Normals normals = estimate_normals(points, radius, threads);
+  Normals normals = detail::surface_normals(cloud, radius, threads);
   if (normals.indices.size() < 5)
     throw DataError(std::string(name) + " needs at least 5 points with a normal, " +
                     std::to_string(normals.indices.size()) + " have 3 neighbours within " +
                     std::to_string(radius) + " m");
-  return surface(points, colors, normals);
+  return normals;
 }
 
 }  // namespace
 
 std::vector<float> shot(PointsView points, std::optional<double> normal_radius, int threads) {
-  return describe<pcl::SHOTEstimation<Point, pcl::Normal, pcl::SHOT352>, pcl::SHOT352>(
-      surface_with_normals(points, {}, normal_radius, threads, "SHOT"), "SHOT");
+  const Normals normals = normals_of(points, normal_radius, threads, "SHOT");
+  return describe(surface(points, normals), threads, "SHOT");
 }
 
 std::vector<float> cshot(PointsView points, ColorsView colors, std::optional<double> normal_radius,
                          int threads) {
   detail::check_colors(points, colors);
-  return describe<pcl::SHOTColorEstimation<Point, pcl::Normal, pcl::SHOT1344>, pcl::SHOT1344>(
-      surface_with_normals(points, colors, normal_radius, threads, "CSHOT"), "CSHOT");
+  const Normals normals = normals_of(points, normal_radius, threads, "CSHOT");
+  Surface seen = surface(points, normals);
+  seen.colors = color_distances(colors, normals.indices, threads);
+  return describe(seen, threads, "CSHOT");
 }
 
 }  // namespace fusionslam
