@@ -55,22 +55,36 @@ struct Vectors64 {
   using Integers = std::int32_t __attribute__((vector_size(64)));
 };
 
+/// Ranks of `width` vectors of values at once, so that a value is loaded once for all of them;
+/// adds them to `sums`.
+template <class Vectors, std::size_t width>
+FUSIONSLAM_INLINE void rank_vectors(const float* values, std::size_t count, const float* begin,
+                                    std::uint32_t* ranks, typename Vectors::Integers& sums) {
+  typename Vectors::Floats own[width];
+  typename Vectors::Integers smaller[width]{};
+  std::memcpy(own, begin, sizeof own);
+  for (std::size_t j = 0; j < count; ++j)
+    for (std::size_t k = 0; k < width; ++k) {
+      if constexpr (sizeof own[0] == 64)
+        smaller[k] = own[k] > values[j] ? smaller[k] + 1 : smaller[k];  // a masked addition
+      else
+        smaller[k] -= own[k] > values[j];  // true is -1
+    }
+  std::memcpy(ranks, smaller, sizeof smaller);
+  for (std::size_t k = 0; k < width; ++k) sums += smaller[k];
+}
+
 template <class Vectors>
 FUSIONSLAM_INLINE std::size_t ranks_loop(float* values, std::size_t count, std::uint32_t* ranks) {
-  using Floats = typename Vectors::Floats;
-  using Integers = typename Vectors::Integers;
-  constexpr std::size_t lanes = sizeof(Floats) / sizeof(float);
+  constexpr std::size_t lanes = sizeof(typename Vectors::Floats) / sizeof(float);
   const std::size_t padded = (count + block_size - 1) / block_size * block_size;
   for (std::size_t i = count; i < padded; ++i) values[i] = -infinity;  // their ranks are 0
-  Integers sums{};
-  for (std::size_t begin = 0; begin < padded; begin += lanes) {
-    Floats own;
-    std::memcpy(&own, values + begin, sizeof own);
-    Integers smaller{};
-    for (std::size_t j = 0; j < count; ++j) smaller -= own > values[j];  // true is -1
-    std::memcpy(ranks + begin, &smaller, sizeof smaller);
-    sums += smaller;
-  }
+  typename Vectors::Integers sums{};
+  std::size_t i = 0;
+  for (; i + 4 * lanes <= padded; i += 4 * lanes)
+    rank_vectors<Vectors, 4>(values, count, values + i, ranks + i, sums);
+  for (; i < padded; i += lanes)
+    rank_vectors<Vectors, 1>(values, count, values + i, ranks + i, sums);
   std::uint32_t lane_sums[lanes];
   std::memcpy(lane_sums, &sums, sizeof sums);
   std::size_t total = 0;

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "../detail/interrupt.hpp"
 #include "../detail/parallel.hpp"
 #include "fusionslam/errors.hpp"
 
@@ -58,6 +59,7 @@ std::size_t split(Item* items, std::size_t size) {
 /// Orders items[begin, end), except that ranges of at most `grain` are only added to `rest`.
 void order(std::vector<Item>& items, Range range, std::size_t grain, std::vector<Range>& rest) {
   while (range.end - range.begin > grain) {
+    check_interrupt();
     const std::size_t left = split(items.data() + range.begin, range.end - range.begin);
     order(items, {range.begin, range.begin + left}, grain, rest);
     range.begin += left;
