@@ -1,0 +1,137 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+#include "global_shot.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "../detail/parallel.hpp"
+#include "fusionslam/errors.hpp"
+#include "lab_distance.hpp"
+#include "local_reference_frame.hpp"
+
+namespace fusionslam::detail {
+namespace {
+
+/// The points that have a normal, a coordinate at a time. 28 bytes a point.
+struct Surface {
+  std::vector<float> x, y, z, normal_x, normal_y, normal_z;
+  std::vector<float> colors;  ///< distances to the mean colour; empty for SHOT
+
+  explicit Surface(std::size_t size)
+      : x(size), y(size), z(size), normal_x(size), normal_y(size), normal_z(size) {}
+};
+
+Surface surface(PointsView points, const Normals& normals) {
+  Surface result(normals.indices.size());
+  for (std::size_t i = 0; i < normals.indices.size(); ++i) {
+    const float* point = points[static_cast<std::size_t>(normals.indices[i])];
+    result.x[i] = point[0];
+    result.y[i] = point[1];
+    result.z[i] = point[2];
+    result.normal_x[i] = normals.normals[3 * i];
+    result.normal_y[i] = normals.normals[3 * i + 1];
+    result.normal_z[i] = normals.normals[3 * i + 2];
+  }
+  return result;
+}
+
+double mean(const std::vector<float>& values) {
+  double sum = 0;
+  for (const float value : values) sum += value;
+  return sum / static_cast<double>(values.size());
+}
+
+std::array<std::uint8_t, 3> color(ColorsView colors, std::int64_t index) {
+  const auto i = static_cast<std::size_t>(index);
+  return {colors.at(i, 0), colors.at(i, 1), colors.at(i, 2)};
+}
+
+std::vector<float> color_distances(ColorsView colors, const std::vector<std::int64_t>& indices,
+                                   int threads) {
+  std::array<std::uint64_t, 3> sums{};
+  for (const std::int64_t index : indices) {
+    const auto c = color(colors, index);
+    for (std::size_t k = 0; k < 3; ++k) sums[k] += c[k];
+  }
+  std::array<std::uint8_t, 3> mean_color{};
+  for (std::size_t k = 0; k < 3; ++k)
+    mean_color[k] = static_cast<std::uint8_t>(sums[k] / indices.size());
+  const LabDistance distance(mean_color);
+  std::vector<float> result(indices.size());
+  parallel_for((indices.size() + shot_chunk - 1) / shot_chunk, threads, [&](std::size_t c) {
+    const std::size_t end = std::min((c + 1) * shot_chunk, indices.size());
+    for (std::size_t i = c * shot_chunk; i < end; ++i)
+      result[i] = distance(color(colors, indices[i]));
+  });
+  return result;
+}
+
+/// The keypoint is the mean of the surface, its radius the distance of the farthest point.
+ShotSupport support(const Surface& surface) {
+  ShotSupport result{surface.x.data(),
+                     surface.y.data(),
+                     surface.z.data(),
+                     surface.normal_x.data(),
+                     surface.normal_y.data(),
+                     surface.normal_z.data(),
+                     surface.colors.empty() ? nullptr : surface.colors.data(),
+                     surface.x.size(),
+                     {static_cast<float>(mean(surface.x)), static_cast<float>(mean(surface.y)),
+                      static_cast<float>(mean(surface.z))},
+                     0,
+                     0};
+  float largest = 0;
+  for (std::size_t i = 0; i < result.size; ++i) {
+    const float x = surface.x[i] - result.center[0], y = surface.y[i] - result.center[1];
+    const float z = surface.z[i] - result.center[2];
+    largest = std::max(largest, x * x + (y * y + z * z));
+  }
+  result.radius = std::sqrt(static_cast<double>(largest));
+  result.squared_radius = static_cast<float>(result.radius * result.radius);
+  return result;
+}
+
+/// All votes, added up chunk by chunk; each chunk of 4,096 points needs 11 kB for its own.
+std::vector<double> histogram(const ShotSupport& support, const ShotFrame& frame, int threads,
+                              const ShotKernels& kernels) {
+  const std::size_t size =
+      static_cast<std::size_t>(shot_shape_size + (support.color ? shot_color_size : 0));
+  const std::size_t chunks = (support.size + shot_chunk - 1) / shot_chunk;
+  std::vector<double> parts(chunks * size);
+  parallel_for(chunks, threads, [&](std::size_t i) {
+    kernels.vote(support, i * shot_chunk, std::min((i + 1) * shot_chunk, support.size), frame,
+                 parts.data() + i * size);
+  });
+  std::vector<double> result(size);
+  for (std::size_t i = 0; i < parts.size(); ++i) result[i % size] += parts[i];
+  return result;
+}
+
+std::vector<float> normalized(const std::vector<double>& histogram) {
+  double squared = 0;
+  for (const double value : histogram) squared += value * value;
+  std::vector<float> result;
+  result.reserve(histogram.size());
+  for (const double value : histogram)
+    result.push_back(static_cast<float>(value / std::sqrt(squared)));
+  return result;
+}
+
+}  // namespace
+
+std::vector<float> global_shot(PointsView points, ColorsView colors, const Normals& normals,
+                               int threads) {
+  const char* name = colors.data ? "CSHOT" : "SHOT";
+  Surface all = surface(points, normals);
+  if (colors.data) all.colors = color_distances(colors, normals.indices, threads);
+  const ShotSupport seen = support(all);
+  if (!(seen.radius > 0))
+    throw DataError(std::string("all points are equal, ") + name + " is undefined");
+  const ShotKernels kernels = shot_kernels(simd_level());
+  const auto frame = local_reference_frame(seen, threads, kernels);
+  if (!frame) throw DataError(std::string(name) + " has no local reference frame on this cloud");
+  return normalized(histogram(seen, *frame, threads, kernels));
+}
+
+}  // namespace fusionslam::detail
