@@ -138,7 +138,7 @@ std::vector<float> cm2dp(PointsView points, ColorsView colors,
 std::vector<float> first_singular_vectors(std::span<const float> matrix, int rows, int columns);
 
 /// Mean distance from a point to its nearest neighbour, in metres.
-/// Throws DataError for fewer than 2 points, NaN or infinity.
+/// Throws DataError for fewer than 2 points, NaN, infinity and coordinates beyond 1e15.
 double cloud_resolution(PointsView points);
 
 /// Unit normals, turned towards the origin, of the points that have enough neighbours.
@@ -148,11 +148,12 @@ struct Normals {
   std::vector<std::int64_t> indices;  ///< of the points they belong to
 };
 
-/// Least-squares normals over all neighbours within `radius` metres (PCL); points with fewer than
-/// three neighbours are left out. The result does not depend on `threads`.
+/// Least-squares normals over all neighbours within `radius` metres, to the last bit those of PCL;
+/// points with fewer than three neighbours are left out. The result does not depend on `threads`.
+/// Throws as cloud_resolution, and DataError for fewer than 3 points.
 Normals estimate_normals(PointsView points, double radius, int threads = 1);
 
-/// Global SHOT (352 floats): PCL's SHOT at the centroid with the whole cloud as support
+/// Global SHOT (352 floats): SHOT as in PCL at the centroid with the whole cloud as support
 /// (Tombari, Salti, Di Stefano 2010; Perdomo 2019, 4.1). `normal_radius` in metres; without it
 /// 5 x cloud_resolution(points). Throws DataError if the cloud has no normals or no local frame.
 std::vector<float> shot(PointsView points, std::optional<double> normal_radius = std::nullopt,

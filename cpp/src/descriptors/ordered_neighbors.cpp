@@ -62,9 +62,10 @@ void OrderedNeighbors::rank_equals(std::size_t count) {
 void OrderedNeighbors::order_by_bucket(std::size_t count) {
   constexpr std::size_t few = 24;
   const std::size_t buckets = count / 4;
-  const float scale = static_cast<float>(buckets) / squared_radius_;
+  const float largest = *std::max_element(squared_.data(), squared_.data() + count);
   const auto bucket_of = [&](float squared) {
-    return std::min(static_cast<std::size_t>(squared * scale), buckets - 1);
+    const float share = largest > 0 ? squared / largest : 0;
+    return std::min(static_cast<std::size_t>(share * static_cast<float>(buckets)), buckets - 1);
   };
   ends_.assign(buckets + 1, 0);
   for (std::size_t i = 0; i < count; ++i) ++ends_[bucket_of(squared_[i]) + 1];
