@@ -3,7 +3,7 @@
 .PHONY: demo test lint format stub setup clean
 
 BIN := .venv/bin
-SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/src/*/*.?pp bindings/*.?pp tests/cpp/*.?pp examples/cpp/*.cpp)
+SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/src/*/*.?pp bindings/*.?pp tests/cpp/*.?pp examples/cpp/*.cpp benchmarks/peers/*.?pp)
 
 demo: setup
 	$(BIN)/fusionslam demo -o out/demo
