@@ -11,11 +11,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from benchmarks.accuracy.kitti_pairs import PAGE, data_folder
-from benchmarks.accuracy.markdown import table, write_between
 from scipy.ndimage import minimum_filter
 
 import fusionslam
+from benchmarks.accuracy.kitti_pairs import PAGE, data_folder
+from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.datasets import open_dataset, read_poses_kitti
 from fusionslam.evaluation import precision_recall
 

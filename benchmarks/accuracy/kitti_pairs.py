@@ -17,10 +17,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from benchmarks.accuracy.markdown import table, write_between
 from numpy.typing import NDArray
 
 import fusionslam
+from benchmarks.accuracy.markdown import table, write_between
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "checks.md"

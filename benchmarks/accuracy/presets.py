@@ -14,7 +14,6 @@ from collections import Counter
 from pathlib import Path
 
 from benchmarks.accuracy.markdown import table, write_between
-
 from fusionslam import DescriptorConfig, FusionConfig, PipelineConfig, describe_dataset
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import DIRECTIONS, Evaluation, evaluate, visits
