@@ -195,7 +195,7 @@ py::dict build() {
   facts["opencv"] = peers::opencv_version();
   facts["eigen"] = std::to_string(EIGEN_WORLD_VERSION) + "." + std::to_string(EIGEN_MAJOR_VERSION) +
                    "." + std::to_string(EIGEN_MINOR_VERSION);
-  facts["compiler"] = std::string("GCC-compatible ") + __VERSION__;
+  facts["compiler"] = PEER_COMPILER;
   facts["peer_flags"] = PEER_FLAGS;
   facts["core_flags"] = CORE_FLAGS;
   return facts;

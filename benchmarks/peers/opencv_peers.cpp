@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "opencv_peers.hpp"
 
+#include <algorithm>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/core/version.hpp>
@@ -44,12 +45,16 @@ std::pair<std::vector<std::int64_t>, std::vector<float>> opencv_nearest(const fl
                                                                         const float* rows,
                                                                         std::size_t row_count,
                                                                         std::size_t dimension) {
-  const cv::BFMatcher matcher(cv::NORM_L2);
+  constexpr std::size_t block = std::size_t{1} << 17;  // a table may have 2^18 rows at most
+  cv::BFMatcher matcher(cv::NORM_L2);
+  for (std::size_t begin = 0; begin < row_count; begin += block)
+    matcher.add(std::vector<cv::Mat>{
+        view(rows + begin * dimension, std::min(block, row_count - begin), dimension)});
   std::vector<cv::DMatch> matches;
-  matcher.match(view(queries, query_count, dimension), view(rows, row_count, dimension), matches);
+  matcher.match(view(queries, query_count, dimension), matches);
   std::pair<std::vector<std::int64_t>, std::vector<float>> result;
   for (const cv::DMatch& match : matches) {
-    result.first.push_back(match.trainIdx);
+    result.first.push_back(static_cast<std::int64_t>(block) * match.imgIdx + match.trainIdx);
     result.second.push_back(match.distance);
   }
   return result;

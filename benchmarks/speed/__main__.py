@@ -46,7 +46,7 @@ def main(
             only or run.PARTS,
             Path(scratch),
             quick=quick,
-            step=lambda words: status.update(f"measuring {words}"),
+            step=status.update if console.is_terminal else console.print,
         )
         folder = output or (Path(scratch) / "results" if quick else Path("out/bench"))
         report.store(found, folder)

@@ -18,7 +18,7 @@ from benchmarks.speed.timing import difference, timer
 from fusionslam import _core
 
 PAPER = "the papers word by word"
-ITSELF = "our own M2DP"
+BOTH_OURS = "M2DP first, c-M2DP second"
 PAIRS = 1e-5  # share of pairs of point and plane that may count in another bin
 WITHIN = 1e-4  # of single values of two descriptors
 
@@ -67,8 +67,8 @@ def _cm2dp(points: Points, colors: Bytes, preset: str, bound: Bound | None) -> C
 
 def _color_cost(points: Points, colors: Bytes, preset: str) -> Case:
     return Case(
-        f"c-M2DP {preset} by M2DP {preset}, {len(points):,} points",
-        ITSELF,
+        f"cost of colours, c-M2DP by M2DP, {preset}, {len(points):,} points",
+        BOTH_OURS,
         timer(fusionslam.m2dp, points, preset=preset),
         timer(fusionslam.cm2dp, points, colors, preset=preset),
         lambda: _same_votes(

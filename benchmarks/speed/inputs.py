@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 import fusionslam
 from fusionslam.datasets import Dataset, open_dataset
 from fusionslam.fusion import fuse
-from fusionslam.sim import DriveConfig, SimConfig, embedded_drive, record
+from fusionslam.sim import (
+    CarConfig,
+    DriveConfig,
+    LidarConfig,
+    SimConfig,
+    StereoConfig,
+    TownConfig,
+    embedded_drive,
+    record,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 JITTER_M = 0.02
@@ -182,6 +191,13 @@ def _first_frames(dataset: Dataset, count: int) -> Dataset:
 
 
 def _short_drive(folder: Path) -> Path:
-    """One street, a few frames."""
-    config = SimConfig(drive=DriveConfig(laps=(((0, 0), (1, 0)),), spacing_m=12))
+    """One street of a small town, a few frames with small images."""
+    config = SimConfig(
+        town=TownConfig(blocks=(1, 1)),
+        drive=DriveConfig(laps=(((0, 0), (1, 0)),), spacing_m=10),
+        car=CarConfig(
+            lidar=LidarConfig(rings=32, azimuths=600),
+            camera=StereoConfig(width=320, height=96, focal_px=180, centre_px=(159.5, 47.5)),
+        ),
+    )
     return record(config, folder / "drive", jobs=2)

@@ -17,7 +17,7 @@ from benchmarks.accuracy.markdown import table as markdown_table
 from benchmarks.speed import plots
 from benchmarks.speed.inputs import ROOT
 from benchmarks.speed.run import PARTS, Run
-from benchmarks.speed.tables import Table, tables
+from benchmarks.speed.tables import Table, bounds, tables
 from fusionslam._files import atomic_path
 
 PAGE = ROOT / "docs" / "performance.md"
@@ -47,10 +47,12 @@ def _coloured(cell: str) -> str:
 
 def store(run: Run, folder: Path) -> None:
     """performance.json and the pictures."""
+    reached = bounds(run)
     content = {
         **asdict(run),
         "results": [{**asdict(result), "name": result.name} for result in run.results],
         "curves": [{**asdict(curve), "exponent": _number(curve.exponent)} for curve in run.curves],
+        "bounds": [dict(zip(reached.header, row, strict=True)) for row in reached.rows],
         "memories": [{**asdict(m), "bytes_a_point": m.slope} for m in run.memories],
     }
     with atomic_path(folder / "performance.json") as path:

@@ -49,9 +49,9 @@ FULL = Settings(
     memory=(25_000, 100_000, 500_000),
     index=1_000_000,
     frames=112,
-    limits=Limits(seconds=4, least=5, most=400),
-    slow=Limits(seconds=20, least=3, most=7),
-    curve=Limits(seconds=0.8, least=2, most=50),
+    limits=Limits(seconds=3, least=5, most=400),
+    slow=Limits(seconds=15, least=3, most=7),
+    curve=Limits(seconds=0.5, least=2, most=50),
     patience=2.5,
     judged=True,
 )
@@ -74,4 +74,4 @@ QUICK = Settings(
 )
 
 REASONS: dict[str, str] = {}
-"""Why a bound is not met, by the row's name ("what / peer"), from a profile."""
+"""Why a bound is not met, from a profile, by the row's name: "what / peer", or "what" alone."""

@@ -9,6 +9,7 @@ from benchmarks.speed.cases import Result, Verdict
 from benchmarks.speed.curves import OURS, Curve
 from benchmarks.speed.memory import MOST_BYTES_A_POINT, MOST_INDEX, Memory
 from benchmarks.speed.run import Run
+from benchmarks.speed.settings import REASONS
 from benchmarks.speed.timing import Times
 
 LINEAR = 1.1
@@ -27,7 +28,7 @@ class Table:
 def tables(run: Run) -> list[Table]:
     """All tables of a run that have rows."""
     made = [
-        _bounds(run.results, run.curves, run.memories, judged=not run.quick),
+        bounds(run),
         _times(run.results),
         _curves(run.curves),
         _memories(run.memories),
@@ -49,14 +50,13 @@ def size(count: int) -> str:
     return str(count)
 
 
-def _bounds(
-    results: Sequence[Result], curves: Sequence[Curve], memories: Sequence[Memory], *, judged: bool
-) -> Table:
-    rows = [_verdict(result, result.verdict) for result in results if result.verdict]
-    if judged:
-        rows += [_linear(c) for c in curves if c.who == OURS and "M2DP" in c.work]
-        rows += [_memory_bound(memory) for memory in memories if memory.who == OURS]
-    return Table("To reach", ["what", "peer", "bound", "measured", ""], rows)
+def bounds(run: Run) -> Table:
+    """What was to be reached and what was; nothing of a quick run, whose figures mean nothing."""
+    rows = [_verdict(result, result.verdict) for result in run.results if result.verdict]
+    if not run.quick:
+        rows += [_linear(c) for c in run.curves if c.who == OURS and "M2DP" in c.work]
+        rows += [_memory_bound(memory) for memory in run.memories if memory.who == OURS]
+    return Table("To reach", ["what", "peer", "bound", "measured", "met"], rows)
 
 
 def _verdict(result: Result, verdict: Verdict) -> list[str]:
@@ -65,8 +65,8 @@ def _verdict(result: Result, verdict: Verdict) -> list[str]:
 
 
 def _linear(curve: Curve) -> list[str]:
-    met = _met(curve.exponent <= LINEAR)
     what = f"{curve.work}, exponent of the cost"
+    met = _met(curve.exponent <= LINEAR, REASONS.get(what, ""))
     return [what, "", f"<= {LINEAR}", f"{curve.exponent:.2f}", met]
 
 
@@ -77,7 +77,8 @@ def _memory_bound(memory: Memory) -> list[str]:
     else:
         what = f"{memory.work}, further bytes for each further point"
         figure, bound = memory.slope, MOST_BYTES_A_POINT
-    return [what, "", f"<= {bound:g}", f"{figure:.3g}", _met(figure <= bound)]
+    met = _met(figure <= bound, REASONS.get(what, ""))
+    return [what, "", f"<= {bound:g}", f"{figure:.3g}", met]
 
 
 def _met(met: bool, reason: str = "") -> str:
