@@ -180,20 +180,30 @@ def _same_normals(ours: Callable[[], Any], pcl: Callable[[], Any]) -> Agreement:
 
 
 def _one_keypoint(points: Points, colors: Bytes, surface: Any, radius: float) -> Iterator[Case]:
-    """The descriptor alone: ours is timed as the whole call less the normals that are in it."""
+    """The descriptor alone: ours is timed as the whole call less the normals that are in it.
+
+    A core that lets it be called alone, with given normals, is asked to.
+    """
+    alone = getattr(_core, "shot_at_centroid", None)
     normals = partial(fusionslam.estimate_normals, points, radius=radius)
-    shot = partial(fusionslam.shot, points, normal_radius=radius)
-    cshot = partial(fusionslam.cshot, points, colors, normal_radius=radius)
-    for name, ours, pcl, peer in (
-        ("SHOT", shot, native.pcl_shot, "PCL SHOTEstimation"),
-        ("CSHOT", cshot, native.pcl_cshot, "PCL SHOTColorEstimation"),
+    found, _, kept = normals()
+    for name, ours, given, pcl, peer in (
+        ("SHOT", partial(fusionslam.shot, points), None, native.pcl_shot, "PCL SHOTEstimation"),
+        (
+            "CSHOT",
+            partial(fusionslam.cshot, points, colors),
+            colors[kept],
+            native.pcl_cshot,
+            "PCL SHOTColorEstimation",
+        ),
     ):
+        whole = partial(ours, normal_radius=radius)
         yield Case(
             f"{name} of one keypoint, {len(points):,} points",
             peer,
-            difference(ours, normals),
+            timer(alone, points[kept], found, given) if alone else difference(whole, normals),
             timer(pcl, surface),
-            partial(_same_call, ours, partial(pcl, surface)),
+            partial(_same_call, whole, partial(pcl, surface)),
             times_faster(3),
         )
 

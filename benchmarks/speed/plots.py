@@ -50,7 +50,7 @@ def _panel(axis: Any, panel: str, curves: Sequence[Curve]) -> None:
             alpha=1 if curve.who == OURS else 0.7,
         )
     title, unit = TITLES[panel]
-    _finish(axis, title, unit, "median time, ms")
+    _finish(axis, title, unit, "least time, ms")
 
 
 def memory_picture(memories: Sequence[Memory], path: Path) -> None:
@@ -74,6 +74,7 @@ def memory_picture(memories: Sequence[Memory], path: Path) -> None:
 def _finish(axis: Any, title: str, unit: str, what: str) -> None:
     axis.set_xscale("log")
     axis.set_yscale("log")
+    axis.xaxis.set_minor_formatter(NullFormatter())
     axis.set_title(title)
     axis.set_xlabel(unit)
     axis.set_ylabel(what)

@@ -49,7 +49,7 @@ FULL = Settings(
     memory=(25_000, 100_000, 500_000),
     index=1_000_000,
     frames=112,
-    limits=Limits(seconds=3, least=5, most=400),
+    limits=Limits(seconds=3, least=3, most=400),
     slow=Limits(seconds=15, least=3, most=7),
     curve=Limits(seconds=0.5, least=2, most=50),
     patience=2.5,

@@ -118,7 +118,7 @@ def _curves(curves: Sequence[Curve]) -> Table:
         cells = ", ".join(f"{size(n)}: {milliseconds(s)}" for n, s in pairs)
         stopped = f"; {curve.stopped}" if curve.stopped else ""
         rows.append([curve.work, curve.who, f"{curve.exponent:.2f}", cells + stopped])
-    return Table("Cost by size", ["what", "who", "exponent", "median, ms"], rows)
+    return Table("Cost by size", ["what", "who", "exponent", "least, ms"], rows)
 
 
 def _memories(memories: Sequence[Memory]) -> Table:
