@@ -96,14 +96,6 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Skipped:
-    """A row that cannot be measured here."""
-
-    what: str
-    why: str
-
-
-@dataclass(frozen=True)
 class Result:
     """A measured row; ``wrong`` tells of an answer that is not the peer's."""
 
@@ -116,7 +108,6 @@ class Result:
     reason: str = ""
     detail: str = ""
     wrong: str = ""
-    skipped: str = ""
 
     @property
     def name(self) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fusionslam
-from benchmarks.speed.cases import Agreement, Bound, Case, Skipped, agree, times_faster
+from benchmarks.speed.cases import Agreement, Bound, Case, agree, times_faster
 from benchmarks.speed.inputs import Bytes, Inputs, Points
 from benchmarks.speed.peers import native
 from benchmarks.speed.settings import Settings
@@ -23,7 +23,7 @@ PAIRS = 1e-5  # share of pairs of point and plane that may count in another bin
 WITHIN = 1e-4  # of single values of two descriptors
 
 
-def m2dp_cases(inputs: Inputs, settings: Settings) -> Iterator[Case | Skipped]:
+def m2dp_cases(inputs: Inputs, settings: Settings) -> Iterator[Case]:
     """M2DP and c-M2DP against the reference, and against each other."""
     for size in (settings.small, settings.large):
         points, colors = inputs.sized(size)
@@ -89,34 +89,30 @@ def _same_votes(ours: NDArray[np.float64], theirs: NDArray[np.float64], size: in
     return agree("`paper` signature, share of votes in other bins", share, PAIRS)
 
 
-def singular_cases(inputs: Inputs, settings: Settings) -> Iterator[Case | Skipped]:
+def singular_cases(inputs: Inputs, settings: Settings) -> Iterator[Case]:
     """First singular vectors of the signature of c-M2DP."""
     what = "first singular vectors of 64 x 512"
-    ours = getattr(_core, "first_singular_vectors", None)
-    if ours is None:
-        yield Skipped(what, "this core does not let them be called alone")
-        return
-    matrix = fusionslam.cm2dp_signature(*inputs.sized(settings.small), preset="paper")
+    signature = fusionslam.cm2dp_signature(*inputs.sized(settings.small), preset="paper")
+    matrix = signature.astype(np.float32)
     for name, peer in (("Eigen JacobiSVD", native.jacobi_svd), ("Eigen BDCSVD", native.bdc_svd)):
         yield Case(
             what,
             name,
-            timer(ours, matrix),
-            timer(peer, matrix),
-            partial(_same_vectors, ours, peer, matrix),
+            timer(fusionslam.first_singular_vectors, matrix),
+            timer(peer, matrix.astype(np.float64)),
+            partial(_same_vectors, peer, matrix),
             Bound("median", "<=", 0.05),
         )
 
 
-def _same_vectors(
-    ours: Callable[..., Any], theirs: Callable[..., Any], matrix: NDArray[np.float64]
-) -> Agreement:
-    mine, expected = np.hstack(ours(matrix)), np.hstack(theirs(matrix))
+def _same_vectors(peer: Callable[..., Any], matrix: Points) -> Agreement:
+    mine = fusionslam.first_singular_vectors(matrix)
+    expected = np.hstack(peer(matrix.astype(np.float64)))
     error = min(np.abs(mine - expected).max(), np.abs(mine + expected).max())
     return agree("largest difference of an entry", float(error), 1e-6)
 
 
-def shot_cases(inputs: Inputs, settings: Settings) -> Iterator[Case | Skipped]:
+def shot_cases(inputs: Inputs, settings: Settings) -> Iterator[Case]:
     """Normals, SHOT and CSHOT against PCL."""
     for size in (settings.small, settings.large):
         points, colors = inputs.sized(size)

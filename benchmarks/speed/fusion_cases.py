@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 import fusionslam
-from benchmarks.speed.cases import Agreement, Bound, Case, Skipped, agree, times_faster
+from benchmarks.speed.cases import Agreement, Bound, Case, agree, times_faster
 from benchmarks.speed.inputs import Inputs, Scene, StereoPair
 from benchmarks.speed.peers import native, numpy_colorize
 from benchmarks.speed.settings import Settings
 from benchmarks.speed.timing import timer
 
 
-def colour_cases(inputs: Inputs, settings: Settings) -> Iterator[Case | Skipped]:
+def colour_cases(inputs: Inputs, settings: Settings) -> Iterator[Case]:
     """A scan coloured from an image."""
     scene = inputs.scan
     height, width = scene.image.shape[:2]
@@ -58,7 +58,7 @@ def _as_pcl(scene: Scene, cloud: Any) -> Agreement:
     return agree("points kept or coloured otherwise", int(differ), 0)
 
 
-def stereo_cases(inputs: Inputs, settings: Settings) -> Iterator[Case | Skipped]:
+def stereo_cases(inputs: Inputs, settings: Settings) -> Iterator[Case]:
     """Disparity, and the whole way from a pair to a coloured cloud."""
     pair = inputs.pair
     height, width = pair.left.shape

@@ -14,6 +14,7 @@ from benchmarks.speed.memory import Memory
 matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
+from matplotlib.ticker import NullFormatter
 
 TITLES = {
     DESCRIPTORS: ("Describing a cloud, one thread", "points"),

@@ -19,14 +19,14 @@ from benchmarks.speed import (
     settings,
     system_cases,
 )
-from benchmarks.speed.cases import Case, Result, Skipped, measured
+from benchmarks.speed.cases import Case, Result, measured
 from benchmarks.speed.curves import Curve
 from benchmarks.speed.inputs import Inputs
 from benchmarks.speed.machine import facts
 from benchmarks.speed.memory import Memory
 from benchmarks.speed.settings import Settings
 
-Rows = Callable[[Inputs, Settings], Iterator[Case | Skipped]]
+Rows = Callable[[Inputs, Settings], Iterator[Case]]
 
 ROWS: dict[str, Rows] = {
     "m2dp": descriptor_cases.m2dp_cases,
@@ -91,9 +91,6 @@ def _rows(
 ) -> Iterator[Result]:
     limits = sizes.slow if part in _SLOW else sizes.limits
     for case in ROWS[part](made, sizes):
-        if isinstance(case, Skipped):
-            yield Result(part, case.what, "", None, skipped=case.why)
-            continue
         step(case.name)
         yield measured(part, case, limits, settings.REASONS, judged=sizes.judged)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fusionslam
-from benchmarks.speed.cases import Agreement, Case, Skipped, agree, times_faster
+from benchmarks.speed.cases import Agreement, Case, agree, times_faster
 from benchmarks.speed.inputs import Inputs, Points, random_descriptors
 from benchmarks.speed.peers import faiss_causal, faiss_flat, native, numpy_search
 from benchmarks.speed.settings import Settings
@@ -38,7 +38,7 @@ def searches(rows: Points) -> dict[str, Callable[[Points], Nearest]]:
     }
 
 
-def search_cases(inputs: Inputs, settings: Settings) -> Iterator[Case | Skipped]:
+def search_cases(inputs: Inputs, settings: Settings) -> Iterator[Case]:
     """One query against a table, then a table against itself."""
     for count, width in settings.tables:
         rows = random_descriptors(count, width)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import fusionslam
-from benchmarks.speed.cases import Agreement, Bound, Case, Skipped, agree, times_faster
+from benchmarks.speed.cases import Agreement, Bound, Case, agree, times_faster
 from benchmarks.speed.inputs import Inputs, Points, random_descriptors
 from benchmarks.speed.peers import native, numpy_colorize, numpy_search
 from benchmarks.speed.search_cases import filled
@@ -19,7 +19,7 @@ from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipeline import describe_dataset
 
 
-def frame_cases(inputs: Inputs, settings: Settings) -> Iterator[Case | Skipped]:
+def frame_cases(inputs: Inputs, settings: Settings) -> Iterator[Case]:
     """Scan in, loop answer out: colour, c-M2DP, nearest of the map."""
     scene = inputs.frame
     arguments = (scene.points, scene.image, scene.projection)
@@ -59,7 +59,7 @@ def _same_answer(ours: tuple[int, Points], theirs: tuple[int, Points]) -> Agreem
     return agree("`paper`: same frame; L2 of descriptors", error, 1e-5)
 
 
-def describe_cases(inputs: Inputs, settings: Settings) -> Iterator[Case | Skipped]:
+def describe_cases(inputs: Inputs, settings: Settings) -> Iterator[Case]:
     """describe over a sequence, files included, by one job and by two."""
     one = _Described(inputs.sequence, 1)
     two = _Described(inputs.sequence, 2)
