@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-.PHONY: demo test sanitize lint format stub setup clean
+.PHONY: demo test bench bench-quick sanitize lint format stub setup clean
 
 BIN := .venv/bin
-SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/src/*/*.?pp bindings/*.?pp tests/cpp/*.?pp examples/cpp/*.cpp)
+SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/src/*/*.?pp bindings/*.?pp tests/cpp/*.?pp examples/cpp/*.cpp benchmarks/peers/*.?pp)
 
 demo: setup
 	$(BIN)/fusionslam demo -o out/demo
@@ -13,6 +13,12 @@ test: setup
 	cmake --build build/cpp
 	ctest --test-dir build/cpp --output-on-failure
 	$(BIN)/python -m pytest
+
+bench: setup
+	scripts/bench.sh --write
+
+bench-quick: setup
+	scripts/bench.sh --quick
 
 sanitize: setup
 	scripts/sanitize.sh

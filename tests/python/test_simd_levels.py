@@ -36,7 +36,7 @@ results["shot"] = fusionslam.shot(points)
 results["cshot"] = fusionslam.cshot(points, colors)
 results["colorize"] = fusionslam.colorize(points, image, projection)
 results["bilinear"] = fusionslam.colorize(points, image, projection, interpolation="bilinear")
-results["depth"] = fusionslam.depth_image(points, 80, 60, projection)
+results["depth"] = fusionslam.depth_image(points, projection, width=80, height=60)
 results["nearest"] = fusionslam.nearest_causal(table, window=5, k=3)
 index = fusionslam.DescriptorIndex(192)
 for row in table:

@@ -35,14 +35,26 @@ Eigen::Vector3f direction(UpAxis up) {
 
 using PlaneModel = pcl::SampleConsensusModelPerpendicularPlane<pcl::PointXYZ>;
 
-/// Looks for an interrupt whenever a candidate plane is counted, which is where the time goes.
+/// Looks for an interrupt whenever a candidate plane is counted, which is where the time goes. No
+/// exception may pass through PCL's search, so after an interrupt it only hurries to its end.
 class InterruptiblePlane : public PlaneModel {
  public:
   using PlaneModel::PlaneModel;
+
   std::size_t countWithinDistance(const Eigen::VectorXf& plane, double threshold) const override {
-    detail::check_interrupt();
-    return PlaneModel::countWithinDistance(plane, threshold);
+    try {
+      if (!interrupted_) detail::check_interrupt();
+    } catch (const Interrupted&) {
+      interrupted_ = true;
+    }
+    return interrupted_ ? 0 : PlaneModel::countWithinDistance(plane, threshold);
   }
+  void rethrow() const {
+    if (interrupted_) throw Interrupted("interrupted");
+  }
+
+ private:
+  mutable bool interrupted_ = false;
 };
 
 /// Coefficients of the plane with most points near it, fitted to these; nothing if there is none.
@@ -55,7 +67,9 @@ std::optional<Eigen::VectorXf> fit(const pcl::PointCloud<pcl::PointXYZ>::Ptr& cl
   pcl::RandomSampleConsensus<pcl::PointXYZ> search(model, config.distance);
   search.setMaxIterations(config.iterations);
   const detail::QuietPcl quiet;
-  if (!search.computeModel()) return std::nullopt;
+  const bool found = search.computeModel();
+  model->rethrow();
+  if (!found) return std::nullopt;
   pcl::Indices inliers;
   Eigen::VectorXf coarse, fitted;
   search.getInliers(inliers);

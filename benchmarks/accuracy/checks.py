@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks this program against the originals' stored output and prints a Markdown table.
 
-python benchmarks/checks.py            # needs the folder named by FUSIONSLAM_TEST_DATA
-python benchmarks/checks.py --write    # and put the table into docs/checks.md
+python -m benchmarks.accuracy.checks            # needs the folder named by FUSIONSLAM_TEST_DATA
+python -m benchmarks.accuracy.checks --write    # and put the table into docs/checks.md
 """
 
 import argparse
@@ -11,11 +11,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from kitti_pairs import PAGE, data_folder
-from markdown import table, write_between
 from scipy.ndimage import minimum_filter
 
 import fusionslam
+from benchmarks.accuracy.kitti_pairs import PAGE, data_folder
+from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.datasets import open_dataset, read_poses_kitti
 from fusionslam.evaluation import precision_recall
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares the presets of M2DP and c-M2DP on simulated drives and prints a Markdown table.
 
-python benchmarks/presets.py            # the embedded drive
-python benchmarks/presets.py DRIVE ...  # other recordings of the simulator
-python benchmarks/presets.py --write    # and put it into docs/descriptors.md and README.md
+python -m benchmarks.accuracy.presets            # the embedded drive
+python -m benchmarks.accuracy.presets DRIVE ...  # other recordings of the simulator
+python -m benchmarks.accuracy.presets --write    # and put it into docs/descriptors.md and README.md
 """
 
 import argparse
@@ -13,14 +13,13 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-from markdown import table, write_between
-
+from benchmarks.accuracy.markdown import table, write_between
 from fusionslam import DescriptorConfig, FusionConfig, PipelineConfig, describe_dataset
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import DIRECTIONS, Evaluation, evaluate, visits
 from fusionslam.sim import embedded_drive
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "descriptors.md"
 README = ROOT / "README.md"
 PRESETS = ("author", "paper", "robust")
@@ -84,7 +83,7 @@ def main() -> None:
         print(f"{text}\n")
     if arguments.write:
         write_between(README, "readme", short)
-        write_between(PAGE, "presets", f"`python benchmarks/presets.py`: {text}")
+        write_between(PAGE, "presets", f"`python -m benchmarks.accuracy.presets`: {text}")
 
 
 if __name__ == "__main__":

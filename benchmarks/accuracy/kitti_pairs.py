@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How near is the same place, how far are others? A Markdown table from real KITTI scans.
 
-    python benchmarks/kitti_pairs.py [--write]
+    python -m benchmarks.accuracy.kitti_pairs [--write]
 
 Needs the test data, which FUSIONSLAM_TEST_DATA names. Frames 94
 and 95, and 198 and 199, of sequence 00 are neighbours; 720 and 1500 of sequence 08 see one place
@@ -17,12 +17,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from markdown import table, write_between
 from numpy.typing import NDArray
 
 import fusionslam
+from benchmarks.accuracy.markdown import table, write_between
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "checks.md"
 Vector = NDArray[np.float32]
 Describe = Callable[[fusionslam.Cloud], Vector]

@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sizes and repetitions of a run, and the reasons for bounds that are not met."""
+
+from dataclasses import dataclass
+
+from benchmarks.speed.timing import Limits
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A full run, or a quick one that only shows that everything works.
+
+    Attributes:
+        small, large: points of the two clouds of most rows.
+        tables: rows and width of the descriptor tables that are searched.
+        batch: rows of the table whose rows are all compared with each other.
+        clouds, searches: sizes of the curves.
+        memory, index: sizes for the peak memory of descriptors and of the index.
+        frames: of the sequence that is described.
+        limits, slow, curve: of a row, of a row that takes seconds, of a point of a curve.
+        patience: seconds that a single call of a curve may take.
+        judged: whether bounds are.
+    """
+
+    small: int
+    large: int
+    tables: tuple[tuple[int, int], ...]
+    batch: int
+    clouds: tuple[int, ...]
+    searches: tuple[int, ...]
+    memory: tuple[int, ...]
+    index: int
+    frames: int
+    limits: Limits
+    slow: Limits
+    curve: Limits
+    patience: float
+    judged: bool
+
+
+FULL = Settings(
+    small=25_000,
+    large=150_000,
+    tables=((4541, 576), (100_000, 192)),
+    batch=4541,
+    clouds=(2_000, 5_000, 10_000, 25_000, 50_000, 100_000, 200_000, 500_000),
+    searches=(1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000),
+    memory=(25_000, 100_000, 500_000),
+    index=1_000_000,
+    frames=112,
+    limits=Limits(seconds=3, least=3, most=400),
+    slow=Limits(seconds=15, least=3, most=7),
+    curve=Limits(seconds=0.5, least=2, most=50),
+    patience=2.5,
+    judged=True,
+)
+
+QUICK = Settings(
+    small=1_500,
+    large=4_000,
+    tables=((300, 576), (1_000, 192)),
+    batch=300,
+    clouds=(500, 1_000, 2_000),
+    searches=(200, 500, 1_000),
+    memory=(1_000, 4_000),
+    index=5_000,
+    frames=6,
+    limits=Limits(seconds=0.02, least=2, most=5),
+    slow=Limits(seconds=0.02, least=1, most=1),
+    curve=Limits(seconds=0.01, least=1, most=2),
+    patience=2.5,
+    judged=False,
+)
+
+REASONS: dict[str, str] = {}
+"""Why a bound is not met, from a profile, by the row's name: "what / peer", or "what" alone."""
