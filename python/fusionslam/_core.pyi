@@ -6,7 +6,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'depth_image', 'drop_invalid', 'estimate_normals', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'remove_ground_plane', 'shot', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'remove_ground_plane', 'shot', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -341,6 +341,23 @@ def estimate_normals(points: numpy.typing.NDArray[numpy.float32], *, radius: typ
     Returns:
         (normals float32 (M, 3), curvatures float32 (M,), indices int64 (M,)) of the points with at
         least three neighbours.
+    """
+def first_singular_vectors(matrix: numpy.typing.NDArray[numpy.float32]) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    First left and right singular vectors of a matrix of entries >= 0, both >= 0.
+    
+    What m2dp and cm2dp make of a signature: power method with a test of convergence; where the two
+    largest singular values are close, eigenvectors of A A^T in double precision.
+    
+    Args:
+        matrix: float32 (R, C).
+    
+    Returns:
+        float32 (R + C,): left, then right, each of length 1.
+    
+    Raises:
+        DataError: negative, infinite or NaN entries, or all zero.
+        ShapeError: wrong array.
     """
 def m2dp(points: numpy.typing.NDArray[numpy.float32], *, preset: str = 'robust', config: M2dpConfig | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
     """
