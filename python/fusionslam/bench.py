@@ -69,6 +69,7 @@ def benchmark(
     jobs: int = 1,
     command: str = "",
     step: Step | None = None,
+    demo: bool = False,
 ) -> list[Evaluation]:
     """Describe a recording, find its loops and judge them, for every source and descriptor.
 
@@ -84,6 +85,7 @@ def benchmark(
         jobs: frames worked on at a time.
         command: what to store as the command that led here.
         step: told about progress.
+        demo: whether a later demo may replace the results.
 
     Raises:
         DataError: the data cannot be used, or the folder cannot be written or holds other work.
@@ -99,7 +101,15 @@ def benchmark(
         dataset = recording.open(source)
         usable = describable(dataset, wanted[source], own)
         runs = work_on(
-            recording, dataset, folder, usable, config=own, jobs=jobs, command=command, step=step
+            recording,
+            dataset,
+            folder,
+            usable,
+            config=own,
+            jobs=jobs,
+            command=command,
+            step=step,
+            demo=demo,
         )
         evaluations += [judged(with_matching_time(run, own), own.evaluation) for run in runs]
     return evaluations
@@ -132,6 +142,7 @@ def work_on(
     command: str = "",
     step: Step | None = None,
     inside: str = "descriptors",
+    demo: bool = False,
 ) -> list[DescriptorRun]:
     """Say in ``folder/run.json`` what is being done, and describe what has yet to be.
 
@@ -144,6 +155,7 @@ def work_on(
         command=command,
         configs={source: config.model_dump(mode="json")},
         numbers={source: dataset.numbers.tolist()},
+        demo=demo,
     )
     claim(folder, work)
     label = f"describing {source} clouds"
@@ -166,6 +178,9 @@ def describe_missing(
 
     A stored run counts if it was made of the same frames with the same configuration, and is
     newer than the recording's files and the core in use. True poses are taken anew.
+
+    Raises:
+        DataError: as ``describe_dataset``; or a run of other data is where one would be written.
     """
     config = settled(dataset, names, config)
     runs = {name: _stored(dataset, name, folder, config) for name in names}
@@ -182,15 +197,17 @@ def _stored(
     dataset: "Dataset", name: str, folder: str | os.PathLike[str], config: PipelineConfig
 ) -> DescriptorRun | None:
     path = run_path(folder, config.fusion.source, name)
-    if not path.exists() or path.stat().st_mtime < _newest(dataset):
+    if not path.exists():
         return None
     try:
         run = DescriptorRun.load(path)
     except DataError as error:
         logger.warning("%s; describing again", error)
         return None
+    if run.dataset != dataset.name:
+        raise DataError(f"{path} is a run of {run.dataset}: choose another folder or delete it")
     same = (
-        run.dataset == dataset.name
+        path.stat().st_mtime >= _newest(dataset)
         and np.array_equal(run.stamps_ns, dataset.stamps_ns)
         and _relevant(run.config, name) == _relevant(config.model_dump(mode="json"), name)
     )

@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from fusionslam.datasets import write_cloud
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipeline import CHUNK
 from fusionslam.sensors import Cloud, Frame
+from fusionslam.workspace import Recording, Work, forget_demo
 from tiny_kitti import write_sequence
 
 FRAMES = CHUNK + 4
@@ -244,6 +246,49 @@ def test_the_demo_needs_no_data_and_runs_twice(tmp_path: Path) -> None:
     stored = json.loads((tmp_path / "run.json").read_text())["configs"]
     assert stored["stereo"]["fusion"]["voxel"] == 0.2
     assert stored["lidar"]["fusion"]["voxel"] == 0
+
+
+def test_the_demo_does_not_replace_results_of_a_real_recording(
+    kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("embreex")
+    out = tmp_path / "out"
+    settings = [word for setting in TINY_TOWN for word in ("--set", setting)]
+    succeeds("describe", kitti, "-d", "m2dp", "-o", out)
+    before = {path: path.read_bytes() for path in out.iterdir()}
+    line = fails(1, "demo", "-o", out, *settings)
+    assert "KITTI odometry 03" in line and "choose another folder" in line
+    assert {path: path.read_bytes() for path in out.iterdir()} == before
+    # Without run.json nothing tells whose the run is but the run itself.
+    (out / "run.json").unlink()
+    (out / "descriptors").mkdir()
+    kept = (out / "lidar-m2dp.npz").rename(out / "descriptors/lidar-m2dp.npz")
+    assert "lidar-m2dp.npz is a run of KITTI odometry 03" in fails(1, "demo", "-o", out, *settings)
+    assert kept.read_bytes() == before[out / "lidar-m2dp.npz"]
+
+
+def test_the_demo_replaces_only_what_an_earlier_demo_made(tmp_path: Path) -> None:
+    run = DescriptorRun(
+        source="lidar",
+        descriptor="m2dp",
+        dataset="simulated drive",
+        descriptors=np.eye(2, dtype=np.float32),
+        frames=np.arange(2),
+        stamps_ns=np.arange(2),
+        poses=None,
+        seconds={},
+        peak_memory_bytes=0,
+        points=np.ones(2, np.int64),
+    )
+    run.save(tmp_path / "lidar-m2dp.npz")
+    replace(run, dataset="KITTI 06").save(tmp_path / "lidar-cm2dp.npz")
+    np.savez(tmp_path / "lidar-mine.npz", mine=np.eye(3))
+    np.savez(tmp_path / "my-own.npz", mine=np.eye(3))
+    old = Work(Recording("/drives/one"), "simulated drive", configs={"lidar": {}}, demo=True)
+    old.save(tmp_path)
+    forget_demo(tmp_path, Recording("/drives/two"))
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {"lidar-cm2dp.npz", "lidar-mine.npz", "my-own.npz"}
 
 
 def test_the_demo_says_how_to_move_a_cache_that_cannot_be_written(

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from fusionslam.pipeline import PipelineConfig
+    from fusionslam.sim import SimConfig
     from fusionslam.workspace import Recording
 
 
@@ -30,7 +31,7 @@ def demo(
 ) -> None:
     """Drive through a simulated town and compare all descriptors; needs no data."""
     from fusionslam.bench import DEMO, DEMO_DESCRIPTORS
-    from fusionslam.workspace import Recording, forget_other
+    from fusionslam.workspace import Recording, forget_demo
 
     for extra in ("sim", "report"):
         needs_extra(extra)
@@ -41,9 +42,11 @@ def demo(
     }
     keep(ctx, output)
     with progress() as step:
-        recording = Recording.at(_drive(output, config, own, opt.cores(jobs), step))
-        forget_other(output, recording)
-        _compare(recording, output, DEMO_DESCRIPTORS, configs, opt.cores(jobs), step)
+        simulation = _simulation(config, own)
+        recording = Recording.at(_drive_folder(simulation, output))
+        forget_demo(output, recording)
+        _drive(simulation, Path(recording.path), opt.cores(jobs), step)
+        _compare(recording, output, DEMO_DESCRIPTORS, configs, opt.cores(jobs), step, demo=True)
 
 
 def bench(
@@ -127,6 +130,7 @@ def _compare(
     configs: "dict[str, PipelineConfig]",
     jobs: int,
     step: Step,
+    demo: bool = False,
 ) -> None:
     from fusionslam.bench import benchmark, write_stored_report
 
@@ -139,6 +143,7 @@ def _compare(
         jobs=jobs,
         command=opt.command_line(),
         step=step,
+        demo=demo,
     )
     step("writing the report", 0, 1)
     page = write_stored_report(output, evaluations, protocol=protocol)
@@ -153,22 +158,34 @@ def _split_settings(settings: list[str] | None) -> tuple[list[str], list[str]]:
     return own, [setting for setting in settings or [] if setting not in own]
 
 
-def _drive(output: Path, file: Path | None, settings: list[str], jobs: int, step: Step) -> Path:
-    """The embedded drive, or another one beside the results if the simulator was configured."""
+def _simulation(file: Path | None, settings: list[str]) -> "SimConfig":
     from fusionslam.config import with_file, with_settings
-    from fusionslam.errors import DataError
-    from fusionslam.sim import SimConfig, embedded_drive, record
-
-    def show(done: int, total: int) -> None:
-        step("driving through the town", done, total)
 
     whole = opt.everything()
     whole = with_settings(whole if file is None else with_file(whole, file), settings)
     simulation: SimConfig = whole.sim  # type: ignore[attr-defined]
-    if simulation != SimConfig():
-        return record(simulation, output / "drive", jobs=jobs, progress=show)
+    return simulation
+
+
+def _drive_folder(simulation: "SimConfig", output: Path) -> Path:
+    """The embedded drive's, or one beside the results if the simulator was configured."""
+    from fusionslam.sim import SimConfig, embedded_folder
+
+    return embedded_folder() if simulation == SimConfig() else output / "drive"
+
+
+def _drive(simulation: "SimConfig", folder: Path, jobs: int, step: Step) -> None:
+    """Record the drive unless it is there."""
+    from fusionslam.errors import DataError
+    from fusionslam.sim import embedded_folder, record
+
+    def show(done: int, total: int) -> None:
+        step("driving through the town", done, total)
+
     try:
-        return embedded_drive(jobs=jobs, progress=show)
+        record(simulation, folder, jobs=jobs, progress=show)
     except DataError as error:
+        if folder != embedded_folder().resolve():
+            raise
         hint = "the environment variable FUSIONSLAM_CACHE can name another folder"
         raise DataError(f"{error}; {hint}") from error
