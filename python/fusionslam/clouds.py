@@ -56,8 +56,7 @@ def write_clouds(
         raise ConfigError(f"format is {format!r}, expected one of {', '.join(FORMATS)}")
     dataset, root = recording.open(config.source), Path(folder)
     about = {"fusion": config.model_dump(mode="json"), "format": format}
-    numbers: dict[str, list[int]] = {config.source: dataset.numbers.tolist()}
-    work = Work(recording, dataset.name, command, numbers=numbers, about=about)
+    work = Work(recording, dataset.name, command, about=about)
     claim(root, work)
     _write_texts(root, dataset)
     writer = _Writer(dataset, config, root / "clouds", format)

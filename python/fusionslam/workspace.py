@@ -21,7 +21,7 @@ from fusionslam.errors import DataError
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
 
-FORMAT = "fusionslam.work.1"
+FORMAT = "fusionslam.work.2"
 FILE = "run.json"
 SENSORS_OF = {"lidar": ("points", "left"), "stereo": ("left", "right"), "cloud": ("points",)}
 """What each source of clouds needs of a frame."""
@@ -118,7 +118,6 @@ class Work:
         dataset: its name.
         command: what was typed.
         configs: the configuration in force, by source.
-        numbers: frame numbers as in the file names, by source.
         about: whatever else belongs to these results; a change of it makes other results.
         demo: whether the demo made these, and may replace them.
     """
@@ -127,7 +126,6 @@ class Work:
     dataset: str
     command: str = ""
     configs: dict[str, dict[str, Any]] = field(default_factory=dict)
-    numbers: dict[str, list[int]] = field(default_factory=dict)
     about: dict[str, Any] = field(default_factory=dict)
     demo: bool = False
 
@@ -175,7 +173,6 @@ def claim(folder: str | os.PathLike[str], work: Work) -> Work:
         work = replace(
             work,
             configs=earlier.configs | work.configs,
-            numbers=earlier.numbers | work.numbers,
         )
     work.save(folder)
     return work

@@ -130,7 +130,9 @@ def test_the_page_is_whole_and_needs_no_network(written: tuple[Path, Page]) -> N
     folder, page = written
     assert page.open == []
     assert len(set(page.ids)) == len(page.ids) > 0
-    assert page.addresses and all(a.startswith("data:image/png;base64,") for a in page.addresses)
+    assert page.addresses and all(
+        re.match("data:image/(png|jpeg);base64,", a) for a in page.addresses
+    )
     text = (folder / "report.html").read_text("utf-8")
     assert not re.search(r"https?://|url\(|@import|<script", text)
 
@@ -151,16 +153,16 @@ def test_the_page_holds_the_figures(
 
 def test_pictures_lie_beside_the_page_and_decode(written: tuple[Path, Page]) -> None:
     image = pytest.importorskip("PIL.Image")
-    names = {path.name for path in written[0].glob("*.png")}
+    names = {path.name for path in written[0].iterdir() if path.suffix in (".png", ".jpg")}
     runs = ("lidar_m2dp", "lidar_cm2dp", "stereo_m2dp")
     expected = {"pr_lidar.png", "pr_stereo.png"}
     expected |= {f"{kind}_{run}.png" for kind in ("trajectory", "distances") for run in runs}
-    expected |= {f"pairs_{run}_{kind}.png" for run in runs for kind in ("best", "worst", "missed")}
+    expected |= {f"pairs_{run}_{kind}.jpg" for run in runs for kind in ("best", "worst", "missed")}
     assert names == expected
     for name in names:
         with image.open(written[0] / name) as picture:
             picture.load()
-            assert picture.format == "PNG" and min(picture.size) > 200
+            assert picture.format == {"p": "PNG", "j": "JPEG"}[name[-3]] and min(picture.size) > 200
     assert len(written[1].addresses) == len(names)
 
 

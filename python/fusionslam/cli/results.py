@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.guard import keep, needs_extra
+from fusionslam.cli.guard import keep, keep_parts, needs_extra
 from fusionslam.cli.screen import Step, print_summary, progress
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def demo(
     jobs: opt.Jobs = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Drive through a simulated town and compare all descriptors; needs no data."""
+    """Compare all descriptors on a simulated drive; needs no data."""
     from fusionslam.bench import DEMO, DEMO_DESCRIPTORS
     from fusionslam.workspace import Recording, forget_demo
 
@@ -56,19 +56,21 @@ def bench(
         "out/bench"
     ),
     descriptors: opt.Names = "all",
-    source: Annotated[
-        str | None, typer.Option("--source", help="lidar, stereo or cloud; else all there are.")
-    ] = None,
+    source: opt.Sources = None,
     kind: opt.KindOption = None,
     sequence: opt.Sequence = None,
     skip_gaps: opt.SkipGaps = False,
+    skip_bad_frames: opt.SkipBad = False,
     gt: opt.Truth = None,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Compare descriptors on DATA, for each source of clouds: accuracy, time, memory."""
+    """Compare descriptors on DATA: accuracy, time, memory.
+
+    Every source of clouds that the data allow is compared.
+    """
     needs_extra("report")
     recording = opt.recording_of(data, kind, sequence, skip_gaps, gt)
     names = opt.names_of(descriptors)
@@ -77,34 +79,43 @@ def bench(
     sources = (opt.source_of(source, chosen, recording),) if given else recording.sources()
     keep(ctx, output)
     with progress() as step:
-        configs = dict.fromkeys(sources, chosen)
-        _compare(recording, output, names, configs, opt.cores(jobs), step)
+        _compare(
+            recording,
+            output,
+            names,
+            dict.fromkeys(sources, chosen),
+            opt.cores(jobs),
+            step,
+            bad_frames=opt.bad_frames(skip_bad_frames),
+        )
 
 
 def evaluate(
     folder: opt.Results,
     gt: opt.Truth = None,
     protocol: opt.Protocol = None,
-    radius: Annotated[
-        float | None, typer.Option("--radius", help="Closer than this is one place, in metres.")
-    ] = None,
-    window: Annotated[
-        int | None, typer.Option("--window", help="This many frames before are no candidates.")
-    ] = None,
+    radius: opt.Radius = None,
+    window: opt.Window = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Judge the runs in OUT against true poses; writes metrics.json there."""
+    """Judge the runs in OUT against true poses.
+
+    Writes metrics.json there.
+    """
     from fusionslam.bench import stored_evaluations, write_stored_metrics
 
+    _check_protocol(protocol)
     given = {"protocol": protocol, "radius": radius, "window": window}
     changes = {key: value for key, value in given.items() if value is not None}
-    evaluations, config = stored_evaluations(folder, changes, gt)
+    with progress() as step:
+        evaluations, config = stored_evaluations(folder, changes, gt, step)
     path = write_stored_metrics(folder, evaluations, command=opt.command_line())
     print_summary(evaluations, config.protocol)
     print(path)
 
 
 def report(
+    ctx: typer.Context,
     folder: opt.Results,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the report; else OUT.")
@@ -112,15 +123,29 @@ def report(
     protocol: opt.Protocol = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Write report.html for the runs in OUT, with pictures if their data is still there."""
-    from fusionslam.bench import write_stored_report
+    """Write report.html for the runs in OUT.
+
+    It has pictures of frames if the recording is still there.
+    """
+    from fusionslam.bench import stored_evaluations, write_stored_report
 
     needs_extra("report")
+    _check_protocol(protocol)
     with progress() as step:
+        evaluations, config = stored_evaluations(folder, step=step)
+        protocol = protocol or config.protocol
+        keep_parts(ctx, output or folder)
         step("writing the report", 0, 1)
-        page = write_stored_report(folder, output=output, protocol=protocol)
+        page = write_stored_report(folder, evaluations, output=output, protocol=protocol)
         step("writing the report", 1, 1)
     print(page)
+
+
+def _check_protocol(protocol: str | None) -> None:
+    from fusionslam.evaluation import PROTOCOLS
+
+    if protocol is not None:
+        opt.one_of("--protocol", protocol, tuple(PROTOCOLS))
 
 
 def _compare(
@@ -131,16 +156,20 @@ def _compare(
     jobs: int,
     step: Step,
     demo: bool = False,
+    bad_frames: str = "error",
 ) -> None:
     from fusionslam.bench import benchmark, write_stored_report
 
-    protocol = next(iter(configs.values())).evaluation.protocol
+    first = next(iter(configs.values()))
+    opt.warn_of_windows(first)
+    protocol = first.evaluation.protocol
     evaluations = benchmark(
         recording,
         output,
         descriptors,
         configs=configs,
         jobs=jobs,
+        bad_frames=bad_frames,
         command=opt.command_line(),
         step=step,
         demo=demo,

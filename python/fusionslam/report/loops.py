@@ -118,7 +118,7 @@ LOOP_COLUMNS = (
 
 
 def loop_rows(evaluation: Evaluation, protocol: str) -> Iterator[tuple[object, ...]]:
-    """One row a query that has a candidate, as LOOP_COLUMNS; frames are the dataset's.
+    """One row a query that has a candidate, as LOOP_COLUMNS; frames by number.
 
     Without ground truth the judgements (accepted, correct, metres) are empty.
     """
@@ -136,8 +136,8 @@ def loop_rows(evaluation: Evaluation, protocol: str) -> Iterator[tuple[object, .
         yield (
             run.source,
             run.descriptor,
-            run.frames[query],
-            run.frames[match],
+            run.numbers[query],
+            run.numbers[match],
             f"{nearest[1][query]:.9g}",
             *judged,
             run.stamps_ns[query],
