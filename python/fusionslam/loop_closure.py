@@ -152,10 +152,10 @@ class LoopDetector:
                 f"LoopDetector(..., fusion=FusionConfig(source={other!r}))"
             ) from error
 
-    def _check_length(self, descriptor: object) -> None:
+    def _check_length(self, descriptor: Any) -> None:
         """The index itself would take the first length for the right one. Raises ShapeError."""
         length = self._length or length_of(self.descriptor, self.describe_config)
-        shape = np.shape(descriptor)  # type: ignore[arg-type]
+        shape = np.shape(descriptor)
         if shape != (length,):
             found = "None" if descriptor is None else f"shape {shape}"
             raise ShapeError(

@@ -49,8 +49,14 @@ def doctor() -> None:
     from fusionslam.doctor import examine
 
     findings = examine(missing_extras())
-    marks = {True: "ok", False: "missing"}
-    rows = [[marks[finding.fine], finding.what, finding.detail] for finding in findings]
+    rows = [
+        [
+            "ok" if finding.fine else "missing" if finding.optional else "fault",
+            finding.what,
+            finding.detail,
+        ]
+        for finding in findings
+    ]
     print_table(["", "what", "detail"], rows)
     if not all(finding.fine or finding.optional for finding in findings):
         raise typer.Exit(DATA)

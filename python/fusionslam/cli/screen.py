@@ -150,6 +150,6 @@ def _conditions(evaluations: "Sequence[Evaluation]", protocol: str) -> str:
     if curve is None:
         return "no true poses: cost only (--gt names a file of poses)"
     return (
-        f"protocol {protocol}, radius {curve.radius:g} m, window {curve.window} frames: "
-        f"{curve.n_revisits} of {curve.n_queries}\nframes revisit a place"
+        f"protocol {protocol}, radius {curve.radius:g} m, window {curve.window}: "
+        f"{curve.n_revisits} of {curve.n_queries} frames are revisits"
     )
