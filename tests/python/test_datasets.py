@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The readers against real KITTI files, and what they say about files that are wrong."""
 
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -815,3 +816,16 @@ def test_a_header_that_is_cut_is_named_in_plain_words(
     ) as caught:
         read_cloud(path)
     assert "pydantic" not in str(caught.value) and "index out of range" not in str(caught.value)
+
+
+def test_a_recording_that_belongs_to_somebody_else_is_named(tmp_path: Path) -> None:
+    root, user = odometry(tmp_path), os.geteuid()
+    root.chmod(0)
+    try:
+        if user == 0:
+            os.seteuid(65534)  # nobody: root may read everything
+        with pytest.raises(DataError, match="cannot be read: Permission denied"):
+            open_dataset(root)
+    finally:
+        os.seteuid(user)
+        root.chmod(0o755)

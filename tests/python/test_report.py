@@ -185,7 +185,7 @@ def test_the_metrics_are_those_of_the_curves(
 def test_every_match_is_a_row_of_loops_csv(
     written: tuple[Path, Page], evaluations: list[Evaluation]
 ) -> None:
-    rows = list(csv.DictReader(io.StringIO((written[0] / "loops.csv").read_text())))
+    rows = list(csv.DictReader(io.StringIO((written[0] / "matches.csv").read_text())))
     assert len(rows) == 3 * (120 - 21)
     curve = evaluations[0].curves["revisit"]
     first = rows[0]
@@ -220,7 +220,7 @@ def test_without_ground_truth_there_are_loops_but_no_accuracy(tmp_path: Path) ->
     run = some_run(poses=None, dataset="walk")
     page = report([evaluate(run, window=20)], tmp_path, dataset_name="walk")
     assert "No ground truth" in page.text and "R@100P" not in page.text
-    rows = list(csv.DictReader(io.StringIO((tmp_path / "loops.csv").read_text())))
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "matches.csv").read_text())))
     assert len(rows) == 99 and {row["correct"] for row in rows} == {""}
     assert {path.name for path in tmp_path.glob("*.png")} == {"distances_lidar_m2dp.png"}
     assert not (tmp_path / "poses_tum.txt").exists()

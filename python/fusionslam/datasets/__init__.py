@@ -98,7 +98,10 @@ def open_dataset(
     _one_of("gaps", gaps, GAPS)
     name = None if sequence is None else str(sequence)
     request = Request(name, _sensors(sensors), gaps, Path(poses) if poses else None)
-    return _kind(root, kind).open(root, request)
+    try:
+        return _kind(root, kind).open(root, request)
+    except PermissionError as error:
+        raise DataError(f"{error.filename} cannot be read: {error.strerror}") from error
 
 
 def _folder(path: str | os.PathLike[str]) -> Path:

@@ -14,7 +14,7 @@ from fusionslam._files import atomic_path
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.evaluation import CITATION, COMMON_RULES, PROTOCOLS, Evaluation, protocol_named
 from fusionslam.evaluation.protocols import DEFAULTS
-from fusionslam.report.exports import write_loops, write_metrics, write_tum
+from fusionslam.report.exports import write_matches, write_metrics, write_tum
 from fusionslam.report.machine import machine, versions
 from fusionslam.report.pairs import CloudReader, ImageReader, forgiving
 from fusionslam.report.plots import styled
@@ -69,7 +69,7 @@ def write_report(
     with styled():
         sources = [source_part(context, name, group) for name, group in groups.items()]
     write_metrics(target / "metrics.json", evaluations, about)
-    write_loops(target / "loops.csv", evaluations, protocol)
+    write_matches(target / "matches.csv", evaluations, protocol)
     write_tum(target / "poses_tum.txt", _with_poses(evaluations).run)
     notes = [*notes, *_remarks(evaluations, [*missed])]
     page = _page(

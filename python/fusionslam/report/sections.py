@@ -107,7 +107,9 @@ def _loops_line(evaluation: Evaluation, curve: PrecisionRecall | None, protocol:
     if nearest is None:
         return "No ground truth and no search: there are no loops to show."
     listed = int((nearest[0] >= 0).sum())
-    return f"No ground truth: loops.csv lists the nearest candidates of {listed} frames, unjudged."
+    return (
+        f"No ground truth: matches.csv lists the nearest candidates of {listed} frames, unjudged."
+    )
 
 
 def _trajectory(context: Context, evaluation: Evaluation, curve: PrecisionRecall) -> Picture:
