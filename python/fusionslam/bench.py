@@ -115,7 +115,7 @@ def benchmark(
             step=step,
             demo=demo,
         )
-        evaluations += [judged(with_matching_time(run, own, step), own.evaluation) for run in runs]
+        evaluations += [assessed(run, own, step) for run in runs]
     return evaluations
 
 
@@ -228,6 +228,17 @@ def with_matching_time(
     return replace(run, seconds=run.seconds | {"match": report.seconds})
 
 
+def assessed(run: DescriptorRun, config: PipelineConfig, step: Step | None = None) -> Evaluation:
+    """The run timed and judged; both take long where there are many frames."""
+    timed = with_matching_time(run, config, step)
+    say: Step = step or (lambda label, done, total: None)
+    label = f"judging {run.source} {run.descriptor}"
+    say(label, 0, 1)
+    evaluation = judged(timed, config.evaluation)
+    say(label, 1, 1)
+    return evaluation
+
+
 def judged(run: DescriptorRun, config: EvaluationConfig) -> Evaluation:
     """The run judged under every protocol with a configuration's radius and window."""
     return evaluate(run, radius=config.radius, window=config.window)
@@ -260,8 +271,7 @@ def stored_evaluations(
     runs = load_runs(runs_folder(folder))
     if truth is not None:
         runs = [_with_truth(run, Path(truth)) for run in runs]
-    timed = (with_matching_time(run, config, step) for run in runs)
-    return [judged(run, config.evaluation) for run in timed], config.evaluation
+    return [assessed(run, config, step) for run in runs], config.evaluation
 
 
 def _with_truth(run: DescriptorRun, path: Path) -> DescriptorRun:

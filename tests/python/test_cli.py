@@ -5,6 +5,7 @@
 import csv
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -15,11 +16,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import typer.main
 import yaml
 from typer.testing import CliRunner, Result
 
 import fusionslam
 from fusionslam import pipeline
+from fusionslam.bench import stored_evaluations
 from fusionslam.cli import app
 from fusionslam.datasets import write_cloud
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
@@ -795,3 +798,38 @@ def test_doctor_fails_where_something_is_broken(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("fusionslam.cli.guard.find_spec", lambda name: name != "embreex" or None)
     result = run("doctor")
     assert result.exit_code == 0 and "missing" in result.stdout
+
+
+def test_the_page_of_the_command_line_names_every_option_of_every_command() -> None:
+    page = (Path(__file__).parents[2] / "docs/cli.md").read_text()
+    rows = re.findall(r"^\| `(--[a-z-]+)` \| ([a-z, ]+) \|", page, flags=re.MULTILINE)
+    documented = {(name, command) for name, of in rows for command in of.split(", ")}
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    existing = {
+        (option, name)
+        for name, command in commands.items()
+        for parameter in command.params
+        for option in parameter.opts
+        if option.startswith("--") and option != "--help"
+    }
+    assert documented == existing
+
+
+def test_a_report_leaves_the_loops_of_another_command_alone(kitti: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    succeeds("loops", kitti, "-o", tmp_path, *NO_WINDOW)
+    before = (tmp_path / "loops.csv").read_bytes()
+    succeeds("report", tmp_path)
+    assert (tmp_path / "loops.csv").read_bytes() == before
+    assert (tmp_path / "matches.csv").stat().st_size > 0
+
+
+def test_matching_and_judging_tell_how_far_they_are(kitti: Path, tmp_path: Path) -> None:
+    succeeds("describe", kitti, "-d", "m2dp,cm2dp", "-o", tmp_path, *NO_WINDOW)
+    steps: list[tuple[str, int, int]] = []
+    stored_evaluations(tmp_path, step=lambda *step: steps.append(step))
+    for name in ("m2dp", "cm2dp"):
+        assert (f"matching lidar {name}", FRAMES, FRAMES) in steps
+        assert steps.index((f"judging lidar {name}", 0, 1)) < steps.index(
+            (f"judging lidar {name}", 1, 1)
+        )
