@@ -101,8 +101,8 @@ def _path(dataset: "Dataset") -> str:
     steps = np.linalg.norm(np.diff(dataset.poses[:, :3, 3], axis=0), axis=1)
     # What was driven where frames are missing is not known.
     known = np.diff(dataset.numbers) == 1
-    apart = "" if known.all() else f", without {(~known).sum()} stretches where frames are missing"
-    path = f"path of {steps[known].sum():.0f} m{apart}"
+    gaps = "" if known.all() else f", {(~known).sum()} gaps not counted"
+    path = f"path of {steps[known].sum():.0f} m{gaps}"
     return f"{len(dataset.poses)} of {dataset.pose_frame}, {path}"
 
 
