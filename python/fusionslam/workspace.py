@@ -179,7 +179,7 @@ def claim(folder: str | os.PathLike[str], work: Work) -> Work:
 
 
 def _shown(about: Mapping[str, Any]) -> str:
-    return " made with other settings" if about else ""
+    return " made with other settings or of other frames" if about else ""
 
 
 def forget_demo(folder: str | os.PathLike[str], recording: Recording) -> None:

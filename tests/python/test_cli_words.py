@@ -280,3 +280,15 @@ def test_matching_and_judging_tell_how_far_they_are(kitti: Path, tmp_path: Path)
         assert steps.index((f"judging lidar {name}", 0, 1)) < steps.index(
             (f"judging lidar {name}", 1, 1)
         )
+
+
+def test_clouds_of_other_frames_are_not_mixed_into_a_folder(
+    recording: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    succeeds("fuse", recording, "-o", out)
+    before = {path: path.read_bytes() for path in out.rglob("*.*")}
+    (recording / "velodyne/000002.bin").unlink()
+    line = fails(1, "fuse", recording, "-o", out, "--skip-gaps")
+    assert "of other frames: choose another folder" in line
+    assert {path: path.read_bytes() for path in out.rglob("*.*")} == before
