@@ -3,8 +3,9 @@
 """describe_dataset: the same vectors however it is run, and nothing finished is lost."""
 
 import os
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -275,14 +276,18 @@ def test_what_was_left_of_other_settings_goes_when_a_run_is_finished(
 
 
 def test_only_so_many_items_are_begun_before_they_are_asked_for() -> None:
-    begun = []
+    class Eager(ThreadPoolExecutor):
+        """Does everything at once, in the order in which it is handed in."""
 
-    def work(item: int) -> int:
-        begun.append(item)
-        return item
+        def submit(self, work: Any, *items: Any) -> Future[Any]:  # type: ignore[override]
+            begun.extend(items)
+            done: Future[Any] = Future()
+            done.set_result(work(*items))
+            return done
 
-    with ThreadPoolExecutor(2) as pool:
-        results = in_order(pool, work, range(100), 8)
-        assert [next(results) for _ in range(3)] == [0, 1, 2]
-        assert max(begun) < 3 + 8
-        assert list(results) == list(range(3, 100))
+    begun: list[int] = []
+    with Eager(1) as pool:
+        results = in_order(pool, lambda item: 2 * item, range(100), 8)
+        assert [next(results) for _ in range(3)] == [0, 2, 4]
+        assert begun == list(range(2 + 8))
+        assert list(results) == [2 * item for item in range(3, 100)]
