@@ -83,11 +83,7 @@ def scan(folder: Path, suffixes: Sequence[str]) -> Stream | None:
 
 
 def files_in(folder: Path, suffixes: Sequence[str]) -> list[Path]:
-    """The files of a folder with one of these suffixes, without hidden ones, by name.
-
-    Raises:
-        DataError: the folder cannot be read.
-    """
+    """The files of a folder with one of these suffixes, without hidden ones, by name."""
     return sorted(
         path
         for path in entries(folder)
@@ -96,15 +92,8 @@ def files_in(folder: Path, suffixes: Sequence[str]) -> list[Path]:
 
 
 def entries(folder: Path) -> list[Path]:
-    """What lies in a folder, by name; nothing where there is no such folder.
-
-    Raises:
-        DataError: the folder cannot be read.
-    """
-    try:
-        return sorted(folder.iterdir()) if folder.is_dir() else []
-    except OSError as error:
-        raise DataError(f"{folder} cannot be read: {error.strerror}") from error
+    """What lies in a folder, by name; nothing where there is no such folder."""
+    return sorted(folder.iterdir()) if folder.is_dir() else []
 
 
 def unique(paths: Sequence[Path], key: Callable[[Path], Key]) -> dict[Key, Path]:
