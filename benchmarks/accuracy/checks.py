@@ -4,11 +4,15 @@
 
 python -m benchmarks.accuracy.checks            # needs the folder named by FUSIONSLAM_TEST_DATA
 python -m benchmarks.accuracy.checks --write    # and put the table into docs/checks.md
+
+Exits with 1 if a check came out beyond its bound. What lies in the folder: docs/checks.md.
 """
 
 import argparse
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import minimum_filter
@@ -19,11 +23,28 @@ from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.datasets import open_dataset, read_poses_kitti
 from fusionslam.evaluation import precision_recall
 
-Row = tuple[str, str, str]
+
+# Explained in docs/checks.md; they count as missed, but do not fail a script.
+KNOWN_SHORTFALLS = {"KITTI 00/000000, stereo `image_undistort` within 1 px of the scan, all"}
+
+
+class Row(NamedTuple):
+    """A check: what, its bound, what came out, and whether that is within; None has no bound."""
+
+    what: str
+    bound: str
+    came: str
+    fits: bool | None
+
+    @property
+    def verdict(self) -> str:
+        if self.fits is False and self.what in KNOWN_SHORTFALLS:
+            return "falls short, known"
+        return {True: "pass", False: "FAIL", None: ""}[self.fits]
 
 
 def checks(data: Path) -> Iterator[Row]:
-    """(what, bound, what came out), one after the other."""
+    """One after the other."""
     yield from m2dp_rows(data)
     yield from cm2dp_rows(data)
     yield from normals_rows(data)
@@ -48,10 +69,22 @@ def m2dp_rows(data: Path) -> Iterator[Row]:
         change = np.rint((ours - signature) * len(points))
         moved, missing = change[change > 0].sum(), abs(change.sum())
         votes = f"{moved:.0f} moved, {missing:.0f} left out"
-        yield f"M2DP `{preset}`, votes that differ from He's signature", "64", votes
+        what = f"M2DP `{preset}`, votes that differ from He's signature"
+        yield Row(what, "64", votes, max(moved, missing) <= 64)
         vector = fusionslam.m2dp(points, preset=preset)
         distance = min(np.linalg.norm(vector - descriptor), np.linalg.norm(vector + descriptor))
-        yield f"M2DP `{preset}`, L2 to He's descriptor up to sign", "1e-4", f"{distance:.1e}"
+        yield largest(f"M2DP `{preset}`, L2 to He's descriptor up to sign", distance)
+
+
+def largest(what: str, value: float, bound: float = 1e-4) -> Row:
+    """A value that must not exceed its bound."""
+    exponent = int(np.floor(np.log10(bound)))
+    return Row(what, f"1e{exponent}", f"{value:.1e}", bool(value <= bound))
+
+
+def equal(what: str, wanted: str, came: str) -> Row:
+    """A text that must be the one wanted."""
+    return Row(what, wanted, came, wanted == came)
 
 
 def colored_cloud(data: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -70,7 +103,7 @@ def cm2dp_rows(data: Path) -> Iterator[Row]:
     vectors["cshot_1344"] = fusionslam.cshot(points, colors)
     for name, vector in vectors.items():
         distance = np.linalg.norm(vector - np.load(data / f"reference/cm2dp/{name}.npy"))
-        yield f"L2 to the c-M2DP author's `{name}`", "1e-4", f"{distance:.1e}"
+        yield largest(f"L2 to the c-M2DP author's `{name}`", distance)
 
 
 def normals_rows(data: Path) -> Iterator[Row]:
@@ -78,7 +111,7 @@ def normals_rows(data: Path) -> Iterator[Row]:
     stored = np.load(data / "reference/cm2dp/normals.npz")["normals"][:, 3:6]
     normals, _, _ = fusionslam.estimate_normals(points, radius=0.323908135)
     error = np.minimum(np.abs(normals - stored), np.abs(normals + stored)).max()
-    yield f"{len(normals):,} normals, largest difference up to sign", "1e-4", f"{error:.1e}"
+    yield largest(f"{len(normals):,} normals, largest difference up to sign", error)
 
 
 def evaluation_rows(data: Path) -> Iterator[Row]:
@@ -99,7 +132,7 @@ def evaluation_rows(data: Path) -> Iterator[Row]:
         for name, wanted in figures.items():
             digits = len(wanted.partition(".")[2])
             value = f"{getattr(curve, name):.{digits}f}"
-            yield f"KITTI 06 stored M2DP, `{protocol}`, {name}", wanted, value
+            yield equal(f"KITTI 06 stored M2DP, `{protocol}`, {name}", wanted, value)
 
 
 def curve_rows(data: Path) -> Iterator[Row]:
@@ -110,8 +143,8 @@ def curve_rows(data: Path) -> Iterator[Row]:
     )
     curve = precision_recall(descriptors, positions, protocol="perdomo2019")
     ours = np.c_[curve.recall, curve.precision]
-    equal = (np.abs(ours - stored) <= 5e-6 * stored).all(axis=1).sum()
-    yield "rows of the stored curve of KITTI 06, to 6 digits", f"{len(stored)}", f"{equal}"
+    same = (np.abs(ours - stored) <= 5e-6 * stored).all(axis=1).sum()
+    yield equal("rows of the stored curve of KITTI 06, to 6 digits", f"{len(stored)}", f"{same}")
 
 
 def fusion_rows(data: Path) -> Iterator[Row]:
@@ -128,7 +161,7 @@ def fusion_rows(data: Path) -> Iterator[Row]:
         if differ == 0:
             differ = int((colors != image[rows, columns]).any(axis=1).sum())
         came = f"{differ} of {inside.sum():,}"
-        yield f"KITTI {name}, points coloured otherwise than by NumPy", "0", came
+        yield Row(f"KITTI {name}, points coloured otherwise than by NumPy", "0", came, differ == 0)
 
 
 def matching_rows(data: Path) -> Iterator[Row]:
@@ -139,7 +172,9 @@ def matching_rows(data: Path) -> Iterator[Row]:
     for i in range(51, len(rows)):
         order = np.argsort(((wide[: i - 50] - wide[i]) ** 2).sum(axis=1), kind="stable")[:5]
         differ += int((found[i, : len(order)] != order).sum())
-    yield "5 nearest of KITTI 06's 1101 descriptors that differ from NumPy's", "0", f"{differ}"
+    yield equal(
+        "5 nearest of KITTI 06's 1101 descriptors that differ from NumPy's", "0", f"{differ}"
+    )
     points, colors = colored_cloud(data)
     calls = {
         "m2dp": lambda threads: fusionslam.m2dp(points, threads=threads),
@@ -149,7 +184,8 @@ def matching_rows(data: Path) -> Iterator[Row]:
     }
     for name, call in calls.items():
         same = len({call(threads).tobytes() for threads in (1, 1, 2)}) == 1
-        yield f"{name}, two runs and two threads", "identical", "identical" if same else "differ"
+        came = "identical" if same else "differ"
+        yield equal(f"{name}, two runs and two threads", "identical", came)
 
 
 def stereo_rows(data: Path) -> Iterator[Row]:
@@ -168,7 +204,7 @@ def stereo_rows(data: Path) -> Iterator[Row]:
         for who, mask in (("all", found > 0), ("those the camera sees", (found > 0) & visible)):
             share = (np.abs(found - predicted)[mask] <= 1).mean()
             what = f"KITTI 00/000000, stereo `{preset}` within 1 px of the scan, {who}"
-            yield what, ">= 70 %", f"{share:.1%} of {mask.sum():,} points"
+            yield Row(what, ">= 70 %", f"{share:.1%} of {mask.sum():,} points", bool(share >= 0.7))
 
 
 def lidar_disparity(
@@ -204,13 +240,17 @@ def invariance_rows(data: Path) -> Iterator[Row]:
             kept = points[rng.random(len(points)) > 0.1]
             dropped.append(np.linalg.norm(fusionslam.m2dp(kept, preset=preset) - vector))
         others = min(np.linalg.norm(a - b) for i, a in enumerate(plain) for b in plain[:i])
-        bound = "1e-4" if preset == "robust" else "for comparison"
         what = f"M2DP `{preset}`, {len(scans)} scans of 00 and 08"
-        yield f"{what}, turned, shifted, mirrored: largest L2", bound, f"{max(moved):.1e}"
-        yield (
+        turned = f"{what}, turned, shifted, mirrored: largest L2"
+        if preset == "robust":
+            yield largest(turned, max(moved))
+        else:
+            yield Row(turned, "for comparison", f"{max(moved):.1e}", None)
+        yield Row(
             f"{what}, 10 % of points dropped: largest L2",
             f"< {others:.3f}",
             f"{max(dropped):.3f}",
+            bool(max(dropped) < others),
         )
 
 
@@ -218,10 +258,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true")
     arguments = parser.parse_args()
-    text = table(["check", "bound", "came out"], list(checks(data_folder())))
+    rows = list(checks(data_folder()))
+    text = table(["check", "bound", "came out", ""], [[*row[:3], row.verdict] for row in rows])
     print(text)
     if arguments.write:
         write_between(PAGE, "checks", text)
+    passed = sum(row.verdict == "pass" for row in rows)
+    print(f"{passed} of {sum(row.fits is not None for row in rows)} checks passed")
+    sys.exit(any(row.verdict == "FAIL" for row in rows))
 
 
 if __name__ == "__main__":

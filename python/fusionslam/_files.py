@@ -24,7 +24,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
         os.close(handle)
     except OSError as error:
-        raise DataError(f"cannot write {target}: {error.strerror}") from error
+        raise DataError(f"cannot write {target}: {_reason(target, error)}") from error
     temporary = Path(name)
     try:
         yield temporary
@@ -34,3 +34,14 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise DataError(f"cannot write {target}: {error.strerror}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _reason(target: Path, error: OSError) -> str:
+    for folder in target.parents:
+        if folder.exists():
+            return f"{folder} is a file, expected a folder" if folder.is_file() else _why(error)
+    return _why(error)
+
+
+def _why(error: OSError) -> str:
+    return error.strerror or str(error)

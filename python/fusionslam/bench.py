@@ -12,18 +12,17 @@ import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam import _core
 from fusionslam.config import merged
 from fusionslam.descriptors import DESCRIPTORS, descriptor_named
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun, Evaluation, EvaluationConfig, evaluate
 from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.loop_report import find_loops
@@ -31,11 +30,12 @@ from fusionslam.pipeline import (
     PipelineConfig,
     Progress,
     describe_dataset,
+    first_that_works,
     load_runs,
-    run_path,
     settled,
 )
-from fusionslam.sensors import Cloud
+from fusionslam.sensors import Cloud, Frame
+from fusionslam.stored import Stored, with_poses_of
 from fusionslam.workspace import Recording, Work, claim, runs_folder
 
 if TYPE_CHECKING:
@@ -52,12 +52,13 @@ DEMO: Mapping[str, Mapping[str, Any]] = {"stereo": {"fusion": {"voxel": 0.2}}}
 DEMO_DESCRIPTORS: Mapping[str, Sequence[str]] = {
     "lidar": tuple(DESCRIPTORS),
     "stereo": tuple(DESCRIPTORS),
-    "cloud": ("m2dp",),  # the full circle, which a camera cannot colour and SHOT takes long for
+    "cloud": ("m2dp",),
 }
 """The demo's sources and what is computed of each."""
-
-# The result is the same for any number of threads.
-_IRRELEVANT = {"threads"}
+DEMO_NOTE = (
+    "The LiDAR's full circle is described by m2dp only: the camera sees and colours a part of it, "
+    "which cm2dp and cshot need, and shot is slow for so many points."
+)
 
 
 def benchmark(
@@ -67,8 +68,10 @@ def benchmark(
     *,
     configs: Mapping[str, PipelineConfig] | None = None,
     jobs: int = 1,
+    bad_frames: str = "error",
     command: str = "",
     step: Step | None = None,
+    demo: bool = False,
 ) -> list[Evaluation]:
     """Describe a recording, find its loops and judge them, for every source and descriptor.
 
@@ -82,8 +85,10 @@ def benchmark(
             clouds have none.
         configs: by source; None for the defaults with every source that the data allow.
         jobs: frames worked on at a time.
+        bad_frames: as for ``describe_dataset``.
         command: what to store as the command that led here.
         step: told about progress.
+        demo: whether a later demo may replace the results.
 
     Raises:
         DataError: the data cannot be used, or the folder cannot be written or holds other work.
@@ -97,11 +102,20 @@ def benchmark(
     for source, config in configs.items():
         own = for_source(config, source)
         dataset = recording.open(source)
-        usable = describable(dataset, wanted[source], own)
+        usable = describable(dataset, wanted[source], own, bad_frames)
         runs = work_on(
-            recording, dataset, folder, usable, config=own, jobs=jobs, command=command, step=step
+            recording,
+            dataset,
+            folder,
+            usable,
+            config=own,
+            jobs=jobs,
+            bad_frames=bad_frames,
+            command=command,
+            step=step,
+            demo=demo,
         )
-        evaluations += [judged(with_matching_time(run, own), own.evaluation) for run in runs]
+        evaluations += [assessed(run, own, step) for run in runs]
     return evaluations
 
 
@@ -110,10 +124,16 @@ def for_source(config: PipelineConfig, source: str) -> PipelineConfig:
     return merged(config, {"fusion": {"source": source}})
 
 
-def describable(dataset: "Dataset", names: Sequence[str], config: PipelineConfig) -> list[str]:
+def describable(
+    dataset: "Dataset", names: Sequence[str], config: PipelineConfig, bad_frames: str = "error"
+) -> list[str]:
     """The descriptors that the clouds allow; says in the log which need colours in vain."""
+
+    def has_colors(index: int) -> bool:
+        return fuse(dataset[index], config.fusion).colors is not None
+
     colorful = [name for name in names if descriptor_named(name).needs_colors]
-    if not colorful or fuse(dataset[0], config.fusion).colors is not None:
+    if not colorful or first_that_works(dataset, has_colors, bad_frames):
         return list(names)
     logger.warning("%s has no colours: left out %s", dataset.name, ", ".join(colorful))
     if len(colorful) == len(names):
@@ -129,9 +149,11 @@ def work_on(
     *,
     config: PipelineConfig,
     jobs: int = 1,
+    bad_frames: str = "error",
     command: str = "",
     step: Step | None = None,
     inside: str = "descriptors",
+    demo: bool = False,
 ) -> list[DescriptorRun]:
     """Say in ``folder/run.json`` what is being done, and describe what has yet to be.
 
@@ -143,13 +165,19 @@ def work_on(
         dataset=dataset.name,
         command=command,
         configs={source: config.model_dump(mode="json")},
-        numbers={source: dataset.numbers.tolist()},
+        demo=demo,
     )
     claim(folder, work)
     label = f"describing {source} clouds"
     progress = (lambda done, total: step(label, done, total)) if step else None
     return describe_missing(
-        dataset, names, Path(folder) / inside, config=config, jobs=jobs, progress=progress
+        dataset,
+        names,
+        Path(folder) / inside,
+        config=config,
+        jobs=jobs,
+        bad_frames=bad_frames,
+        progress=progress,
     )
 
 
@@ -160,62 +188,55 @@ def describe_missing(
     *,
     config: PipelineConfig,
     jobs: int = 1,
+    bad_frames: str = "error",
     progress: Progress | None = None,
 ) -> list[DescriptorRun]:
     """``describe_dataset`` for the descriptors whose run is not stored in the folder yet.
 
     A stored run counts if it was made of the same frames with the same configuration, and is
-    newer than the recording's files and the core in use. True poses are taken anew.
+    newer than the recording's files and the core in use; else the log says what differs. True
+    poses are taken anew.
+
+    Raises:
+        DataError: as ``describe_dataset``; or a run of other data is where one would be written.
     """
-    config = settled(dataset, names, config)
-    runs = {name: _stored(dataset, name, folder, config) for name in names}
+    config = settled(dataset, names, config, bad_frames)
+    stored = Stored(dataset, Path(folder), config, bad_frames)
+    runs = {name: stored.run(name) for name in names}
     missing = [name for name, run in runs.items() if run is None]
     if missing:
         made = describe_dataset(
-            dataset, missing, folder, config=config, jobs=jobs, progress=progress
+            dataset,
+            missing,
+            folder,
+            config=config,
+            jobs=jobs,
+            bad_frames=bad_frames,
+            progress=progress,
         )
         runs |= {run.descriptor: run for run in made}
-    return [replace(run, poses=dataset.poses) for run in runs.values() if run is not None]
+    return [with_poses_of(dataset, run) for run in runs.values() if run is not None]
 
 
-def _stored(
-    dataset: "Dataset", name: str, folder: str | os.PathLike[str], config: PipelineConfig
-) -> DescriptorRun | None:
-    path = run_path(folder, config.fusion.source, name)
-    if not path.exists() or path.stat().st_mtime < _newest(dataset):
-        return None
-    try:
-        run = DescriptorRun.load(path)
-    except DataError as error:
-        logger.warning("%s; describing again", error)
-        return None
-    same = (
-        run.dataset == dataset.name
-        and np.array_equal(run.stamps_ns, dataset.stamps_ns)
-        and _relevant(run.config, name) == _relevant(config.model_dump(mode="json"), name)
-    )
-    return run if same else None
-
-
-def _newest(dataset: "Dataset") -> float:
-    """When the recording or the compiled core changed last."""
-    files = [path for stream in dataset.streams.values() for path in stream.files.values()]
-    with suppress(OSError):  # a file that is gone is reported when it is read
-        return max(path.stat().st_mtime for path in (Path(str(_core.__file__)), *files))
-    return float("inf")
-
-
-def _relevant(config: Mapping[str, Any], name: str) -> tuple[Any, Any]:
-    """What of a stored configuration decides a descriptor."""
-    ignored = _IRRELEVANT | (set() if DESCRIPTORS[name].needs_normals else {"normal_radius"})
-    described = config.get("descriptors", {})
-    return config.get("fusion"), {k: v for k, v in described.items() if k not in ignored}
-
-
-def with_matching_time(run: DescriptorRun, config: PipelineConfig) -> DescriptorRun:
+def with_matching_time(
+    run: DescriptorRun, config: PipelineConfig, step: Step | None = None
+) -> DescriptorRun:
     """The run with the time that finding each frame's nearest candidate takes."""
-    report = find_loops(run, config.loop_closure)
+    label = f"matching {run.source} {run.descriptor}"
+    progress = (lambda done, total: step(label, done, total)) if step else None
+    report = find_loops(run, config.loop_closure, progress)
     return replace(run, seconds=run.seconds | {"match": report.seconds})
+
+
+def assessed(run: DescriptorRun, config: PipelineConfig, step: Step | None = None) -> Evaluation:
+    """The run timed and judged; both take long where there are many frames."""
+    timed = with_matching_time(run, config, step)
+    say: Step = step or (lambda label, done, total: None)
+    label = f"judging {run.source} {run.descriptor}"
+    say(label, 0, 1)
+    evaluation = judged(timed, config.evaluation)
+    say(label, 1, 1)
+    return evaluation
 
 
 def judged(run: DescriptorRun, config: EvaluationConfig) -> Evaluation:
@@ -227,6 +248,7 @@ def stored_evaluations(
     folder: str | os.PathLike[str],
     changes: Mapping[str, Any] | None = None,
     truth: str | os.PathLike[str] | None = None,
+    step: Step | None = None,
 ) -> tuple[list[Evaluation], EvaluationConfig]:
     """Judge every run that a folder of results holds.
 
@@ -234,6 +256,7 @@ def stored_evaluations(
         folder: what ``benchmark`` or ``describe_dataset`` wrote.
         changes: of the evaluation's configuration that is stored there.
         truth: file of true poses in KITTI or TUM format, instead of those in the runs.
+        step: told about progress.
 
     Raises:
         DataError: no such folder, no runs in it, or poses that do not fit.
@@ -247,18 +270,14 @@ def stored_evaluations(
     config = merged(config, {"evaluation": changes or {}})
     runs = load_runs(runs_folder(folder))
     if truth is not None:
-        runs = [_with_truth(run, Path(truth), work) for run in runs]
-    timed = [with_matching_time(run, config) for run in runs]
-    return [judged(run, config.evaluation) for run in timed], config.evaluation
+        runs = [_with_truth(run, Path(truth)) for run in runs]
+    return [assessed(run, config, step) for run in runs], config.evaluation
 
 
-def _with_truth(run: DescriptorRun, path: Path, work: Work | None) -> DescriptorRun:
+def _with_truth(run: DescriptorRun, path: Path) -> DescriptorRun:
     from fusionslam.datasets import match_poses
 
-    numbers = run.frames
-    if work is not None and run.source in work.numbers:
-        numbers = np.array(work.numbers[run.source], np.int64)[run.frames]
-    return replace(run, poses=match_poses(path, numbers, run.stamps_ns))
+    return replace(run, poses=match_poses(path, run.numbers, run.stamps_ns))
 
 
 def write_stored_metrics(
@@ -303,6 +322,8 @@ def write_stored_report(
         protocol = protocol or config.protocol
     work = Work.load(folder)
     runs = [evaluation.run for evaluation in evaluations]
+    fusion = {run.source: merged(FusionConfig(), run.config["fusion"]) for run in runs}
+    pictured = _Pictured(work.recording, fusion) if work else None
     return write_report(
         evaluations,
         output or folder,
@@ -310,37 +331,44 @@ def write_stored_report(
         command=(work.command if work and command is None else command) or "",
         config={f"{run.source} / {run.descriptor}": run.config for run in runs},
         protocol=protocol or EvaluationConfig().protocol,
-        clouds=_cloud_reader(work, runs) if work else None,
-        images=_image_reader(work) if work else None,
+        clouds=pictured.cloud if pictured else None,
+        images=pictured.image if pictured else None,
+        notes=[DEMO_NOTE] if work and work.demo else [],
     )
 
 
-def _cloud_reader(work: Work, runs: Sequence[DescriptorRun]) -> Callable[[str, int], Cloud]:
-    opened = cache(work.recording.open)
-    fusion = {run.source: merged(FusionConfig(), run.config["fusion"]) for run in runs}
+@dataclass(frozen=True)
+class _Pictured:
+    """Frames of a recording by their number in the file names, for the report's pictures."""
 
-    def read(source: str, frame: int) -> Cloud:
-        return fuse(opened(source)[frame], fusion[source])
+    recording: Recording
+    fusion: Mapping[str, FusionConfig]
 
-    return read
+    @cached_property
+    def _opened(self) -> "Callable[[str], tuple[Dataset, dict[int, int]]]":
+        # Whatever gaps there are now: a number says which frame is meant.
+        recording = replace(self.recording, gaps="skip")
 
+        @cache
+        def opened(source: str) -> "tuple[Dataset, dict[int, int]]":
+            found = recording.open(source)
+            return found, {number: i for i, number in enumerate(found.numbers.tolist())}
 
-def _image_reader(work: Work) -> Callable[[str, int], NDArray[np.uint8]]:
-    """Left images of frames, found by their number: sources may have gaps of their own."""
+        return opened
 
-    @cache
-    def dataset() -> "tuple[Dataset, dict[int, int]]":
-        for source in ("lidar", "stereo"):
-            with suppress(FusionSlamError):
-                found = work.recording.open(source)
-                return found, {number: i for i, number in enumerate(found.numbers.tolist())}
-        raise DataError(f"{work.recording.path} has no images")
+    def cloud(self, source: str, number: int) -> Cloud:
+        return fuse(self._frame(source, number), self.fusion[source])
 
-    def read(source: str, frame: int) -> NDArray[np.uint8]:
-        found, places = dataset()
-        number = work.numbers[source][frame]
+    def image(self, source: str, number: int) -> NDArray[np.uint8]:
+        """The left image, which clouds without images have from the sources that need it."""
+        for other in ("lidar", "stereo"):
+            with suppress(DataError):
+                return self._frame(other, number).images["left"]
+        self._opened(source)  # whatever is wrong with the recording is the better reason
+        raise DataError(f"{self.recording.path}, frame {number}: no left image")
+
+    def _frame(self, source: str, number: int) -> Frame:
+        dataset, places = self._opened(source)
         if number not in places:
-            raise DataError(f"frame {number} has no image")
-        return found[places[number]].images["left"]
-
-    return read
+            raise DataError(f"{self.recording.path}: frame {number} is not there")
+        return dataset[places[number]]

@@ -55,9 +55,13 @@ def write_clouds(
     if format not in FORMATS:
         raise ConfigError(f"format is {format!r}, expected one of {', '.join(FORMATS)}")
     dataset, root = recording.open(config.source), Path(folder)
-    about = {"fusion": config.model_dump(mode="json"), "format": format}
-    numbers: dict[str, list[int]] = {config.source: dataset.numbers.tolist()}
-    work = Work(recording, dataset.name, command, numbers=numbers, about=about)
+    about = {
+        "fusion": config.model_dump(mode="json"),
+        "format": format,
+        # Clouds are numbered from 0 on, whatever is missing: other frames are other clouds.
+        "frames": dataset.numbers.tolist(),
+    }
+    work = Work(recording, dataset.name, command, about=about)
     claim(root, work)
     _write_texts(root, dataset)
     writer = _Writer(dataset, config, root / "clouds", format)

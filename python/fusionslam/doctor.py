@@ -22,7 +22,7 @@ class Finding:
         what: its name.
         fine: whether it works.
         detail: version or value; where it does not work, what to do.
-        optional: whether most things work without it.
+        optional: whether it may be missing: only what needs it does not work.
     """
 
     what: str
@@ -91,7 +91,7 @@ def _cache() -> Finding:
     present = next(place for place in (folder, *folder.parents) if place.exists())
     if not _works(lambda: tempfile.TemporaryFile(dir=present).close()):
         hint = "the environment variable FUSIONSLAM_CACHE can name another folder"
-        return Finding("cache", False, f"{folder} cannot be written: {hint}", optional=True)
+        return Finding("cache", False, f"{folder} cannot be written: {hint}")
     free = shutil.disk_usage(present).free / 2**30
     return Finding("cache", True, f"{folder}, {free:.1f} GiB free")
 

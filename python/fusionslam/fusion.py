@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam import _core
+from fusionslam import _core, meanings
 from fusionslam.config import Section, core_section, option
 from fusionslam.errors import DataError
 from fusionslam.sensors import Camera, Cloud, Frame
@@ -38,8 +38,7 @@ class FusionConfig(Section):
 
     source: Source = option(
         "lidar",
-        "lidar: the scan coloured by the left image; stereo: depth from both images; "
-        "cloud: the scan as it is, with its own colours if it has any",
+        meanings.SOURCE,
     )
     interpolation: Literal["nearest", "bilinear"] = option("nearest", "how a pixel is read")
     ground: Literal["none", "height", "plane"] = option("none", "how the ground is removed")

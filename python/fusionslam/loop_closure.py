@@ -4,6 +4,7 @@
 
 import json
 import os
+import uuid
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,24 +12,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam import meanings
 from fusionslam._core import DescriptorIndex
 from fusionslam._files import atomic_path
 from fusionslam.config import Section, merged, option
-from fusionslam.descriptors import DescriptorConfig, describe, descriptor_named, for_sequence
+from fusionslam.descriptors import (
+    DescriptorConfig,
+    describe,
+    descriptor_named,
+    for_sequence,
+    length_of,
+)
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.sensors import Cloud, Frame
 
-FORMAT = "fusionslam.loop_detector.1"
+FORMAT = "fusionslam.loop_detector.2"
+ABOUT = "detector.json"
 
 
 class LoopConfig(Section):
     """When a nearest neighbour is a loop."""
 
-    threshold: float = option(
-        0.1, "largest descriptor distance that is accepted as a loop", ge=0, allow_inf_nan=False
-    )
-    window: int = option(50, "this many frames before the query are no candidates", ge=0)
+    threshold: float = option(0.1, meanings.THRESHOLD, ge=0, allow_inf_nan=False)
+    window: int = option(50, meanings.LOOP_WINDOW, unit="frames", ge=0)
     window_seconds: float = option(
         0.0, "candidates are older than this; 0 is off", unit="s", ge=0, allow_inf_nan=False
     )
@@ -52,6 +59,7 @@ class LoopDetector:
         config: when a neighbour is a loop.
         describe: how clouds are described.
         fusion: how frames become clouds.
+        length: of descriptors computed elsewhere; None for that of ``descriptor``.
 
     Raises:
         ConfigError: unknown descriptor, or a value out of range.
@@ -67,6 +75,7 @@ class LoopDetector:
         config: LoopConfig | None = None,
         describe: DescriptorConfig | None = None,
         fusion: FusionConfig | None = None,
+        length: int | None = None,
     ) -> None:
         given = {"threshold": threshold, "window": window, "window_seconds": window_seconds}
         changes = {key: value for key, value in given.items() if value is not None}
@@ -76,6 +85,7 @@ class LoopDetector:
         self.fusion_config = fusion or FusionConfig()
         self.nearest: Loop | None = None
         self._index: DescriptorIndex | None = None
+        self._length = length
 
     def __len__(self) -> int:
         """Number of frames added so far."""
@@ -92,7 +102,7 @@ class LoopDetector:
         """
         if isinstance(frame_or_cloud, Frame):
             stamp_ns = frame_or_cloud.stamp_ns if stamp_ns is None else stamp_ns
-            cloud = fuse(frame_or_cloud, self.fusion_config)
+            cloud = self._fused(frame_or_cloud)
         elif isinstance(frame_or_cloud, Cloud):
             cloud = frame_or_cloud
         else:
@@ -108,9 +118,14 @@ class LoopDetector:
     def add_descriptor(
         self, descriptor: NDArray[np.float32], *, stamp_ns: int | None = None
     ) -> Loop | None:
-        """The same for a descriptor, float32 (D,), computed elsewhere."""
+        """The same for a descriptor, float32 (D,), computed elsewhere.
+
+        Raises:
+            ShapeError: another length than the descriptor's.
+        """
         index = self._index
         if index is None:
+            self._check_length(descriptor)
             index = DescriptorIndex(
                 len(descriptor),
                 window=self.config.window,
@@ -123,29 +138,65 @@ class LoopDetector:
         accepted = self.nearest and self.nearest.distance <= self.config.threshold
         return self.nearest if accepted else None
 
+    def _fused(self, frame: Frame) -> Cloud:
+        """The frame's cloud; an error says which source was meant and how to name another."""
+        try:
+            return fuse(frame, self.fusion_config)
+        except DataError as error:
+            other = "stereo" if {"left", "right"} <= set(frame.images) else "cloud"
+            wanted = self.fusion_config.source
+            if wanted != "lidar" or (frame.has_points and "left" in frame.images):
+                raise
+            raise DataError(
+                f"{error}: the detector's source is {wanted!r}; for this frame use "
+                f"LoopDetector(..., fusion=FusionConfig(source={other!r}))"
+            ) from error
+
+    def _check_length(self, descriptor: Any) -> None:
+        """The index itself would take the first length for the right one. Raises ShapeError."""
+        length = self._length or length_of(self.descriptor, self.describe_config)
+        shape = np.shape(descriptor)
+        if shape != (length,):
+            found = "None" if descriptor is None else f"shape {shape}"
+            raise ShapeError(
+                f"descriptor: {found}, expected float32 ({length},) of {self.descriptor}"
+            )
+
     def save(self, folder: str | os.PathLike[str]) -> None:
-        """Write the configuration and all descriptors to a folder. Raises DataError."""
+        """Write the configuration and all descriptors to a folder, both or none.
+
+        The description names the file of descriptors that belongs to it and is written last:
+        whatever happens in between, the folder holds a pair that fits.
+
+        Raises:
+            DataError: nothing was added yet, or the folder cannot be written.
+        """
         if self._index is None:
             raise DataError("the loop detector is empty: there is nothing to save")
         target = Path(folder)
+        descriptors = f"descriptors-{uuid.uuid4().hex[:12]}.index"
         about = {
             "format": FORMAT,
             "descriptor": self.descriptor,
             "frames": len(self),
+            "index": descriptors,
             "loop_closure": self.config.model_dump(),
             "descriptors": self.describe_config.model_dump(),
             "fusion": self.fusion_config.model_dump(),
         }
-        with atomic_path(target / "descriptors.index") as temporary:
+        with atomic_path(target / descriptors) as temporary:
             self._index.save(temporary)
-        with atomic_path(target / "detector.json") as temporary:
+        with atomic_path(target / ABOUT) as temporary:
             temporary.write_text(json.dumps(about, indent=1), encoding="utf-8")
+        for old in target.glob("descriptors-*.index"):
+            if old.name != descriptors:
+                old.unlink(missing_ok=True)
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> "LoopDetector":
         """Continue from what ``save`` wrote. Raises DataError naming the file."""
         source = Path(folder)
-        about = _read_about(source / "detector.json")
+        about = _read_about(source / ABOUT)
         try:
             detector = cls(
                 about["descriptor"],
@@ -154,8 +205,8 @@ class LoopDetector:
                 fusion=merged(FusionConfig(), about["fusion"]),
             )
         except (KeyError, TypeError, AttributeError, ConfigError) as error:
-            raise DataError(f"{source / 'detector.json'}: {error}") from error
-        detector._index = DescriptorIndex.load(source / "descriptors.index")
+            raise DataError(f"{source / ABOUT}: {error}") from error
+        detector._index = DescriptorIndex.load(source / Path(str(about.get("index"))).name)
         if len(detector) != about.get("frames"):
             raise DataError(
                 f"{source}: {len(detector)} descriptors, detector.json says {about.get('frames')}"

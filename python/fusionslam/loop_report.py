@@ -5,6 +5,7 @@
 import csv
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,19 +50,27 @@ class LoopReport:
         return f"{found}: {', '.join(parts)}"
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a CSV, one line a loop; frames are the dataset's. Raises DataError."""
-        frames, stamps = self.run.frames, self.run.stamps_ns
+        """Write a CSV, one line a loop; frames by their number. Raises DataError."""
+        numbers, stamps = self.run.numbers, self.run.stamps_ns
         with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS)
             for loop in self.loops:
                 pair = [loop.query, loop.match]
-                writer.writerow([*frames[pair], f"{loop.distance:.9g}", *stamps[pair]])
+                writer.writerow([*numbers[pair], f"{loop.distance:.9g}", *stamps[pair]])
 
 
-def find_loops(run: DescriptorRun, config: LoopConfig | None = None) -> LoopReport:
-    """Give the descriptors of a run to a loop detector, one after the other."""
-    detector = LoopDetector(run.descriptor, config=config)
+def find_loops(
+    run: DescriptorRun,
+    config: LoopConfig | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> LoopReport:
+    """Give the descriptors of a run to a loop detector, one after the other.
+
+    ``progress`` is called with (frames done, frames in all) now and then.
+    """
+    length = run.descriptors.shape[1]
+    detector = LoopDetector(run.descriptor, config=config, length=length)
     loops, distances, seconds = [], [], []
     for vector, stamp in zip(run.descriptors, run.stamps_ns.tolist(), strict=True):
         start = time.perf_counter()
@@ -71,6 +80,8 @@ def find_loops(run: DescriptorRun, config: LoopConfig | None = None) -> LoopRepo
             distances.append(detector.nearest.distance)
         if loop is not None:
             loops.append(loop)
+        if progress is not None and (len(seconds) % 100 == 0 or len(seconds) == len(run)):
+            progress(len(seconds), len(run))
     return LoopReport(
         run=run,
         config=detector.config,

@@ -54,7 +54,7 @@ def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:
     for name, camera in dataset.cameras.items():
         yield f"camera {name}", _calibration(camera)
     if not dataset.cameras:
-        yield "cameras", "no calibration"
+        yield "cameras", _no_cameras(dataset)
     yield from _stereo(dataset)
     yield "poses", _path(dataset)
     yield "gaps", _gaps(dataset)
@@ -99,7 +99,17 @@ def _path(dataset: "Dataset") -> str:
     if dataset.poses is None:
         return "none"
     steps = np.linalg.norm(np.diff(dataset.poses[:, :3, 3], axis=0), axis=1)
-    return f"{len(dataset.poses)} of {dataset.pose_frame}, path of {steps.sum():.0f} m"
+    # What was driven where frames are missing is not known.
+    known = np.diff(dataset.numbers) == 1
+    gaps = "" if known.all() else f", {(~known).sum()} gaps not counted"
+    path = f"path of {steps[known].sum():.0f} m{gaps}"
+    return f"{len(dataset.poses)} of {dataset.pose_frame}, {path}"
+
+
+def _no_cameras(dataset: "Dataset") -> str:
+    if dataset.body_from_points is not None and dataset.kind.startswith("kitti"):
+        return "no images; the calibration is there and places the scanner"
+    return "no calibration" if len(dataset.sensors) > 1 else "no images, no calibration"
 
 
 def _gaps(dataset: "Dataset") -> str:

@@ -4,23 +4,28 @@
 
 import hashlib
 import json
+import logging
 import os
-import shutil
 import time
-import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from fusionslam import _core
-from fusionslam._files import atomic_path
+from fusionslam.chunks import (
+    Arrays,
+    Described,
+    forget_partial,
+    joined_chunks,
+    partial_folder,
+    save_chunk,
+)
 from fusionslam.config import Section, option
 from fusionslam.descriptors import (
     DescriptorConfig,
@@ -28,7 +33,7 @@ from fusionslam.descriptors import (
     descriptor_named,
     for_sequence,
 )
-from fusionslam.errors import DataError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
 from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.loop_closure import LoopConfig
@@ -36,10 +41,15 @@ from fusionslam.loop_closure import LoopConfig
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
 
+logger = logging.getLogger(__name__)
+
+T = TypeVar("T")
 Progress = Callable[[int, int], None]
 
 CHUNK = 16
-"""Frames that are written together; what an interruption can lose."""
+"""Frames that are written together; what an interruption can lose, with those under way."""
+BAD_FRAMES = ("error", "skip")
+"""What to do with frames that cannot be read, fused or described."""
 
 
 class PipelineConfig(Section):
@@ -51,15 +61,6 @@ class PipelineConfig(Section):
     evaluation: EvaluationConfig = option(EvaluationConfig(), "how loops are judged")
 
 
-@dataclass(frozen=True)
-class _Described:
-    """One frame: its vectors, the number of its points, and seconds by stage."""
-
-    vectors: dict[str, NDArray[np.float32]]
-    points: int
-    seconds: dict[str, float]
-
-
 def describe_dataset(
     dataset: "Dataset",
     names: Sequence[str],
@@ -67,6 +68,7 @@ def describe_dataset(
     *,
     config: PipelineConfig | None = None,
     jobs: int = 1,
+    bad_frames: str = "error",
     progress: Progress | None = None,
 ) -> list[DescriptorRun]:
     """Describe every frame with every named descriptor and store one run a descriptor.
@@ -79,18 +81,22 @@ def describe_dataset(
         names: descriptors.
         folder: runs are written to ``folder/<source>-<descriptor>.npz``.
         jobs: frames worked on at a time (threads; the work is done outside the GIL).
+        bad_frames: a frame that cannot be read, fused or described is an "error", or "skip"
+            leaves it out: its number and the reason are logged and stored with the run.
         progress: called with (frames done, frames in all).
 
     Raises:
-        DataError: a frame that cannot be read, fused or described (the message names it), or a
-            folder that cannot be written.
-        ConfigError: an unknown descriptor.
+        DataError: a frame that cannot be read, fused or described (the message names it), no
+            frame that can be, or a folder that cannot be written.
+        ConfigError: an unknown descriptor or way to treat bad frames.
     """
     settings = config or PipelineConfig()
+    if bad_frames not in BAD_FRAMES:
+        raise ConfigError(f"bad_frames is {bad_frames!r}, expected one of {', '.join(BAD_FRAMES)}")
     for name in names:
         descriptor_named(name)
-    settings = settled(dataset, names, settings)
-    work = _Work(dataset, tuple(names), settings, Path(folder))
+    settings = settled(dataset, names, settings, bad_frames)
+    work = _Work(dataset, tuple(names), settings, Path(folder), bad_frames)
     done = 0
     for chunk in work.run(max(jobs, 1)):
         done += chunk
@@ -99,15 +105,46 @@ def describe_dataset(
     return work.finish()
 
 
-def settled(dataset: "Dataset", names: Sequence[str], config: PipelineConfig) -> PipelineConfig:
+def settled(
+    dataset: "Dataset", names: Sequence[str], config: PipelineConfig, bad_frames: str = "error"
+) -> PipelineConfig:
     """The configuration with what depends on the first frame fixed."""
     if not any(descriptor_named(name).needs_normals for name in names):
         return config
-    try:
-        described = for_sequence(config.descriptors, fuse(dataset[0], config.fusion))
-    except DataError as error:
-        raise DataError(f"{dataset.name}, frame {dataset.numbers[0]}: {error}") from error
+
+    def with_radius(index: int) -> DescriptorConfig:
+        return for_sequence(config.descriptors, fuse(dataset[index], config.fusion))
+
+    described = first_that_works(dataset, with_radius, bad_frames)
     return config.model_copy(update={"descriptors": described})
+
+
+def first_that_works(dataset: "Dataset", action: Callable[[int], T], bad_frames: str) -> T:
+    """What an action gives for the first frame, or the first of which it can be had.
+
+    Raises:
+        DataError: from the action, with the name of the frame.
+    """
+    for index, number in enumerate(dataset.numbers.tolist()):
+        try:
+            return action(index)
+        except DataError as error:
+            if bad_frames == "error":
+                raise DataError(f"{dataset.name}, frame {number}: {error}") from error
+    raise DataError(f"{dataset.name}: no frame can be described")
+
+
+def in_order(
+    pool: ThreadPoolExecutor, work: Callable[[int], T], items: Iterable[int], ahead: int
+) -> Iterator[T]:
+    """The results of work on each item, in order, of which at most ``ahead`` are begun."""
+    rest, begun = iter(items), deque[Future[T]]()
+    for item in rest:
+        begun.append(pool.submit(work, item))
+        if len(begun) == ahead:
+            yield begun.popleft().result()
+    while begun:
+        yield begun.popleft().result()
 
 
 @dataclass(frozen=True)
@@ -118,6 +155,7 @@ class _Work:
     names: tuple[str, ...]
     config: PipelineConfig
     folder: Path
+    bad_frames: str
 
     @cached_property
     def partial(self) -> Path:
@@ -127,80 +165,106 @@ class _Work:
             _core.__version__,
             str(self.dataset.root),
             [_state(paths[number]) for paths in files for number in self.dataset.numbers.tolist()],
-            self.names,
             self.config.fusion.model_dump(),
             self.config.descriptors.model_dump(),
+            self.bad_frames,
         ]
         key = hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:12]
-        return self.folder / f".partial-{key}"
+        return partial_folder(self.folder, self.config.fusion.source, self.names, key)
 
     def run(self, jobs: int) -> Iterator[int]:
         """Do the chunks that are missing; yield the number of frames in each chunk."""
+        missing = [chunk for chunk in self._chunks() if not self._chunk_path(chunk).exists()]
+        frames = (index for chunk in missing for index in chunk)
         with ThreadPoolExecutor(jobs) as pool:
+            # Some ahead, so that nobody waits for the slowest of a chunk or while it is written.
+            described = in_order(pool, self._frame, frames, 4 * jobs)
             try:
-                for start in range(0, len(self.dataset), CHUNK):
-                    frames = range(start, min(start + CHUNK, len(self.dataset)))
-                    path = self._chunk_path(start)
-                    if not path.exists():
-                        _save_chunk(path, list(pool.map(self._frame, frames)), self.names)
-                    yield len(frames)
+                for chunk in self._chunks():
+                    if chunk in missing:
+                        save_chunk(self._chunk_path(chunk), list(islice(described, len(chunk))))
+                    yield len(chunk)
             except BaseException:
                 pool.shutdown(wait=True, cancel_futures=True)
                 raise
 
     def finish(self) -> list[DescriptorRun]:
         """Join the chunks into runs, store these, and forget the chunks."""
-        starts = range(0, len(self.dataset), CHUNK)
-        chunks = [_load_chunk(self._chunk_path(start)) for start in starts]
-        joined = {key: np.concatenate([chunk[key] for chunk in chunks]) for key in chunks[0]}
-        runs = [self._descriptor_run(name, joined) for name in self.names]
+        joined = joined_chunks([self._chunk_path(chunk) for chunk in self._chunks()])
+        skipped = self._skipped(joined)
+        runs = [self._descriptor_run(name, joined, skipped) for name in self.names]
         for run in runs:
             run.save(run_path(self.folder, run.source, run.descriptor))
-        shutil.rmtree(self.partial, ignore_errors=True)
+        forget_partial(self.folder, self.config.fusion.source, self.names)
         return runs
 
-    def _chunk_path(self, start: int) -> Path:
-        return self.partial / f"{start:06d}.npz"
+    def _chunks(self) -> list[range]:
+        count = len(self.dataset)
+        return [range(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK)]
 
-    def _frame(self, index: int) -> _Described:
+    def _chunk_path(self, chunk: range) -> Path:
+        return self.partial / f"{chunk.start:06d}.npz"
+
+    def _frame(self, index: int) -> Described:
+        try:
+            return self._described(index)
+        except DataError as error:
+            if self.bad_frames == "skip":
+                return Described(index, reason=str(error))
+            number = int(self.dataset.numbers[index])
+            raise DataError(f"{self.dataset.name}, frame {number}: {error}") from error
+
+    def _described(self, index: int) -> Described:
         clock = _Clock()
         frame = self.dataset[index]
-        number = int(self.dataset.numbers[index])
-        try:
-            _load(frame, self.config.fusion.source)
-            clock.lap("load")
-            cloud = fuse(frame, self.config.fusion)
-            clock.lap("fuse")
-            vectors = {}
-            for name in self.names:
-                vectors[name] = describe(cloud, name, self.config.descriptors)
-                clock.lap(name)
-        except DataError as error:
-            raise DataError(f"{self.dataset.name}, frame {number}: {error}") from error
-        return _Described(vectors, len(cloud), clock.seconds)
+        _load(frame, self.config.fusion.source)
+        clock.lap("load")
+        cloud = fuse(frame, self.config.fusion)
+        clock.lap("fuse")
+        vectors = {}
+        for name in self.names:
+            vectors[name] = describe(cloud, name, self.config.descriptors)
+            clock.lap(name)
+        return Described(index, vectors, len(cloud), clock.seconds)
 
-    def _descriptor_run(self, name: str, joined: Mapping[str, NDArray[Any]]) -> DescriptorRun:
+    def _skipped(self, joined: Arrays) -> dict[int, str]:
+        """Frame numbers left out, and why; says so in the log."""
+        numbers = self.dataset.numbers[joined["bad"]].tolist()
+        skipped = dict(zip(numbers, joined["reasons"].tolist(), strict=True))
+        if not len(joined["rows"]):
+            number, reason = next(iter(skipped.items()))
+            raise DataError(
+                f"{self.dataset.name}: no frame can be described; frame {number}: {reason}"
+            )
+        for number, reason in skipped.items():
+            logger.warning("%s, frame %d left out: %s", self.dataset.name, number, reason)
+        return skipped
+
+    def _descriptor_run(self, name: str, joined: Arrays, skipped: dict[int, str]) -> DescriptorRun:
+        rows, poses = joined["rows"], self.dataset.poses
         return DescriptorRun(
             source=self.config.fusion.source,
             descriptor=name,
             dataset=self.dataset.name,
             descriptors=joined[f"vectors.{name}"],
-            frames=np.arange(len(self.dataset), dtype=np.int64),
-            stamps_ns=self.dataset.stamps_ns,
-            poses=self.dataset.poses,
+            frames=rows,
+            stamps_ns=self.dataset.stamps_ns[rows],
+            poses=None if poses is None else poses[rows],
             seconds={
                 "load": joined["seconds.load"],
                 "fuse": joined["seconds.fuse"],
                 "describe": joined[f"seconds.{name}"],
             },
-            peak_memory_bytes=self._working_memory(name, joined["points"]),
+            peak_memory_bytes=self._working_memory(name, int(rows[joined["points"].argmax()])),
             points=joined["points"],
             config=self.config.model_dump(mode="json"),
+            numbers=self.dataset.numbers[rows],
+            skipped=skipped,
         )
 
-    def _working_memory(self, name: str, points: NDArray[np.int64]) -> int:
+    def _working_memory(self, name: str, largest: int) -> int:
         """Memory that describing the largest cloud takes on top of what was there before."""
-        cloud = fuse(self.dataset[int(points.argmax())], self.config.fusion)
+        cloud = fuse(self.dataset[largest], self.config.fusion)
         return peak_memory(lambda: describe(cloud, name, self.config.descriptors))
 
 
@@ -269,21 +333,3 @@ def _load(frame: Any, source: str) -> None:
     for camera in {"lidar": ("left",), "stereo": ("left", "right")}.get(source, ()):
         if camera in frame.images:
             _ = frame.images[camera]
-
-
-def _save_chunk(path: Path, frames: Sequence[_Described], names: Sequence[str]) -> None:
-    arrays: dict[str, NDArray[Any]] = {"points": np.array([f.points for f in frames], np.int64)}
-    for name in names:
-        arrays[f"vectors.{name}"] = np.array([f.vectors[name] for f in frames], np.float32)
-    for stage in frames[0].seconds:
-        arrays[f"seconds.{stage}"] = np.array([f.seconds[stage] for f in frames])
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, **arrays)  # type: ignore[arg-type]
-
-
-def _load_chunk(path: Path) -> dict[str, NDArray[Any]]:
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise DataError(f"{path}: cannot be read ({error}); delete it and run again") from error

@@ -9,7 +9,8 @@ the descriptor runs, in ``descriptors/`` or beside it.
 import json
 import logging
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,7 @@ from fusionslam.errors import DataError
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
 
-FORMAT = "fusionslam.work.1"
+FORMAT = "fusionslam.work.2"
 FILE = "run.json"
 SENSORS_OF = {"lidar": ("points", "left"), "stereo": ("left", "right"), "cloud": ("points",)}
 """What each source of clouds needs of a frame."""
@@ -117,16 +118,16 @@ class Work:
         dataset: its name.
         command: what was typed.
         configs: the configuration in force, by source.
-        numbers: frame numbers as in the file names, by source.
         about: whatever else belongs to these results; a change of it makes other results.
+        demo: whether the demo made these, and may replace them.
     """
 
     recording: Recording
     dataset: str
     command: str = ""
     configs: dict[str, dict[str, Any]] = field(default_factory=dict)
-    numbers: dict[str, list[int]] = field(default_factory=dict)
     about: dict[str, Any] = field(default_factory=dict)
+    demo: bool = False
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write ``run.json``, whole or not at all. Raises DataError."""
@@ -172,26 +173,45 @@ def claim(folder: str | os.PathLike[str], work: Work) -> Work:
         work = replace(
             work,
             configs=earlier.configs | work.configs,
-            numbers=earlier.numbers | work.numbers,
         )
     work.save(folder)
     return work
 
 
 def _shown(about: Mapping[str, Any]) -> str:
-    return " made with other settings" if about else ""
+    return " made with other settings or of other frames" if about else ""
 
 
-def forget_other(folder: str | os.PathLike[str], recording: Recording) -> None:
-    """Take stored work out of the way if it was done on another recording. Raises DataError."""
+def forget_demo(folder: str | os.PathLike[str], recording: Recording) -> None:
+    """Take what an earlier demo made of another drive out of the way, and nothing else.
+
+    Raises:
+        DataError: the folder holds other work, which is kept; or a file cannot be deleted.
+    """
     earlier = Work.load(folder)
     if earlier is None or earlier.recording.path == recording.path:
         return
+    if not earlier.demo:
+        raise DataError(
+            f"{folder} holds results of {earlier.dataset} ({earlier.recording.path}), which the "
+            "demo does not replace: choose another folder"
+        )
     try:
-        for path in [*runs_folder(folder).glob("*-*.npz"), Path(folder) / FILE]:
+        for path in [*_runs_of(earlier, folder), Path(folder) / FILE]:
             path.unlink()
     except OSError as error:
         raise DataError(f"cannot delete {error.filename}: {error.strerror}") from error
+
+
+def _runs_of(work: Work, folder: str | os.PathLike[str]) -> Iterator[Path]:
+    """The runs in a folder that belong to this work; others may lie beside them."""
+    from fusionslam.evaluation import DescriptorRun
+
+    for source in work.configs:
+        for path in sorted(runs_folder(folder).glob(f"{source}-*.npz")):
+            with suppress(DataError):
+                if DescriptorRun.load(path).dataset == work.dataset:
+                    yield path
 
 
 def runs_folder(folder: str | os.PathLike[str]) -> Path:

@@ -3,9 +3,13 @@
 """Fixtures that several test files share."""
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
+
+from command_line import FRAMES
+from tiny_kitti import write_sequence
 
 PROJECT = Path(__file__).resolve().parents[2]
 
@@ -17,3 +21,18 @@ def test_data() -> Path:
     if not folder.is_dir():
         pytest.skip("no test data: set FUSIONSLAM_TEST_DATA to their folder")
     return folder
+
+
+@pytest.fixture(scope="session")
+def kitti(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive along z and back to its start, in KITTI odometry's layout, colours and all."""
+    places = [min(n, FRAMES - n) for n in range(FRAMES)]
+    base = tmp_path_factory.mktemp("kitti")
+    return write_sequence(base, places, [500] * FRAMES, metres=20, width=128)
+
+
+@pytest.fixture
+def recording(kitti: Path, tmp_path: Path) -> Path:
+    """A copy of the drive that a test may damage."""
+    shutil.copytree(kitti.parent.parent, tmp_path / "data")
+    return tmp_path / "data" / "sequences" / "03"

@@ -8,79 +8,31 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner, Result
 
 import fusionslam
+from command_line import (
+    FRAMES,
+    NO_WINDOW,
+    TINY_TOWN,
+    fails,
+    fusionslam_descriptors,
+    last_line,
+    run,
+    succeeds,
+    vectors,
+)
 from fusionslam import pipeline
-from fusionslam.cli import app
 from fusionslam.datasets import write_cloud
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipeline import CHUNK
 from fusionslam.sensors import Cloud, Frame
-from tiny_kitti import write_sequence
-
-FRAMES = CHUNK + 4
-NO_WINDOW = ("--set", "evaluation.window=2", "--set", "loop_closure.window=2")
-TINY_TOWN = (
-    "sim.town.blocks=[1,1]",
-    "sim.town.block_m=44",
-    "sim.drive.laps=[[[0,0],[1,0]],[[1,0],[1,1]]]",
-    "sim.drive.spacing_m=14",
-    "sim.car.lidar.rings=16",
-    "sim.car.lidar.azimuths=180",
-    "sim.car.camera.width=160",
-    "sim.car.camera.height=48",
-    "sim.car.camera.focal_px=92",
-    "sim.car.camera.centre_px=[79,23.5]",
-)
-
-
-@pytest.fixture(scope="session")
-def kitti(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A drive along z and back to its start, in KITTI odometry's layout, colours and all."""
-    places = [min(n, FRAMES - n) for n in range(FRAMES)]
-    base = tmp_path_factory.mktemp("kitti")
-    return write_sequence(base, places, [500] * FRAMES, metres=20, width=128)
-
-
-@pytest.fixture
-def recording(kitti: Path, tmp_path: Path) -> Path:
-    """A copy of the drive that a test may damage."""
-    shutil.copytree(kitti.parent.parent, tmp_path / "data")
-    return tmp_path / "data" / "sequences" / "03"
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
-def succeeds(*arguments: object) -> Result:
-    result = run(*arguments)
-    assert result.exit_code == 0, result.output
-    return result
-
-
-def fails(code: int, *arguments: object) -> str:
-    """The line that a failing command writes."""
-    result = run(*arguments)
-    assert result.exit_code == code, result.output
-    (line,) = (line for line in result.stderr.splitlines() if line.startswith("error: "))
-    assert "Traceback" not in result.output
-    return line
-
-
-def last_line(result: Result) -> str:
-    return result.stdout.splitlines()[-1]
-
-
-def vectors(path: Path) -> bytes:
-    return DescriptorRun.load(path).descriptors.tobytes()
-
+from fusionslam.workspace import Recording, Work, forget_demo
 
 # Every command on tiny data, with the files it promises.
 
@@ -177,7 +129,7 @@ def test_another_configuration_is_described_anew(kitti: Path, tmp_path: Path) ->
 def test_eval_judges_by_the_protocol_and_radius_given(kitti: Path, tmp_path: Path) -> None:
     succeeds("describe", kitti, "-d", "cm2dp", "-o", tmp_path, *NO_WINDOW)
     result = succeeds("eval", tmp_path, "--protocol", "revisit", "--radius", "5")
-    assert "radius 5 m, window 2 frames: 8 of 20 frames revisit a place" in result.stdout
+    assert "radius 5 m, window 2: 8 of 20 frames are revisits" in result.stdout
     assert last_line(result) == str(tmp_path / "metrics.json")
     (judged,) = json.loads((tmp_path / "metrics.json").read_text())["runs"]
     assert judged["protocols"]["revisit"]["top1"] == 1
@@ -192,21 +144,17 @@ def test_eval_takes_other_true_poses_by_frame_number(recording: Path, tmp_path: 
     assert "no true poses" in succeeds("eval", out).stdout
     # Frame 16 has nothing left to come back to.
     text = succeeds("eval", out, "--gt", truth).stdout
-    assert "7 of 19 frames revisit a place" in text
+    assert "7 of 19 frames are revisits" in text
 
 
 def test_bench_compares_both_sources_and_ends_with_the_report(kitti: Path, tmp_path: Path) -> None:
     result = succeeds("bench", kitti, "-o", tmp_path / "out", *NO_WINDOW)
-    for row in (f"{s} / {d}" for s in ("lidar", "stereo") for d in fusionslam_descriptors()):
-        assert row in result.stdout
+    for name in ("LiDAR-camera", "Stereo", *fusionslam_descriptors()):
+        assert name in result.stdout
     assert last_line(result) == str(tmp_path / "out/report.html")
     runs = json.loads((tmp_path / "out/metrics.json").read_text())["runs"]
     assert len(runs) == 8 and all(set(r["protocols"]) == {"revisit", "perdomo2019"} for r in runs)
     assert all("match" in r["costs"]["stages"] for r in runs)
-
-
-def fusionslam_descriptors() -> tuple[str, ...]:
-    return ("m2dp", "cm2dp", "shot", "cshot")
 
 
 def test_the_report_is_written_again_without_the_data(recording: Path, tmp_path: Path) -> None:
@@ -244,6 +192,49 @@ def test_the_demo_needs_no_data_and_runs_twice(tmp_path: Path) -> None:
     stored = json.loads((tmp_path / "run.json").read_text())["configs"]
     assert stored["stereo"]["fusion"]["voxel"] == 0.2
     assert stored["lidar"]["fusion"]["voxel"] == 0
+
+
+def test_the_demo_does_not_replace_results_of_a_real_recording(
+    kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("embreex")
+    out = tmp_path / "out"
+    settings = [word for setting in TINY_TOWN for word in ("--set", setting)]
+    succeeds("describe", kitti, "-d", "m2dp", "-o", out)
+    before = {path: path.read_bytes() for path in out.iterdir()}
+    line = fails(1, "demo", "-o", out, *settings)
+    assert "KITTI odometry 03" in line and "choose another folder" in line
+    assert {path: path.read_bytes() for path in out.iterdir()} == before
+    # Without run.json nothing tells whose the run is but the run itself.
+    (out / "run.json").unlink()
+    (out / "descriptors").mkdir()
+    kept = (out / "lidar-m2dp.npz").rename(out / "descriptors/lidar-m2dp.npz")
+    assert "lidar-m2dp.npz is a run of KITTI odometry 03" in fails(1, "demo", "-o", out, *settings)
+    assert kept.read_bytes() == before[out / "lidar-m2dp.npz"]
+
+
+def test_the_demo_replaces_only_what_an_earlier_demo_made(tmp_path: Path) -> None:
+    run = DescriptorRun(
+        source="lidar",
+        descriptor="m2dp",
+        dataset="simulated drive",
+        descriptors=np.eye(2, dtype=np.float32),
+        frames=np.arange(2),
+        stamps_ns=np.arange(2),
+        poses=None,
+        seconds={},
+        peak_memory_bytes=0,
+        points=np.ones(2, np.int64),
+    )
+    run.save(tmp_path / "lidar-m2dp.npz")
+    replace(run, dataset="KITTI 06").save(tmp_path / "lidar-cm2dp.npz")
+    np.savez(tmp_path / "lidar-mine.npz", mine=np.eye(3))
+    np.savez(tmp_path / "my-own.npz", mine=np.eye(3))
+    old = Work(Recording("/drives/one"), "simulated drive", configs={"lidar": {}}, demo=True)
+    old.save(tmp_path)
+    forget_demo(tmp_path, Recording("/drives/two"))
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {"lidar-cm2dp.npz", "lidar-mine.npz", "my-own.npz"}
 
 
 def test_the_demo_says_how_to_move_a_cache_that_cannot_be_written(
@@ -367,10 +358,21 @@ def test_a_wrong_option_is_named_with_what_was_expected(
     assert not (tmp_path / "out").exists()
 
 
-def test_options_that_do_not_exist_are_usage_errors(kitti: Path) -> None:
-    assert run("info", kitti, "--bogus").exit_code == 2
-    assert run("inof", kitti).exit_code == 2
-    assert run("describe", kitti, "-o", "x", "--jobs", "0").exit_code == 2
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("info", "DATA", "--bogus"), "No such option: --bogus"),
+        (("--bogus",), "No such option: --bogus"),
+        (("inof", "DATA"), "No such command 'inof'"),
+        (("info",), "Missing argument 'DATA'"),
+        (("describe", "DATA", "-o", "x", "--jobs", "0"), "'--jobs'"),
+        (("eval", "x", "--radius", "wide"), "Invalid value for '--radius'"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_a_wrong_use_is_one_line_too(kitti: Path, words: tuple[str, ...], expected: str) -> None:
+    line = fails(2, *(str(kitti) if word == "DATA" else word for word in words))
+    assert expected in line and "--help" in line
 
 
 @pytest.mark.parametrize("command", ["info", "bench", "describe", "loops", "fuse"])
@@ -387,9 +389,8 @@ def test_results_that_are_not_there_are_missed_by_name(kitti: Path, tmp_path: Pa
     for command in ("eval", "report"):
         assert "nowhere" in fails(1, command, tmp_path / "nowhere")
         assert "holds no descriptor runs" in fails(1, command, tmp_path)
-    assert "unknown protocol 'revist'" in described_then_fails(
-        kitti, tmp_path, "--protocol", "revist"
-    )
+    words = ("--protocol", "revist")
+    assert "did you mean 'revisit'?" in described_then_fails(kitti, tmp_path, *words)
     assert "evaluation.radius is -1" in described_then_fails(kitti, tmp_path, "--radius", "-1")
 
 
@@ -502,6 +503,9 @@ def test_the_report_names_the_configuration_of_each_run(kitti: Path, tmp_path: P
     config = json.loads((out / "metrics.json").read_text())["config"]
     presets = {name: stages["descriptors"]["preset"] for name, stages in config.items()}
     assert presets == {"lidar / m2dp": "author", "lidar / cm2dp": "robust"}
+    assert "m2dp author" in (out / "report.html").read_text()
+    text = succeeds("eval", out).stdout
+    assert "m2dp author" in text and "cm2dp robust" in text
 
 
 def test_bench_takes_the_source_that_the_configuration_names(kitti: Path, tmp_path: Path) -> None:

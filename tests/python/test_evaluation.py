@@ -5,7 +5,7 @@
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.evaluation import (
+    PROTOCOLS,
     DescriptorRun,
+    EvaluationConfig,
     Matches,
     PrecisionRecall,
     evaluate,
@@ -227,7 +229,7 @@ def test_a_curve_draws_itself() -> None:
         ({"positions": np.zeros((5, 2))}, ShapeError, r"positions.*\(5, 2\)"),
         ({"positions": np.full((5, 3), np.nan)}, DataError, "positions: row 0"),
         ({"descriptors": np.zeros(5, np.float32)}, ShapeError, "descriptors"),
-        ({"descriptors": np.zeros((5, 2))}, ShapeError, "descriptors: float64"),
+        ({"descriptors": np.zeros((5, 2), complex)}, ShapeError, "descriptors: complex128"),
         ({"descriptors": np.full((5, 2), np.inf, np.float32)}, DataError, "descriptors: row 0"),
         ({"radius": 0.0}, ConfigError, "evaluation.radius is 0.0"),
         ({"radius": math.nan}, ConfigError, "evaluation.radius"),
@@ -347,3 +349,30 @@ def test_matches_are_the_nearest_first_and_the_lowest_index_of_equals() -> None:
     matches = find_matches(descriptors, window=0, k=2)
     assert matches.indices[4].tolist() == [0, 2]
     assert matches.indices[0].tolist() == [-1, -1]
+
+
+def test_descriptors_in_double_precision_give_the_same_curve() -> None:
+    rng = np.random.default_rng(3)
+    rows, places = rng.normal(size=(80, 6)).astype(np.float32), rng.uniform(0, 30, (80, 3))
+    single = precision_recall(rows, places, window=5)
+    double = precision_recall(rows.astype(np.float64), places, window=5)
+    assert single.metrics() == double.metrics()
+    with pytest.raises(DataError, match="row 1 is not finite"):
+        precision_recall(np.array([[1.0], [1e300]]), np.zeros((2, 3)))
+
+
+def test_the_protocols_are_those_that_the_configuration_allows() -> None:
+    allowed = get_args(EvaluationConfig.model_fields["protocol"].annotation)
+    assert allowed == tuple(PROTOCOLS)
+
+
+def test_bytes_at_random_are_no_run_and_nothing_is_said_of_pickles(tmp_path: Path) -> None:
+    path = tmp_path / "lidar-m2dp.npz"
+    path.write_bytes(np.random.default_rng(0).bytes(500))
+    with pytest.raises(DataError, match=r"lidar-m2dp\.npz: not a stored descriptor run") as caught:
+        DescriptorRun.load(path)
+    assert "pickle" not in str(caught.value)
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    (tmp_path / "array.npy").rename(path)
+    with pytest.raises(DataError, match="not a stored descriptor run"):
+        DescriptorRun.load(path)

@@ -71,7 +71,7 @@ def test_a_loop_carries_the_distance_of_the_two_descriptors() -> None:
 def test_only_distances_up_to_the_threshold_are_loops() -> None:
     distance = 0.25
     for threshold, accepted in [(0.2499, False), (0.25, True), (0.3, True), (0.0, False)]:
-        detector = LoopDetector(threshold=threshold, window=0)
+        detector = LoopDetector(threshold=threshold, window=0, length=4)
         detector.add_descriptor(np.zeros(4, np.float32))
         loop = detector.add_descriptor(np.array([distance, 0, 0, 0], np.float32))
         assert (loop is not None) == accepted
@@ -80,14 +80,14 @@ def test_only_distances_up_to_the_threshold_are_loops() -> None:
 
 @pytest.mark.parametrize("window", [0, 1, 4])
 def test_frames_within_the_window_are_no_candidates(window: int) -> None:
-    detector = LoopDetector(threshold=0.0, window=window)
+    detector = LoopDetector(threshold=0.0, window=window, length=3)
     same = np.ones(3, np.float32)
     loops = [detector.add_descriptor(same) for _ in range(8)]
     assert [loop and loop.match for loop in loops] == [None] * (window + 1) + [0] * (7 - window)
 
 
 def test_frames_within_the_seconds_are_no_candidates() -> None:
-    detector = LoopDetector(threshold=0.0, window=0, window_seconds=2.0)
+    detector = LoopDetector(threshold=0.0, window=0, window_seconds=2.0, length=3)
     same = np.ones(3, np.float32)
     loops = [detector.add_descriptor(same, stamp_ns=n * SECOND // 2) for n in range(8)]
     assert [loop is not None for loop in loops] == [False] * 5 + [True] * 3
@@ -188,7 +188,28 @@ def saved(folder: Path) -> Path:
 def test_saving_again_replaces_the_files_and_leaves_nothing_else(tmp_path: Path) -> None:
     folder = saved(tmp_path / "loops")
     saved(folder)
-    assert sorted(os.listdir(folder)) == ["descriptors.index", "detector.json"]
+    index = json.loads((folder / "detector.json").read_text())["index"]
+    assert sorted(os.listdir(folder)) == sorted([index, "detector.json"])
+
+
+def test_a_save_that_is_cut_off_between_its_files_leaves_the_old_pair(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = saved(tmp_path / "loops")
+    before = LoopDetector.load(folder)
+    before.add(DRIVE[7])
+
+    def cut_off(*_: object, **__: object) -> str:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("fusionslam.loop_closure.json.dumps", cut_off)
+        with pytest.raises(KeyboardInterrupt):
+            before.save(folder)
+    after = LoopDetector.load(folder)
+    assert len(after) == len(before) - 1
+    before.save(folder)
+    assert len(LoopDetector.load(folder)) == len(before)
 
 
 def test_an_empty_detector_has_nothing_to_save(tmp_path: Path) -> None:
@@ -235,8 +256,9 @@ def test_a_detector_of_another_version_or_kind_is_refused(
 
 
 def test_files_cut_in_half_are_refused(tmp_path: Path) -> None:
-    for name in ("descriptors.index", "detector.json"):
-        path = saved(tmp_path) / name
+    for pattern in ("descriptors-*.index", "detector.json"):
+        (path,) = saved(tmp_path).glob(pattern)
+        name = path.name
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
         with pytest.raises(DataError, match=name.replace(".", r"\.")):
             LoopDetector.load(tmp_path)
@@ -287,25 +309,27 @@ def test_a_first_cloud_too_thin_for_normals_does_not_fix_their_radius() -> None:
 @pytest.mark.parametrize(
     ("bad", "error"),
     [
-        (np.full(6, np.nan, np.float32), DataError),
-        (np.zeros((6, 1), np.float32), ShapeError),
-        (np.zeros(6, int), ShapeError),
-        (np.zeros(0, np.float32), FusionSlamError),
+        (np.full(192, np.nan, np.float32), DataError),
+        (np.zeros((192, 1), np.float32), ShapeError),
+        (np.zeros(192, int), ShapeError),
+        (np.zeros(0, np.float32), ShapeError),
+        (np.zeros(191, np.float32), ShapeError),
+        (None, ShapeError),
     ],
 )
 def test_a_bad_first_descriptor_fixes_nothing(bad: Any, error: type[Exception]) -> None:
-    detector = LoopDetector(window=0)
+    detector = LoopDetector("m2dp", window=0)
     with pytest.raises(error):
         detector.add_descriptor(bad)
     assert len(detector) == 0
-    detector.add_descriptor(np.zeros(4, np.float32))
+    detector.add_descriptor(np.zeros(192, np.float32))
     with pytest.raises(ShapeError):
         detector.add_descriptor(np.zeros(5, np.float32))
     assert len(detector) == 1
 
 
 def test_a_missing_stamp_adds_nothing() -> None:
-    detector = LoopDetector(window_seconds=2.0)
+    detector = LoopDetector(window_seconds=2.0, length=4)
     with pytest.raises(ConfigError, match="stamp_ns is missing"):
         detector.add_descriptor(np.zeros(4, np.float32))
     assert len(detector) == 0
@@ -332,3 +356,12 @@ def test_what_is_neither_a_frame_nor_a_cloud_is_refused() -> None:
     with pytest.raises(ShapeError, match="expected a Frame or a Cloud, got ndarray"):
         detector.add(np.ones((9, 3), np.float32))  # type: ignore[arg-type]
     assert len(detector) == 0
+
+
+def test_a_frame_without_what_the_source_needs_names_the_source_and_the_remedy() -> None:
+    image = np.zeros((8, 8, 3), np.uint8)
+    frame = Frame(images={"left": image, "right": image})
+    with pytest.raises(DataError, match=r"source is 'lidar'.*FusionConfig\(source='stereo'\)"):
+        LoopDetector().add(frame)
+    with pytest.raises(DataError, match=r"FusionConfig\(source='cloud'\)"):
+        LoopDetector("m2dp").add(Frame(points=DRIVE[0].points))

@@ -3,7 +3,9 @@
 """describe_dataset: the same vectors however it is run, and nothing finished is lost."""
 
 import os
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from fusionslam import ConfigError, DataError, PipelineConfig, describe_dataset,
 from fusionslam.config import with_settings
 from fusionslam.datasets import Dataset
 from fusionslam.evaluation import DescriptorRun
-from fusionslam.pipeline import CHUNK, load_runs, run_path
+from fusionslam.pipeline import CHUNK, in_order, load_runs, run_path
 from tiny_kitti import write_sequence
 
 FRAMES = CHUNK + 4
@@ -198,3 +200,94 @@ def test_the_first_radius_of_normals_is_kept_with_the_run(recording: Path, tmp_p
     (run,) = describe_dataset(dataset, ["shot"], tmp_path / "out")
     radius = 5 * fusionslam.cloud_resolution(fusionslam.fuse(dataset[0]).points)
     assert run.config["descriptors"]["normal_radius"] == pytest.approx(radius)
+
+
+def make_bad(recording: Path) -> None:
+    """An empty scan, one of NaN, one that is cut: the first frame, one in between, the last."""
+    scan_path(recording, 0).write_bytes(b"")
+    np.full((9, 4), np.nan, np.float32).tofile(scan_path(recording, 5))
+    scan_path(recording, LARGEST).write_bytes(bytes(33))
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_frames_that_cannot_be_described_are_left_out_on_request(
+    recording: Path, tmp_path: Path, jobs: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    whole = describe_dataset(open_dataset(recording), ["m2dp"], tmp_path / "whole")[0]
+    make_bad(recording)
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    with pytest.raises(DataError, match="frame 0: "):
+        describe_dataset(dataset, ["m2dp"], out, jobs=jobs)
+    (run,) = describe_dataset(dataset, ["m2dp"], out, jobs=jobs, bad_frames="skip")
+    assert list(run.skipped) == [0, 5, LARGEST] and "000019.bin" in run.skipped[LARGEST]
+    assert all(f"frame {number} left out" in caplog.text for number in run.skipped)
+    left = [n for n in range(FRAMES) if n not in run.skipped]
+    assert run.numbers.tolist() == run.frames.tolist() == left
+    assert np.array_equal(run.descriptors, whole.descriptors[left])
+    assert np.array_equal(run.stamps_ns, whole.stamps_ns[left])
+    assert np.array_equal(run.poses, whole.poses[left])
+    assert DescriptorRun.load(run_path(out, "lidar", "m2dp")).skipped == run.skipped
+
+
+def test_normals_take_their_radius_from_the_first_frame_that_can_be_described(
+    recording: Path, tmp_path: Path
+) -> None:
+    make_bad(recording)
+    dataset = open_dataset(recording)
+    (run,) = describe_dataset(dataset, ["shot"], tmp_path / "out", bad_frames="skip")
+    radius = 5 * fusionslam.cloud_resolution(fusionslam.fuse(dataset[1]).points)
+    assert run.config["descriptors"]["normal_radius"] == pytest.approx(radius)
+
+
+def test_a_recording_without_a_frame_that_can_be_described_is_an_error(
+    recording: Path, tmp_path: Path
+) -> None:
+    for number in range(FRAMES):
+        scan_path(recording, number).write_bytes(b"")
+    dataset = open_dataset(recording)
+    for name in ("m2dp", "shot"):
+        with pytest.raises(DataError, match="no frame can be described"):
+            describe_dataset(dataset, [name], tmp_path / "out", bad_frames="skip")
+    with pytest.raises(ConfigError, match="bad_frames is 'skp'"):
+        describe_dataset(dataset, ["m2dp"], tmp_path / "out", bad_frames="skp")
+
+
+def test_frames_are_numbered_as_their_files_whatever_is_missing(
+    recording: Path, tmp_path: Path
+) -> None:
+    scan_path(recording, 3).unlink()
+    dataset = open_dataset(recording, gaps="skip")
+    (run,) = describe_dataset(dataset, ["m2dp"], tmp_path / "out")
+    stored = DescriptorRun.load(run_path(tmp_path / "out", "lidar", "m2dp"))
+    assert stored.numbers.tolist() == [n for n in range(FRAMES) if n != 3]
+    assert stored.frames.tolist() == list(range(FRAMES - 1)) == run.frames.tolist()
+
+
+def test_what_was_left_of_other_settings_goes_when_a_run_is_finished(
+    recording: Path, tmp_path: Path
+) -> None:
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    interrupted(dataset, out, 1)
+    describe_dataset(dataset, ["m2dp"], out)
+    assert len(list(out.glob(".partial-*"))) == 1, "work on two descriptors may be taken up"
+    config = with_settings(PipelineConfig(), ["descriptors.preset=author"])
+    describe_dataset(dataset, ("m2dp", "cm2dp"), out, config=config)
+    assert not list(out.glob(".partial-*"))
+
+
+def test_only_so_many_items_are_begun_before_they_are_asked_for() -> None:
+    class Eager(ThreadPoolExecutor):
+        """Does everything at once, in the order in which it is handed in."""
+
+        def submit(self, work: Any, *items: Any) -> Future[Any]:  # type: ignore[override]
+            begun.extend(items)
+            done: Future[Any] = Future()
+            done.set_result(work(*items))
+            return done
+
+    begun: list[int] = []
+    with Eager(1) as pool:
+        results = in_order(pool, lambda item: 2 * item, range(100), 8)
+        assert [next(results) for _ in range(3)] == [0, 2, 4]
+        assert begun == list(range(2 + 8))
+        assert list(results) == [2 * item for item in range(3, 100)]

@@ -130,7 +130,9 @@ def test_the_page_is_whole_and_needs_no_network(written: tuple[Path, Page]) -> N
     folder, page = written
     assert page.open == []
     assert len(set(page.ids)) == len(page.ids) > 0
-    assert page.addresses and all(a.startswith("data:image/png;base64,") for a in page.addresses)
+    assert page.addresses and all(
+        re.match("data:image/(png|jpeg);base64,", a) for a in page.addresses
+    )
     text = (folder / "report.html").read_text("utf-8")
     assert not re.search(r"https?://|url\(|@import|<script", text)
 
@@ -151,16 +153,16 @@ def test_the_page_holds_the_figures(
 
 def test_pictures_lie_beside_the_page_and_decode(written: tuple[Path, Page]) -> None:
     image = pytest.importorskip("PIL.Image")
-    names = {path.name for path in written[0].glob("*.png")}
+    names = {path.name for path in written[0].iterdir() if path.suffix in (".png", ".jpg")}
     runs = ("lidar_m2dp", "lidar_cm2dp", "stereo_m2dp")
     expected = {"pr_lidar.png", "pr_stereo.png"}
     expected |= {f"{kind}_{run}.png" for kind in ("trajectory", "distances") for run in runs}
-    expected |= {f"pairs_{run}_{kind}.png" for run in runs for kind in ("best", "worst", "missed")}
+    expected |= {f"pairs_{run}_{kind}.jpg" for run in runs for kind in ("best", "worst", "missed")}
     assert names == expected
     for name in names:
         with image.open(written[0] / name) as picture:
             picture.load()
-            assert picture.format == "PNG" and min(picture.size) > 200
+            assert picture.format == {"p": "PNG", "j": "JPEG"}[name[-3]] and min(picture.size) > 200
     assert len(written[1].addresses) == len(names)
 
 
@@ -183,7 +185,7 @@ def test_the_metrics_are_those_of_the_curves(
 def test_every_match_is_a_row_of_loops_csv(
     written: tuple[Path, Page], evaluations: list[Evaluation]
 ) -> None:
-    rows = list(csv.DictReader(io.StringIO((written[0] / "loops.csv").read_text())))
+    rows = list(csv.DictReader(io.StringIO((written[0] / "matches.csv").read_text())))
     assert len(rows) == 3 * (120 - 21)
     curve = evaluations[0].curves["revisit"]
     first = rows[0]
@@ -218,7 +220,7 @@ def test_without_ground_truth_there_are_loops_but_no_accuracy(tmp_path: Path) ->
     run = some_run(poses=None, dataset="walk")
     page = report([evaluate(run, window=20)], tmp_path, dataset_name="walk")
     assert "No ground truth" in page.text and "R@100P" not in page.text
-    rows = list(csv.DictReader(io.StringIO((tmp_path / "loops.csv").read_text())))
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "matches.csv").read_text())))
     assert len(rows) == 99 and {row["correct"] for row in rows} == {""}
     assert {path.name for path in tmp_path.glob("*.png")} == {"distances_lidar_m2dp.png"}
     assert not (tmp_path / "poses_tum.txt").exists()

@@ -14,6 +14,8 @@ app = typer.Typer(
     add_completion=False,
     # Errors that nobody foresaw show Python's own traceback.
     pretty_exceptions_enable=False,
+    # Boxes around help and errors take room, and errors are one line here.
+    rich_markup_mode=None,
 )
 
 for command in (
@@ -29,8 +31,3 @@ for command in (
     about.doctor,
 ):
     app.command({"evaluate": "eval"}.get(command.__name__))(command)
-
-
-def main() -> None:
-    """Run the command line."""
-    app(prog_name="fusionslam")

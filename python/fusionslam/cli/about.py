@@ -24,7 +24,10 @@ def config(
     settings: opt.Settings = None,
     file: opt.ConfigFile = None,
 ) -> None:
-    """Print every value of the configuration with its unit, range and help."""
+    """Print every value of the configuration.
+
+    Each with its unit, range and help.
+    """
     from fusionslam.config import as_yaml, walk, with_file, with_settings
 
     whole = opt.everything()
@@ -38,7 +41,7 @@ def config(
         for key, value, definition in walk(whole)
         if key.partition(".")[0] in stages
     ]
-    print_table(["key", "value", "unit", "range", "help"], rows, numbers=False)
+    print_table(["key", "value", "unit", "range", "help"], rows)
 
 
 def doctor() -> None:
@@ -46,9 +49,15 @@ def doctor() -> None:
     from fusionslam.doctor import examine
 
     findings = examine(missing_extras())
-    marks = {True: "ok", False: "missing"}
-    rows = [[marks[finding.fine], finding.what, finding.detail] for finding in findings]
-    print_table(["", "what", "detail"], rows, numbers=False)
+    rows = [
+        [
+            "ok" if finding.fine else "missing" if finding.optional else "fault",
+            finding.what,
+            finding.detail,
+        ]
+        for finding in findings
+    ]
+    print_table(["", "what", "detail"], rows)
     if not all(finding.fine or finding.optional for finding in findings):
         raise typer.Exit(DATA)
 

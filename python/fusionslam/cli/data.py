@@ -9,7 +9,7 @@ import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.guard import keep
-from fusionslam.cli.screen import print_table, progress
+from fusionslam.cli.screen import left_out, print_table, progress
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
@@ -25,11 +25,11 @@ def info(
     gt: opt.Truth = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Say what is in DATA: frames, rates, sensors, calibration, poses, gaps, time offsets."""
+    """Say what is in DATA: frames, sensors, calibration, poses, gaps."""
     from fusionslam.overview import overview
 
     seen = overview(opt.recording_of(data, kind, sequence, skip_gaps=True, truth=gt).open())
-    print_table(["what", "value"], seen.rows, numbers=False)
+    print_table(["what", "value"], seen.rows)
 
 
 def fuse(
@@ -49,7 +49,10 @@ def fuse(
     jobs: opt.Jobs = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Write DATA's coloured clouds, with their times and poses, as a folder to open again."""
+    """Write DATA's coloured clouds as a folder to open again.
+
+    Their times and poses, if there are any, lie beside them.
+    """
     from fusionslam.bench import for_source
     from fusionslam.clouds import write_clouds
 
@@ -79,13 +82,17 @@ def describe(
     kind: opt.KindOption = None,
     sequence: opt.Sequence = None,
     skip_gaps: opt.SkipGaps = False,
+    skip_bad_frames: opt.SkipBad = False,
     gt: opt.Truth = None,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Describe every frame of DATA; an interrupted call goes on where it stopped."""
+    """Describe every frame of DATA.
+
+    A call that was interrupted goes on where it stopped.
+    """
     from fusionslam import bench
     from fusionslam.pipeline import run_path
 
@@ -94,11 +101,13 @@ def describe(
     chosen = opt.pipeline_config(config, settings)
     chosen = bench.for_source(chosen, opt.source_of(source, chosen, recording))
     dataset = recording.open(chosen.fusion.source)
+    bad = opt.bad_frames(skip_bad_frames)
     if descriptors == "all":
-        names = bench.describable(dataset, names, chosen)
+        names = bench.describable(dataset, names, chosen, bad)
     keep(ctx, output)
-    for run in _described(recording, dataset, output, names, chosen, jobs, inside="."):
-        print(f"{run_path(output, run.source, run.descriptor)}: {len(run)} frames")
+    for run in _described(recording, dataset, output, names, chosen, jobs, bad, inside="."):
+        path = run_path(output, run.source, run.descriptor)
+        print(f"{path}: {len(run)} frames{left_out(run)}")
 
 
 def loops(
@@ -108,20 +117,19 @@ def loops(
     descriptor: Annotated[
         str, typer.Option("--descriptor", "-d", help="m2dp, cm2dp, shot or cshot.")
     ] = "cm2dp",
-    threshold: Annotated[
-        float | None, typer.Option("--threshold", help="Largest distance that is a loop.")
-    ] = None,
+    threshold: opt.Threshold = None,
     source: opt.Source = None,
     kind: opt.KindOption = None,
     sequence: opt.Sequence = None,
     skip_gaps: opt.SkipGaps = False,
+    skip_bad_frames: opt.SkipBad = False,
     gt: opt.Truth = None,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Find the loops in DATA as a robot would, frame after frame; writes loops.csv."""
+    """Find the loops in DATA frame after frame, as a robot would."""
     from fusionslam.bench import for_source
     from fusionslam.config import merged
     from fusionslam.descriptors import descriptor_named
@@ -134,11 +142,16 @@ def loops(
         chosen = merged(chosen, {"loop_closure": {"threshold": threshold}})
     chosen = for_source(chosen, opt.source_of(source, chosen, recording))
     dataset = recording.open(chosen.fusion.source)
+    opt.warn_of_windows(chosen)
     keep(ctx, output)
-    (run,) = _described(recording, dataset, output, [name], chosen, jobs)
-    found = find_loops(run, chosen.loop_closure)
+    bad = opt.bad_frames(skip_bad_frames)
+    (run,) = _described(recording, dataset, output, [name], chosen, jobs, bad)
+    with progress() as step:
+        found = find_loops(
+            run, chosen.loop_closure, lambda done, total: step("finding loops", done, total)
+        )
     found.save(output / "loops.csv")
-    print(found)
+    print(f"{found}{left_out(run)}")
     print(output / "loops.csv")
 
 
@@ -149,6 +162,7 @@ def _described(
     names: list[str],
     config: "PipelineConfig",
     jobs: int | None,
+    bad_frames: str,
     inside: str = "descriptors",
 ) -> "list[DescriptorRun]":
     from fusionslam.bench import work_on
@@ -161,6 +175,7 @@ def _described(
             names,
             config=config,
             jobs=opt.cores(jobs),
+            bad_frames=bad_frames,
             command=opt.command_line(),
             step=step,
             inside=inside,

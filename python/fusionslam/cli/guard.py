@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What happens when a command fails or is interrupted: one line, and a telling exit code."""
 
+import os
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,6 +14,8 @@ from typer.core import TyperGroup
 from fusionslam.errors import ConfigError, FusionSlamError
 
 DATA, USAGE, INTERRUPTED = 1, 2, 130
+# Its module is private and another one in each version of typer.
+UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 _KEPT = "fusionslam.kept"
 _EXTRAS = {"sim": ("embreex",), "report": ("jinja2", "matplotlib")}
 
@@ -20,21 +23,46 @@ _EXTRAS = {"sim": ("embreex",), "report": ("jinja2", "matplotlib")}
 class Guarded(TyperGroup):
     """Commands whose known errors are one line; others keep their traceback."""
 
+    def make_context(self, *args: Any, **more: Any) -> Any:
+        """Read the options before the command."""
+        try:
+            return super().make_context(*args, **more)
+        except UsageError as error:
+            raise _misused(error) from error
+
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
         try:
-            return super().invoke(ctx)
+            result = super().invoke(ctx)
+            sys.stdout.flush()
+            return result
+        except BrokenPipeError as error:
+            # Whoever reads, such as head, has enough; the files are written before the tables.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit(0) from error
+        except UsageError as error:
+            raise _misused(error) from error
         except FusionSlamError as error:
-            print(f"error: {_one_line(error)}", file=sys.stderr)
+            print(f"error: {_one_line(str(error))}", file=sys.stderr)
             raise typer.Exit(USAGE if isinstance(error, ConfigError) else DATA) from error
         except KeyboardInterrupt as error:
-            print(_interrupted(ctx.meta.get(_KEPT)), file=sys.stderr)
+            print(ctx.meta.get(_KEPT, "interrupted: nothing was written"), file=sys.stderr)
             raise typer.Exit(INTERRUPTED) from error
 
 
 def keep(ctx: typer.Context, folder: Path) -> None:
     """Remember where finished work lies, to say so when the command is interrupted."""
-    ctx.meta[_KEPT] = folder
+    ctx.meta[_KEPT] = (
+        f"interrupted: what is finished is kept in {folder}; the same command goes on from there"
+    )
+
+
+def keep_parts(ctx: typer.Context, folder: Path) -> None:
+    """The same for a command that starts anew."""
+    ctx.meta[_KEPT] = (
+        f"interrupted: some files in {folder} may be new and others not; "
+        "the same command writes all of them"
+    )
 
 
 def needs_extra(extra: str) -> None:
@@ -59,13 +87,16 @@ def missing_extras() -> list[str]:
     ]
 
 
-def _interrupted(kept: Path | None) -> str:
-    if kept is None:
-        return "interrupted: nothing was written"
-    return f"interrupted: what is finished is kept in {kept}; the same command goes on from there"
+def _misused(error: Any) -> Exception:
+    """What to raise for a wrong option once it has been named."""
+    if type(error).__name__ == "NoArgsIsHelpError":
+        return error  # type: ignore[no-any-return]
+    command = error.ctx.command_path if error.ctx else "fusionslam"
+    print(f"error: {_one_line(error.format_message())}; see {command} --help", file=sys.stderr)
+    return typer.Exit(USAGE)
 
 
-def _one_line(error: Exception) -> str:
-    first, *others = str(error).splitlines() or [""]
+def _one_line(text: str) -> str:
+    first, *others = text.strip().splitlines() or [""]
     rest = "; ".join(line.strip() for line in others)
     return f"{first}: {rest}" if rest else first

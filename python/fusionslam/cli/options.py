@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fusionslam import meanings
+
 if TYPE_CHECKING:
     from collections.abc import Callable
     from logging import LogRecord
@@ -60,14 +62,27 @@ Sequence = Annotated[
 SkipGaps = Annotated[
     bool, typer.Option("--skip-gaps", help="Leave out frames of which a file is missing.")
 ]
+SkipBad = Annotated[
+    bool,
+    typer.Option(
+        "--skip-bad-frames",
+        help="Leave out frames that cannot be read or described; they are named.",
+    ),
+]
 Truth = Annotated[
     Path | None,
     typer.Option("--gt", metavar="FILE", help="True poses (KITTI or TUM), not those of the data."),
 ]
 Source = Annotated[
     str | None,
-    typer.Option("--source", help="lidar, stereo or cloud; else the first that the data allow."),
+    typer.Option("--source", help=f"{meanings.SOURCE}; else the first that the data allow."),
 ]
+Sources = Annotated[
+    str | None, typer.Option("--source", help=f"{meanings.SOURCE}; else all that the data allow.")
+]
+Threshold = Annotated[float | None, typer.Option("--threshold", help=f"{meanings.THRESHOLD}.")]
+Radius = Annotated[float | None, typer.Option("--radius", help=f"{meanings.RADIUS}.")]
+Window = Annotated[int | None, typer.Option("--window", help=f"{meanings.EVALUATION_WINDOW}.")]
 Names = Annotated[
     str, typer.Option("--descriptors", "-d", help="m2dp, cm2dp, shot, cshot, with commas; or all.")
 ]
@@ -81,9 +96,7 @@ ConfigFile = Annotated[
 Jobs = Annotated[
     int | None, typer.Option("--jobs", "-j", min=1, help="Frames at a time; else one a core.")
 ]
-Protocol = Annotated[
-    str | None, typer.Option("--protocol", help="What recall is a share of: revisit, perdomo2019.")
-]
+Protocol = Annotated[str | None, typer.Option("--protocol", help=f"{meanings.PROTOCOL}.")]
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", callback=_start_logging, help="Say more, on stderr.")
 ]
@@ -142,6 +155,25 @@ def pipeline_config(
         stages = {name: getattr(whole, name) for name in PipelineConfig.model_fields}
         config = PipelineConfig(**stages)
     return with_settings(config, settings or [])
+
+
+def warn_of_windows(config: "PipelineConfig") -> None:
+    """Say so if loops are found with one window and judged with another."""
+    import logging
+
+    found, judged = config.loop_closure.window, config.evaluation.window
+    if found != judged:
+        logging.getLogger(__name__).warning(
+            "loop_closure.window is %d and evaluation.window is %d: "
+            "loops are found with one and judged with the other",
+            found,
+            judged,
+        )
+
+
+def bad_frames(skip: bool) -> str:
+    """What the option says about frames that cannot be described."""
+    return "skip" if skip else "error"
 
 
 def source_of(chosen: str | None, config: "PipelineConfig", recording: "Recording") -> str:

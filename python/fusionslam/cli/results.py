@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.guard import keep, needs_extra
+from fusionslam.cli.guard import keep, keep_parts, needs_extra
 from fusionslam.cli.screen import Step, print_summary, progress
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from fusionslam.pipeline import PipelineConfig
+    from fusionslam.sim import SimConfig
     from fusionslam.workspace import Recording
 
 
@@ -28,9 +29,9 @@ def demo(
     jobs: opt.Jobs = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Drive through a simulated town and compare all descriptors; needs no data."""
+    """Compare all descriptors on a simulated drive; needs no data."""
     from fusionslam.bench import DEMO, DEMO_DESCRIPTORS
-    from fusionslam.workspace import Recording, forget_other
+    from fusionslam.workspace import Recording, forget_demo
 
     for extra in ("sim", "report"):
         needs_extra(extra)
@@ -41,9 +42,11 @@ def demo(
     }
     keep(ctx, output)
     with progress() as step:
-        recording = Recording.at(_drive(output, config, own, opt.cores(jobs), step))
-        forget_other(output, recording)
-        _compare(recording, output, DEMO_DESCRIPTORS, configs, opt.cores(jobs), step)
+        simulation = _simulation(config, own)
+        recording = Recording.at(_drive_folder(simulation, output))
+        forget_demo(output, recording)
+        _drive(simulation, Path(recording.path), opt.cores(jobs), step)
+        _compare(recording, output, DEMO_DESCRIPTORS, configs, opt.cores(jobs), step, demo=True)
 
 
 def bench(
@@ -53,19 +56,21 @@ def bench(
         "out/bench"
     ),
     descriptors: opt.Names = "all",
-    source: Annotated[
-        str | None, typer.Option("--source", help="lidar, stereo or cloud; else all there are.")
-    ] = None,
+    source: opt.Sources = None,
     kind: opt.KindOption = None,
     sequence: opt.Sequence = None,
     skip_gaps: opt.SkipGaps = False,
+    skip_bad_frames: opt.SkipBad = False,
     gt: opt.Truth = None,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Compare descriptors on DATA, for each source of clouds: accuracy, time, memory."""
+    """Compare descriptors on DATA: accuracy, time, memory.
+
+    Every source of clouds that the data allow is compared.
+    """
     needs_extra("report")
     recording = opt.recording_of(data, kind, sequence, skip_gaps, gt)
     names = opt.names_of(descriptors)
@@ -74,34 +79,43 @@ def bench(
     sources = (opt.source_of(source, chosen, recording),) if given else recording.sources()
     keep(ctx, output)
     with progress() as step:
-        configs = dict.fromkeys(sources, chosen)
-        _compare(recording, output, names, configs, opt.cores(jobs), step)
+        _compare(
+            recording,
+            output,
+            names,
+            dict.fromkeys(sources, chosen),
+            opt.cores(jobs),
+            step,
+            bad_frames=opt.bad_frames(skip_bad_frames),
+        )
 
 
 def evaluate(
     folder: opt.Results,
     gt: opt.Truth = None,
     protocol: opt.Protocol = None,
-    radius: Annotated[
-        float | None, typer.Option("--radius", help="Closer than this is one place, in metres.")
-    ] = None,
-    window: Annotated[
-        int | None, typer.Option("--window", help="This many frames before are no candidates.")
-    ] = None,
+    radius: opt.Radius = None,
+    window: opt.Window = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Judge the runs in OUT against true poses; writes metrics.json there."""
+    """Judge the runs in OUT against true poses.
+
+    Writes metrics.json there.
+    """
     from fusionslam.bench import stored_evaluations, write_stored_metrics
 
+    _check_protocol(protocol)
     given = {"protocol": protocol, "radius": radius, "window": window}
     changes = {key: value for key, value in given.items() if value is not None}
-    evaluations, config = stored_evaluations(folder, changes, gt)
+    with progress() as step:
+        evaluations, config = stored_evaluations(folder, changes, gt, step)
     path = write_stored_metrics(folder, evaluations, command=opt.command_line())
     print_summary(evaluations, config.protocol)
     print(path)
 
 
 def report(
+    ctx: typer.Context,
     folder: opt.Results,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the report; else OUT.")
@@ -109,15 +123,29 @@ def report(
     protocol: opt.Protocol = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Write report.html for the runs in OUT, with pictures if their data is still there."""
-    from fusionslam.bench import write_stored_report
+    """Write report.html for the runs in OUT.
+
+    It has pictures of frames if the recording is still there.
+    """
+    from fusionslam.bench import stored_evaluations, write_stored_report
 
     needs_extra("report")
+    _check_protocol(protocol)
     with progress() as step:
+        evaluations, config = stored_evaluations(folder, step=step)
+        protocol = protocol or config.protocol
+        keep_parts(ctx, output or folder)
         step("writing the report", 0, 1)
-        page = write_stored_report(folder, output=output, protocol=protocol)
+        page = write_stored_report(folder, evaluations, output=output, protocol=protocol)
         step("writing the report", 1, 1)
     print(page)
+
+
+def _check_protocol(protocol: str | None) -> None:
+    from fusionslam.evaluation import PROTOCOLS
+
+    if protocol is not None:
+        opt.one_of("--protocol", protocol, tuple(PROTOCOLS))
 
 
 def _compare(
@@ -127,18 +155,24 @@ def _compare(
     configs: "dict[str, PipelineConfig]",
     jobs: int,
     step: Step,
+    demo: bool = False,
+    bad_frames: str = "error",
 ) -> None:
     from fusionslam.bench import benchmark, write_stored_report
 
-    protocol = next(iter(configs.values())).evaluation.protocol
+    first = next(iter(configs.values()))
+    opt.warn_of_windows(first)
+    protocol = first.evaluation.protocol
     evaluations = benchmark(
         recording,
         output,
         descriptors,
         configs=configs,
         jobs=jobs,
+        bad_frames=bad_frames,
         command=opt.command_line(),
         step=step,
+        demo=demo,
     )
     step("writing the report", 0, 1)
     page = write_stored_report(output, evaluations, protocol=protocol)
@@ -153,22 +187,34 @@ def _split_settings(settings: list[str] | None) -> tuple[list[str], list[str]]:
     return own, [setting for setting in settings or [] if setting not in own]
 
 
-def _drive(output: Path, file: Path | None, settings: list[str], jobs: int, step: Step) -> Path:
-    """The embedded drive, or another one beside the results if the simulator was configured."""
+def _simulation(file: Path | None, settings: list[str]) -> "SimConfig":
     from fusionslam.config import with_file, with_settings
-    from fusionslam.errors import DataError
-    from fusionslam.sim import SimConfig, embedded_drive, record
-
-    def show(done: int, total: int) -> None:
-        step("driving through the town", done, total)
 
     whole = opt.everything()
     whole = with_settings(whole if file is None else with_file(whole, file), settings)
     simulation: SimConfig = whole.sim  # type: ignore[attr-defined]
-    if simulation != SimConfig():
-        return record(simulation, output / "drive", jobs=jobs, progress=show)
+    return simulation
+
+
+def _drive_folder(simulation: "SimConfig", output: Path) -> Path:
+    """The embedded drive's, or one beside the results if the simulator was configured."""
+    from fusionslam.sim import SimConfig, embedded_folder
+
+    return embedded_folder() if simulation == SimConfig() else output / "drive"
+
+
+def _drive(simulation: "SimConfig", folder: Path, jobs: int, step: Step) -> None:
+    """Record the drive unless it is there."""
+    from fusionslam.errors import DataError
+    from fusionslam.sim import embedded_folder, record
+
+    def show(done: int, total: int) -> None:
+        step("driving through the town", done, total)
+
     try:
-        return embedded_drive(jobs=jobs, progress=show)
+        record(simulation, folder, jobs=jobs, progress=show)
     except DataError as error:
+        if folder != embedded_folder().resolve():
+            raise
         hint = "the environment variable FUSIONSLAM_CACHE can name another folder"
         raise DataError(f"{error}; {hint}") from error

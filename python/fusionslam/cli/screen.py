@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table as RichTable
 
-    from fusionslam.evaluation import Evaluation
+    from fusionslam.evaluation import DescriptorRun, Evaluation
+    from fusionslam.report.tables import Table
 
 Step = Callable[[str, int, int], None]
 
-# Beside the accuracy there is room for what decides between descriptors; the report has the rest.
-_LEFT_OUT = {"recall@5", "p95", "load"}
 _WIDTH = 160
 """Columns where there is no terminal to ask."""
 
@@ -24,7 +24,13 @@ def stdout() -> "Console":
     """The console of results."""
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else _WIDTH, highlight=False)
+    class Patient(Console):
+        """Leaves it to the command what happens when nobody reads on."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
+    return Patient(width=None if sys.stdout.isatty() else _WIDTH, highlight=False)
 
 
 def stderr() -> "Console":
@@ -62,31 +68,81 @@ def progress() -> Iterator[Step]:
         yield show
 
 
-def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: bool) -> None:
-    """A table without lines; with ``numbers`` all columns but the first are right-aligned."""
-    from rich import box
+def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table of texts."""
     from rich.markup import escape
-    from rich.table import Table
 
-    table = Table(box=box.SIMPLE, pad_edge=False)
-    for place, head in enumerate(heads):
-        right = numbers and place > 0
-        table.add_column(head, justify="right" if right else "left", no_wrap=place == 0)
+    table = _table(heads, right=False)
     for row in rows:
         table.add_row(*(escape(cell) for cell in row))
     stdout().print(table)
 
 
-def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
-    """Accuracy and cost of every run, as in the report."""
-    from fusionslam.report.tables import summary_table
+def _table(heads: Sequence[str], *, right: bool) -> "RichTable":
+    """A table without lines; ``right`` aligns all columns but the first."""
+    from rich import box
+    from rich.table import Table
 
-    table = summary_table(evaluations, protocol)
-    shown = [place for place, (title, _) in enumerate(table.heads) if title not in _LEFT_OUT]
-    heads = ["source / descriptor", *(table.heads[place][0] for place in shown)]
-    rows = [[label, *(cells[place].text for place in shown)] for label, cells in table.rows]
-    print_table(heads, rows, numbers=True)
-    stdout().print(_conditions(evaluations, protocol))
+    table = Table(box=box.SIMPLE, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
+    for place, head in enumerate(heads):
+        aside = right and place > 0
+        table.add_column(head, justify="right" if aside else "left", no_wrap=right or place == 0)
+    return table
+
+
+def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
+    """Accuracy and cost of every run, in 80 columns; the report has more."""
+    from fusionslam.report.tables import accuracy_table, cost_table, published_table
+    from fusionslam.report.words import by_rank, winner
+
+    groups = by_rank(evaluations, protocol)
+    ranked = [evaluation for group in groups.values() for evaluation in group]
+    judged = any(evaluation.curves for evaluation in ranked)
+    tables = [accuracy_table(ranked, protocol)] if judged else []
+    if any(evaluation.published for evaluation in ranked):
+        tables.append(published_table(ranked, protocol))
+    sizes = [(name, len(group)) for name, group in groups.items()]
+    for table in [*tables, cost_table(ranked)]:
+        _print_grouped(table, sizes)
+    for line in (_conditions(ranked, protocol), _COSTS, winner(ranked, protocol)):
+        if line:
+            print(line)
+    for line in dict.fromkeys(left_out(evaluation.run) for evaluation in ranked):
+        if line:
+            print(line.removeprefix(", "))
+
+
+_COSTS = (
+    "times: medians in ms a frame; peak MiB: memory that describing the largest\n"
+    "cloud took on top of what was in use, 0 where it was less than half a MiB"
+)
+
+
+def left_out(run: "DescriptorRun", most: int = 8) -> str:
+    """The frames that the run lacks because they cannot be described, as the end of a line."""
+    if not run.skipped:
+        return ""
+    numbers = [str(number) for number in run.skipped]
+    more = ", ..." if len(numbers) > most else ""
+    shown = ", ".join(numbers[:most]) + more
+    reason = next(iter(run.skipped.values()))
+    return f", {len(numbers)} left out that cannot be described: {shown} ({reason})"
+
+
+def _print_grouped(table: "Table", groups: Sequence[tuple[str, int]]) -> None:
+    """A table whose rows come in named groups."""
+    from rich.text import Text
+
+    shown = _table(["", *(title for title, _ in table.heads)], right=True)
+    rows = iter(table.rows)
+    for name, count in groups:
+        shown.add_row(Text(name, style="bold"))
+        for _ in range(count):
+            label, cells = next(rows)
+            shown.add_row(
+                f"  {label}", *(Text(c.text, style="bold" if c.best else "") for c in cells)
+            )
+    stdout().print(shown)
 
 
 def _conditions(evaluations: "Sequence[Evaluation]", protocol: str) -> str:
@@ -94,6 +150,6 @@ def _conditions(evaluations: "Sequence[Evaluation]", protocol: str) -> str:
     if curve is None:
         return "no true poses: cost only (--gt names a file of poses)"
     return (
-        f"protocol {protocol}, radius {curve.radius:g} m, window {curve.window} frames: "
-        f"{curve.n_revisits} of {curve.n_queries} frames revisit a place; times in ms"
+        f"protocol {protocol}, radius {curve.radius:g} m, window {curve.window}: "
+        f"{curve.n_revisits} of {curve.n_queries} frames are revisits"
     )

@@ -8,6 +8,7 @@
 """
 
 import os
+import stat
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,21 +19,23 @@ from fusionslam.datasets.kitti_object import KITTI_OBJECT
 from fusionslam.datasets.kitti_odometry import KITTI_ODOMETRY
 from fusionslam.datasets.kitti_raw import KITTI_RAW
 from fusionslam.datasets.readers import (
-    match_poses,
     read_bin,
     read_cloud,
     read_image,
     read_pcd,
     read_ply,
+    write_cloud,
+)
+from fusionslam.datasets.streams import SENSORS, Request
+from fusionslam.datasets.trajectories import (
+    match_poses,
     read_poses,
     read_poses_kitti,
     read_poses_tum,
     read_times,
     read_timestamps,
-    write_cloud,
     write_poses_tum,
 )
-from fusionslam.datasets.streams import SENSORS, Request
 from fusionslam.errors import ConfigError, DataError
 
 __all__ = [
@@ -69,7 +72,7 @@ def open_dataset(
     path: str | os.PathLike[str],
     *,
     kind: str | None = None,
-    sequence: str | None = None,
+    sequence: str | int | None = None,
     sensors: Sequence[str] | None = None,
     gaps: str = "error",
     poses: str | os.PathLike[str] | None = None,
@@ -79,7 +82,7 @@ def open_dataset(
     Args:
         path: folder of one sequence, or one that holds several.
         kind: one of ``KINDS``; None recognises it by the folders in it.
-        sequence: which one, where the folder holds several: "06", a drive, "testing".
+        sequence: which one, where the folder holds several: "06" (or 6), a drive, "testing".
         sensors: those that every frame needs, of "points", "left", "right"; None for all of
             which there are files. Files of other sensors are left alone.
         gaps: a number between the first and the last frame for which a sensor has no file is
@@ -93,15 +96,23 @@ def open_dataset(
     """
     root = _folder(path)
     _one_of("gaps", gaps, GAPS)
-    request = Request(sequence, _sensors(sensors), gaps, Path(poses) if poses else None)
-    return _kind(root, kind).open(root, request)
+    name = None if sequence is None else str(sequence)
+    request = Request(name, _sensors(sensors), gaps, Path(poses) if poses else None)
+    try:
+        return _kind(root, kind).open(root, request)
+    except PermissionError as error:
+        raise DataError(f"{error.filename} cannot be read: {error.strerror}") from error
 
 
 def _folder(path: str | os.PathLike[str]) -> Path:
     root = Path(path).expanduser().resolve()
-    if not root.exists():
-        raise DataError(f"{root} does not exist: expected the folder of a recording")
-    if not root.is_dir():
+    try:
+        mode = root.stat().st_mode
+    except FileNotFoundError as error:
+        raise DataError(f"{root} does not exist: expected the folder of a recording") from error
+    except OSError as error:
+        raise DataError(f"{root} cannot be read: {error.strerror}") from error
+    if not stat.S_ISDIR(mode):
         raise DataError(f"{root} is a file: expected the folder of a recording")
     return root
 

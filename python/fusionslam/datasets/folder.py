@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets.base import Dataset, Kind
 from fusionslam.datasets.calibration import read_calib_yaml
-from fusionslam.datasets.readers import CLOUD_SUFFIXES, match_poses, pick, read_poses, read_times
+from fusionslam.datasets.readers import CLOUD_SUFFIXES
 from fusionslam.datasets.streams import (
     IMAGE_SUFFIXES,
     Request,
@@ -22,6 +22,7 @@ from fusionslam.datasets.streams import (
     regular_stamps,
     unique,
 )
+from fusionslam.datasets.trajectories import match_poses, pick, read_poses, read_times
 from fusionslam.errors import DataError
 from fusionslam.sensors import Camera
 

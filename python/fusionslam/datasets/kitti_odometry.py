@@ -9,18 +9,19 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets.base import Dataset, Kind
 from fusionslam.datasets.calibration import Calibration, camera, read_calibration
-from fusionslam.datasets.readers import match_poses, pick, read_times
 from fusionslam.datasets.streams import (
     IMAGE_SUFFIXES,
     Request,
     Stream,
     choose,
+    entries,
     frame_numbers,
     itself,
     one_of,
     regular_stamps,
     scan,
 )
+from fusionslam.datasets.trajectories import match_poses, pick, read_times
 from fusionslam.sensors import Camera
 
 POSE_FRAME = "camera 0 (left grey)"
@@ -86,9 +87,9 @@ def find_streams(
 def _sequence(path: Path, name: str | None) -> Path:
     if not (path / "sequences").is_dir():
         return itself(path, name)
-    folders = sorted(folder for folder in (path / "sequences").iterdir() if folder.is_dir())
+    folders = [folder for folder in entries(path / "sequences") if folder.is_dir()]
     available = {folder.name: folder for folder in folders}
-    return one_of(path / "sequences", available, name and name.zfill(2))
+    return one_of(path / "sequences", available, name)
 
 
 def _stamps(root: Path, numbers: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -13,16 +13,17 @@ from numpy.typing import NDArray
 from fusionslam.datasets.base import Dataset, Kind
 from fusionslam.datasets.calibration import Calibration, camera, homogeneous, read_calibration
 from fusionslam.datasets.kitti_odometry import POSE_FRAME, find_streams
-from fusionslam.datasets.readers import match_poses, pick, read_timestamps
 from fusionslam.datasets.streams import (
     Request,
     Stream,
     choose,
+    entries,
     frame_numbers,
     itself,
     one_of,
     regular_stamps,
 )
+from fusionslam.datasets.trajectories import match_poses, pick, read_timestamps
 from fusionslam.errors import DataError
 from fusionslam.sensors import Camera
 
@@ -65,8 +66,9 @@ def _drive(path: Path, name: str | None) -> Path:
     """The drive folder; a drive may be named by its number alone ("0001")."""
     if _is_drive(path):
         return itself(path, name)
-    available = {folder.name: folder for folder in sorted(path.iterdir()) if _is_drive(folder)}
-    full = next((drive for drive in available if f"_drive_{name}_" in drive), name)
+    available = {folder.name: folder for folder in entries(path) if _is_drive(folder)}
+    numbered = name.zfill(4) if name else name
+    full = next((drive for drive in available if f"_drive_{numbered}_" in drive), name)
     return one_of(path, available, full)
 
 
@@ -113,7 +115,7 @@ def _calibration(root: Path, name: str) -> Calibration:
 
 
 def _recognises(path: Path) -> bool:
-    return _is_drive(path) or any(_is_drive(folder) for folder in path.iterdir())
+    return _is_drive(path) or any(_is_drive(folder) for folder in entries(path))
 
 
 KITTI_RAW = Kind(

@@ -84,13 +84,16 @@ def scan(folder: Path, suffixes: Sequence[str]) -> Stream | None:
 
 def files_in(folder: Path, suffixes: Sequence[str]) -> list[Path]:
     """The files of a folder with one of these suffixes, without hidden ones, by name."""
-    if not folder.is_dir():
-        return []
     return sorted(
         path
-        for path in folder.iterdir()
+        for path in entries(folder)
         if path.suffix.lower() in suffixes and not path.name.startswith(".")
     )
+
+
+def entries(folder: Path) -> list[Path]:
+    """What lies in a folder, by name; nothing where there is no such folder."""
+    return sorted(folder.iterdir()) if folder.is_dir() else []
 
 
 def unique(paths: Sequence[Path], key: Callable[[Path], Key]) -> dict[Key, Path]:
@@ -178,13 +181,20 @@ def one_of(root: Path, available: Mapping[str, Path], name: str | None) -> Path:
     """
     if name is None and len(available) == 1:
         return next(iter(available.values()))
-    if name is not None and name in available:
-        return available[name]
+    if name is not None:
+        for known in [name, *(other for other in available if same_number(name, other))]:
+            if known in available:
+                return available[known]
     wish = f"{len(available)} sequences" if name is None else f"no sequence {name}"
     raise DataError(
         f"{root} has {wish}: choose with sequence= (command line: --sequence) "
         f"one of {', '.join(available) or 'none'}"
     )
+
+
+def same_number(a: str, b: str) -> bool:
+    """Whether two names are equal, or the same number with more or fewer zeros before it."""
+    return a == b or (a.isdecimal() and b.isdecimal() and int(a) == int(b))
 
 
 def itself(root: Path, name: str | None) -> Path:
@@ -193,6 +203,6 @@ def itself(root: Path, name: str | None) -> Path:
     Raises:
         DataError: another sequence was asked for.
     """
-    if name not in (None, root.name):
+    if name is not None and not same_number(name, root.name):
         raise DataError(f"{root} is a single sequence: there is no sequence {name} in it")
     return root

@@ -73,6 +73,19 @@ def descriptor_named(name: str) -> Descriptor:
     return DESCRIPTORS[name]
 
 
+def length_of(name: str, config: DescriptorConfig) -> int:
+    """How long descriptors of that name are; a small cloud tells, as only the core knows.
+
+    Raises:
+        ConfigError: unknown name, or values that exclude each other.
+    """
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1, 1, (64, 3)).astype(np.float32)
+    cloud = Cloud(points, np.full((64, 3), 128, np.uint8))
+    # The length does not depend on the radius, which may be too small for this cloud.
+    return len(describe(cloud, name, config.model_copy(update={"normal_radius": None})))
+
+
 def for_sequence(config: DescriptorConfig, first: Cloud) -> DescriptorConfig:
     """The configuration with the radius for normals fixed by a sequence's first cloud.
 

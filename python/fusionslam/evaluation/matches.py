@@ -57,21 +57,29 @@ def find_matches(
         threads: how many threads may work; 0 is one per core.
 
     Raises:
-        ShapeError: descriptors of another shape or dtype.
+        ShapeError: descriptors of another shape, or no real numbers.
         DataError: descriptors that are not finite.
     """
     from fusionslam._core import nearest_causal
 
-    check_descriptors(descriptors)
-    return Matches(*nearest_causal(descriptors, window=window, k=k, threads=threads))
+    rows = checked_descriptors(descriptors)
+    return Matches(*nearest_causal(rows, window=window, k=k, threads=threads))
 
 
-def check_descriptors(descriptors: NDArray[np.float32]) -> None:
-    """Raise ShapeError unless float32 (N, D), DataError unless finite."""
-    shape, dtype = np.shape(descriptors), getattr(descriptors, "dtype", type(descriptors))
-    if len(shape) != 2 or shape[1] < 1 or dtype != np.float32:
-        raise ShapeError(f"descriptors: {dtype} {shape}, expected float32 (N, D)")
-    _check_finite("descriptors", descriptors)
+def checked_descriptors(descriptors: Any) -> NDArray[np.float32]:
+    """Descriptors as float32 (N, D); other real numbers are copied, as everywhere.
+
+    Raises:
+        ShapeError: another shape, or no real numbers.
+        DataError: a descriptor that is not finite; the message names its row.
+    """
+    rows = np.asarray(descriptors)
+    if rows.ndim != 2 or rows.shape[1] < 1 or rows.dtype.kind not in "fiu":
+        raise ShapeError(f"descriptors: {rows.dtype} {rows.shape}, expected float32 (N, D)")
+    with np.errstate(over="ignore"):
+        rows = rows.astype(np.float32, copy=False)
+    _check_finite("descriptors", rows)
+    return rows
 
 
 def checked_positions(positions: Any, count: int) -> NDArray[np.float64]:

@@ -5,12 +5,12 @@
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import field_validator
 
+from fusionslam import meanings
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError
 
@@ -77,18 +77,9 @@ def protocol_named(name: str) -> Protocol:
 class EvaluationConfig(Section):
     """How matches are judged against true positions."""
 
-    protocol: str = option("revisit", f"What recall is a share of: {', '.join(PROTOCOLS)}.")
-    radius: float = option(
-        10.0, "Two positions closer than this are one place.", unit="m", gt=0, allow_inf_nan=False
-    )
-    window: int = option(
-        50, "This many frames before the query are no candidates.", unit="frames", ge=0
-    )
-
-    @field_validator("protocol")
-    @classmethod
-    def _known(cls, name: str) -> str:
-        return protocol_named(name).name
+    protocol: Literal["revisit", "perdomo2019"] = option("revisit", meanings.PROTOCOL)
+    radius: float = option(10.0, meanings.RADIUS, unit="m", gt=0, allow_inf_nan=False)
+    window: int = option(50, meanings.EVALUATION_WINDOW, unit="frames", ge=0)
 
 
 DEFAULTS = EvaluationConfig()
@@ -100,4 +91,6 @@ def checked_config(**values: Any) -> EvaluationConfig:
     Raises:
         ConfigError: a value is out of range or of the wrong type; the message names the key.
     """
+    if "protocol" in values:
+        protocol_named(values["protocol"])
     return merged(DEFAULTS, values, "evaluation.")

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from fusionslam._files import atomic_path
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.evaluation.matches import check_descriptors
+from fusionslam.evaluation.matches import checked_descriptors
 
-FORMAT = "fusionslam.descriptor_run.1"
-_TEXTS = ("source", "descriptor", "dataset", "peak_memory_bytes", "config")
+FORMAT = "fusionslam.descriptor_run.2"
+_TEXTS = ("source", "descriptor", "dataset", "peak_memory_bytes", "config", "skipped")
 _STAGE = "seconds."
 
 
@@ -37,6 +37,8 @@ class DescriptorRun:
         peak_memory_bytes: what describing the largest cloud took on top of what was in use.
         points: int64 (N,), how many points were described.
         config: the configuration in force, as JSON can hold it.
+        numbers: int64 (N,), frame numbers as in the file names; None for those of ``frames``.
+        skipped: numbers of the frames left out because they cannot be described, and why.
 
     Raises:
         ShapeError: an array whose shape does not fit the descriptors'.
@@ -54,11 +56,15 @@ class DescriptorRun:
     peak_memory_bytes: int
     points: NDArray[np.int64]
     config: dict[str, Any] = field(default_factory=dict)
+    numbers: NDArray[np.int64] = None  # type: ignore[assignment]
+    skipped: dict[int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check_descriptors(self.descriptors)
+        object.__setattr__(self, "descriptors", checked_descriptors(self.descriptors))
         count = len(self)
-        for name in ("frames", "stamps_ns", "points"):
+        if self.numbers is None:
+            object.__setattr__(self, "numbers", self.frames)
+        for name in ("frames", "stamps_ns", "points", "numbers"):
             _check_shape(name, getattr(self, name), (count,))
         for stage, seconds in self.seconds.items():
             _check_shape(f"seconds[{stage!r}]", seconds, (count,))
@@ -91,7 +97,11 @@ class DescriptorRun:
             DataError: the file is missing, cut short or something else; the message names it.
         """
         try:
+            if Path(path).is_file() and not zipfile.is_zipfile(path):
+                raise DataError(f"{path}: not a stored descriptor run: no .npz, or cut short")
             return cls(**_read(Path(path)))
+        except DataError:
+            raise
         except OSError as error:
             raise DataError(f"cannot read {path}: {error.strerror or error}") from error
         except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
@@ -103,6 +113,7 @@ _ARRAYS: dict[str, type[np.generic]] = {
     "frames": np.int64,
     "stamps_ns": np.int64,
     "points": np.int64,
+    "numbers": np.int64,
 }
 
 
@@ -111,6 +122,7 @@ def _read(path: Path) -> dict[str, Any]:
         about = json.loads(str(stored["about"]))
         if about.pop("format", None) != FORMAT:
             raise ValueError(f"expected format {FORMAT}")
+        about["skipped"] = {int(number): why for number, why in about["skipped"].items()}
         arrays = {name: stored[name].astype(dtype, copy=False) for name, dtype in _ARRAYS.items()}
         stages = [name for name in stored.files if name.startswith(_STAGE)]
         seconds = {name.removeprefix(_STAGE): stored[name] for name in stages}

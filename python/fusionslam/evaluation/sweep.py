@@ -15,7 +15,7 @@ from fusionslam.evaluation.curve import Floats, PrecisionRecall
 from fusionslam.evaluation.matches import (
     Matches,
     check_causal,
-    check_descriptors,
+    checked_descriptors,
     checked_positions,
     find_matches,
 )
@@ -50,7 +50,7 @@ def precision_recall(
         ConfigError: unknown protocol, radius <= 0 or window < 0.
     """
     checked_config(protocol=protocol, radius=radius, window=window)
-    check_descriptors(descriptors)
+    descriptors = checked_descriptors(descriptors)
     places = checked_positions(positions, len(descriptors))
     matches = find_matches(descriptors, window=window, k=max(RANKS), threads=threads)
     return evaluate_matches(matches, places, protocol=protocol, radius=radius, window=window)

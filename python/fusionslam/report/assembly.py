@@ -4,7 +4,7 @@
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,12 +14,13 @@ from fusionslam._files import atomic_path
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.evaluation import CITATION, COMMON_RULES, PROTOCOLS, Evaluation, protocol_named
 from fusionslam.evaluation.protocols import DEFAULTS
-from fusionslam.report.exports import write_loops, write_metrics, write_tum
+from fusionslam.report.exports import write_matches, write_metrics, write_tum
 from fusionslam.report.machine import machine, versions
 from fusionslam.report.pairs import CloudReader, ImageReader, forgiving
 from fusionslam.report.plots import styled
 from fusionslam.report.sections import Context, SourcePart, source_part
 from fusionslam.report.tables import summary_table
+from fusionslam.report.words import by_rank, winner
 
 
 def write_report(
@@ -33,6 +34,7 @@ def write_report(
     images: ImageReader | None = None,
     protocol: str = DEFAULTS.protocol,
     title: str | None = None,
+    notes: Sequence[str] = (),
 ) -> Path:
     """Write report.html, which opens offline, and its pictures, metrics, loops and poses.
 
@@ -46,6 +48,7 @@ def write_report(
         images: (source, frame of the dataset) -> uint8 (H, W, 3) RGB or (H, W).
         protocol: by which loops are judged; the others appear in metrics.json.
         title: None makes one of the dataset's name.
+        notes: sentences for the head of the page.
 
     Returns:
         The path of report.html.
@@ -58,15 +61,24 @@ def write_report(
     _check_extra()
     _check(evaluations, protocol)
     target = Path(folder)
-    context = Context(target, protocol, forgiving(clouds), forgiving(images))
+    groups = by_rank(evaluations, protocol)
+    evaluations = [evaluation for group in groups.values() for evaluation in group]
+    missed: dict[str, None] = {}
+    context = Context(target, protocol, forgiving(clouds, missed), forgiving(images, missed))
     about = _about(dataset_name, command, config)
     with styled():
-        sources = [source_part(context, group) for group in _by_source(evaluations)]
+        sources = [source_part(context, name, group) for name, group in groups.items()]
     write_metrics(target / "metrics.json", evaluations, about)
-    write_loops(target / "loops.csv", evaluations, protocol)
+    write_matches(target / "matches.csv", evaluations, protocol)
     write_tum(target / "poses_tum.txt", _with_poses(evaluations).run)
+    notes = [*notes, *_remarks(evaluations, [*missed])]
     page = _page(
-        evaluations, protocol, about, sources, title or f"Place recognition on {dataset_name}"
+        evaluations,
+        protocol,
+        about,
+        sources,
+        title or f"Place recognition on {dataset_name}",
+        notes,
     )
     with atomic_path(target / "report.html") as temporary:
         temporary.write_text(page, encoding="utf-8")
@@ -103,12 +115,14 @@ def _about(dataset: str, command: str, config: Mapping[str, Any]) -> dict[str, A
     }
 
 
-def _by_source(evaluations: Sequence[Evaluation]) -> list[list[Evaluation]]:
-    """The evaluations of each source, sources in order of appearance."""
-    groups: dict[str, list[Evaluation]] = {}
-    for evaluation in evaluations:
-        groups.setdefault(evaluation.run.source, []).append(evaluation)
-    return list(groups.values())
+def _remarks(evaluations: Sequence[Evaluation], missed: Sequence[str]) -> Iterator[str]:
+    """What a reader would otherwise look for in vain."""
+    skipped = {number: why for e in evaluations for number, why in e.run.skipped.items()}
+    if skipped:
+        frames = ", ".join(f"{number} ({why})" for number, why in sorted(skipped.items()))
+        yield f"{len(skipped)} frames were left out because they cannot be described: {frames}."
+    if missed:
+        yield f"Pictures of frames are missing: {missed[0]}."
 
 
 def _with_poses(evaluations: Sequence[Evaluation]) -> Evaluation:
@@ -122,6 +136,7 @@ def _page(
     about: dict[str, Any],
     sources: list[SourcePart],
     title: str,
+    notes: Sequence[str],
 ) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -135,6 +150,8 @@ def _page(
     curves = (e.curves.get(protocol) for e in evaluations)
     return environment.get_template("template.html.j2").render(
         title=title,
+        winner=winner(evaluations, protocol),
+        notes=notes,
         about=about,
         config=json.dumps(about["config"], indent=2),
         summary=summary_table(evaluations, protocol),

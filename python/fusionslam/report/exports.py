@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The files beside the report: metrics.json, loops.csv, poses_tum.txt. All written whole."""
+"""The files beside the report: metrics.json, matches.csv, poses_tum.txt. All written whole."""
 
 import csv
 import json
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fusionslam._files import atomic_path
 from fusionslam.evaluation import CITATION, DescriptorRun, Evaluation, summarise_costs
-from fusionslam.report.loops import LOOP_COLUMNS, loop_rows
+from fusionslam.report.loops import MATCH_COLUMNS, match_rows
 
 
 def metrics_of(evaluation: Evaluation) -> dict[str, Any]:
@@ -40,13 +40,13 @@ def write_metrics(path: Path, evaluations: Sequence[Evaluation], about: dict[str
         temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", "utf-8")
 
 
-def write_loops(path: Path, evaluations: Sequence[Evaluation], protocol: str) -> None:
+def write_matches(path: Path, evaluations: Sequence[Evaluation], protocol: str) -> None:
     """Write one line a matched query; accepted means at the threshold of maximal F1."""
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(LOOP_COLUMNS)
+        writer.writerow(MATCH_COLUMNS)
         for evaluation in evaluations:
-            writer.writerows(loop_rows(evaluation, protocol))
+            writer.writerows(match_rows(evaluation, protocol))
 
 
 def write_tum(path: Path, run: DescriptorRun) -> None:

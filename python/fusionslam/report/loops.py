@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What became of each query at one threshold: the rows behind the pictures and loops.csv."""
+"""What became of each query at one threshold: the rows behind the pictures and matches.csv."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -103,7 +103,7 @@ def _pair(run: DescriptorRun, curve: PrecisionRecall, kind: str, query: int) -> 
     )
 
 
-LOOP_COLUMNS = (
+MATCH_COLUMNS = (
     "source",
     "descriptor",
     "query",
@@ -117,8 +117,8 @@ LOOP_COLUMNS = (
 )
 
 
-def loop_rows(evaluation: Evaluation, protocol: str) -> Iterator[tuple[object, ...]]:
-    """One row a query that has a candidate, as LOOP_COLUMNS; frames are the dataset's.
+def match_rows(evaluation: Evaluation, protocol: str) -> Iterator[tuple[object, ...]]:
+    """One row a query that has a candidate, as MATCH_COLUMNS; frames by number.
 
     Without ground truth the judgements (accepted, correct, metres) are empty.
     """
@@ -136,8 +136,8 @@ def loop_rows(evaluation: Evaluation, protocol: str) -> Iterator[tuple[object, .
         yield (
             run.source,
             run.descriptor,
-            run.frames[query],
-            run.frames[match],
+            run.numbers[query],
+            run.numbers[match],
             f"{nearest[1][query]:.9g}",
             *judged,
             run.stamps_ns[query],

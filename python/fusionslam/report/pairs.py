@@ -31,14 +31,18 @@ _BACKGROUND = "#15181d"
 _GAMMA = 0.65  # brightens colours, which look darker as dots on a dark ground
 
 
-def forgiving(reader: Callable[..., T] | None) -> Callable[..., T | None]:
-    """A reader that reads each frame once and gives None where there is no data (DataError)."""
+def forgiving(reader: Callable[..., T] | None, missed: dict[str, None]) -> Callable[..., T | None]:
+    """A reader that reads each frame once and gives None where there is no data (DataError).
+
+    The reasons become keys of ``missed``, in order.
+    """
 
     @cache
     def read(*which: Any) -> T | None:
         try:
             return reader(*which) if reader else None
-        except DataError:
+        except DataError as error:
+            missed[str(error)] = None
             return None
 
     return read
@@ -51,7 +55,7 @@ def draw_pair(
     images: Callable[[str, int], Image | None],
 ) -> "Figure | None":
     """Query on the left, match on the right; None if neither images nor clouds exist."""
-    frames = [int(run.frames[row]) for row in (pair.query, pair.match)]
+    frames = [int(run.numbers[row]) for row in (pair.query, pair.match)]
     pictures = [images(run.source, frame) for frame in frames]
     scenes = [clouds(run.source, frame) for frame in frames]
     view = _common_view(scenes)
@@ -105,7 +109,7 @@ def _image_height(pictures: list[Image | None]) -> list[float]:
 def _titles(run: DescriptorRun, pair: Pair) -> list[str]:
     start = run.stamps_ns[0]
     return [
-        f"{name}: frame {run.frames[row]}, {(run.stamps_ns[row] - start) / 1e9:.1f} s"
+        f"{name}: frame {run.numbers[row]}, {(run.stamps_ns[row] - start) / 1e9:.1f} s"
         for name, row in (("query", pair.query), ("earlier", pair.match))
     ]
 

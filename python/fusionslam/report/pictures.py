@@ -9,37 +9,76 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from PIL import Image
+
 from fusionslam._files import atomic_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_COLORS = 128
+"""Enough for drawings, whose files they make a quarter as large."""
+_QUALITY = 80
+
+
 @dataclass(frozen=True)
 class Picture:
-    """A PNG and what to see in it.
+    """A PNG or JPEG and what to see in it.
 
     Attributes:
         name: of the file beside the report.
         caption: what to see.
-        png: the file's bytes.
+        data: the file's bytes.
     """
 
     name: str
     caption: str
-    png: bytes
+    data: bytes
 
     @property
     def data_uri(self) -> str:
         """The picture as an address that needs no file."""
-        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+        kind = {".png": "png", ".jpg": "jpeg"}[Path(self.name).suffix]
+        return f"data:image/{kind};base64," + base64.b64encode(self.data).decode("ascii")
 
 
-def keep(folder: Path, name: str, figure: "Figure", caption: str) -> Picture:
-    """Render a figure, write it to the folder and return it. Raises DataError if unwritable."""
+def keep(
+    folder: Path, name: str, figure: "Figure", caption: str, *, photo: bool = False
+) -> Picture:
+    """Render a figure, write it to the folder and return it.
+
+    Args:
+        folder: where to.
+        name: of the file, without its end.
+        figure: what to render.
+        caption: what to see in it.
+        photo: whether it shows camera images or clouds, which JPEG suits; drawings are PNG.
+
+    Raises:
+        DataError: the folder cannot be written.
+    """
+    encode, end = (_jpeg, ".jpg") if photo else (_png, ".png")
+    picture = Picture(re.sub(r"[^\w.-]+", "-", name) + end, caption, encode(_rendered(figure)))
+    with atomic_path(folder / picture.name) as temporary:
+        temporary.write_bytes(picture.data)
+    return picture
+
+
+def _rendered(figure: "Figure") -> Image.Image:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", facecolor="white")
-    picture = Picture(re.sub(r"[^\w.-]+", "-", name) + ".png", caption, buffer.getvalue())
-    with atomic_path(folder / picture.name) as temporary:
-        temporary.write_bytes(picture.png)
-    return picture
+    return Image.open(buffer).convert("RGB")
+
+
+def _png(image: Image.Image) -> bytes:
+    buffer = io.BytesIO()
+    few = image.quantize(_COLORS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    few.save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def _jpeg(image: Image.Image) -> bytes:
+    buffer = io.BytesIO()
+    image.save(buffer, "JPEG", quality=_QUALITY, optimize=True)
+    return buffer.getvalue()

@@ -12,9 +12,9 @@ from fusionslam.report.pairs import Image, draw_pair
 from fusionslam.report.pictures import Picture, keep
 from fusionslam.report.plots import draw_curves, draw_distances, draw_trajectory
 from fusionslam.report.tables import Table, time_table
+from fusionslam.report.words import best_of, run_label
 from fusionslam.sensors import Cloud
 
-SOURCE_NAMES = {"lidar": "LiDAR-camera fusion", "stereo": "Stereo", "cloud": "Clouds as they are"}
 _PAIR_TEXTS = {
     "best": "Closest correct match",
     "worst": "Closest false match",
@@ -61,27 +61,17 @@ class SourcePart:
     descriptors: list[DescriptorPart]
 
 
-def source_part(context: Context, evaluations: Sequence[Evaluation]) -> SourcePart:
-    """Draw everything that is known of one source's evaluations."""
+def source_part(context: Context, name: str, evaluations: Sequence[Evaluation]) -> SourcePart:
+    """Draw everything that is known of one source's evaluations; ``name`` is the source's."""
     source = evaluations[0].run.source
     best = best_of(evaluations, context.protocol)
     return SourcePart(
         source=source,
-        name=SOURCE_NAMES.get(source, source),
+        name=name,
         curves=_curves(context, source, evaluations),
         times=time_table(evaluations),
         descriptors=[_descriptor_part(context, e, best=e is best) for e in evaluations],
     )
-
-
-def best_of(evaluations: Sequence[Evaluation], protocol: str) -> Evaluation:
-    """The evaluation of the largest F1; of equals, or of none judged, the first."""
-
-    def score(evaluation: Evaluation) -> float:
-        curve = evaluation.curves.get(protocol)
-        return curve.max_f1 if curve and curve.max_f1 is not None else -1.0
-
-    return max(evaluations, key=score)
 
 
 def _curves(context: Context, source: str, evaluations: Sequence[Evaluation]) -> Picture | None:
@@ -100,7 +90,7 @@ def _curves(context: Context, source: str, evaluations: Sequence[Evaluation]) ->
 def _descriptor_part(context: Context, evaluation: Evaluation, *, best: bool) -> DescriptorPart:
     run, curve = evaluation.run, evaluation.curves.get(context.protocol)
     return DescriptorPart(
-        name=run.descriptor,
+        name=run_label(run),
         best=best,
         loops=_loops_line(evaluation, curve, context.protocol),
         trajectory=_trajectory(context, evaluation, curve) if curve else None,
@@ -117,7 +107,9 @@ def _loops_line(evaluation: Evaluation, curve: PrecisionRecall | None, protocol:
     if nearest is None:
         return "No ground truth and no search: there are no loops to show."
     listed = int((nearest[0] >= 0).sum())
-    return f"No ground truth: loops.csv lists the nearest candidates of {listed} frames, unjudged."
+    return (
+        f"No ground truth: matches.csv lists the nearest candidates of {listed} frames, unjudged."
+    )
 
 
 def _trajectory(context: Context, evaluation: Evaluation, curve: PrecisionRecall) -> Picture:
@@ -161,4 +153,4 @@ def _pair(context: Context, evaluation: Evaluation, pair: Pair) -> Picture | Non
         f"{pair.metres:.1f} m apart. Clouds from above, both at one scale."
     )
     name = f"pairs_{run.source}_{run.descriptor}_{pair.kind}"
-    return keep(context.folder, name, figure, caption)
+    return keep(context.folder, name, figure, caption, photo=True)

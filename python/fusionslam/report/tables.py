@@ -3,9 +3,10 @@
 """The report's tables, as text cells: what stands in them and which cell is the best."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fusionslam.evaluation import Costs, Evaluation, summarise_costs
+from fusionslam.report.words import run_label, source_name
 
 Value = Callable[[Evaluation], float | None]
 PUBLISHED_PROTOCOL = "perdomo2019"
@@ -49,7 +50,30 @@ def summary_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
     """One row per source and descriptor: accuracy, time, memory."""
     accuracy = _accuracy_columns(protocol) if any(e.curves for e in evaluations) else []
     columns = accuracy + _published_columns(evaluations, protocol) + _cost_columns(evaluations)
-    return _filled(columns, evaluations, lambda e: f"{e.run.source} / {e.run.descriptor}")
+    sources = {e.run.source for e in evaluations}
+    return _filled(
+        columns, evaluations, lambda e: f"{source_name(e.run.source, sources)}, {run_label(e.run)}"
+    )
+
+
+def accuracy_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
+    """One row per run: what decides between them, in few columns."""
+    columns = [column for column in _accuracy_columns(protocol) if column.title != "recall@5"]
+    return _filled(columns, evaluations, lambda e: run_label(e.run))
+
+
+def published_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
+    """One row per run: recall at 100 % precision beside the published one."""
+    return _filled(
+        _published_columns(evaluations, protocol), evaluations, lambda e: run_label(e.run)
+    )
+
+
+def cost_table(evaluations: Sequence[Evaluation]) -> Table:
+    """One row per run: median times and memory, in few columns."""
+    columns = [column for column in _cost_columns(evaluations) if column.title != "p95"]
+    columns[0] = replace(columns[0], title="frame")
+    return _filled(columns, evaluations, lambda e: run_label(e.run))
 
 
 def time_table(evaluations: Sequence[Evaluation]) -> Table:
@@ -62,7 +86,7 @@ def time_table(evaluations: Sequence[Evaluation]) -> Table:
     columns.append(_cost_column("points", "median of a cloud", lambda c: c.median_points, ",.0f"))
     if any("describe_seconds" in (e.published or {}) for e in evaluations):
         columns.append(_published("describe_seconds", "published: describe", "{:.1f}", 1e3))
-    return _filled(columns, evaluations, lambda e: e.run.descriptor)
+    return _filled(columns, evaluations, lambda e: run_label(e.run))
 
 
 def _filled(
@@ -144,7 +168,7 @@ def _cost_columns(evaluations: Sequence[Evaluation]) -> list[Column]:
         _cost_column("bytes", "of one descriptor", lambda c: c.bytes_per_descriptor, ",.0f", min),
         _cost_column(
             "peak MiB",
-            "memory to describe the largest cloud",
+            "memory that describing the largest cloud took on top of what was in use",
             lambda c: c.peak_memory_bytes / 2**20,
             ",.0f",
             min,

@@ -7,7 +7,7 @@
 """
 
 from fusionslam.sim.drive import DriveConfig
-from fusionslam.sim.recorder import SimConfig, embedded_drive, record
+from fusionslam.sim.recorder import SimConfig, embedded_drive, embedded_folder, record
 from fusionslam.sim.robot import CarConfig, LidarConfig, StereoConfig
 from fusionslam.sim.town import TownConfig
 
@@ -19,5 +19,6 @@ __all__ = [
     "StereoConfig",
     "TownConfig",
     "embedded_drive",
+    "embedded_folder",
     "record",
 ]

@@ -135,14 +135,17 @@ def embedded_drive(*, jobs: int | None = None, progress: Progress | None = None)
     Raises:
         DataError: the cache cannot be written.
     """
+    threads = os.cpu_count() or 1 if jobs is None else jobs
+    return record(SimConfig(), embedded_folder(), jobs=threads, progress=progress)
+
+
+def embedded_folder() -> Path:
+    """Where the embedded drive is kept, whether it has been made or not."""
     from platformdirs import user_cache_dir
 
-    config = SimConfig()
     root = Path(os.environ.get("FUSIONSLAM_CACHE") or user_cache_dir("fusionslam"))
-    text = json.dumps(_identity(config), sort_keys=True)
-    key = hashlib.sha256(text.encode()).hexdigest()[:12]
-    threads = os.cpu_count() or 1 if jobs is None else jobs
-    return record(config, root / f"drive-{key}", jobs=threads, progress=progress)
+    text = json.dumps(_identity(SimConfig()), sort_keys=True)
+    return root / f"drive-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
 
 def _write_frames(recorder: _Recorder, jobs: int) -> Iterator[int]:
