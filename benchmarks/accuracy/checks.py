@@ -23,7 +23,6 @@ from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.datasets import open_dataset, read_poses_kitti
 from fusionslam.evaluation import precision_recall
 
-
 # Explained in docs/checks.md; they count as missed, but do not fail a script.
 KNOWN_SHORTFALLS = {"KITTI 00/000000, stereo `image_undistort` within 1 px of the scan, all"}
 
