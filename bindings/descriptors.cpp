@@ -165,6 +165,33 @@ Returns:
 
 }  // namespace
 
+void bind_shot_at_centroid(py::module_& module) {
+  using namespace py::literals;
+  module.def(
+      "shot_at_centroid",
+      [](const PointsArg& points, const PointsArg& normals, const std::optional<ColorsArg>& colors,
+         int threads) {
+        const ColorsView view = colors ? colors->view() : ColorsView{};
+        return to_numpy(without_gil(
+            [&] { return shot_at_centroid(points.view(), normals.view(), view, threads); }));
+      },
+      "points"_a, "normals"_a, "colors"_a = py::none(), py::kw_only(), "threads"_a = 1,
+      R"(Global SHOT, or with colours CSHOT, of points whose normals are known.
+
+Args:
+    points: float32 (N, 3), metres; N >= 5.
+    normals: float32 (N, 3), unit length.
+    colors: uint8 (N, 3), RGB, or None.
+    threads: threads of this call; 0 is one a core. The result does not depend on it.
+
+Returns:
+    float32 (352,) without colours, (1344,) with them.
+
+Raises:
+    DataError: NaN or infinity, or no local reference frame.
+    ShapeError: not one normal and one colour a point.)");
+}
+
 void bind_singular_vectors(py::module_& module) {
   using namespace py::literals;
   module.def(
@@ -202,6 +229,7 @@ void bind_descriptors(py::module_& module) {
   bind_m2dp(module);
   bind_cm2dp(module);
   bind_singular_vectors(module);
+  bind_shot_at_centroid(module);
   bind_shot(module);
 }
 

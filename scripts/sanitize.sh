@@ -1,14 +1,16 @@
 #!/usr/bin/env bash
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-# Runs the C++ tests, on each SIMD level of this machine, and the Python tests of what is bound
-# under AddressSanitizer and UndefinedBehaviorSanitizer. Any finding ends the run.
+# Runs the C++ tests and the Python tests of the bindings under AddressSanitizer and
+# UndefinedBehaviorSanitizer. Any finding ends the run.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 python=$PWD/.venv/bin/python
 build=build/sanitize
 flags="-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer"
+# PCL was built without a sanitizer: its Eigen and ours must take and free memory the same way.
+flags+=" -DEIGEN_MALLOC_ALREADY_ALIGNED=1"
 # Python itself leaves memory to the end of the process.
 export ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1
 
@@ -18,13 +20,8 @@ cmake -S . -B $build -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_FLAGS="$fla
   { cat $build-configure.log; exit 1; }
 cmake --build $build --target fusionslam-tests _core
 
-for level in baseline avx2 avx512; do
-  if FUSIONSLAM_SIMD=$level "$python" -c "import fusionslam; fusionslam.simd_level()" 2>/dev/null
-  then
-    echo "C++ tests under the sanitizers, $level"
-    FUSIONSLAM_SIMD=$level $build/tests/cpp/fusionslam-tests
-  fi
-done
+echo "C++ tests under the sanitizers"  # those of the kernels run every SIMD level
+$build/tests/cpp/fusionslam-tests
 
 echo "Python tests of the core under the sanitizers"
 rm -rf $build/package
@@ -35,4 +32,4 @@ cp $build/bindings/_core*.so $build/package/fusionslam/
 LD_PRELOAD="$(g++ -print-file-name=libasan.so) $(g++ -print-file-name=libubsan.so)" \
   PYTHONPATH=$build/package "$python" -m pytest -q -p no:cacheprovider \
   tests/python/test_arrays.py tests/python/test_descriptors.py tests/python/test_fusion.py \
-  tests/python/test_matching.py tests/python/test_stereo.py
+  tests/python/test_stereo.py

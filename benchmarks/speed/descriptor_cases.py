@@ -14,8 +14,7 @@ from benchmarks.speed.cases import Agreement, Bound, Case, agree, times_faster
 from benchmarks.speed.inputs import Bytes, Inputs, Points
 from benchmarks.speed.peers import native
 from benchmarks.speed.settings import Settings
-from benchmarks.speed.timing import difference, timer
-from fusionslam import _core
+from benchmarks.speed.timing import timer
 
 PAPER = "the papers word by word"
 BOTH_OURS = "M2DP first, c-M2DP second"
@@ -176,13 +175,8 @@ def _same_normals(ours: Callable[[], Any], pcl: Callable[[], Any]) -> Agreement:
 
 
 def _one_keypoint(points: Points, colors: Bytes, surface: Any, radius: float) -> Iterator[Case]:
-    """The descriptor alone: ours is timed as the whole call less the normals that are in it.
-
-    A core that lets it be called alone, with given normals, is asked to.
-    """
-    alone = getattr(_core, "shot_at_centroid", None)
-    normals = partial(fusionslam.estimate_normals, points, radius=radius)
-    found, _, kept = normals()
+    """The descriptor alone, of points whose normals are given."""
+    normals, _, kept = fusionslam.estimate_normals(points, radius=radius)
     for name, ours, given, pcl, peer in (
         ("SHOT", partial(fusionslam.shot, points), None, native.pcl_shot, "PCL SHOTEstimation"),
         (
@@ -197,7 +191,7 @@ def _one_keypoint(points: Points, colors: Bytes, surface: Any, radius: float) ->
         yield Case(
             f"{name} of one keypoint, {len(points):,} points",
             peer,
-            timer(alone, points[kept], found, given) if alone else difference(whole, normals),
+            timer(fusionslam.shot_at_centroid, points[kept], normals, given),
             timer(pcl, surface),
             partial(_same_call, whole, partial(pcl, surface)),
             times_faster(3),

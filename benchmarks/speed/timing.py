@@ -95,12 +95,6 @@ def timer(call: Callable[..., object], *arguments: Any, **options: Any) -> Timer
     return measure
 
 
-def difference(call: Call, part: Call) -> Timer:
-    """The time of ``call`` without that of ``part``, which it contains; both are timed."""
-    whole, contained = timer(call), timer(part)
-    return lambda: max(whole() - contained(), 1e-9)
-
-
 def alternate(ours: Timer, peer: Timer, limits: Limits) -> tuple[list[float], list[float]]:
     """Ours, peer, ours, peer, ... after one pair that does not count."""
     samples: tuple[list[float], list[float]] = ([], [])

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from fusionslam._core import nearest_causal as nearest_causal
     from fusionslam._core import remove_ground_plane as remove_ground_plane
     from fusionslam._core import shot as shot
+    from fusionslam._core import shot_at_centroid as shot_at_centroid
     from fusionslam._core import simd_level as simd_level
     from fusionslam._core import stereo_disparity as stereo_disparity
     from fusionslam._core import voxel_downsample as voxel_downsample
@@ -69,7 +70,8 @@ _HOMES = {
         "DescriptorIndex GroundPlaneConfig M2dpConfig StereoConfig __version__ above_height "
         "cloud_from_disparity cloud_resolution cm2dp cm2dp_signature colorize cshot depth_image "
         "drop_invalid estimate_normals first_singular_vectors m2dp m2dp_signature nearest "
-        "nearest_causal remove_ground_plane shot simd_level stereo_disparity voxel_downsample"
+        "nearest_causal remove_ground_plane shot shot_at_centroid simd_level stereo_disparity "
+        "voxel_downsample"
     ),
     "datasets": "Dataset open_dataset",
     "descriptors": "DescriptorConfig describe",

@@ -6,7 +6,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'remove_ground_plane', 'shot', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'remove_ground_plane', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -428,6 +428,23 @@ def shot(points: numpy.typing.NDArray[numpy.float32], *, normal_radius: typing.S
     
     Raises:
         DataError: NaN or infinity, equal points, or fewer than 5 points with a normal.
+    """
+def shot_at_centroid(points: numpy.typing.NDArray[numpy.float32], normals: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8] | None = None, *, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Global SHOT, or with colours CSHOT, of points whose normals are known.
+    
+    Args:
+        points: float32 (N, 3), metres; N >= 5.
+        normals: float32 (N, 3), unit length.
+        colors: uint8 (N, 3), RGB, or None.
+        threads: threads of this call; 0 is one a core. The result does not depend on it.
+    
+    Returns:
+        float32 (352,) without colours, (1344,) with them.
+    
+    Raises:
+        DataError: NaN or infinity, or no local reference frame.
+        ShapeError: not one normal and one colour a point.
     """
 def simd_level() -> str:
     """

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from benchmarks.speed import timing
 from benchmarks.speed.cases import Bound, Case, Result, WrongAnswer, agree, measured, times_faster
 from benchmarks.speed.inputs import random_descriptors, resized
 from benchmarks.speed.timing import Comparison, Limits, Ratio, Times, alternate, compare, exponent
@@ -59,12 +58,6 @@ def test_the_ratio_is_by_the_work_done_where_that_differs() -> None:
 def test_without_a_peer_there_is_no_ratio() -> None:
     comparison = compare(clock([3, 1, 2, 5, 4]), None, FIVE)
     assert comparison == Comparison(Times(1, 3, pytest.approx(4.8), 5))
-
-
-def test_a_part_is_taken_off_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    seconds = {"whole": 7.0, "part": 2.5}
-    monkeypatch.setattr(timing, "timer", lambda name: lambda: seconds[name])
-    assert timing.difference("whole", "part")() == 4.5  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("power", [0.5, 1.0, 2.0])

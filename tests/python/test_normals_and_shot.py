@@ -169,3 +169,23 @@ def test_normals_within_a_radius_that_makes_everything_a_neighbour_can_be_interr
     threading.Timer(0.5, signal.raise_signal, [signal.SIGINT]).start()
     with pytest.raises(KeyboardInterrupt):
         fusionslam.estimate_normals(points, radius=1e6, threads=threads)
+
+
+def test_shot_with_given_normals_is_that_of_the_whole_call() -> None:
+    points = cloud(800)
+    colors = np.random.default_rng(2).integers(0, 256, points.shape).astype(np.uint8)
+    normals, _, kept = fusionslam.estimate_normals(points, radius=1.0)
+    shot = fusionslam.shot_at_centroid(points[kept], normals)
+    cshot = fusionslam.shot_at_centroid(points[kept], normals, colors[kept], threads=2)
+    assert np.array_equal(shot, fusionslam.shot(points, normal_radius=1.0))
+    assert np.array_equal(cshot, fusionslam.cshot(points, colors, normal_radius=1.0))
+
+
+def test_given_normals_must_be_finite_and_one_a_point() -> None:
+    points = cloud(20)
+    normals = np.tile(np.float32([0, 0, 1]), (20, 1))
+    with pytest.raises(fusionslam.ShapeError, match="normals has 19 rows, points has 20"):
+        fusionslam.shot_at_centroid(points, normals[:19])
+    normals[3, 1] = np.nan
+    with pytest.raises(fusionslam.DataError, match="normal 3 is not finite"):
+        fusionslam.shot_at_centroid(points, normals)

@@ -163,4 +163,9 @@ std::vector<float> shot(PointsView points, std::optional<double> normal_radius =
 std::vector<float> cshot(PointsView points, ColorsView colors,
                          std::optional<double> normal_radius = std::nullopt, int threads = 1);
 
+/// SHOT, or with colours CSHOT, of points whose unit normals are known, one each; without colours
+/// `colors` is empty. Throws ShapeError if the counts differ, otherwise as shot.
+std::vector<float> shot_at_centroid(PointsView points, PointsView normals, ColorsView colors = {},
+                                    int threads = 1);
+
 }  // namespace fusionslam

@@ -42,4 +42,22 @@ std::vector<float> cshot(PointsView points, ColorsView colors, std::optional<dou
                              threads);
 }
 
+std::vector<float> shot_at_centroid(PointsView points, PointsView normals, ColorsView colors,
+                                    int threads) {
+  detail::check_points(points, 5, "SHOT");
+  if (normals.size != points.size)
+    throw ShapeError("normals has " + std::to_string(normals.size) + " rows, points has " +
+                     std::to_string(points.size));
+  if (colors.data) detail::check_colors(points, colors);
+  Normals given;
+  given.normals.reserve(3 * points.size);
+  for (std::size_t i = 0; i < normals.size; ++i) {
+    if (!detail::is_finite(normals[i]))
+      throw DataError("normal " + std::to_string(i) + " is not finite");
+    given.normals.insert(given.normals.end(), normals[i], normals[i] + 3);
+    given.indices.push_back(static_cast<std::int64_t>(i));
+  }
+  return detail::global_shot(points, colors, given, threads);
+}
+
 }  // namespace fusionslam
