@@ -205,7 +205,7 @@ void bind_singular_vectors(py::module_& module) {
       "matrix"_a,
       R"(First left and right singular vectors of a matrix of entries >= 0, both >= 0.
 
-What m2dp and cm2dp make of a signature: power method with a test of convergence; where the two
+What m2dp and cm2dp make of a signature: iterated with a test of convergence; where the two
 largest singular values are close, eigenvectors of A A^T in double precision.
 
 Args:

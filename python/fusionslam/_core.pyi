@@ -346,7 +346,7 @@ def first_singular_vectors(matrix: numpy.typing.NDArray[numpy.float32]) -> numpy
     """
     First left and right singular vectors of a matrix of entries >= 0, both >= 0.
     
-    What m2dp and cm2dp make of a signature: power method with a test of convergence; where the two
+    What m2dp and cm2dp make of a signature: iterated with a test of convergence; where the two
     largest singular values are close, eigenvectors of A A^T in double precision.
     
     Args:

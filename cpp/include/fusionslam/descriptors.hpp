@@ -131,7 +131,7 @@ std::vector<float> cm2dp(PointsView points, ColorsView colors,
                          int threads = 1);
 
 /// First left (rows) and right (columns) singular vectors of a row-major matrix of entries >= 0,
-/// both of length 1 and >= 0: what m2dp and cm2dp make of a signature. Power method with a test of
+/// both of length 1 and >= 0: what m2dp and cm2dp make of a signature. Iterated with a test of
 /// convergence; where the two largest singular values are close, eigenvectors of A A^T in double.
 /// Throws ShapeError if the values are no such matrix, DataError for negative, infinite or NaN
 /// entries and a matrix of zeros.

@@ -25,7 +25,9 @@ constexpr float ring_edge(int i) {
   return static_cast<float>(i * i * i * i) / (fast_rings * fast_rings * fast_rings * fast_rings);
 }
 
-using Codes = std::uint32_t[fast_group][lanes];  // ring * 16 + sector code
+/// ring * 16 + sector code, in whatever type a level packs them fastest.
+template <class Code>
+using Codes = Code[fast_group][lanes];
 
 FUSIONSLAM_INLINE std::int32_t bits(float value) { return __builtin_bit_cast(std::int32_t, value); }
 FUSIONSLAM_INLINE float as_float(std::int32_t value) { return __builtin_bit_cast(float, value); }
@@ -61,7 +63,8 @@ FUSIONSLAM_INLINE void place(const float* x, const float* y, const float* z, con
 template <int Row>
 using Counters = std::uint8_t[fast_group][fast_rings * Row];
 
-FUSIONSLAM_INLINE void vote(const Codes& codes, int count, const FastBlock&, std::size_t,
+template <class Code>
+FUSIONSLAM_INLINE void vote(const Codes<Code>& codes, int count, const FastBlock&, std::size_t,
                             Counters<fast_shape_row>& counters) {
   for (int i = 0; i < count; ++i)
     for (std::size_t p = 0; p < fast_group; ++p) ++counters[p][codes[p][i]];
@@ -77,7 +80,8 @@ struct SectorLines {
 };
 constexpr SectorLines sector_lines;
 
-FUSIONSLAM_INLINE void vote(const Codes& codes, int count, const FastBlock& block,
+template <class Code>
+FUSIONSLAM_INLINE void vote(const Codes<Code>& codes, int count, const FastBlock& block,
                             std::size_t first, Counters<fast_color_row>& counters) {
   for (int i = 0; i < count; ++i) {
     const auto* color =
@@ -105,7 +109,7 @@ template <int Row>
 FUSIONSLAM_INLINE void count(const FastBlock& block, const FastPlane* planes,
                              std::uint16_t* votes) {
   alignas(64) Counters<Row> counters = {};
-  alignas(64) Codes codes;
+  alignas(64) Codes<std::uint32_t> codes;
   for (std::size_t i = 0; i < block.size; i += lanes) {
     for (std::size_t p = 0; p < fast_group; ++p)
       place(block.x + i, block.y + i, block.z + i, planes[p], codes[p]);
@@ -176,7 +180,7 @@ FUSIONSLAM_AVX512 FUSIONSLAM_INLINE __m512i select(__m512i mask, __m512i a, __m5
 
 /// As the portable place(), step by step.
 FUSIONSLAM_AVX512 FUSIONSLAM_INLINE void place(__m512 x, __m512 y, __m512 z, const FastPlane& plane,
-                                               std::uint32_t* codes) {
+                                               std::uint8_t* codes) {
   const __m512i sign = _mm512_set1_epi32(sign_bit);
   const __m512 zero = _mm512_setzero_ps();
   const __m512 u =
@@ -204,14 +208,15 @@ FUSIONSLAM_AVX512 FUSIONSLAM_INLINE void place(__m512 x, __m512 y, __m512 z, con
   const __m512i last_two = select(sign, diagonal, _mm512_srli_epi32(half_octant, 1));
   const __m512i sector = select(_mm512_set1_epi32(static_cast<int>(0xC0000000)), first_two,
                                 _mm512_srli_epi32(last_two, 2));
-  _mm512_store_si512(codes, _mm512_or_si512(ring, _mm512_srli_epi32(sector, 28)));
+  _mm_store_si128(reinterpret_cast<__m128i*>(codes),
+                  _mm512_cvtepi32_epi8(_mm512_or_si512(ring, _mm512_srli_epi32(sector, 28))));
 }
 
 template <int Row>
 FUSIONSLAM_AVX512 FUSIONSLAM_INLINE void count_wide(const FastBlock& block, const FastPlane* planes,
                                                     std::uint16_t* votes) {
   alignas(64) Counters<Row> counters = {};
-  alignas(64) Codes codes;
+  alignas(64) Codes<std::uint8_t> codes;
   for (std::size_t i = 0; i < block.size; i += lanes) {
     const __m512 x = _mm512_load_ps(block.x + i);
     const __m512 y = _mm512_load_ps(block.y + i);

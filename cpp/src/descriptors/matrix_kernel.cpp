@@ -5,26 +5,39 @@
 namespace fusionslam::detail {
 namespace {
 
-template <class Scalar>
-FUSIONSLAM_INLINE Scalar dot(const float* row, const Scalar* vector, std::size_t size) {
-  constexpr std::size_t lanes = 256 / sizeof(Scalar);  // partial sums; part of the result
-  Scalar partial[lanes] = {};
+constexpr std::size_t lanes = 16;  // partial sums; how many is part of the result
+
+/// The dot products of `Rows` rows with a vector, side by side, so that one addition need not wait
+/// for the other.
+template <int Rows, class Scalar>
+FUSIONSLAM_INLINE void dot(const float* matrix, const Scalar* vector, std::size_t size,
+                           Scalar* result) {
+  Scalar partial[Rows][lanes] = {};
   std::size_t i = 0;
   for (; i + lanes <= size; i += lanes)
-    for (std::size_t lane = 0; lane < lanes; ++lane)
-      partial[lane] += static_cast<Scalar>(row[i + lane]) * vector[i + lane];
-  Scalar sum = 0;
-  for (std::size_t lane = 0; lane < lanes; ++lane) sum += partial[lane];
-  for (; i < size; ++i) sum += static_cast<Scalar>(row[i]) * vector[i];
-  return sum;
+    for (std::size_t row = 0; row < Rows; ++row)
+      for (std::size_t lane = 0; lane < lanes; ++lane)
+        partial[row][lane] += static_cast<Scalar>(matrix[row * size + i + lane]) * vector[i + lane];
+  for (std::size_t row = 0; row < Rows; ++row) {
+    for (std::size_t width = lanes / 2; width > 0; width /= 2)  // halves onto halves
+      for (std::size_t lane = 0; lane < width; ++lane)
+        partial[row][lane] += partial[row][lane + width];
+    Scalar sum = partial[row][0];
+    for (std::size_t k = i; k < size; ++k)
+      sum += static_cast<Scalar>(matrix[row * size + k]) * vector[k];
+    result[row] = sum;
+  }
 }
 
 template <class Scalar>
 FUSIONSLAM_INLINE void multiply(const float* matrix, int rows, int columns, const Scalar* right,
                                 Scalar* result) {
   const auto size = static_cast<std::size_t>(columns);
-  for (int row = 0; row < rows; ++row)
-    result[row] = dot(matrix + static_cast<std::size_t>(row) * size, right, size);
+  int row = 0;
+  for (; row + 4 <= rows; row += 4)
+    dot<4>(matrix + static_cast<std::size_t>(row) * size, right, size, result + row);
+  for (; row < rows; ++row)
+    dot<1>(matrix + static_cast<std::size_t>(row) * size, right, size, result + row);
 }
 
 /// Four rows at a time, so that the result is read and written less often.

@@ -5,7 +5,9 @@
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <string>
 
 #include "fusionslam/descriptors.hpp"
@@ -18,7 +20,7 @@ namespace {
 
 using Vector = Eigen::VectorXd;
 
-/// A A^T x, normalised; Scalar is the precision of the products.
+/// A A^T left; Scalar is the precision of the products.
 template <class Scalar>
 Vector step(MatrixView a, const MatrixKernel& kernel, const Vector& left) {
   using ScalarVector = Eigen::Matrix<Scalar, Eigen::Dynamic, 1>;
@@ -26,46 +28,78 @@ Vector step(MatrixView a, const MatrixKernel& kernel, const Vector& left) {
   const ScalarVector from = left.cast<Scalar>();
   ScalarVector right(a.columns), next(a.rows);
   products.transposed_times(a.data, a.rows, a.columns, from.data(), right.data());
-  right.normalize();
   products.times(a.data, a.rows, a.columns, right.data(), next.data());
-  return next.template cast<double>().normalized();
+  return next.template cast<double>();
 }
 
-/// How far a power iteration has come. Changes shrink like a geometric series, so what is still to
-/// come is the sum of its rest.
-class Progress {
- public:
-  void record(double change) {
-    ratio_ = std::min(change / last_, 0.999);
-    last_ = change;
-  }
-  double last() const { return last_; }
-  /// Iterations until the error is below the tolerance; not above 0 once it is.
-  double missing(double tolerance) const {
-    if (last_ < 1e-15) return 0;
-    return std::log(tolerance * (1 - ratio_) / last_) / std::log(ratio_) - 1;
-  }
-
- private:
-  double last_ = 1;
-  double ratio_ = 0.999;
+/// What a Krylov space knows of the largest eigenvalue of A A^T and its vector.
+struct Ritz {
+  Vector vector;
+  double error;  ///< estimated, of the vector
+  double ratio;  ///< of the second largest eigenvalue to the largest
 };
 
-/// Turns `left` into the first left singular vector; false once that is seen to take too long.
-/// The first steps, which need not be precise, are taken in float.
-bool power_method(MatrixView a, Vector& left, int& iterations) {
-  constexpr int most = 24;
-  constexpr double float_is_enough = 1e-5;
-  constexpr double tolerance = 4e-9;  // well below what the result, as float, is rounded to
+/// From the Lanczos basis, the tridiagonal matrix in it, and the length of what lies outside.
+Ritz ritz(const Eigen::MatrixXd& basis, const std::vector<double>& diagonal,
+          const std::vector<double>& off_diagonal, double outside) {
+  const auto size = static_cast<Eigen::Index>(diagonal.size());
+  Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver;
+  solver.computeFromTridiagonal(Eigen::Map<const Vector>(diagonal.data(), size),
+                                Eigen::Map<const Vector>(off_diagonal.data(), size - 1));
+  const Vector values = solver.eigenvalues();
+  const Vector weights = solver.eigenvectors().col(size - 1);
+  const double second = size > 1 ? values[size - 2] : 0;
+  const double residual = outside * std::fabs(weights[size - 1]);
+  return {basis.leftCols(size) * weights, residual / (values[size - 1] - second),
+          second / values[size - 1]};
+}
+
+/// Lanczos's method with products in float, up to their rounding; false if it takes too long or
+/// leaves float's range.
+bool lanczos(MatrixView a, const MatrixKernel& kernel, Vector& left, double& ratio, int& steps) {
+  constexpr int most = 16;
+  constexpr double rounding = 1e-6;
+  Eigen::MatrixXd basis(a.rows, most);
+  std::vector<double> diagonal, off_diagonal;
+  basis.col(0) = left;
+  for (steps = 1; steps <= most; ++steps) {
+    Vector next = step<float>(a, kernel, basis.col(steps - 1));
+    const double length = next.norm();
+    diagonal.push_back(basis.col(steps - 1).dot(next));
+    for (int pass = 0; pass < 2; ++pass)  // twice is enough (Parlett)
+      next -= basis.leftCols(steps) * (basis.leftCols(steps).transpose() * next);
+    const double outside = next.norm();
+    if (!std::isfinite(outside) || !(diagonal.front() > 0)) return false;
+    const bool closed = outside <= rounding * length;
+    if (closed || steps >= 3) {
+      const Ritz found = ritz(basis, diagonal, off_diagonal, outside);
+      left = found.vector;
+      ratio = found.ratio;
+      if (closed || found.error < rounding) return true;
+    }
+    if (steps == a.rows || steps == most) return false;
+    off_diagonal.push_back(outside);
+    basis.col(steps) = next / outside;
+  }
+  return false;
+}
+
+/// Turns `left` into the first left singular vector; false where the two largest singular values
+/// are so close that it would take long. Lanczos's method in float, then the power method in
+/// double until what is still to come, a geometric series of the changes, is below the tolerance.
+bool iterate(MatrixView a, Vector& left, int& iterations) {
+  constexpr int most = 8;
+  constexpr double too_close = 0.9;
+  constexpr double tolerance = 1e-7;  // of a vector of length 1; about float's rounding
   const MatrixKernel kernel = matrix_kernel(simd_level());
-  Progress progress;
-  for (iterations = 1; iterations <= most; ++iterations) {
-    const bool coarse = progress.last() > float_is_enough;
-    const Vector next = coarse ? step<float>(a, kernel, left) : step<double>(a, kernel, left);
-    progress.record((next - left).norm());
+  double ratio = 1;
+  if (!lanczos(a, kernel, left, ratio, iterations) || !(ratio < too_close)) return false;
+  for (int i = 0; i < most; ++i, ++iterations) {
+    Vector next = step<double>(a, kernel, left).normalized();
+    if (next.dot(left) < 0) next = -next;
+    const double change = (next - left).norm();
     left = next;
-    if (!coarse && progress.missing(tolerance) <= 0) return true;
-    if (iterations > 4 && iterations + progress.missing(tolerance) > most) return false;
+    if (change * ratio <= tolerance * (1 - ratio)) return true;
   }
   return false;
 }
@@ -93,9 +127,13 @@ SingularVectors singular_vectors(MatrixView matrix) {
   start.normalize();
   Vector left = start;
   SingularVectors result;
-  result.fell_back = !power_method(matrix, left, result.iterations);
+  result.fell_back = !iterate(matrix, left, result.iterations);
   if (result.fell_back) left = gram_vector(matrix, start);
   products.transposed_times(matrix.data, matrix.rows, matrix.columns, left.data(), right.data());
+  if (left.sum() < 0) {
+    left = -left;
+    right = -right;
+  }
   right.normalize();
   result.joined.resize(static_cast<std::size_t>(matrix.rows + matrix.columns));
   Eigen::Map<Eigen::VectorXf>(result.joined.data(), matrix.rows) = left.cast<float>();
@@ -106,19 +144,32 @@ SingularVectors singular_vectors(MatrixView matrix) {
 
 }  // namespace detail
 
+namespace {
+
+/// Bits of floats >= 0 are ordered like the floats, and all others lie above them.
+void check_entries(std::span<const float> matrix) {
+  std::uint32_t bad = 0, any = 0;
+  for (const float entry : matrix) {
+    const auto bits = std::bit_cast<std::uint32_t>(entry + 0.0F);  // -0 becomes 0
+    bad |= static_cast<std::uint32_t>(bits > 0x7f7fffffU);
+    any |= bits;
+  }
+  if (any == 0 && bad == 0) throw DataError("the matrix is zero, it has no first singular vectors");
+  if (bad == 0) return;
+  for (std::size_t i = 0; i < matrix.size(); ++i)
+    if (!(matrix[i] >= 0) || std::isinf(matrix[i]))
+      throw DataError("entry " + std::to_string(i) + " of the matrix is " +
+                      std::to_string(matrix[i]) + ", expected a finite number >= 0");
+}
+
+}  // namespace
+
 std::vector<float> first_singular_vectors(std::span<const float> matrix, int rows, int columns) {
   if (rows < 1 || columns < 1 ||
       matrix.size() != static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns))
     throw ShapeError(std::to_string(matrix.size()) + " values are no matrix of " +
                      std::to_string(rows) + " x " + std::to_string(columns));
-  float largest = 0;
-  for (std::size_t i = 0; i < matrix.size(); ++i) {
-    if (!(matrix[i] >= 0) || std::isinf(matrix[i]))
-      throw DataError("entry " + std::to_string(i) + " of the matrix is " +
-                      std::to_string(matrix[i]) + ", expected a finite number >= 0");
-    largest = std::max(largest, matrix[i]);
-  }
-  if (largest == 0) throw DataError("the matrix is zero, it has no first singular vectors");
+  check_entries(matrix);
   return detail::singular_vectors({matrix.data(), rows, columns}).joined;
 }
 

@@ -15,7 +15,7 @@ struct MatrixView {
 
 struct SingularVectors {
   std::vector<float> joined;  ///< left (rows), then right (columns), each of length 1
-  int iterations = 0;         ///< of the power method
+  int iterations = 0;         ///< products with A A^T before a fall-back
   bool fell_back = false;     ///< to the eigenvectors of the Gram matrix
 };
 
@@ -23,8 +23,9 @@ struct SingularVectors {
 /// non-negative (Perron and Frobenius) and are. Where the two largest singular values are equal,
 /// the left one is that of their vectors' space which is nearest to the row sums.
 ///
-/// Power method until the estimated error is below 1e-9; where that would take long because the
-/// two largest singular values are close, the eigenvectors of A A^T in double precision.
+/// Lanczos's method and the power method until the estimated error is below 1e-7, about what a
+/// vector of floats is rounded to; where that would take long because the two largest singular
+/// values are close, the eigenvectors of A A^T in double precision.
 SingularVectors singular_vectors(MatrixView matrix);
 
 }  // namespace fusionslam::detail
