@@ -84,7 +84,7 @@ REASONS: dict[str, str] = {
         "finding the points in view, 24 % into projecting them, 36 % into pixels and output"
     ),
     "first singular vectors of 64 x 512, robust, one call after the other": (
-        "0.043 ms in the machine's quiet moments, of which products with the matrix take two thirds; "
+        "0.043 ms in the machine's quiet moments, two thirds of it for products with the matrix; "
         "all times here vary by half from minute to minute"
     ),
     "first singular vectors of 64 x 512, paper, one call after the other": (
