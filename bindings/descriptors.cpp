@@ -113,7 +113,7 @@ void bind_shot(py::module_& module) {
 Args:
     points: float32 (N, 3), metres.
     normal_radius: metres; None is 5 x cloud_resolution(points).
-    threads: threads for the normals; the result does not depend on it.
+    threads: threads of this call; the result does not depend on it.
 
 Returns:
     float32 (352,).

@@ -185,23 +185,17 @@ def _same_normals(ours: Callable[[], Any], pcl: Callable[[], Any]) -> Agreement:
 def _one_keypoint(points: Points, colors: Bytes, surface: Any, radius: float) -> Iterator[Case]:
     """The descriptor alone, of points whose normals are given."""
     normals, _, kept = fusionslam.estimate_normals(points, radius=radius)
-    for name, ours, given, pcl, peer in (
-        ("SHOT", partial(fusionslam.shot, points), None, native.pcl_shot, "PCL SHOTEstimation"),
-        (
-            "CSHOT",
-            partial(fusionslam.cshot, points, colors),
-            colors[kept],
-            native.pcl_cshot,
-            "PCL SHOTColorEstimation",
-        ),
+    for name, given, pcl, peer in (
+        ("SHOT", None, native.pcl_shot, "PCL SHOTEstimation"),
+        ("CSHOT", colors[kept], native.pcl_cshot, "PCL SHOTColorEstimation"),
     ):
-        whole = partial(ours, normal_radius=radius)
+        ours = partial(fusionslam.shot_at_centroid, points[kept], normals, given)
         yield Case(
             f"{name} of one keypoint, {len(points):,} points",
             peer,
-            timer(fusionslam.shot_at_centroid, points[kept], normals, given),
+            timer(ours),
             timer(pcl, surface),
-            partial(_same_call, whole, partial(pcl, surface)),
+            partial(_same_call, ours, partial(pcl, surface)),
             times_faster(3),
         )
 

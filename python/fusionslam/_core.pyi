@@ -421,7 +421,7 @@ def shot(points: numpy.typing.NDArray[numpy.float32], *, normal_radius: typing.S
     Args:
         points: float32 (N, 3), metres.
         normal_radius: metres; None is 5 x cloud_resolution(points).
-        threads: threads for the normals; the result does not depend on it.
+        threads: threads of this call; the result does not depend on it.
     
     Returns:
         float32 (352,).

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "fusionslam/interrupt.hpp"
+#include "levels.hpp"
 #include "matching/batch_search.hpp"
 #include "matching/direct_search.hpp"
 
@@ -18,13 +19,6 @@ namespace fusionslam::detail {
 namespace {
 
 constexpr float infinity = std::numeric_limits<float>::infinity();
-
-std::vector<SimdLevel> levels() {
-  std::vector<SimdLevel> result;
-  for (const auto level : {SimdLevel::baseline, SimdLevel::avx2, SimdLevel::avx512})
-    if (level <= best_simd_level()) result.push_back(level);
-  return result;
-}
 
 struct Table {
   std::string name;
@@ -123,7 +117,7 @@ TEST_CASE("the direct filter's squares are within their error bound on every lev
       std::vector<float> moved(table.values.size() + 1);  // rows at no multiple of a vector
       std::copy(table.values.begin(), table.values.end(), moved.begin() + 1);
       const Vectors rows{moved.data() + 1, table.count(), dimension};
-      for (const SimdLevel level : levels()) {
+      for (const SimdLevel level : simd_levels()) {
         std::vector<float> squares(rows.count);
         distance_kernels(level).squares(rows[3], rows.data, rows.count, dimension, infinity,
                                         squares.data());
@@ -145,7 +139,7 @@ TEST_CASE("rows left early are above the limit, and the others are not changed b
   for (const std::size_t dimension : {7U, 192U, 576U, 1000U}) {
     const Table table = tables(40, dimension)[0];
     const Vectors rows = table.view();
-    for (const SimdLevel level : levels()) {
+    for (const SimdLevel level : simd_levels()) {
       const auto kernels = distance_kernels(level);
       std::vector<float> all(rows.count), some(rows.count);
       kernels.squares(rows[0], rows.data, rows.count, dimension, infinity, all.data());
@@ -167,7 +161,7 @@ TEST_CASE("the tile filter's bounds are within their error bound on every level"
       INFO(table.name, ", dimension ", dimension);
       const Vectors rows = table.view();
       const std::vector<float> center(rows[9], rows[9] + dimension);
-      for (const SimdLevel level : levels()) {
+      for (const SimdLevel level : simd_levels()) {
         const auto kernels = distance_kernels(level);
         const auto [queries, width] = kernels.tile;
         std::vector<float> query_panel(queries * dimension), row_panel(width * dimension);
@@ -215,9 +209,9 @@ TEST_CASE("a batch finds what brute force finds, on every level and for any numb
         const auto all = expected_table(rows, rows, window, 400);
         for (const std::size_t k : {1U, 10U, 400U}) {
           const auto expected = cut(all, k);
-          for (const SimdLevel level : levels())
+          for (const SimdLevel level : simd_levels())
             CHECK(BatchSearch(rows, rows, window, k, level).run(1) == expected);
-          CHECK(BatchSearch(rows, rows, window, k, levels().back()).run(3) == expected);
+          CHECK(BatchSearch(rows, rows, window, k, simd_levels().back()).run(3) == expected);
         }
       }
     }
@@ -230,7 +224,7 @@ TEST_CASE("few or many queries, one row or none: the batch is brute force") {
     for (const std::size_t count : {0U, 1U, 31U, 33U, 100U}) {
       const Vectors wanted{table.values.data(), queries, 24};
       const Vectors rows{table.values.data(), count, 24};
-      for (const SimdLevel level : levels())
+      for (const SimdLevel level : simd_levels())
         CHECK(BatchSearch(wanted, rows, std::nullopt, 3, level).run(2) ==
               expected_table(wanted, rows, std::nullopt, 3));
     }
@@ -245,7 +239,7 @@ TEST_CASE("one query finds what brute force finds on every level") {
       for (const std::size_t query : {0U, 350U}) {
         const auto all = brute_force(rows, query, rows, rows.count);
         for (const std::size_t k : {1U, 10U, 1000U}) {
-          for (const SimdLevel level : levels()) {
+          for (const SimdLevel level : simd_levels()) {
             DirectSearch search(
                 {rows[query], dimension}, k, [&](std::size_t i) { return rows[i]; }, level);
             search.scan(0, rows.count, [](std::size_t) { return true; });
@@ -277,7 +271,7 @@ TEST_CASE("only rows that may be among the nearest get their exact distance") {
   const Counting filter{table.view()};
   Shortlist shortlist(5);
   std::vector<float> squares(4000);
-  distance_kernels(levels().back())
+  distance_kernels(simd_levels().back())
       .squares(filter.rows[0], filter.rows.data, 4000, 64, infinity, squares.data());
   for (std::size_t i = 0; i < squares.size(); ++i)
     if (!(squares[i] > shortlist.limit()))

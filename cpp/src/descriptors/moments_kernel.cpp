@@ -8,7 +8,7 @@ namespace {
 constexpr std::size_t lanes = 16;  // partial sums; how many is part of the result
 
 /// Fills the block up to whole lanes with a point that adds nothing.
-FUSIONSLAM_INLINE std::size_t pad(PointBlock& b, std::size_t count, const float* filler) {
+FUSIONSLAM_INLINE std::size_t pad(CoordinateBlock& b, std::size_t count, const float* filler) {
   std::size_t i = count;
   for (; i % lanes != 0; ++i) {
     b.x[i] = filler[0];
@@ -27,7 +27,7 @@ FUSIONSLAM_INLINE double total(const double* partial) {
 FUSIONSLAM_INLINE void sum_points(RawPoints points, double* sums) {
   const float zero[3] = {0, 0, 0};
   double x[lanes] = {}, y[lanes] = {}, z[lanes] = {};
-  PointBlock b;
+  CoordinateBlock b;
   for (std::size_t begin = 0; begin < points.size; begin += point_block) {
     const std::size_t end = pad(b, load(points, begin, b), zero);
     for (std::size_t i = 0; i < end; i += lanes) {
@@ -47,7 +47,7 @@ FUSIONSLAM_INLINE void sum_points(RawPoints points, double* sums) {
 FUSIONSLAM_INLINE void scatter_points(RawPoints points, const double* mean, double* sums) {
   double partial[6][lanes] = {};
   double x[lanes], y[lanes], z[lanes];
-  PointBlock b;
+  CoordinateBlock b;
   for (std::size_t begin = 0; begin < points.size; begin += point_block) {
     const std::size_t count = load(points, begin, b);
     for (std::size_t i = 0; i < count; i += lanes) {
@@ -71,7 +71,7 @@ FUSIONSLAM_INLINE void scatter_points(RawPoints points, const double* mean, doub
   for (std::size_t i = 0; i < 6; ++i) sums[i] += total(partial[i]);
 }
 
-FUSIONSLAM_INLINE void transform_block(const PointBlock& b, std::size_t begin, std::size_t end,
+FUSIONSLAM_INLINE void transform_block(const CoordinateBlock& b, std::size_t begin, std::size_t end,
                                        const KernelFrame& f, double* x, double* y, double* z) {
   for (std::size_t i = begin; i < end; ++i) {
     const double dx = static_cast<double>(b.x[i]) - f.origin[0];
@@ -87,7 +87,7 @@ FUSIONSLAM_INLINE double largest_of(RawPoints points, const KernelFrame& frame, 
   double x[point_block], y[point_block], z[point_block];
   double best[lanes];
   for (std::size_t lane = 0; lane < lanes; ++lane) best[lane] = largest;
-  PointBlock b;
+  CoordinateBlock b;
   for (std::size_t begin = 0; begin < points.size; begin += point_block) {
     const std::size_t count = load(points, begin, b);
     const float first[3] = {b.x[0], b.y[0], b.z[0]};
@@ -108,7 +108,7 @@ FUSIONSLAM_INLINE double largest_of(RawPoints points, const KernelFrame& frame, 
 FUSIONSLAM_INLINE void transform_points(RawPoints points, const KernelFrame& frame, float* x,
                                         float* y, float* z) {
   double qx[point_block], qy[point_block], qz[point_block];
-  PointBlock b;
+  CoordinateBlock b;
   for (std::size_t begin = 0; begin < points.size; begin += point_block) {
     const std::size_t count = load(points, begin, b);
     transform_block(b, 0, count, frame, qx, qy, qz);

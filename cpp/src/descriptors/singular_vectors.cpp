@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <string>
 
+#include "../detail/interrupt.hpp"
 #include "fusionslam/descriptors.hpp"
 #include "fusionslam/errors.hpp"
 #include "matrix_kernel.hpp"
@@ -59,19 +60,22 @@ Ritz ritz(const Eigen::MatrixXd& basis, const std::vector<double>& diagonal,
 bool lanczos(MatrixView a, const MatrixKernel& kernel, Vector& left, double& ratio, int& steps) {
   constexpr int most = 16;
   constexpr double rounding = 1e-6;
+  constexpr double smallest = 1e-20;  // below, products would leave float's range
   Eigen::MatrixXd basis(a.rows, most);
   std::vector<double> diagonal, off_diagonal;
   basis.col(0) = left;
   for (steps = 1; steps <= most; ++steps) {
+    check_interrupt();
     Vector next = step<float>(a, kernel, basis.col(steps - 1));
     const double length = next.norm();
     diagonal.push_back(basis.col(steps - 1).dot(next));
     for (int pass = 0; pass < 2; ++pass)  // twice is enough (Parlett)
       next -= basis.leftCols(steps) * (basis.leftCols(steps).transpose() * next);
     const double outside = next.norm();
-    if (!std::isfinite(outside) || !(diagonal.front() > 0)) return false;
+    if (!std::isfinite(outside) || !(diagonal.front() > smallest)) return false;
     const bool closed = outside <= rounding * length;
-    if (closed || steps >= 3) {
+    if (closed && steps < 3) return false;  // nothing is known of the second singular value
+    if (steps >= 3) {
       const Ritz found = ritz(basis, diagonal, off_diagonal, outside);
       left = found.vector;
       ratio = found.ratio;
@@ -95,6 +99,7 @@ bool iterate(MatrixView a, Vector& left, int& iterations) {
   double ratio = 1;
   if (!lanczos(a, kernel, left, ratio, iterations) || !(ratio < too_close)) return false;
   for (int i = 0; i < most; ++i, ++iterations) {
+    check_interrupt();
     Vector next = step<double>(a, kernel, left).normalized();
     if (next.dot(left) < 0) next = -next;
     const double change = (next - left).norm();
@@ -112,8 +117,9 @@ Vector gram_vector(MatrixView matrix, const Vector& start) {
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(a * a.transpose());
   const Vector& values = solver.eigenvalues();
   const Eigen::Index last = matrix.rows - 1;
+  constexpr double same = 2e-6;  // what the entries' rounding to float can make of equal ones
   Vector result = Vector::Zero(matrix.rows);
-  for (Eigen::Index i = last; i >= 0 && values[i] >= values[last] * (1 - 1e-12); --i)
+  for (Eigen::Index i = last; i >= 0 && values[i] >= values[last] * (1 - same); --i)
     result += solver.eigenvectors().col(i).dot(start) * solver.eigenvectors().col(i);
   return result.normalized();
 }

@@ -20,7 +20,8 @@ struct SingularVectors {
 };
 
 /// First left and right singular vectors of a matrix of non-negative entries. Both can be chosen
-/// non-negative (Perron and Frobenius) and are. Where the two largest singular values are equal,
+/// non-negative (Perron and Frobenius) and are. Where the two largest singular values are equal
+/// but for the rounding of the entries,
 /// the left one is that of their vectors' space which is nearest to the row sums.
 ///
 /// Lanczos's method and the power method until the estimated error is below 1e-7, about what a

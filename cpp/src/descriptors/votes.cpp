@@ -9,6 +9,7 @@
 #include <mutex>
 #include <numbers>
 
+#include "../detail/interrupt.hpp"
 #include "../detail/parallel.hpp"
 #include "m2dp_fast_kernel.hpp"
 
@@ -88,6 +89,7 @@ struct FastCounter {
     const auto block = std::make_unique<FastBlock>();
     const auto add = task.colors ? kernel.color : kernel.shape;
     for (std::size_t first = begin; first < begin + count; first += fast_block) {
+      check_interrupt();
       block->size = std::min(fast_block, begin + count - first);
       moments.transform(part(task.points, first, block->size), task.frame, block->x, block->y,
                         block->z);
@@ -168,6 +170,7 @@ struct AnyCounter {
     double x[fast_block], y[fast_block], z[fast_block];
     std::uint8_t colors[3 * fast_block];
     for (std::size_t first = begin; first < begin + count; first += fast_block) {
+      check_interrupt();
       const std::size_t size = std::min(fast_block, begin + count - first);
       transform(part(task.points, first, size), task.frame, x, y, z);
       if (task.colors) task.colors->bins(first, size, colors);

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "interrupt.hpp"
 
+#include <atomic>
 #include <chrono>
 #include <utility>
 
@@ -9,6 +10,7 @@ namespace fusionslam {
 namespace {
 
 thread_local std::function<bool()> interrupt_wanted;
+thread_local const std::atomic<bool>* stop_of_pool = nullptr;
 thread_local std::chrono::steady_clock::time_point next_question;
 
 }  // namespace
@@ -18,12 +20,17 @@ InterruptScope::InterruptScope(std::function<bool()> wanted)
 
 InterruptScope::~InterruptScope() { interrupt_wanted = std::move(outer_); }
 
+detail::PoolThread::PoolThread(const std::atomic<bool>& stop) { stop_of_pool = &stop; }
+detail::PoolThread::~PoolThread() { stop_of_pool = nullptr; }
+
 void detail::check_interrupt() {
+  if (stop_of_pool != nullptr && *stop_of_pool) throw Interrupted("interrupted");
   if (!interrupt_wanted) return;
   const auto now = std::chrono::steady_clock::now();
   if (now < next_question) return;
   next_question = now + std::chrono::milliseconds(20);
-  if (interrupt_wanted()) throw Interrupted("interrupted");
+  const auto wanted = interrupt_wanted;  // it may itself come here with a scope of its own
+  if (wanted()) throw Interrupted("interrupted");
 }
 
 }  // namespace fusionslam

@@ -18,12 +18,12 @@ struct RawPoints {
 
 constexpr std::size_t point_block = 256;
 
-struct PointBlock {
+struct CoordinateBlock {
   alignas(64) float x[point_block], y[point_block], z[point_block];
 };
 
 template <std::size_t Stride>
-FUSIONSLAM_INLINE void take_apart(const float* data, std::size_t count, PointBlock& block) {
+FUSIONSLAM_INLINE void take_apart(const float* data, std::size_t count, CoordinateBlock& block) {
   for (std::size_t i = 0; i < count; ++i) {
     block.x[i] = data[i * Stride];
     block.y[i] = data[i * Stride + 1];
@@ -32,7 +32,7 @@ FUSIONSLAM_INLINE void take_apart(const float* data, std::size_t count, PointBlo
 }
 
 /// Reads the points from `begin` on; returns how many they are.
-FUSIONSLAM_INLINE std::size_t load(RawPoints points, std::size_t begin, PointBlock& block) {
+FUSIONSLAM_INLINE std::size_t load(RawPoints points, std::size_t begin, CoordinateBlock& block) {
   const std::size_t rest = points.size - begin;
   const std::size_t count = rest < point_block ? rest : point_block;
   const float* data = points.data + begin * points.stride;

@@ -6,7 +6,8 @@
 // in one function a level (FUSIONSLAM_AVX2, FUSIONSLAM_AVX512 in front of it), into which it is
 // inlined and vectorised for that level, and picks one with choose(). Without fused multiply-adds
 // (-ffp-contract=off) and with sums in a fixed number of lanes all levels give the same bits.
-// Kernel files see no PCL, Eigen or OpenCV.
+// Kernel files see no PCL, Eigen or OpenCV. The one exception is matching/distance_kernel.cpp,
+// whose filter may round as each level likes, because what passes it is measured again.
 #pragma once
 
 #include "fusionslam/simd.hpp"

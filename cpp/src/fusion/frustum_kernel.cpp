@@ -12,7 +12,7 @@ FUSIONSLAM_INLINE std::int32_t magnitude_bits(float value) {
 FUSIONSLAM_INLINE float absolute(float value) { return value < 0 ? -value : value; }
 
 /// Bits of magnitudes are ordered like the magnitudes.
-FUSIONSLAM_INLINE std::int32_t largest_bits(const PointBlock& b, std::size_t size) {
+FUSIONSLAM_INLINE std::int32_t largest_bits(const CoordinateBlock& b, std::size_t size) {
   std::int32_t largest = 0;
   for (std::size_t i = 0; i < size; ++i) {
     const std::int32_t x = magnitude_bits(b.x[i]), y = magnitude_bits(b.y[i]);
@@ -32,7 +32,7 @@ FUSIONSLAM_INLINE float margin(const float* side, float largest) {
 
 FUSIONSLAM_INLINE int list_inside(RawPoints points, const Frustum& frustum, int* list,
                                   std::int32_t& largest) {
-  PointBlock b;
+  CoordinateBlock b;
   const std::size_t size = load(points, 0, b);
   largest = largest_bits(b, size);
   const float reach = __builtin_bit_cast(float, largest);

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <exception>
 #include <numbers>
 #include <optional>
 
@@ -43,18 +44,18 @@ class InterruptiblePlane : public PlaneModel {
 
   std::size_t countWithinDistance(const Eigen::VectorXf& plane, double threshold) const override {
     try {
-      if (!interrupted_) detail::check_interrupt();
-    } catch (const Interrupted&) {
-      interrupted_ = true;
+      if (!interrupt_) detail::check_interrupt();
+    } catch (...) {
+      interrupt_ = std::current_exception();
     }
-    return interrupted_ ? 0 : PlaneModel::countWithinDistance(plane, threshold);
+    return interrupt_ ? 0 : PlaneModel::countWithinDistance(plane, threshold);
   }
   void rethrow() const {
-    if (interrupted_) throw Interrupted("interrupted");
+    if (interrupt_) std::rethrow_exception(interrupt_);
   }
 
  private:
-  mutable bool interrupted_ = false;
+  mutable std::exception_ptr interrupt_;
 };
 
 /// Coefficients of the plane with most points near it, fitted to these; nothing if there is none.

@@ -36,11 +36,14 @@ inline bool is_visible(const Pixel& pixel, int width, int height) {
   return pixel.depth > 0 && u >= 0 && v >= 0 && u < width && v < height;
 }
 
-/// The sides of an image: u >= -1/2, u <= width - 1/2, and the same for v, times the depth.
+/// The sides of an image: u >= -1/2, u <= width - 1/2, and the same for v, times the depth; in a
+/// scale that float holds.
 inline Frustum frustum_of(const Projection& p, int width, int height) {
+  const double scale = std::fabs(*std::max_element(
+      p.begin(), p.end(), [](double a, double b) { return std::fabs(a) < std::fabs(b); }));
   Frustum frustum{};
   for (std::size_t k = 0; k < 4; ++k) {
-    const double u = p[k], v = p[4 + k], depth = p[8 + k];
+    const double u = p[k] / scale, v = p[4 + k] / scale, depth = p[8 + k] / scale;
     frustum.sides[0][k] = static_cast<float>(u + 0.5 * depth);
     frustum.sides[1][k] = static_cast<float>((width - 0.5) * depth - u);
     frustum.sides[2][k] = static_cast<float>(v + 0.5 * depth);

@@ -184,7 +184,7 @@ void BatchSearch::search_block(std::size_t first, std::size_t count, MatchTable&
   // Backwards, because the latest rows of a drive are the most alike: then few others pass.
   for (std::size_t tile = (end + width - 1) / width; tile-- > 0;) {
     const std::size_t row = tile * width;
-    check_stop();
+    check_interrupt();
     pack_panel(rows_[row], std::min(width, rows_.count - row), rows_.dimension, center_.data(),
                width, panel.data());
     block.compare(row, panel.data(), row_terms_.data() + row);
@@ -204,17 +204,6 @@ void BatchSearch::store(std::size_t query, const std::vector<Match>& matches,
   for (std::size_t rank = 0; rank < matches.size(); ++rank) {
     table.indices[query * k_ + rank] = matches[rank].index;
     table.distances[query * k_ + rank] = matches[rank].distance;
-  }
-}
-
-/// Blocks may take long: an interrupt, which only the calling thread sees, ends them all.
-void BatchSearch::check_stop() {
-  if (stopped_) throw Interrupted("interrupted");
-  try {
-    check_interrupt();
-  } catch (...) {
-    stopped_ = true;
-    throw;
   }
 }
 

@@ -3,7 +3,6 @@
 // Many queries against all rows, in tiles of dot products as a matrix product is computed.
 #pragma once
 
-#include <atomic>
 #include <optional>
 
 #include "distance_kernel.hpp"
@@ -41,7 +40,6 @@ class BatchSearch {
   void search_block(std::size_t first, std::size_t count, MatchTable& table);
   void search_one(std::size_t query, MatchTable& table) const;
   void store(std::size_t query, const std::vector<Match>& matches, MatchTable& table) const;
-  void check_stop();
 
   Vectors queries_;
   Vectors rows_;
@@ -52,7 +50,6 @@ class BatchSearch {
   ErrorBound error_;
   AlignedFloats center_;
   AlignedFloats row_terms_;  ///< |row|^2 less its share of the error, after centring
-  std::atomic<bool> stopped_ = false;
 };
 
 }  // namespace fusionslam::detail
