@@ -32,11 +32,23 @@ class Light:
 
 @dataclass(frozen=True)
 class Scene:
-    """A world at rest: triangles, the images that cover them, and the light."""
+    """A world at rest: triangles, the images that cover them, and the light.
+
+    Attributes:
+        mesh: all triangles.
+        textures: uint8 (H, W, 4) each, RGB and tint.
+        light: sun, sky and haze.
+        part: int32 (T,), the object that each triangle belongs to; empty where nobody knows.
+        names: names of the objects.
+        ground: bool, one an object: whether it is something to drive on.
+    """
 
     mesh: Mesh
     textures: Sequence[NDArray[np.uint8]]
     light: Light = field(default_factory=Light)
+    part: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    names: Sequence[str] = ()
+    ground: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
 
 
 @dataclass(frozen=True)
