@@ -3,7 +3,7 @@
 .PHONY: demo test bench bench-quick sanitize lint format stub setup clean
 
 BIN := .venv/bin
-SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/src/*/*.?pp bindings/*.?pp tests/cpp/*.?pp examples/cpp/*.cpp benchmarks/peers/*.?pp)
+SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/src/*/*.?pp cpp/src/*/*.inc bindings/*.?pp tests/cpp/*.?pp examples/cpp/*.cpp benchmarks/peers/*.?pp)
 
 demo: setup
 	$(BIN)/fusionslam demo -o out/demo

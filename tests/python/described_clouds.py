@@ -1,0 +1,35 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Clouds that the tests of descriptors share."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Points = NDArray[np.float32]
+Colors = NDArray[np.uint8]
+
+
+def read_scan(path: Path) -> Points:
+    return np.fromfile(path, np.float32).reshape(-1, 4)[:, :3].copy()
+
+
+def street(seed: int, count: int = 4000) -> tuple[Points, Colors]:
+    """A coloured synthetic cloud: ground, two unlike house fronts and some poles."""
+    rng = np.random.default_rng(seed)
+    ground = rng.uniform([-30, -6, -0.05], [45, 8, 0.05], (count // 2, 3))
+    left = rng.uniform([-25, 7.9, 0], [20, 8.1, 7], (count // 4, 3))
+    right = rng.uniform([-5, -6.1, 0], [40, -5.9, 4], (count // 8, 3))
+    feet = rng.uniform([-30, -5, 0], [45, 7, 0], (count // 80, 3))
+    poles = np.repeat(feet, 10, axis=0)
+    poles[:, 2] = rng.uniform(0, 5, len(poles))
+    points = np.concatenate([ground, left, right, poles]).astype(np.float32)
+    shades = rng.integers(0, 256, (4, 3))
+    sizes = [len(ground), len(left), len(right), len(poles)]
+    colors = np.repeat(shades, sizes, axis=0) + rng.integers(-20, 21, (len(points), 3))
+    return points, np.clip(colors, 0, 255).astype(np.uint8)
+
+
+def distance(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
+    return float(np.linalg.norm(a.astype(np.float64) - b.astype(np.float64)))

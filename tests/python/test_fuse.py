@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Frames to clouds."""
+
+import logging
+
+import numpy as np
+import pytest
+
+import fusionslam
+from fused_scenes import PROJECTION, ground_and_things, homogeneous, scene
+from fusionslam import Camera, DataError, Frame, FusionConfig
+
+
+def frame(seed: int = 18, **changes: object) -> Frame:
+    points, image = scene(seed)
+    parts = {
+        "points": points,
+        "images": {"left": image},
+        "cameras": {"left": Camera(PROJECTION, size=(320, 240))},
+    }
+    return Frame(index=7, **(parts | changes))  # type: ignore[arg-type]
+
+
+def test_fuse_colours_the_scan_of_a_frame() -> None:
+    given, made = frame(), fusionslam.fuse(frame())
+    points, colors, _ = fusionslam.colorize(given.points, given.images["left"], PROJECTION)
+    assert np.array_equal(made.points, points) and np.array_equal(made.colors, colors)
+
+
+def test_fuse_uses_the_place_of_the_scanner() -> None:
+    shift = homogeneous(np.eye(3), (0.3, -0.1, 0.2))
+    made = fusionslam.fuse(frame(cameras={"left": Camera(PROJECTION, shift)}))
+    given = frame()
+    expected = fusionslam.colorize(given.points, given.images["left"], PROJECTION @ shift)
+    assert np.array_equal(made.points, expected[0]) and np.array_equal(made.colors, expected[1])
+
+
+def test_fuse_drops_and_counts_invalid_points(caplog: pytest.LogCaptureFixture) -> None:
+    points, _ = scene(19)
+    clean = fusionslam.fuse(frame(points=points))
+    spoilt = np.insert(points, [5, 5, 90], np.nan, axis=0)
+    with caplog.at_level(logging.WARNING, logger="fusionslam"):
+        made = fusionslam.fuse(frame(points=spoilt))
+    assert np.array_equal(made.points, clean.points)
+    assert "frame 7: dropped 3 points" in caplog.text
+
+
+def test_fuse_removes_ground_and_thins_out() -> None:
+    points, _ = ground_and_things(20)
+    colors = np.random.default_rng(20).integers(0, 256, points.shape, dtype=np.uint8)
+    given = Frame(points=points.astype(np.float32), colors=colors)
+    plain = fusionslam.fuse(given, FusionConfig(source="cloud"))
+    assert np.array_equal(plain.points, given.points) and np.array_equal(plain.colors, colors)
+    config = FusionConfig(source="cloud", ground="height", ground_height=-1.0, voxel=2.0)
+    kept = fusionslam.above_height(given.points, -1.0)
+    expected = fusionslam.voxel_downsample(given.points[kept], colors[kept], size=2.0)
+    made = fusionslam.fuse(given, config)
+    assert np.array_equal(made.points, expected[0]) and np.array_equal(made.colors, expected[1])
+    made = fusionslam.fuse(given, FusionConfig(source="cloud", ground="plane"))
+    kept, _ = fusionslam.remove_ground_plane(given.points)
+    assert np.array_equal(made.points, given.points[kept])
+
+
+def test_fuse_names_what_a_frame_lacks() -> None:
+    _, image = scene(21)
+    cases: list[tuple[Frame, FusionConfig, str]] = [
+        (frame(points=None), FusionConfig(), "frame 7 has no scan"),
+        (frame(images={}), FusionConfig(), "frame 7 has no left image"),
+        (frame(cameras={}), FusionConfig(), "frame 7 has no calibration of the left camera"),
+        (frame(), FusionConfig(source="stereo"), "frame 7 has no right image"),
+        (
+            frame(images={"left": image[:100]}),
+            FusionConfig(),
+            r"frame 7: the left image is 320x100, its calibration is for 320x240",
+        ),
+    ]
+    for given, config, message in cases:
+        with pytest.raises(DataError, match=message):
+            fusionslam.fuse(given, config)
+
+
+def test_a_camera_far_from_the_origin_is_not_singular() -> None:
+    """A frame in UTM coordinates has an offset of millions of metres and a sound calibration."""
+    points, image = scene(21)
+    shift = np.array([4e2, 5e2, 1e1])
+    moved = PROJECTION.copy()
+    moved[:, 3] -= PROJECTION[:, :3] @ shift
+    _, _, kept = fusionslam.colorize(points, image, PROJECTION)
+    _, _, again = fusionslam.colorize((points + shift).astype(np.float32), image, moved)
+    assert len(kept) and len(set(kept.tolist()) ^ set(again.tolist())) < 0.01 * len(kept) + 2
+    far = PROJECTION.copy()
+    far[:, 3] = [5e9, 5e9, 5e6]
+    fusionslam.colorize(points, image, far)  # nothing may be in view, but nothing is wrong either

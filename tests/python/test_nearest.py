@@ -1,0 +1,165 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The neighbours found are those of NumPy and scikit-learn."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from fusionslam import DataError, DescriptorIndex, ShapeError, nearest, nearest_causal
+from small_indexes import SECOND
+
+
+def brute_force(
+    rows: NDArray[np.float32], query: NDArray[np.float32], allowed: NDArray[np.bool_], k: int
+) -> tuple[list[int], list[float]]:
+    """The k nearest allowed rows, ties to the lowest number."""
+    distances = np.linalg.norm(rows.astype(np.float64) - query.astype(np.float64), axis=1)
+    order = [int(i) for i in np.argsort(distances, kind="stable") if allowed[i]][:k]
+    return order, [float(np.float32(distances[i])) for i in order]
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> NDArray[np.float32]:
+    """Tables with many equal distances (few whole values) or with none (normal values)."""
+    rows, columns = draw(st.integers(1, 25)), draw(st.integers(1, 9))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    if draw(st.booleans()):
+        return rng.integers(-1, 2, (rows, columns)).astype(np.float32)
+    return rng.normal(size=(rows, columns)).astype(np.float32)
+
+
+@settings(max_examples=150, deadline=None)
+@given(table=tables(), window=st.integers(0, 30), k=st.integers(1, 30))
+def test_the_neighbours_are_those_of_numpy_with_a_window_in_frames(
+    table: NDArray[np.float32], window: int, k: int
+) -> None:
+    index = DescriptorIndex(table.shape[1], window=window)
+    for number, row in enumerate(table):
+        indices, distances = index.query(row, k=k)
+        allowed = np.arange(number) < number - window
+        expected = brute_force(table[:number], row, allowed, k)
+        assert indices.tolist() == expected[0]
+        assert distances == pytest.approx(expected[1], rel=1e-6)
+        assert index.add(row) == number
+    assert len(index) == len(table)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    table=tables(),
+    window=st.integers(0, 5),
+    window_seconds=st.sampled_from([0.0, 0.5, 2.0, 7.25]),
+    k=st.integers(1, 5),
+    data=st.data(),
+)
+def test_the_neighbours_are_those_of_numpy_with_a_window_in_seconds(
+    table: NDArray[np.float32], window: int, window_seconds: float, k: int, data: st.DataObject
+) -> None:
+    steps = data.draw(
+        st.lists(
+            st.sampled_from([0, 1, SECOND // 4, SECOND // 2, 3 * SECOND]),
+            min_size=len(table),
+            max_size=len(table),
+        )
+    )
+    stamps = np.cumsum(steps, dtype=np.int64) + 1_700_000_000 * SECOND
+    index = DescriptorIndex(table.shape[1], window=window, window_seconds=window_seconds)
+    for number, row in enumerate(table):
+        stamp = int(stamps[number])
+        allowed = np.arange(number) < number - window
+        if window_seconds:
+            allowed &= stamp - stamps[:number] > round(window_seconds * SECOND)
+        indices, distances = index.query(row, k=k, stamp_ns=stamp)
+        expected = brute_force(table[:number], row, allowed, k)
+        assert indices.tolist() == expected[0]
+        assert distances == pytest.approx(expected[1], rel=1e-6)
+        index.add(row, stamp_ns=stamp)
+
+
+@settings(max_examples=150, deadline=None)
+@given(table=tables(), window=st.integers(0, 30), k=st.integers(1, 6))
+def test_a_batch_of_queries_is_what_an_online_run_would_find(
+    table: NDArray[np.float32], window: int, k: int
+) -> None:
+    indices, distances = nearest_causal(table, window=window, k=k)
+    assert indices.shape == distances.shape == (len(table), k)
+    assert indices.dtype == np.int64 and distances.dtype == np.float32
+    for number, row in enumerate(table):
+        allowed = np.arange(number) < number - window
+        expected = brute_force(table[:number], row, allowed, k)
+        found = len(expected[0])
+        assert indices[number].tolist() == expected[0] + [-1] * (k - found)
+        assert distances[number, :found] == pytest.approx(expected[1], rel=1e-6)
+        assert np.isinf(distances[number, found:]).all()
+
+
+HARD_TABLES: dict[str, Callable[[np.random.Generator, tuple[int, int]], NDArray[np.float64]]] = {
+    "normal": lambda rng, shape: rng.normal(size=shape),
+    "near ties": lambda rng, shape: 1 + 1e-7 * rng.integers(0, 3, shape),
+    "far from the origin": lambda rng, shape: 1e6 + rng.normal(size=shape),
+    "denormals": lambda rng, shape: 1e-42 * rng.normal(size=shape),
+    "squares beyond float32": lambda rng, shape: 1e30 * rng.normal(size=shape),
+}
+
+
+@pytest.mark.parametrize("kind", HARD_TABLES)
+@pytest.mark.parametrize("columns", [1, 7, 192, 575, 576])
+def test_one_query_and_a_batch_find_the_neighbours_of_numpy(kind: str, columns: int) -> None:
+    table = HARD_TABLES[kind](np.random.default_rng(7), (300, columns)).astype(np.float32)
+    queries = np.ascontiguousarray(table[::-7]) * np.float32(1.01)
+    index = DescriptorIndex(columns)
+    for row in table:
+        index.add(row)
+    batch = nearest(queries, table, k=5)
+    assert batch[0].shape == batch[1].shape == (len(queries), 5)
+    assert batch[0].dtype == np.int64 and batch[1].dtype == np.float32
+    for number, query in enumerate(queries):
+        squares = np.sum((table.astype(np.float64) - query.astype(np.float64)) ** 2, axis=1)
+        indices, distances = index.query(query, k=5)
+        assert np.array_equal(indices, batch[0][number])
+        assert distances.tobytes() == batch[1][number].tobytes()
+        # NumPy adds in another order, so that ties may fall the other way in the last digits.
+        assert np.allclose(squares[indices], np.sort(squares)[:5], rtol=1e-13, atol=0)
+        assert distances == pytest.approx(np.sqrt(squares[indices]), rel=1e-6, abs=1e-45)
+
+
+def test_a_batch_of_other_length_is_refused() -> None:
+    with pytest.raises(ShapeError, match="queries have 3 columns, descriptors have 4"):
+        nearest(np.zeros((2, 3), np.float32), np.zeros((2, 4), np.float32))
+
+
+def test_descriptors_whose_distances_would_overflow_are_refused() -> None:
+    index = DescriptorIndex(2)
+    with pytest.raises(DataError, match="descriptor 0 is too long"):
+        index.add(np.array([3e38, -3e38], np.float32))
+    with pytest.raises(DataError, match="descriptor 1 is too long"):
+        nearest_causal(np.array([[0, 0], [3e38, 0]], np.float32), window=0)
+    assert len(index) == 0
+
+
+def test_the_neighbours_are_those_of_scikit_learn() -> None:
+    from sklearn.neighbors import NearestNeighbors
+
+    rng = np.random.default_rng(1)
+    table, query = rng.normal(size=(500, 192)).astype("f4"), rng.normal(size=192).astype("f4")
+    index = DescriptorIndex(192)
+    for row in table:
+        index.add(row)
+    expected = NearestNeighbors(n_neighbors=10, algorithm="brute").fit(table).kneighbors([query])
+    indices, distances = index.query(query, k=10)
+    assert np.array_equal(indices, expected[1][0])
+    assert distances == pytest.approx(expected[0][0], rel=1e-5)
+
+
+def test_one_or_two_threads_give_the_same_bytes() -> None:
+    table = np.random.default_rng(2).normal(size=(400, 64)).astype(np.float32)
+    results = {
+        tuple(part.tobytes() for part in nearest_causal(table, window=9, k=3, threads=threads))
+        for threads in (1, 1, 2, 2, 0)
+    }
+    assert len(results) == 1

@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The presets of the papers: a plain NumPy version, and the authors' own programs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import fusionslam
+from described_clouds import Colors, Points, distance, read_scan, street
+
+NORMAL_RADIUS = 0.323908135
+
+
+def distance_up_to_sign(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
+    return min(distance(a, b), distance(a, -b))
+
+
+def principal_coordinates(points: Points) -> NDArray[np.float64]:
+    centred = points.astype(np.float64) - points.astype(np.float64).mean(axis=0)
+    _, vectors = np.linalg.eigh(centred.T @ centred)
+    axes = vectors[:, ::-1].T
+    largest = np.abs(axes).argmax(axis=1)
+    return centred @ (axes * np.sign(axes[range(3), largest])[:, None]).T
+
+
+def numpy_signature(
+    points: Points,
+    colors: Colors | None = None,
+    *,
+    azimuths: int = 4,
+    elevations: int = 16,
+    rings: int = 8,
+    sectors: int = 16,
+    color_bins: int = 16,
+) -> NDArray[np.float64]:
+    cloud = principal_coordinates(points)
+    ring_edges = np.linspace(0, np.sqrt(np.linalg.norm(cloud, axis=1).max()), rings + 1) ** 2
+    sector_edges = np.linspace(-np.pi, np.pi, sectors + 1)
+    rows = []
+    for azimuth in np.linspace(-np.pi / 2, np.pi / 2, azimuths):
+        for elevation in np.linspace(0, np.pi / 2, elevations):
+            flat = np.cos(elevation)
+            normal = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+            x_axis = np.array([1.0, 0, 0]) - normal[0] * normal
+            x, y = cloud @ x_axis, cloud @ np.cross(normal, x_axis)
+            angle = np.where((x == 0) & (y == 0), 0, np.arctan2(y, x))
+            ring = np.searchsorted(ring_edges[1:-1], np.sqrt(x * x + y * y), side="right")
+            sector = np.searchsorted(sector_edges[1:-1], angle, side="right")
+            blocks = [np.bincount(ring * sectors + sector, minlength=rings * sectors)]
+            if colors is not None:
+                shade = np.floor(colors / (255 / color_bins + 0.001)).astype(int)
+                blocks += [
+                    np.bincount(ring * color_bins + shade[:, c], minlength=rings * color_bins)
+                    for c in range(3)
+                ]
+            rows.append(np.concatenate(blocks) / len(points))
+    return np.array(rows)
+
+
+def numpy_descriptor(signature: NDArray[np.float64]) -> NDArray[np.float64]:
+    u, _, vt = np.linalg.svd(signature)
+    return np.concatenate([u[:, 0], vt[0]]) * (1 if u[:, 0].sum() >= 0 else -1)
+
+
+def votes_that_differ(a: NDArray[np.float64], b: NDArray[np.float64], points: int) -> int:
+    """Votes in another bin; a vote that only one of the two has counts as half of one."""
+    return round(float(np.abs(a - b).sum() * points)) // 2
+
+
+CONFIGURATIONS: list[dict[str, int]] = [
+    {},
+    {"azimuths": 3, "elevations": 5},
+    {"rings": 5, "sectors": 12},
+    {"rings": 1, "sectors": 7},
+    {"rings": 3, "sectors": 1},
+    {"azimuths": 6, "elevations": 8, "rings": 10, "sectors": 9, "color_bins": 8},
+]
+
+
+@pytest.mark.parametrize("sizes", CONFIGURATIONS)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_paper_preset_is_what_a_plain_numpy_version_gives(
+    sizes: dict[str, int], seed: int
+) -> None:
+    points, colors = street(seed, 800)
+    config = fusionslam.M2dpConfig(preset="paper", **sizes)
+    for shades in (None, colors):
+        expected = numpy_signature(points, shades, **sizes)
+        if shades is None:
+            signature = fusionslam.m2dp_signature(points, config=config)
+            descriptor = fusionslam.m2dp(points, config=config)
+        else:
+            signature = fusionslam.cm2dp_signature(points, shades, config=config)
+            descriptor = fusionslam.cm2dp(points, shades, config=config)
+        assert signature.shape == expected.shape
+        assert votes_that_differ(signature, expected, len(points)) <= 1
+        assert distance(descriptor, numpy_descriptor(expected)) <= 1e-4
+
+
+def test_a_signature_row_counts_every_point_once_for_shape_and_once_a_channel() -> None:
+    points, colors = street(3, 800)
+    signature = fusionslam.cm2dp_signature(points, colors, preset="paper")
+    shape, *channels = np.split(signature, 4, axis=1)
+    assert np.allclose(shape.sum(axis=1), 1)
+    for channel in channels:
+        assert np.allclose(
+            channel.reshape(64, 8, 16).sum(axis=2), shape.reshape(64, 8, 16).sum(axis=2)
+        )
+
+
+@pytest.fixture(scope="session")
+def colored_cloud(test_data: Path) -> tuple[Points, Colors]:
+    stored = np.load(test_data / "reference/cm2dp/colored_cloud.npz")
+    return stored["xyz"], stored["rgb"]
+
+
+@pytest.fixture(scope="session")
+def first_scan(test_data: Path) -> Points:
+    return read_scan(test_data / "kitti/sequences/00/velodyne/000000.bin")
+
+
+def test_the_paper_preset_gives_the_signature_of_the_matlab_program(
+    test_data: Path, first_scan: Points
+) -> None:
+    expected = np.load(test_data / "reference/m2dp/kitti00_000000_signature_64x128.npy")
+    signature = fusionslam.m2dp_signature(first_scan, preset="paper")
+    assert signature.shape == (64, 128) and signature.dtype == np.float64
+    assert votes_that_differ(signature, expected, len(first_scan)) <= 64
+    values = np.linalg.svd(signature, compute_uv=False)[:4]
+    published = [1.17769527464, 0.722186925664, 0.371539746471, 0.360755386843]
+    assert values == pytest.approx(published, abs=1e-6)
+
+
+def test_the_author_preset_moves_at_most_64_votes_and_leaves_out_the_last_point(
+    test_data: Path, first_scan: Points
+) -> None:
+    count = len(first_scan)
+    expected = np.load(test_data / "reference/m2dp/kitti00_000000_signature_64x128.npy")
+    signature = fusionslam.m2dp_signature(first_scan, preset="author")
+    missing = (expected.sum(axis=1) - signature.sum(axis=1)) * count
+    assert missing == pytest.approx(np.ones(64), abs=1e-6)
+    differing = round(float(np.abs(signature - expected).sum() * count))
+    assert (differing - 64) / 2 <= 64  # float axes move votes at edges
+
+
+@pytest.mark.parametrize("preset", ["paper", "author"])
+def test_m2dp_of_the_first_kitti_scan_is_that_of_the_matlab_program(
+    test_data: Path, first_scan: Points, preset: str
+) -> None:
+    expected = np.load(test_data / "reference/m2dp/kitti00_000000_descriptor_192.npy")
+    assert distance_up_to_sign(fusionslam.m2dp(first_scan, preset=preset), expected) <= 1e-4
+
+
+def test_author_m2dp_is_that_of_the_authors_program(
+    test_data: Path, colored_cloud: tuple[Points, Colors]
+) -> None:
+    expected = np.load(test_data / "reference/cm2dp/m2dp_192.npy")
+    assert distance(fusionslam.m2dp(colored_cloud[0], preset="author"), expected) <= 1e-4
+
+
+@pytest.mark.parametrize("color_space", ["rgb", "hsv", "lab"])
+def test_author_cm2dp_is_that_of_the_authors_program(
+    test_data: Path, colored_cloud: tuple[Points, Colors], color_space: str
+) -> None:
+    expected = np.load(test_data / f"reference/cm2dp/cm2dp_{color_space}_576.npy")
+    given = fusionslam.cm2dp(*colored_cloud, color_space=color_space, preset="author")
+    assert distance(given, expected) <= 1e-4
+
+
+def test_normals_are_those_of_the_authors_program(
+    test_data: Path, colored_cloud: tuple[Points, Colors]
+) -> None:
+    stored = np.load(test_data / "reference/cm2dp/normals.npz")["normals"]
+    normals, curvatures, indices = fusionslam.estimate_normals(
+        colored_cloud[0], radius=NORMAL_RADIUS
+    )
+    assert np.array_equal(colored_cloud[0][indices], stored[:, :3])
+    flips = np.sign((normals * stored[:, 3:6]).sum(axis=1, keepdims=True))
+    assert np.abs(normals * flips - stored[:, 3:6]).max() <= 1e-4
+    assert np.abs(curvatures - stored[:, 6]).max() <= 1e-4
+
+
+def test_shot_and_cshot_are_those_of_the_authors_program(
+    test_data: Path, colored_cloud: tuple[Points, Colors]
+) -> None:
+    points, colors = colored_cloud
+    folder = test_data / "reference/cm2dp"
+    shot = fusionslam.shot(points, normal_radius=NORMAL_RADIUS)
+    cshot = fusionslam.cshot(points, colors, normal_radius=NORMAL_RADIUS)
+    assert distance(shot, np.load(folder / "shot_352.npy")) <= 1e-4
+    assert distance(cshot, np.load(folder / "cshot_1344.npy")) <= 1e-4
+
+
+def test_the_resolution_is_that_of_the_authors_program(
+    colored_cloud: tuple[Points, Colors],
+) -> None:
+    assert fusionslam.cloud_resolution(colored_cloud[0]) == pytest.approx(0.0647816269, abs=1e-9)
+
+
+def test_without_a_radius_shot_takes_five_times_the_resolution() -> None:
+    points, colors = street(4, 1000)
+    radius = 5 * fusionslam.cloud_resolution(points)
+    assert np.array_equal(fusionslam.shot(points), fusionslam.shot(points, normal_radius=radius))
+    assert np.array_equal(
+        fusionslam.cshot(points, colors), fusionslam.cshot(points, colors, normal_radius=radius)
+    )

@@ -1,0 +1,201 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Arrays: what is refused and how."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import fusionslam
+from array_calls import (
+    COLOR_CALLS,
+    COLORS,
+    DESCRIPTORS,
+    IMAGE,
+    IMAGE_CALLS,
+    MATRIX_CALLS,
+    POINT_CALLS,
+    POINTS,
+    PROJECTION,
+    RIGHT_PROJECTION,
+    RNG,
+    Call,
+)
+from fusionslam import DataError, ShapeError
+
+WRONG_POINTS: dict[str, Any] = {
+    "flat": POINTS.ravel(),
+    "with a fourth column": np.zeros((10, 4), np.float32),
+    "transposed": POINTS.T,
+    "of three dimensions": POINTS[None],
+    "of integers": POINTS.astype(np.int32),
+    "of booleans": POINTS > 0,
+    "of complex numbers": POINTS.astype(np.complex64),
+    "of objects": POINTS.astype(object),
+    "of texts": POINTS.astype(str),
+    "lists of integers": [[1, 2, 3]] * 5,
+    "ragged lists": [[1.0, 2.0, 3.0], [1.0, 2.0]],
+    "None": None,
+    "a number": 1.0,
+    "a text": "points",
+}
+WRONG_COLORS: dict[str, Any] = {
+    "of another length": COLORS[:-1],
+    "flat": COLORS.ravel(),
+    "with an alpha channel": np.zeros((400, 4), np.uint8),
+    "of floats": COLORS.astype(np.float32) / 255,
+    "of wide integers": COLORS.astype(np.int64),
+    "of signed bytes": COLORS.astype(np.int8),
+    "of booleans": COLORS > 128,
+    "of objects": COLORS.astype(object),
+    "a list of rows": COLORS.tolist(),
+    "a number": 3,
+}
+WRONG_IMAGES: dict[str, Any] = {
+    "with an alpha channel": np.zeros((48, 64, 4), np.uint8),
+    "of one channel in three dimensions": np.zeros((48, 64, 1), np.uint8),
+    "flat": np.zeros(48 * 64, np.uint8),
+    "of floats": IMAGE / 255,
+    "of sixteen bits": IMAGE.astype(np.uint16),
+    "None": None,
+}
+WRONG_MATRICES: dict[str, Any] = {
+    "square": np.eye(4),
+    "transposed": PROJECTION.T,
+    "flat": PROJECTION.ravel(),
+    "of texts": PROJECTION.astype(str).astype(object).astype("U8"),
+    "of objects": np.full((3, 4), "a", dtype=object),
+    "None": None,
+}
+
+
+@pytest.mark.parametrize("kind", WRONG_POINTS)
+@pytest.mark.parametrize("call", POINT_CALLS)
+def test_wrong_points_are_refused_by_name(call: str, kind: str) -> None:
+    with pytest.raises(ShapeError, match=r"^points "):
+        POINT_CALLS[call](WRONG_POINTS[kind])
+
+
+@pytest.mark.parametrize("kind", WRONG_COLORS)
+@pytest.mark.parametrize("call", COLOR_CALLS)
+def test_wrong_colours_are_refused_by_name(call: str, kind: str) -> None:
+    with pytest.raises(ShapeError, match=r"^colors "):
+        COLOR_CALLS[call](WRONG_COLORS[kind])
+
+
+@pytest.mark.parametrize("kind", WRONG_IMAGES)
+@pytest.mark.parametrize("call", IMAGE_CALLS)
+def test_wrong_images_are_refused(call: str, kind: str) -> None:
+    with pytest.raises(ShapeError, match=r"^(image|left|right) "):
+        IMAGE_CALLS[call](WRONG_IMAGES[kind])
+
+
+@pytest.mark.parametrize("kind", WRONG_MATRICES)
+@pytest.mark.parametrize("call", MATRIX_CALLS)
+def test_wrong_matrices_are_refused(call: str, kind: str) -> None:
+    with pytest.raises(ShapeError, match=r"^(matrix|projection|left_projection) "):
+        MATRIX_CALLS[call](WRONG_MATRICES[kind])
+
+
+@pytest.mark.parametrize(
+    "disparity",
+    [np.zeros((48, 63), np.float32), np.zeros(48 * 64, np.float32), np.zeros((48, 64), int), None],
+)
+def test_a_disparity_of_another_shape_or_kind_is_refused_by_name(disparity: Any) -> None:
+    with pytest.raises(ShapeError, match=r"^disparity "):
+        fusionslam.cloud_from_disparity(disparity, IMAGE, PROJECTION, RIGHT_PROJECTION)
+
+
+@pytest.mark.parametrize("given", [DESCRIPTORS, np.arange(8), np.zeros(7, np.float32), None])
+def test_wrong_descriptors_are_refused_and_nothing_is_added(given: Any) -> None:
+    index = fusionslam.DescriptorIndex(8)
+    for call in (index.add, index.query):
+        with pytest.raises(ShapeError, match=r"^descriptor "):
+            call(given)
+    assert len(index) == 0
+
+
+@pytest.mark.parametrize("given", [DESCRIPTORS[0], np.ones((3, 3), int), np.zeros((3, 0), "f4")])
+def test_wrong_tables_of_descriptors_are_refused(given: Any) -> None:
+    with pytest.raises(ShapeError):
+        fusionslam.nearest_causal(given, window=0)
+
+
+DESCRIBE: dict[str, Call] = {
+    "m2dp": fusionslam.m2dp,
+    "m2dp paper": lambda points: fusionslam.m2dp(points, preset="paper"),
+    "m2dp author": lambda points: fusionslam.m2dp(points, preset="author"),
+    "m2dp_signature": fusionslam.m2dp_signature,
+    "cm2dp": lambda points: fusionslam.cm2dp(points, COLORS[: len(points)]),
+    "shot": fusionslam.shot,
+    "cshot": lambda points: fusionslam.cshot(points, COLORS[: len(points)]),
+}
+LINE = (np.arange(60)[:, None] * [1.0, 2.0, 3.0] + [5, 6, 7]).astype(np.float32)
+UNUSABLE: dict[str, np.ndarray] = {
+    "empty": np.zeros((0, 3), np.float32),
+    "one point": POINTS[:1],
+    "three points": POINTS[:3],
+    "all equal": np.full((50, 3), 3.3, np.float32),
+    "all at the origin": np.zeros((50, 3), np.float32),
+    "all equal and far away": np.full((50, 3), 1234.567, np.float32),
+    "with a NaN": np.where(np.arange(1200).reshape(400, 3) == 100, np.nan, POINTS),
+    "with an infinity": np.where(np.arange(1200).reshape(400, 3) == 100, np.inf, POINTS),
+}
+
+
+@pytest.mark.parametrize("kind", UNUSABLE)
+@pytest.mark.parametrize("call", DESCRIBE)
+def test_a_cloud_that_cannot_be_described_says_why(call: str, kind: str) -> None:
+    with pytest.raises(DataError, match=r"points|point 33 is not finite") as error:
+        DESCRIBE[call](UNUSABLE[kind].astype(np.float32))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("call", [name for name in DESCRIBE if "shot" not in name])
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_collinear_points_have_no_principal_axes(call: str, scale: float) -> None:
+    with pytest.raises(DataError, match="on one line"):
+        DESCRIBE[call]((LINE * scale).astype(np.float32))
+
+
+def test_shot_of_collinear_points_says_why_or_is_finite() -> None:
+    for call in ("shot", "cshot"):
+        try:
+            assert np.isfinite(DESCRIBE[call](LINE)).all()
+        except DataError as error:
+            assert "on one line" in str(error)
+
+
+@pytest.mark.parametrize("call", DESCRIBE)
+def test_coplanar_points_can_be_described(call: str) -> None:
+    flat = POINTS * np.array([1, 1, 0], np.float32) + np.array([0, 0, 2], np.float32)
+    tilted = (flat @ np.linalg.qr(RNG.normal(size=(3, 3)))[0]).astype(np.float32)
+    for cloud in (flat, tilted):
+        assert np.isfinite(DESCRIBE[call](cloud)).all()
+
+
+def test_four_points_are_enough_for_m2dp() -> None:
+    corners = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [0, 0, 0.5]], np.float32)
+    for preset in ("robust", "paper", "author"):
+        assert np.isfinite(fusionslam.m2dp(corners, preset=preset)).all()
+
+
+@pytest.mark.parametrize(
+    "call", [name for name in POINT_CALLS if name not in (*DESCRIBE, "drop_invalid")]
+)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_points_that_are_not_finite_are_refused_by_number(call: str, value: float) -> None:
+    spoilt = POINTS.copy()
+    spoilt[7, 1] = value
+    with pytest.raises(DataError, match="point 7 is not finite"):
+        POINT_CALLS[call](spoilt)
+
+
+def test_filters_of_an_empty_cloud_are_empty() -> None:
+    nobody = np.zeros((0, 3), np.float32)
+    points, colors, indices = fusionslam.colorize(nobody, IMAGE, PROJECTION)
+    assert points.shape == (0, 3) and colors.shape == (0, 3) and indices.shape == (0,)
+    assert not fusionslam.depth_image(nobody, PROJECTION, width=64, height=48).any()
+    assert len(fusionslam.above_height(nobody, 0.0)) == len(fusionslam.drop_invalid(nobody)) == 0
+    assert len(fusionslam.voxel_downsample(nobody, size=1.0)[0]) == 0

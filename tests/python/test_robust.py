@@ -1,0 +1,170 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the preset "robust" promises."""
+
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import fusionslam
+from described_clouds import Points, distance, read_scan, street
+
+SCANS = {
+    "00/000094": "kitti/sequences/00/velodyne/000094.bin",
+    "00/000198": "kitti/sequences/00/velodyne/000198.bin",
+    "08/000720": "kitti/sequences/08/velodyne/000720.bin",
+    "08/001500": "kitti/sequences/08/velodyne/001500.bin",
+    "raw/0": "kitti/raw_2011_09_26/velodyne_points/data/0000000000.bin",
+}
+
+
+def random_axes(rng: np.random.Generator, *, mirrored: bool) -> NDArray[np.float64]:
+    axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    if (np.linalg.det(axes) < 0) != mirrored:
+        axes[0] = -axes[0]
+    return axes
+
+
+def moves(seed: int) -> dict[str, Callable[[Points], Points]]:
+    """Rotation, shift, flips, and all at once."""
+    rng = np.random.default_rng(seed)
+    turn, mirror = random_axes(rng, mirrored=False), random_axes(rng, mirrored=True)
+    shift, flip = rng.uniform(-20, 20, 3), np.diag([1.0, -1.0, 1.0])
+
+    def moved(axes: NDArray[np.float64], by: NDArray[np.float64]) -> Callable[[Points], Points]:
+        return lambda points: (points.astype(np.float64) @ axes.T + by).astype(np.float32)
+
+    return {
+        "turned": moved(turn, np.zeros(3)),
+        "shifted": moved(np.eye(3), shift),
+        "flipped in y": moved(flip, np.zeros(3)),
+        "flipped in x, y and z": moved(-np.eye(3), np.zeros(3)),
+        "turned, flipped and shifted": moved(mirror, shift),
+    }
+
+
+@pytest.fixture(scope="session")
+def scans(test_data: Path) -> dict[str, Points]:
+    return {name: read_scan(test_data / path) for name, path in SCANS.items()}
+
+
+def test_the_robust_preset_is_the_default_and_keeps_the_lengths() -> None:
+    points, colors = street(9)
+    m2dp, cm2dp = fusionslam.m2dp(points), fusionslam.cm2dp(points, colors)
+    assert m2dp.shape == (192,) and m2dp.dtype == np.float32
+    assert cm2dp.shape == (576,) and cm2dp.dtype == np.float32
+    assert np.array_equal(m2dp, fusionslam.m2dp(points, preset="robust"))
+    assert np.array_equal(cm2dp, fusionslam.cm2dp(points, colors, preset="robust"))
+
+
+@pytest.mark.parametrize("sizes", [{"azimuths": 6}, {"sectors": 9}])
+def test_sizes_that_the_robust_rule_cannot_use_are_refused_by_name(sizes: dict[str, int]) -> None:
+    with pytest.raises(fusionslam.ConfigError, match=rf"m2dp\.{next(iter(sizes))} is "):
+        fusionslam.m2dp(street(9)[0], config=fusionslam.M2dpConfig(**sizes))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_moving_a_synthetic_cloud_leaves_the_robust_descriptor_unchanged(seed: int) -> None:
+    points, colors = street(10 + seed)
+    for what, move in moves(seed).items():
+        moved = move(points)
+        assert distance(fusionslam.m2dp(moved), fusionslam.m2dp(points)) <= 1e-4, what
+        assert distance(fusionslam.cm2dp(moved, colors), fusionslam.cm2dp(points, colors)) <= 1e-4
+    order = np.random.default_rng(seed).permutation(len(points))
+    assert distance(fusionslam.m2dp(points[order]), fusionslam.m2dp(points)) <= 1e-4
+
+
+@pytest.mark.parametrize("name", SCANS)
+def test_moving_a_real_scan_leaves_the_robust_descriptor_unchanged(
+    scans: dict[str, Points], name: str
+) -> None:
+    points = scans[name]
+    colors = (np.abs(points) * 20 % 256).astype(np.uint8)
+    m2dp, cm2dp = fusionslam.m2dp(points), fusionslam.cm2dp(points, colors)
+    author = fusionslam.m2dp(points, preset="author")
+    for number, (what, move) in enumerate(moves(20).items()):
+        moved = move(points)
+        change = distance(fusionslam.m2dp(moved), m2dp)
+        author_change = distance(fusionslam.m2dp(moved, preset="author"), author)
+        print(f"{name} {what}: robust {change:.1e}, author {author_change:.1e}")
+        assert change <= 1e-4, what
+        if number == 4:
+            assert distance(fusionslam.cm2dp(moved, colors), cm2dp) <= 1e-4, what
+
+
+@pytest.mark.parametrize("name", SCANS)
+def test_a_scan_that_lost_a_tenth_of_its_points_is_nearest_to_itself(
+    scans: dict[str, Points], name: str
+) -> None:
+    rng = np.random.default_rng(21)
+    thinned = scans[name][rng.random(len(scans[name])) >= 0.1]
+    for preset in ("robust", "author"):
+        given = fusionslam.m2dp(thinned, preset=preset)
+        distances = {
+            other: distance(given, fusionslam.m2dp(points, preset=preset))
+            for other, points in scans.items()
+        }
+        nearest_other = min(value for other, value in distances.items() if other != name)
+        print(f"{name} {preset}: itself {distances[name]:.4f}, nearest other {nearest_other:.4f}")
+        if preset == "robust":
+            assert distances[name] < nearest_other
+
+
+def test_a_synthetic_cloud_that_lost_a_tenth_of_its_points_is_nearest_to_itself() -> None:
+    clouds = [street(30 + seed)[0] for seed in range(4)]
+    clouds = [cloud * [1, 1 + 0.3 * i, 1 + 0.5 * i] for i, cloud in enumerate(clouds)]
+    known = [fusionslam.m2dp(cloud) for cloud in clouds]
+    rng = np.random.default_rng(22)
+    for i, cloud in enumerate(clouds):
+        given = fusionslam.m2dp(cloud[rng.random(len(cloud)) >= 0.1])
+        assert int(np.argmin([distance(given, other) for other in known])) == i
+
+
+def mean_change(points: Points, noise: float, seeds: int = 4) -> float:
+    """Mean change of the robust descriptor under this much noise on each coordinate."""
+    known, changes = fusionslam.m2dp(points), []
+    for seed in range(seeds):
+        shake = np.random.default_rng(seed).normal(0, noise, points.shape)
+        changes.append(distance(fusionslam.m2dp((points + shake).astype(np.float32)), known))
+    return float(np.mean(changes))
+
+
+def test_less_noise_changes_the_robust_descriptor_less() -> None:
+    for seed in range(3):
+        points, _ = street(40 + seed)
+        full, half, quarter = (mean_change(points, noise) for noise in (0.04, 0.02, 0.01))
+        assert quarter < half < full < 0.05
+        assert quarter < 0.75 * full
+
+
+def test_a_centimetre_of_noise_on_a_real_scan_changes_the_robust_descriptor_little(
+    scans: dict[str, Points],
+) -> None:
+    changes = {noise: 0.0 for noise in (0.01, 0.005)}
+    for points in scans.values():
+        for noise in changes:
+            change = mean_change(points[::4], noise, seeds=2)
+            changes[noise] += change / len(scans)
+            assert change < 0.005
+    print(f"mean change by noise: {changes}")
+    assert changes[0.005] < changes[0.01]
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_nearly_symmetric_cloud_does_not_jump(axis: int) -> None:
+    rng = np.random.default_rng(50 + axis)
+    half = rng.normal(size=(3000, 3)) * [20, 8, 2] + [4, 1.5, 0.6]
+    mirrored = half.copy()
+    mirrored[:, axis] *= -1
+    symmetric = np.concatenate([half, mirrored])
+    descriptors = []
+    for lean in np.linspace(-1e-3, 1e-3, 9):  # from just left of symmetric to just right of it
+        leaning = symmetric.copy()
+        leaning[:, axis] += lean * np.abs(leaning[:, axis])
+        descriptors.append(fusionslam.m2dp(leaning.astype(np.float32)))
+    steps = [distance(a, b) for a, b in pairwise(descriptors)]
+    assert max(steps) < 0.01
