@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Worlds from files: binary glTF and Gazebo's SDF."""
 
-import logging
 import os
 from pathlib import Path
 
 from fusionslam.errors import DataError
+from fusionslam.sim.map_files import read_map
+from fusionslam.sim.trajectory import read_trajectory
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds.gltf import read_glb
 from fusionslam.sim.worlds.sdf import read_sdf
@@ -14,13 +15,12 @@ from fusionslam.sim.worlds.unresolved import Unresolved
 
 __all__ = ["load_world"]
 
-log = logging.getLogger(__name__)
-
 
 def load_world(path: str | os.PathLike[str], *, lenient: bool = False) -> World:
     """A world from NAME.glb, NAME.world, NAME.sdf, or a folder with worlds/NAME.world and models/.
 
-    NAME.collision.glb beside NAME.glb is what rays hit.
+    NAME.collision.glb beside NAME.glb is what rays hit. NAME.map.yaml and NAME.trajectory.csv
+    beside the world's file are its map and a drive through it.
 
     Args:
         path: file or folder.
@@ -28,8 +28,8 @@ def load_world(path: str | os.PathLike[str], *, lenient: bool = False) -> World:
             in ``World.unresolved``, instead of raising.
 
     Raises:
-        DataError: no such world, one that cannot be read, or, unless lenient, something that it
-            names is missing; then the message lists all of it.
+        DataError: no such world, one that cannot be read, or whose map or trajectory cannot; or,
+            unless lenient, something that it names is missing: the message lists all of it.
     """
     target = Path(path)
     file = _world_in(target) if target.is_dir() else target
@@ -44,10 +44,13 @@ def load_world(path: str | os.PathLike[str], *, lenient: bool = False) -> World:
         visual, collision = read_sdf(file, missing)
     else:
         raise DataError(f"{file}: expected a world as .glb, .world, .sdf or a folder")
+    grid, drive = file.with_suffix(".map.yaml"), file.with_suffix(".trajectory.csv")
     return World(
         name=file.stem,
         visual=visual,
         collision=collision,
+        map=read_map(grid) if grid.is_file() else None,
+        trajectory=read_trajectory(drive) if drive.is_file() else None,
         unresolved=missing.settle(file, lenient),
     )
 

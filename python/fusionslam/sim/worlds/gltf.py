@@ -19,7 +19,15 @@ from fusionslam.errors import DataError
 from fusionslam.sim.scene import INDOOR_LIGHT, Scene
 from fusionslam.sim.world import scene_of
 from fusionslam.sim.worlds.ground import parts_of
-from fusionslam.sim.worlds.surfaces import Look, Piece, TexturePool, mesh_of, rgb_of, triangles_of
+from fusionslam.sim.worlds.surfaces import (
+    Look,
+    Piece,
+    TexturePool,
+    checked,
+    mesh_of,
+    rgb_of,
+    triangles_of,
+)
 from fusionslam.sim.worlds.unresolved import Unresolved
 
 _HEADER = struct.Struct("<4sII")
@@ -35,9 +43,8 @@ def read_glb(path: Path, missing: Unresolved) -> Scene:
         DataError: no such file, not binary glTF 2, cut short, or without triangles.
     """
     _check(path, missing)
-    scene = _load(path)
+    objects = _objects(path)
     pool = TexturePool()
-    objects = _objects(scene, path)
     if not objects:
         raise DataError(f"{path}: holds no triangles, expected at least one mesh")
     meshes = {name: mesh_of(pieces, pool) for name, pieces in objects.items()}
@@ -79,17 +86,17 @@ def _read_header(path: Path) -> dict[str, Any]:
     return header
 
 
-def _load(path: Path) -> Any:
+def _objects(path: Path) -> dict[str, list[Piece]]:
+    """Pieces of each node in the world's frame, in the order of the file."""
     import trimesh
 
     try:
-        return trimesh.load_scene(path, file_type="glb", process=False)
+        return _pieces(trimesh.load_scene(path, file_type="glb", process=False))
     except Exception as error:  # the reader raises whatever a damaged file makes of its indices
         raise DataError(f"{path}: damaged binary glTF: {type(error).__name__}: {error}") from error
 
 
-def _objects(scene: Any, path: Path) -> dict[str, list[Piece]]:
-    """Pieces of each node in the world's frame, in the order of the file."""
+def _pieces(scene: Any) -> dict[str, list[Piece]]:
     order = {name: number for number, name in enumerate(scene.geometry)}
     found: dict[str, list[Piece]] = {}
     nodes = [(*scene.graph[node], node) for node in scene.graph.nodes_geometry]
@@ -97,7 +104,7 @@ def _objects(scene: Any, path: Path) -> dict[str, list[Piece]]:
         mesh = scene.geometry[geometry]
         if getattr(mesh, "faces", None) is not None and len(mesh.faces):
             name = _object_name(scene, node, mesh)
-            found.setdefault(name, []).append(_piece(mesh, path).moved(world_from_node))
+            found.setdefault(name, []).append(checked(_piece(mesh)).moved(world_from_node))
     return found
 
 
@@ -108,7 +115,7 @@ def _object_name(scene: Any, node: str, mesh: Any) -> str:
     return str(node)
 
 
-def _piece(mesh: Any, path: Path) -> Piece:
+def _piece(mesh: Any) -> Piece:
     corners = triangles_of(mesh)
     material = getattr(mesh.visual, "material", None)
     if material is None:
@@ -123,7 +130,9 @@ def _piece(mesh: Any, path: Path) -> Piece:
     if material.baseColorTexture is None or uv is None:
         return Piece(corners, None, Look(tint))
     return Piece(
-        corners, np.asarray(uv, np.float32)[mesh.faces], Look(tint, _image(material, path))
+        corners,
+        np.asarray(uv, np.float32)[mesh.faces],
+        Look(tint, rgb_of(material.baseColorTexture)),
     )
 
 
@@ -133,12 +142,3 @@ def _vertex_tint(colors: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.float6
     largest = np.iinfo(values.dtype).max if values.dtype.kind in "iu" else 1.0
     means: NDArray[np.float64] = (values[:, :3].astype(np.float64) / largest)[faces].mean(axis=1)
     return means
-
-
-def _image(material: Any, path: Path) -> NDArray[np.uint8]:
-    try:
-        return rgb_of(material.baseColorTexture)
-    except (OSError, ValueError, SyntaxError) as error:
-        raise DataError(
-            f"{path}: the texture of {material.name} cannot be read: {error}"
-        ) from error

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import FusionSlamError
 from fusionslam.sim.worlds.lookup import Library, MeshFolder
-from fusionslam.sim.worlds.surfaces import Look, Piece, rgb_of, triangles_of
+from fusionslam.sim.worlds.surfaces import Look, Piece, checked, rgb_of, triangles_of
 
 _WHITE = (1.0, 1.0, 1.0)
 # Exporters leave effects behind that nothing uses and whose pictures are gone. Where one is used,
@@ -33,7 +33,7 @@ def read_mesh(path: Path, library: Library, *, looks: bool) -> list[Piece]:
         library.missing.add("mesh", str(path), f"expected one of {', '.join(readers)}")
         return []
     try:
-        return reader(path, library, looks)
+        return [checked(piece) for piece in reader(path, library, looks)]
     except FusionSlamError:
         raise
     except Exception as error:  # the readers raise whatever a damaged file makes of its indices

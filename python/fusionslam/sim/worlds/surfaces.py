@@ -56,6 +56,19 @@ class Piece:
         return Piece(corners[:, ::-1], uv, self.look)
 
 
+def checked(piece: Piece) -> Piece:
+    """The piece itself.
+
+    Raises:
+        ValueError: a corner or a texture coordinate is no finite number.
+    """
+    if not np.isfinite(piece.triangles).all():
+        raise ValueError("a corner is no finite number")
+    if piece.uv is not None and not np.isfinite(piece.uv).all():
+        raise ValueError("a texture coordinate is no finite number")
+    return piece
+
+
 class TexturePool:
     """The textures of a scene, each once, however many files and materials hold it.
 
