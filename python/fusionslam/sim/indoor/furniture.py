@@ -99,7 +99,7 @@ def stool(style: Style) -> Thing:
     wood = paint(Look.WOOD, style.wood)
     seat = cylinder((0, 0, 0.42), 0.05, (0.17, 0.17), paint(Look.FABRIC, style.accent), 12)
     feet = [
-        tube((0.16 * np.cos(a), 0.16 * np.sin(a), 0), (0, 0, 0.44), (0.018, 0.018), wood, 5)
+        tube((0.16 * np.cos(a), 0.16 * np.sin(a), 0.018), (0, 0, 0.44), (0.018, 0.018), wood, 5)
         for a in np.arange(3) * 2 * np.pi / 3
     ]
     return thing("stool", [seat, *feet], [seat, *feet])

@@ -163,7 +163,7 @@ def _put_windows(
         if side.length > 2.2 and np.isclose(at, edges).any():
             width = float(rng.choice((1.2, 1.6, 2.0))) if side.length > 3 else 1.0
             if layout.on_wall(window(width, 1.2), 0.9, number) and rng.random() < 0.6:
-                layout.over_last(furniture.curtains(tint, width + 0.7, 2.1), 0.15)
+                layout.over_last(furniture.curtains(tint, width + 0.45, 2.1), 0.15)
 
 
 def _living(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
