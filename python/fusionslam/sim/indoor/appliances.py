@@ -63,7 +63,7 @@ def washbasin() -> Thing:
     white = paint(Look.PLAIN, WHITE)
     column = cylinder((0, 0.1, 0), 0.7, (0.1, 0.07), white, 8)
     bowl = block((-0.28, -0.22, 0.7), (0.28, 0.22, 0.86), white)
-    mirror = front((-0.3, 1.1), (0.3, 1.9), 0.215, paint(Look.SCREEN, WHITE))
+    mirror = front((-0.3, 1.1), (0.3, 1.9), 0.215, paint(Look.PLAIN, (0.74, 0.86, 0.92)))
     return thing("washbasin", [column, bowl, mirror], [column, bowl])
 
 

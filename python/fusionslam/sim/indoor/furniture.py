@@ -6,6 +6,7 @@ Fronts face -y. Legs and frames are modelled, as a low camera sees little else.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -55,9 +56,7 @@ def table(style: Style, width: float, depth: float, height: float = 0.74) -> Thi
     """A table on four legs."""
     wood, x, y = paint(Look.WOOD, style.wood), width / 2, depth / 2
     low, high = (-x, -y, height - 0.04), (x, y, height)
-    rails = block(
-        (-x + 0.05, -y + 0.05, height - 0.12), (x - 0.05, y - 0.05, height - 0.04), wood
-    )
+    rails = block((-x + 0.05, -y + 0.05, height - 0.12), (x - 0.05, y - 0.05, height - 0.04), wood)
     shapes = [block(low, high, wood), rails, legs(width, depth, height - 0.04, 0.07, wood)]
     return thing("table", shapes, [block(low, high), legs(width, depth, height - 0.04, 0.07)])
 
@@ -116,9 +115,11 @@ def sofa(style: Style, width: float, kind: str = "sofa") -> Thing:
     edges = np.linspace(-x + arm, x - arm, count + 1)
     seats = [
         tapered((u + 0.01, -0.43, 0.30), (v - 0.01, 0.22, 0.44), (0.96, 0.94), cloth)
-        for u, v in zip(edges[:-1], edges[1:], strict=True)
+        for u, v in pairwise(edges)
     ]
-    pillow = tapered((-x + arm + 0.04, 0.08, 0.44), (-x + arm + 0.44, 0.22, 0.78), (0.8, 0.5), cushion)
+    pillow = tapered(
+        (-x + arm + 0.04, 0.08, 0.44), (-x + arm + 0.44, 0.22, 0.78), (0.8, 0.5), cushion
+    )
     feet = legs(width - 0.1, 0.74, 0.10, 0.05, paint(Look.WOOD, DARK))
     seat = block((-x + arm, -0.42, 0.30), (x - arm, 0.22, 0.44))
     return thing(kind, [base, back, *arms, *seats, pillow, feet], [base, back, *arms, seat, feet])
@@ -132,7 +133,9 @@ def bed(style: Style, width: float) -> Thing:
     plaid = box((-x - 0.01, -1.01, 0.20), (x + 0.01, 0.30, 0.53), paint(Look.PLAID, style.cloth))
     head = block((-x, 0.98, 0.0), (x, 1.04, 1.0), wood)
     pillows = [
-        tapered((u, 0.52, 0.50), (u + 0.62, 0.94, 0.63), (0.8, 0.7), paint(Look.FABRIC, style.accent))
+        tapered(
+            (u, 0.52, 0.50), (u + 0.62, 0.94, 0.63), (0.8, 0.7), paint(Look.FABRIC, style.accent)
+        )
         for u in ([-0.31] if width < 1.3 else [-0.68, 0.06])
     ]
     feet = legs(width, 2.0, 0.16, 0.07, wood)
@@ -147,7 +150,9 @@ def cupboard(
     wood, x, y = paint(Look.WOOD, style.wood), width / 2, depth / 2
     body = box((-x, -y, 0.0), (x, y, height), wood)
     doors = max(1, round(width / (0.55 if look == Look.CUPBOARD else 1.0)))
-    face = front((-x, 0.02), (x, height - 0.02), -y - 0.004, fitted(look, width / doors, height, style.wood))
+    face = front(
+        (-x, 0.02), (x, height - 0.02), -y - 0.004, fitted(look, width / doors, height, style.wood)
+    )
     return thing(kind, [body, face], [body])
 
 

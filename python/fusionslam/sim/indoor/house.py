@@ -6,7 +6,7 @@ Bedrooms and studies are furnished from the same few pieces, so that some rooms 
 """
 
 from collections.abc import Callable, Mapping
-from itertools import cycle, islice
+from itertools import cycle, islice, pairwise
 
 import numpy as np
 
@@ -18,14 +18,15 @@ from fusionslam.sim.indoor.furniture import CLOTHS, Style
 from fusionslam.sim.indoor.layout import Layout
 from fusionslam.sim.indoor.paints import GREY, WHITE, Look, paint
 from fusionslam.sim.indoor.rooms import Opening, Room, build_room, sides, window
-from fusionslam.sim.indoor.things import Site
+from fusionslam.sim.indoor.things import Site, Thing
 from fusionslam.sim.world import World
 
 _HEIGHT_M = 2.7
 _HALL_M = 1.8
+_ROOM_M = (2.4, 30.0)
 _KINDS = ("living", "kitchen", "bedroom", "study", "bedroom", "bathroom", "playroom")
 # Width of a room relative to others.
-_SHARE = {"living": 1.5, "kitchen": 1.1, "bathroom": 0.75, "hall": 1.0}
+_SHARE = {"living": 1.5, "kitchen": 1.1, "bathroom": 0.85}
 _WALLS: tuple[Rgb, ...] = (
     (0.96, 0.92, 0.82),
     (0.74, 0.84, 0.92),
@@ -51,7 +52,7 @@ def house_rooms(config: HouseConfig) -> tuple[list[Room], list[Opening]]:
     """The rooms, the hall first, and the passages between them.
 
     Raises:
-        ConfigError: the rooms would be smaller than 2.4 m.
+        ConfigError: rooms would be smaller than 2.4 m or larger than 30 m.
     """
     rng = np.random.default_rng([config.seed, 0x40])
     kinds = [str(kind) for kind in rng.permutation(list(islice(cycle(_KINDS), config.rooms)))]
@@ -67,8 +68,13 @@ def house_rooms(config: HouseConfig) -> tuple[list[Room], list[Opening]]:
             _room(name, (x0, bottom), (x1, top), rng)
             for name, x0, x1 in zip(chosen, edges[:-1], edges[1:], strict=True)
         ]
-    check_sizes(rooms, "house.rooms", config.rooms)
+    _check_sizes(rooms, config)
     return rooms, _openings(rooms, rng)
+
+
+def house_places(config: HouseConfig) -> dict[str, tuple[float, float]]:
+    """x, y in the middle of each room, where the floor is free."""
+    return {room.name: room.centre for room in house_rooms(config)[0]}
 
 
 def make_house(config: HouseConfig) -> World:
@@ -119,14 +125,15 @@ def _room(
     return Room(name, low, high, wall, floor, paint(Look.WOOD, WHITE))
 
 
-def check_sizes(rooms: list[Room], key: str, value: object) -> None:
+def _check_sizes(rooms: list[Room], config: HouseConfig) -> None:
     """Refuse plans whose rooms a robot could not turn in."""
-    for room in rooms:
+    for room in rooms[1:]:
         size = np.subtract(room.high, room.low)
-        if size.min() < min(2.4, _HALL_M):
+        if not (_ROOM_M[0] <= size.min() and size.max() <= _ROOM_M[1]):
             raise ConfigError(
-                f"{key} is {value}, which makes {room.name} {size[0]:.1f} m by {size[1]:.1f} m; "
-                "expected rooms of at least 2.4 m: make the building larger"
+                f"house.size_m is {config.size_m} and house.rooms {config.rooms}, which makes "
+                f"{room.name} {size[0]:.1f} m by {size[1]:.1f} m; expected rooms of "
+                f"{_ROOM_M[0]} to {_ROOM_M[1]} m"
             )
 
 
@@ -143,7 +150,7 @@ def _openings(rooms: list[Room], rng: np.random.Generator) -> list[Opening]:
         leaf_in = room.name if not wide and rng.random() < 0.8 else ""
         hinge = int(rng.choice((-1, 1)))
         found.append(Opening(x, y, 1.5 if wide else 0.95, leaf_in, leaf_tint, hinge))
-    for first, second in zip(others[:-1], others[1:], strict=True):
+    for first, second in pairwise(others):
         shared = first.high[0] == second.low[0]
         private = "bathroom" in (_kind(first.name), _kind(second.name))
         if shared and not private and rng.random() < 0.6:
@@ -152,9 +159,7 @@ def _openings(rooms: list[Room], rng: np.random.Generator) -> list[Opening]:
     return found
 
 
-def _put_windows(
-    layout: Layout, room: Room, config: HouseConfig, rng: np.random.Generator
-) -> None:
+def _put_windows(layout: Layout, room: Room, config: HouseConfig, rng: np.random.Generator) -> None:
     """A window in each outer wall that is long enough, most with curtains."""
     edges = np.abs(config.size_m) / 2
     tint = CLOTHS[rng.integers(len(CLOTHS))]
@@ -255,12 +260,13 @@ def _small_things(
     layout: Layout, style: Style, clutter: float, rng: np.random.Generator, pictures: int = 2
 ) -> None:
     """Plants, lamps, bins and pictures: what tells rooms of one kind apart."""
-    for make in (
+    makers: tuple[Callable[[], Thing], ...] = (
         lambda: furniture.plant(rng),
         lambda: furniture.floor_lamp(style),
         lambda: furniture.waste_bin(style.accent),
         lambda: furniture.stool(style),
-    ):
+    )
+    for make in makers:
         if rng.random() < clutter:
             layout.along_wall(make())
     for number in rng.permutation(16)[:pictures]:

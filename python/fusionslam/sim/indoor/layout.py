@@ -81,7 +81,9 @@ class Layout:
         chosen = self._rng.permutation(4) if side is None else [side]
         for number in chosen:
             wall = self._sides[number]
-            for along in self._rng.permutation(np.arange(half + 0.2, wall.length - half - 0.2, 0.2)):
+            for along in self._rng.permutation(
+                np.arange(half + 0.2, wall.length - half - 0.2, 0.2)
+            ):
                 if self._hangs_free(int(number), float(along), half):
                     x, y = wall.at(along, WALL_M / 2)
                     self._hung.append(np.array((number, along - half, along + half)))
@@ -106,8 +108,11 @@ class Layout:
     def _stand(self, thing: Thing, x: float, y: float, yaw: float) -> bool:
         width, depth = thing.size if round(yaw / (np.pi / 2)) % 2 == 0 else thing.size[::-1]
         half = np.array((width, depth)) / 2
-        place = np.concatenate([(x, y) - half, (x, y) + half])
-        inner = np.concatenate([np.add(self._room.low, WALL_M / 2), np.subtract(self._room.high, WALL_M / 2)])
+        centre = np.array((x, y))
+        place = np.concatenate([centre - half, centre + half])
+        inner = np.concatenate(
+            [np.add(self._room.low, WALL_M / 2), np.subtract(self._room.high, WALL_M / 2)]
+        )
         if (place[:2] < inner[:2]).any() or (place[2:] > inner[2:]).any():
             return False
         if any(_overlap(place, other) for other in self._taken):
@@ -117,7 +122,9 @@ class Layout:
         return True
 
 
-def _lane(side: Side, along: float, opening: Opening, centre: NDArray[np.float64]) -> list[_Rectangle]:
+def _lane(
+    side: Side, along: float, opening: Opening, centre: NDArray[np.float64]
+) -> list[_Rectangle]:
     """Space for the leaf, then straight in from a door, then along to the middle of the room."""
     door = np.array((opening.x, opening.y))
     depth = side.along(*centre)[1]

@@ -75,8 +75,8 @@ Place = NDArray[np.float64]
 def _landscape(canvas: Canvas, rng: np.random.Generator, low: Place, rgb: Place) -> None:
     skyline = 0.25 + 0.15 * rng.random() + 0.1 * np.cumsum(rng.uniform(-0.5, 0.5, 20))
     for k, height in enumerate(np.clip(skyline, 0.1, 0.6)):
-        canvas.rectangle(low + (0.043 * k, 0), (0.043, height), rgb, 0.0)
-    canvas.disc(low + (rng.uniform(0.2, 0.7), 0.7), 0.09, (0.97, 0.93, 0.75), 0.0)
+        canvas.rectangle(np.add(low, (0.043 * k, 0)), (0.043, height), rgb, 0.0)
+    canvas.disc(np.add(low, (rng.uniform(0.2, 0.7), 0.7)), 0.09, (0.97, 0.93, 0.75), 0.0)
 
 
 def _discs(canvas: Canvas, rng: np.random.Generator, low: Place, rgb: Place) -> None:

@@ -151,8 +151,8 @@ def _slab(room: Room, cover: Paint, *, upward: bool) -> Mesh:
     return panels([corners if upward else corners[::-1]], cover)
 
 
-def _gaps(length: float, found: Sequence[tuple[float, Opening]]) -> list[tuple[float, float]]:
-    """Where a wall stands: (from, to) along it."""
+def spans(length: float, found: Sequence[tuple[float, Opening]]) -> list[tuple[float, float]]:
+    """Where a wall stands between its openings: (from, to) along it."""
     edges = [0.0]
     for along, opening in found:
         edges += [along - opening.width / 2, along + opening.width / 2]
@@ -164,7 +164,7 @@ def _wall_boxes(
     length: float, found: Sequence[tuple[float, Opening]], height: float, cover: Paint
 ) -> Iterator[Mesh]:
     """This room's half of a wall: boxes between the openings and above them."""
-    for start, end in _gaps(length, found):
+    for start, end in spans(length, found):
         yield box((start, 0, 0), (end, _HALF, height), cover)
     for along, opening in found:
         low, high = along - opening.width / 2, along + opening.width / 2
@@ -174,7 +174,7 @@ def _wall_boxes(
 def _skirting(
     length: float, found: Sequence[tuple[float, Opening]], cover: Paint
 ) -> Iterator[Mesh]:
-    for start, end in _gaps(length, found):
+    for start, end in spans(length, found):
         yield box((start, _HALF, 0), (end, _HALF + 0.012, 0.08), cover)
 
 
@@ -187,7 +187,9 @@ def _frame(along: float, opening: Opening) -> Mesh:
         for x in (along - half - 0.03, along + half - _FRAME_M + 0.02)
     ]
     head = block(
-        (along - half - 0.05, 0, DOOR_M - _FRAME_M), (along + half + 0.05, depth, DOOR_M + 0.05), cover
+        (along - half - 0.05, 0, DOOR_M - _FRAME_M),
+        (along + half + 0.05, depth, DOOR_M + 0.05),
+        cover,
     )
     return joined([*posts, head])
 
@@ -198,7 +200,11 @@ def _put_leaf(site: Site, side: Side, along: float, opening: Opening) -> None:
     cover = fitted(Look.DOOR, width, DOOR_M, opening.leaf)
     leaf = block((-width / 2, -0.02, 0.01), (width / 2, 0.02, DOOR_M - _FRAME_M), cover)
     knobs = [
-        block((width / 2 - 0.16, y - 0.01, 1.0), (width / 2 - 0.05, y + 0.01, 1.03), _plain((0.5,) * 3))
+        block(
+            (width / 2 - 0.16, y - 0.01, 1.0),
+            (width / 2 - 0.05, y + 0.01, 1.03),
+            _plain((0.5,) * 3),
+        )
         for y in (-0.05, 0.05)
     ]
     place = along + opening.hinge * (opening.width / 2 + 0.03)

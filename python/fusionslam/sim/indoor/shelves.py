@@ -9,8 +9,8 @@ import numpy as np
 from fusionslam.sim.canvas import Rgb
 from fusionslam.sim.indoor.furniture import CLOTHS
 from fusionslam.sim.indoor.paints import DARK, GREY, Look, cut, fitted, paint
-from fusionslam.sim.indoor.things import Thing, block, cylinder, flat, front, legs, thing
-from fusionslam.sim.mesh import Mesh, box, joined, panels, tube
+from fusionslam.sim.indoor.things import Thing, block, cylinder, flat, front, legs, thing, wheel
+from fusionslam.sim.mesh import Mesh, box, panels, tube
 
 BAY_M = 2.7
 DEPTH_M = 1.1
@@ -81,12 +81,10 @@ def _pallet(width: float, depth: float) -> Shapes:
     """Three runners with blocks under a deck of boards."""
     wood, x, y = paint(Look.WOOD, _TIMBER), width / 2, depth / 2
     runners = [
-        block((u - 0.05, -y, 0.0), (u + 0.05, y, 0.115), wood)
-        for u in (-x + 0.05, 0.0, x - 0.05)
+        block((u - 0.05, -y, 0.0), (u + 0.05, y, 0.115), wood) for u in (-x + 0.05, 0.0, x - 0.05)
     ]
     deck = [
-        block((-x, v, 0.115), (x, v + 0.115, 0.14), wood)
-        for v in np.linspace(-y, y - 0.115, 5)
+        block((-x, v, 0.115), (x, v + 0.115, 0.14), wood) for v in np.linspace(-y, y - 0.115, 5)
     ]
     return [*runners, *deck], [*runners, block((-x, -y, 0.115), (x, y, 0.14))]
 
@@ -100,9 +98,11 @@ def _cartons(rng: np.random.Generator, width: float, depth: float, height: float
     for layer, row, column in np.ndindex(layers, 2, 2):
         if layer == layers - 1 and rng.random() < 0.25:
             continue
-        low = np.array((-width / 2 + column * width / 2, -depth / 2 + row * depth / 2, layer * rise))
+        low = np.array(
+            (-width / 2 + column * width / 2, -depth / 2 + row * depth / 2, layer * rise)
+        )
         gap = rng.uniform(0.0, 0.03, 2)
-        high = low + (width / 2 - 0.01 - gap[0], depth / 2 - 0.01 - gap[1], rise)
+        high = np.add(low, (width / 2 - 0.01 - gap[0], depth / 2 - 0.01 - gap[1], rise))
         shapes.append(box(low, high, fitted(Look.CARDBOARD, width / 2, rise, tint)))
     return (shapes, shapes) if shapes else _one_carton(rng, width, depth, height)
 
@@ -123,8 +123,10 @@ def _crates(rng: np.random.Generator, width: float, depth: float, height: float)
     shapes = []
     for row, column in np.ndindex(2, 2):
         for layer in range(int(rng.integers(1, 3))):
-            low = np.array((-width / 2 + column * width / 2, -depth / 2 + row * depth / 2, 0.3 * layer))
-            high = low + (width / 2 - 0.02, depth / 2 - 0.02, 0.28)
+            low = np.array(
+                (-width / 2 + column * width / 2, -depth / 2 + row * depth / 2, 0.3 * layer)
+            )
+            high = np.add(low, (width / 2 - 0.02, depth / 2 - 0.02, 0.28))
             shapes.append(box(low, high, fitted(Look.CRATE, width / 2, 0.28, tint)))
     return shapes, shapes
 
@@ -169,11 +171,7 @@ def forklift(tint: Rgb) -> Thing:
     ]
     mast = [block((0.55, y, 0.05), (0.68, y + 0.1, 2.1), dark) for y in (-0.35, 0.25)]
     forks = [block((0.68, y, 0.06), (1.7, y + 0.12, 0.11), dark) for y in (-0.3, 0.18)]
-    wheels = [
-        tube((x, y - 0.09, 0.23), (x, y + 0.09, 0.23), (0.23, 0.23), dark, 10)
-        for x in (-0.65, 0.3)
-        for y in (-0.45, 0.45)
-    ]
+    wheels = [wheel(x, y, 0.23, 0.18, dark) for x in (-0.65, 0.3) for y in (-0.45, 0.45)]
     solid = [hull, weight, roof, *posts, *mast, *forks, *wheels]
     stripe = front((-1.0, 0.3), (0.5, 0.42), -0.504, paint(Look.HAZARD))
     return thing("forklift", [*solid, stripe], solid)
@@ -192,7 +190,9 @@ def workbench(rng: np.random.Generator) -> Thing:
         box((x, -0.25, z), (x + 0.4, 0.15, z + 0.25), fitted(Look.CRATE, 0.4, 0.25, tint))
         for x, z in ((0.1, 0.89), (-0.6, 0.28), (0.2, 0.28))
     ]
-    return thing("workbench", [top, board, feet, wall, roll, *crates], [top, board, feet, wall, *crates])
+    return thing(
+        "workbench", [top, board, feet, wall, roll, *crates], [top, board, feet, wall, *crates]
+    )
 
 
 def column() -> Thing:
@@ -213,7 +213,7 @@ def cage(rng: np.random.Generator) -> Thing:
         for u in np.linspace(-x, x, 6)
     ]
     wheels = [
-        tube((u, v - 0.02, 0.08), (u, v + 0.02, 0.08), (0.08, 0.08), paint(Look.PLAIN, DARK), 8)
+        wheel(u, v, 0.08, 0.04, paint(Look.PLAIN, DARK))
         for u in (-x + 0.08, x - 0.08)
         for v in (-y + 0.06, y - 0.06)
     ]

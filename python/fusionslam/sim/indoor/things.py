@@ -119,6 +119,19 @@ def cylinder(
     return joined([side, lid])
 
 
+def wheel(x: float, y: float, radius: float, width: float, cover: Paint, *, along: int = 0) -> Mesh:
+    """A wheel on the floor with closed sides that rolls along x (``along`` 0) or y (1)."""
+    axle = np.array(((0.0, width / 2, 0.0), (width / 2, 0.0, 0.0))[along])
+    middle = np.array((x, y, radius))
+    low, high = middle - axle, middle + axle
+    tread = tube(low, high, (radius, radius), cover, 10)
+    caps = [
+        tube(end, end + 0.02 * axle * way, (radius, 1e-4), cover, 10)
+        for end, way in ((low, -1), (high, 1))
+    ]
+    return joined([tread, *caps])
+
+
 def front(low: tuple[float, float], high: tuple[float, float], y: float, cover: Paint) -> Mesh:
     """An upright panel that faces -y, from (x, z) to (x, z), at ``y``."""
     (x0, z0), (x1, z1) = low, high

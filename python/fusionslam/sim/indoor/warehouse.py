@@ -57,7 +57,9 @@ def _plan(config: WarehouseConfig) -> _Plan:
     pitch = shelves.DEPTH_M + config.aisle_m
     width = config.rows * pitch + config.aisle_m + 0.4
     first = -width / 2 + 0.2
-    rows = tuple(first + config.aisle_m + shelves.DEPTH_M / 2 + k * pitch for k in range(config.rows))
+    rows = tuple(
+        first + config.aisle_m + shelves.DEPTH_M / 2 + k * pitch for k in range(config.rows)
+    )
     aisles = tuple(first + config.aisle_m / 2 + k * pitch for k in range(config.rows + 1))
     depth = _YARD_M + config.bays * shelves.BAY_M + 2 * _CROSS_M
     start, half = -depth / 2 + _YARD_M, config.bays // 2
@@ -101,9 +103,7 @@ def _hall(plan: _Plan) -> Room:
     return Room("hall", (-x, -y), (x, y), wall, paint(Look.CONCRETE), paint(Look.PLASTER, GREY))
 
 
-def _put_racks(
-    site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.Generator
-) -> None:
+def _put_racks(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.Generator) -> None:
     """Rows that repeat a few patterns of a few types of bay."""
     types = [shelves.rack_bay(rng, config.fill) for _ in range(config.bay_types)]
     patterns = rng.integers(len(types), size=((config.rows + 1) // 2, config.bays))
