@@ -67,6 +67,9 @@ if TYPE_CHECKING:
     from fusionslam.sensors import Camera as Camera
     from fusionslam.sensors import Cloud as Cloud
     from fusionslam.sensors import Frame as Frame
+    from fusionslam.synchronizer import SyncConfig as SyncConfig
+    from fusionslam.synchronizer import Synchronizer as Synchronizer
+    from fusionslam.transforms import TransformTree as TransformTree
 
 # Loaded when first used: the command line must answer --help before any of this is there.
 _HOMES = {
@@ -85,6 +88,8 @@ _HOMES = {
     "loop_closure": "Loop LoopConfig LoopDetector",
     "pipeline": "PipelineConfig describe_dataset",
     "sensors": "Camera Cloud Frame",
+    "synchronizer": "SyncConfig Synchronizer",
+    "transforms": "TransformTree",
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
 
