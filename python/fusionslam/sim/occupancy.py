@@ -120,21 +120,20 @@ def part_holding(free: Bools, row: int, column: int) -> Bools:
 
 
 def occupancy_of(
-    scene: Scene,
-    *,
+    *scenes: Scene,
     low_m: float = 0.03,
     high_m: float = 0.32,
     resolution_m: float = 0.05,
     start: tuple[float, float] | None = None,
 ) -> OccupancyMap:
-    """The map of a scene: what stands between two heights above z = 0 is in a robot's way.
+    """The map of a world: what stands between two heights above z = 0 is in a robot's way.
 
     Every cell that a surface touches within the band is occupied, so the thinnest wall has no
     gap; what walls enclose is not reachable. The grid covers what stands in the band and 1 m
     around it, its origin a multiple of the resolution.
 
     Args:
-        scene: collision shapes.
+        scenes: collision shapes, and visual ones where a camera must not pass through them.
         low_m: what lies lower can be driven over.
         high_m: what lies higher can be driven under.
         resolution_m: side of a cell.
@@ -149,7 +148,9 @@ def occupancy_of(
         raise ConfigError(f"low_m is {low_m} and high_m {high_m}: expected low_m < high_m")
     if resolution_m <= 0:
         raise ConfigError(f"resolution_m is {resolution_m}: expected more than 0")
-    triangles = np.asarray(scene.mesh.triangles, np.float64)
+    triangles = np.concatenate(
+        [np.zeros((0, 3, 3)), *(scene.mesh.triangles for scene in scenes)], dtype=np.float64
+    )
     origin, shape = _grid(triangles, low_m, high_m, resolution_m)
     occupied = cells_touched(triangles, (low_m, high_m), origin, shape, resolution_m)
     free = ~occupied

@@ -116,6 +116,7 @@ def _overlap(polygons: Array, cell: Cells) -> NDArray[np.bool_]:
         normal = np.stack([-side[:, 1], side[:, 0]], axis=1)
         reach = 0.5 * np.abs(normal).sum(axis=1)
         along = np.einsum("kij,kj->ki", centred, normal)
-        slack = _ON_BORDER * reach
+        # At least twice what moved a line on a border into its cell's rectangle.
+        slack = 4 * _ON_BORDER * reach
         apart |= (along.min(axis=1) > reach + slack) | (along.max(axis=1) < -reach - slack)
     return ~apart
