@@ -80,20 +80,20 @@ class OccupancyMap:
     def clearance(self) -> Array:
         """float64 (rows, columns): metres from each cell's middle to that of an occupied one.
 
-        Infinite where nothing is occupied.
+        Nobody knows what lies beyond the map: cells there count as occupied.
         """
         from scipy import ndimage
 
-        if not self.occupied.any():
-            return np.full(self.occupied.shape, np.inf)
-        distance: Array = ndimage.distance_transform_edt(~self.occupied) * self.resolution_m
+        free = np.pad(~self.occupied, 1)
+        distance: Array = ndimage.distance_transform_edt(free)[1:-1, 1:-1] * self.resolution_m
         return distance
 
     def inflated(self, radius_m: float) -> "OccupancyMap":
         """The map for the middle of a round robot: obstacles grown by its radius.
 
-        Cells whose middle lies within ``radius_m`` of the middle of an occupied one become
-        occupied; of what is left of ``reachable``, the largest connected part stays.
+        Cells whose middle lies within ``radius_m`` of the middle of an occupied one, or of one
+        beyond the map, become occupied; of what is left of ``reachable``, the largest connected
+        part stays.
         """
         # The distance transform's roots are rounded: equal distances must compare as equal.
         near = self.clearance() <= radius_m * (1 + 1e-9)
