@@ -38,6 +38,12 @@ def loaded(test_data: Path, name: str) -> tuple[World, World]:
     return load_world(test_data / "worlds" / f"{name}.glb"), load_world(folder)
 
 
+@cache
+def caster(test_data: Path, name: str, form: int, kind: str) -> RayCaster:
+    """Of the visual or collision shapes of the world from glTF (form 0) or SDF (1)."""
+    return RayCaster(getattr(loaded(test_data, name)[form], kind))
+
+
 def places(world: World, height: float) -> list[tuple[np.ndarray, float]]:
     """Eyes spread along the trajectory: position and yaw."""
     drive = world.trajectory
@@ -101,9 +107,10 @@ def test_both_files_name_the_same_objects_and_the_same_ground(pair: tuple[World,
 
 
 @pytest.mark.parametrize("kind", ["visual", "collision"])
-def test_both_files_give_the_same_ranges(pair: tuple[World, World], kind: str) -> None:
-    scenes = [getattr(world, kind) for world in pair]
-    first, second = (RayCaster(scene) for scene in scenes)
+def test_both_files_give_the_same_ranges(
+    pair: tuple[World, World], test_data: Path, name: str, kind: str
+) -> None:
+    first, second = (caster(test_data, name, form, kind) for form in range(2))
     rays = rings()
     same, total = 0, 0
     for origin, _ in places(pair[0], 0.17):
@@ -111,15 +118,17 @@ def test_both_files_give_the_same_ranges(pair: tuple[World, World], kind: str) -
         met = np.isfinite(a.distance) & np.isfinite(b.distance)
         gap = np.abs(np.where(met, a.distance, 0) - np.where(met, b.distance, 0))
         equal = np.isfinite(a.distance) == np.isfinite(b.distance)
-        counted = ~beyond_the_cut(origin, rays, b, scenes[0])
+        counted = ~beyond_the_cut(origin, rays, b, getattr(pair[0], kind))
         same += int((equal & (gap <= 1e-3))[counted].sum())
         total += int(counted.sum())
     assert total > 0.98 * PLACES * len(rays)
     assert same >= 0.999 * total
 
 
-def test_both_files_give_pictures_that_look_alike(pair: tuple[World, World]) -> None:
-    first, second = (RayCaster(world.visual) for world in pair)
+def test_both_files_give_pictures_that_look_alike(
+    pair: tuple[World, World], test_data: Path, name: str
+) -> None:
+    first, second = (caster(test_data, name, form, "visual") for form in range(2))
     for origin, yaw in places(pair[0], 0.103):
         rays = pixels(yaw)
         a, b = (c.colors(c.cast(origin, rays), rays, 0.007) * 255 for c in (first, second))
@@ -130,11 +139,11 @@ def test_both_files_give_pictures_that_look_alike(pair: tuple[World, World]) -> 
 
 @pytest.mark.parametrize("kind", ["visual", "collision"])
 def test_ranges_agree_with_those_that_another_simulator_recorded(
-    pair: tuple[World, World], test_data: Path, name: str, kind: str
+    test_data: Path, name: str, kind: str
 ) -> None:
     recorded = np.load(test_data / "recordings" / f"{name}.npz")
     offsets = recorded[f"{kind}_offsets"]
-    caster = RayCaster(getattr(pair[1], kind))
+    simulated = caster(test_data, name, 1, kind)
     gaps = []
     for scan in range(0, len(offsets) - 1, 100):
         x, y, yaw = recorded["poses"][scan]
@@ -143,7 +152,7 @@ def test_ranges_agree_with_those_that_another_simulator_recorded(
         rays = (recorded["rays"][recorded[f"{kind}_ray"][chosen]] @ turn.T).astype(np.float32)
         origin = (turn @ recorded["lidar_xyz"] + [x, y, 0]).astype(np.float32)
         measured = recorded[f"{kind}_range_mm"][chosen] / 1000
-        gaps.append(caster.cast(origin, rays).distance - measured)
+        gaps.append(simulated.cast(origin, rays).distance - measured)
     gap = np.concatenate(gaps)
     near = np.abs(gap) < 0.04  # five sigma of its noise, 8 mm
     assert near.mean() > 0.998
