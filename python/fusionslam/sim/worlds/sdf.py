@@ -35,11 +35,10 @@ def read_sdf(path: Path, missing: Unresolved) -> tuple[Scene, Scene]:
     shapes = list(shapes_of(path, library))
     visual = _scene(shapes, "visual", library)
     collision = _scene(shapes, "collision", library)
-    if visual is None and collision is None:
+    seen, hit = visual or collision, collision or visual
+    if seen is None or hit is None:
         listed = "".join(f"\n  {item}" for item in missing.items)
         raise DataError(f"{path}: nothing to be seen or hit in it{listed}")
-    seen, hit = visual or collision, collision or visual
-    assert seen is not None and hit is not None
     return seen, hit
 
 
@@ -60,7 +59,7 @@ def _scene(shapes: Iterable[Shape], kind: str, library: Library) -> Scene | None
     if not meshes:
         return None
     if kind == "visual":
-        meshes = _with_sunk_planes(meshes, planes)
+        meshes = _with_sunk_planes(meshes, planes & meshes.keys())
     return scene_of(parts_of(meshes), pool.textures, INDOOR_LIGHT)
 
 
