@@ -79,7 +79,7 @@ class RouteFinder:
         from scipy.sparse.csgraph import dijkstra
 
         found: tuple[Array, Indices] = dijkstra(
-            self._graph, directed=False, indices=cell, return_predecessors=True, limit=limit
+            self._graph, indices=cell, return_predecessors=True, limit=limit
         )
         return found
 
@@ -99,7 +99,8 @@ class RouteFinder:
             weights.append(length * (cost[here[both]] + cost[there[both]]) / 2)
         pairs = (np.concatenate(starts), np.concatenate(ends))
         size = len(self.x)
-        return coo_matrix((np.concatenate(weights), pairs), (size, size)).tocsr()
+        one_way = coo_matrix((np.concatenate(weights), pairs), (size, size)).tocsr()
+        return one_way + one_way.T
 
 
 def plan_route(grid: OccupancyMap, waypoints: Sequence[Place], clearance_m: float) -> Array:
@@ -158,20 +159,21 @@ def spread_cells(
     return np.array(chosen), matrix
 
 
-def round_trip(costs: Array, most: float) -> Indices:
-    """An order of places, from place 0, that makes a short way through them and back.
+def round_trip(costs: Array, most: float, start: int = 0) -> Indices:
+    """An order of places, from one of them, that makes a short way through them and back.
 
     Cheapest insertion (Rosenkrantz, Stearns and Lewis 1977), then the exchanges of 2-opt (Croes
     1958) while one helps, until all places are in it or the next one would cost too much.
 
     Args:
         costs: float64 (K, K), of the ways between them, symmetric.
-        most: what the way may cost; the first two places are in it in any case.
+        most: what the way may cost; two places are in it in any case.
+        start: the first place.
 
     Returns:
         int64 (M), 2 <= M <= K for K >= 2.
     """
-    tour = np.array([0])
+    tour = np.array([start])
     while len(tour) < len(costs):
         longer = _inserted(tour, costs)
         if len(tour) > 1 and tour_cost(longer, costs) > most:
