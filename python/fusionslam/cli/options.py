@@ -126,6 +126,7 @@ def recording_of(
 
 def everything() -> "Section":
     """Every default of every stage and of the simulator."""
+    from fusionslam.calibration_search import CalibrationCheckConfig
     from fusionslam.config import Section, option
     from fusionslam.pipeline import PipelineConfig
     from fusionslam.sim import SimConfig
@@ -134,6 +135,9 @@ def everything() -> "Section":
         """All there is to configure."""
 
         sim: SimConfig = option(SimConfig(), "the simulated drive of the demo")
+        calib_check: CalibrationCheckConfig = option(
+            CalibrationCheckConfig(), "what calib-check tries"
+        )
 
     whole: Section = SystemConfig()
     return whole
