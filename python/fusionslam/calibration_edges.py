@@ -94,7 +94,9 @@ class EdgeView:
         cls, points: Floats, weights: Floats, edges: NDArray[np.float32], camera: Camera, most: int
     ) -> "EdgeView":
         """Keep the points that are in the image now, evenly thinned to at most ``most``."""
-        columns, _, inside = _pixels(points, camera, camera.rectified_from_points[None], edges)
+        columns, _, inside = _pixels(
+            points, camera, camera.rectified_from_points[None], edges.shape
+        )
         kept = np.flatnonzero(inside[0])
         kept = kept[:: max(-(-len(kept) // most), 1)]
         strips = columns[0, kept] * STRIPS // edges.shape[1]
@@ -114,12 +116,25 @@ class EdgeView:
         return np.concatenate([self._values(chunk) @ member for chunk in chunks])
 
     def _values(self, rectified_from_points: Floats) -> Floats:
-        columns, rows, inside = _pixels(self.points, self.camera, rectified_from_points, self.edges)
+        columns, rows, inside = _pixels(
+            self.points, self.camera, rectified_from_points, self.edges.shape
+        )
         return np.where(inside, self.edges[rows, columns], self.edges.mean())
 
 
+def in_view(
+    points: NDArray[np.float32], camera: Camera, shape: tuple[int, ...]
+) -> NDArray[np.float32]:
+    """The points of a scan that fall into an image of this shape."""
+    _, _, inside = _pixels(points, camera, camera.rectified_from_points[None], shape)
+    return np.asarray(points[inside[0]])
+
+
 def _pixels(
-    points: Floats, camera: Camera, rectified_from_points: Floats, image: NDArray[np.float32]
+    points: Floats | NDArray[np.float32],
+    camera: Camera,
+    rectified_from_points: Floats,
+    shape: tuple[int, ...],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
     """Column, row, and whether in the image, (K, M) each; those outside have pixel 0, 0."""
     projection = camera.projection @ rectified_from_points
@@ -127,7 +142,7 @@ def _pixels(
     depth = seen[:, 2]
     ahead = depth > _NEAREST
     pixels = np.round(seen[:, :2] / np.where(ahead, depth, 1)[:, None])
-    limits = np.array([image.shape[1], image.shape[0]])[None, :, None]
+    limits = np.array([shape[1], shape[0]])[None, :, None]
     inside = ahead & ((pixels >= 0) & (pixels < limits)).all(axis=1)
     columns, rows = np.where(inside[:, None], pixels, 0).astype(np.int64).transpose(1, 0, 2)
     return columns, rows, inside

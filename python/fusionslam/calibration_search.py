@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusionslam.calibration_edges import EdgeView, depth_edges, edge_map
+from fusionslam.calibration_edges import EdgeView, depth_edges, edge_map, in_view
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.messages import FrameTransform
@@ -69,7 +69,7 @@ class Site:
         self._recording, self._number, self._config = recording, number, config
         self._frame = recording[number]
         points, image, self.camera = sensed(self._frame)
-        self._edges = depth_edges(points, config.jump)
+        self._edges = depth_edges(in_view(points, self.camera, image.shape), config.jump)
         self.view = self._view(image)
         self.stamp_ns = self._frame.stamp_ns
 
