@@ -35,6 +35,8 @@ _FEWEST_POINTS = 100
 _FLAT = 0.7
 # An explanation that gains this share of what the best one gains may be the true one.
 _NEAR = 0.7
+# A gain of this many standard errors deserves a mention.
+_PERHAPS = 2.0
 
 Floats = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -213,66 +215,73 @@ def _row(curve: Curve) -> tuple[str, str, str, str]:
     )
 
 
+@dataclass(frozen=True)
+class _Better:
+    """A change that would fit better: its score, how surely better, and its words."""
+
+    score: float
+    errors: float
+    words: str
+
+
 def _verdict(
     present: float, turn: Turn, curves: dict[str, Curve], config: CalibrationCheckConfig
 ) -> tuple[str, bool | None]:
     """In words, and whether the calibration fits; the explanation with the best score first."""
-    wrong = [
-        *_wrong_turn(turn, config),
-        *_wrong_shifts(curves, config),
-        *_wrong_delay(curves, config),
-    ]
-    if wrong:
-        (best, first), *others = sorted(wrong, reverse=True)
-        near = [words for score, words in others if score - present > _NEAR * (best - present)]
+    better = sorted(_better(turn, curves, config), key=lambda each: -each.score)
+    if any(each.errors > config.sure for each in better):
+        first = better[0]
+        gain = _NEAR * (first.score - present)
+        near = [each.words for each in better[1:] if each.score - present > gain]
         also = f"; nearly as well: {'; '.join(near)}" if near else ""
-        return f"{first}{also}", False
-    unsure = [
-        name
-        for name, (low, high) in zip(TURNS, turn.ranges, strict=True)
-        if high - low > _FLAT * 2 * config.turn
-    ]
+        return f"{first.words}{also}", False
+    wide = _undetermined(turn, config)
     # Roll moves little in the middle of an image and may stay unknown.
-    if {"pitch", "yaw"} & {*unsure}:
-        return f"cannot say: too little to tell {' and '.join(unsure)} by; try more frames", None
-    unsure += [name for name, curve in curves.items() if name == DELAY and curve.flat]
-    about = f" (nothing can be said about {' and '.join(unsure)})" if unsure else ""
+    if {"pitch", "yaw"} & {*wide}:
+        return f"cannot say: too little to tell {' and '.join(wide)} by; try more frames", None
+    maybe = next((each for each in better if each.errors > _PERHAPS), None)
+    if maybe:
+        return f"cannot say: perhaps {maybe.words}, or that is chance; try more frames", None
+    wide += [name for name, curve in curves.items() if name == DELAY and curve.flat]
+    about = f" (nothing can be said about {' and '.join(wide)})" if wide else ""
     return f"calibration fits{about}", True
 
 
-def _wrong_turn(turn: Turn, config: CalibrationCheckConfig) -> Iterator[tuple[float, str]]:
+def _undetermined(turn: Turn, config: CalibrationCheckConfig) -> list[str]:
+    """The angles of which nearly every value may be the right one."""
+    ranges = zip(TURNS, turn.ranges, strict=True)
+    return [name for name, (low, high) in ranges if high - low > _FLAT * 2 * config.turn]
+
+
+def _better(
+    turn: Turn, curves: dict[str, Curve], config: CalibrationCheckConfig
+) -> Iterator[_Better]:
+    """Every kind of change whose best value is more than a tolerance away from none."""
+    unknown = _undetermined(turn, config)
     angles = [
         (name, angle)
-        for name, angle, (low, high) in zip(TURNS, turn.degrees, turn.ranges, strict=True)
-        if abs(angle) > config.turn_tolerance and high - low <= _FLAT * 2 * config.turn
+        for name, angle in zip(TURNS, turn.degrees, strict=True)
+        if abs(angle) > config.turn_tolerance and name not in unknown
     ]
-    if angles and turn.errors > config.sure:
+    if angles:
         words = ", ".join(f"{name} {angle:+.1f} deg" for name, angle in angles)
-        edge = max(abs(angle) for _, angle in angles) >= config.turn
-        more = " or more (the largest that was tried)" if edge else ""
-        yield turn.score, f"turn the camera by {words}{more}"
+        more = _or_more(max(abs(angle) for _, angle in angles), config.turn)
+        yield _Better(turn.score, turn.errors, f"turn the camera by {words}{more}")
+    for curve in curves.values():
+        if curve.name not in TURNS and not curve.flat and (words := _moved(curve, config)):
+            words += _or_more(abs(curve.best), float(curve.values[-1]))
+            yield _Better(float(curve.scores.max()), curve.errors, words)
 
 
-def _wrong_shifts(
-    curves: dict[str, Curve], config: CalibrationCheckConfig
-) -> Iterator[tuple[float, str]]:
-    for name in SHIFTS:
-        curve = curves[name]
-        small = abs(curve.best) <= config.shift_tolerance or curve.flat
-        if not small and curve.errors > config.sure:
-            edge = abs(curve.best) >= curve.values[-1]
-            more = " or more (the largest that was tried)" if edge else ""
-            yield float(curve.scores.max()), f"move the camera {name} by {curve.best:+.2f} m{more}"
-
-
-def _wrong_delay(
-    curves: dict[str, Curve], config: CalibrationCheckConfig
-) -> Iterator[tuple[float, str]]:
-    curve = curves.get(DELAY)
-    if curve is None or curve.flat or curve.errors <= config.sure:
-        return
-    if abs(curve.best) > config.delay_tolerance:
+def _moved(curve: Curve, config: CalibrationCheckConfig) -> str:
+    """What to do about a shift or a delay; nothing if it is small."""
+    if curve.name == DELAY:
         side = "late" if curve.best > 0 else "early"
-        edge = abs(curve.best) >= curve.values[-1]
-        more = " or more (the largest that was tried)" if edge else ""
-        yield float(curve.scores.max()), f"images are {side} by {abs(curve.best):.3g} s{more}"
+        large = abs(curve.best) > config.delay_tolerance
+        return f"images are {side} by {abs(curve.best):.3g} s" if large else ""
+    large = abs(curve.best) > config.shift_tolerance
+    return f"move the camera {curve.name} by {curve.best:+.2f} m" if large else ""
+
+
+def _or_more(value: float, largest: float) -> str:
+    return " or more (the largest that was tried)" if value > 0.999 * largest else ""

@@ -48,7 +48,7 @@ class Recording(Protocol):
 class CalibrationCheckConfig(Section):
     """How far and how finely other calibrations are tried."""
 
-    frames: int = option(10, "how many frames are looked at, evenly spread", ge=1)
+    frames: int = option(20, "how many frames are looked at, evenly spread", ge=1)
     turn: float = option(3.0, "largest turn of the camera tried", unit="deg", gt=0, le=20)
     turn_step: float = option(0.5, "first grid of turns; the second is five times finer", gt=0)
     shift: float = option(0.2, "largest shift of the camera tried", unit="m", gt=0)
