@@ -3,7 +3,7 @@
 """Wrong turns, shifts and delays put in on purpose are found; right calibrations are left alone."""
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -157,21 +157,48 @@ def test_pictures_have_the_images_size_and_colour_near_and_far(tmp_path: Path) -
     assert (red > 100).sum() > 50 and (blue > 100).sum() > 50
 
 
-def test_on_kitti_the_calibration_fits_and_a_turned_one_does_not(test_data: Path) -> None:
-    drive = fusionslam.open_dataset(
-        test_data / "kitti" / "raw_2011_09_26", sensors=["points", "left"]
-    )
-    config = CalibrationCheckConfig(frames=4, points=600)
-    found = check_calibration(drive, config)
+@dataclass(frozen=True, eq=False)
+class Turned:
+    """A recording whose calibration is wrong by a turn: roll, pitch, yaw in degrees."""
+
+    recording: Recording
+    degrees: tuple[float, float, float]
+
+    @property
+    def name(self) -> str:
+        return self.recording.name
+
+    @property
+    def body_from_points(self) -> NDArray[np.float64] | None:
+        return self.recording.body_from_points
+
+    def __len__(self) -> int:
+        return len(self.recording)
+
+    def __getitem__(self, index: int) -> Frame:
+        frame = self.recording[index]
+        wrong = np.linalg.inv(turned(np.array([self.degrees]))[0])
+        left = frame.cameras["left"]
+        moved = replace(left, rectified_from_points=wrong @ left.rectified_from_points)
+        frame.cameras = {"left": moved}
+        return frame
+
+
+@pytest.mark.parametrize("data", ["kitti/raw_2011_09_26", "bags/small_house_20s.bag"])
+def test_recordings_fit_and_do_not_when_their_calibration_is_turned(
+    data: str, test_data: Path
+) -> None:
+    if data.endswith(".bag"):
+        pytest.importorskip("rosbags")
+    recording = fusionslam.open_dataset(test_data / data, sensors=["points", "left"])
+    # Scans of the bag have a fourteenth of the points of KITTI's.
+    config = CalibrationCheckConfig(frames=4 if len(recording) == 10 else 20, points=600)
+    found = check_calibration(recording, config)
     assert found.fits and np.abs(found.turn.degrees).max() <= 0.5, found.turn
-    wrong = turned(np.array([[0.0, 1.0, -1.5]]))[0]
-    cameras = {
-        name: replace(c, rectified_from_points=np.linalg.inv(wrong) @ c.rectified_from_points)
-        for name, c in drive.cameras.items()
-    }
-    found = check_calibration(replace(drive, cameras=cameras, frame_cameras=None), config)
+    degrees = (0.0, 1.0, -1.5)
+    found = check_calibration(Turned(recording, degrees), config)
     assert found.fits is False and "turn the camera by" in found.verdict
-    assert np.abs(np.subtract(found.turn.degrees, (0, 1.0, -1.5))).max() <= 0.5, found.turn
+    assert np.abs(np.subtract(found.turn.degrees, degrees)).max() <= 0.5, found.turn
 
 
 def test_the_command_prints_a_table_and_writes_pictures(recording: Path, tmp_path: Path) -> None:
