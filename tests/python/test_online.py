@@ -5,6 +5,7 @@
 import logging
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import fusionslam
+from fusionslam.datasets.bags import open_bag
 from fusionslam.errors import DataError
 from fusionslam.messages import (
     CameraInfo,
@@ -279,3 +281,28 @@ def test_only_distorted_images_are_changed() -> None:
     bent = rectified(taken, info(distortion=np.array([-0.3, 0.1, 0, 0, 0])))
     assert bent.shape == image.shape and (bent != image).mean() > 0.3
     assert bent[24, 32] == image[24, 32]  # the principal point stays
+
+
+def test_a_robot_sees_the_same_frames_as_those_who_read_its_bag(test_data: Path) -> None:
+    pytest.importorskip("rosbags")
+    path = test_data / "bags" / "small_house_20s.bag"
+    builder = FrameBuilder()
+    unused = "/velodyne_points_360"
+    with open_bag(path) as bag:
+        topics = [name for name in bag.topics if name != unused]
+        frames = run(builder, (event.message for event in bag.events(topics)))
+    dataset = fusionslam.open_dataset(path, sensors=["points", "left"])
+    assert len(frames) == len(dataset) == 40 and not builder.dropped and not builder.still
+    for frame, read in zip(frames, dataset, strict=True):
+        assert frame.stamp_ns == read.stamp_ns
+        np.testing.assert_array_equal(frame.points, read.points)
+        np.testing.assert_array_equal(frame.images["left"], read.images["left"])
+        for mine, its in (
+            (
+                frame.cameras["left"].projection_from_points,
+                read.cameras["left"].projection_from_points,
+            ),
+            (frame.odometry, read.odometry),
+            (frame.robot_from_points, read.robot_from_points),
+        ):
+            np.testing.assert_allclose(mine, its, atol=1e-9)

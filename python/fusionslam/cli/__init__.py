@@ -4,7 +4,7 @@
 
 import typer
 
-from fusionslam.cli import about, data, results
+from fusionslam.cli import about, calibration, data, results
 from fusionslam.cli.guard import Guarded
 
 app = typer.Typer(
@@ -24,10 +24,12 @@ for command in (
     data.fuse,
     data.describe,
     data.loops,
+    calibration.calib_check,
     results.evaluate,
     results.bench,
     results.report,
     about.config,
     about.doctor,
 ):
-    app.command({"evaluate": "eval"}.get(command.__name__))(command)
+    names = {"evaluate": "eval"}
+    app.command(names.get(command.__name__, command.__name__.replace("_", "-")))(command)

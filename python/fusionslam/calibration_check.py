@@ -1,0 +1,287 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether scan and image fit together: which small turn, shift or delay would fit better.
+
+The score is the edge alignment of ``calibration_edges``. A recording is checked, not calibrated:
+the answer is meant for people who wonder whether their extrinsics or clocks are wrong.
+"""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam._files import atomic_path
+from fusionslam.calibration_search import (
+    DELAY,
+    SHIFTS,
+    TURNS,
+    CalibrationCheckConfig,
+    Recording,
+    Search,
+    Site,
+    Trial,
+    sensed,
+)
+from fusionslam.errors import DataError
+from fusionslam.overlay import draw_overlay
+
+FORMAT = "fusionslam.calib_check.1"
+_FEWEST_POINTS = 100
+# A value whose plausible range covers more of what was tried than this is not determined.
+_FLAT = 0.7
+# An explanation that gains this share of what the best one gains may be the true one.
+_NEAR = 0.7
+# A gain of this many standard errors deserves a mention.
+_PERHAPS = 2.0
+
+Floats = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """The score along one value while all others stay at the present calibration.
+
+    Attributes:
+        name: "roll", "pitch", "yaw" (degrees), "right", "down", "forward" (metres) or "delay" (s).
+        values: float64 (K), rising; 0 is the present calibration.
+        scores: float64 (K), mean score of an edge point, 0 to 1.
+        low, high: bounds of the values whose score is not surely worse than the best.
+        errors: gain of the best over the present calibration in standard errors.
+    """
+
+    name: str
+    values: Floats
+    scores: Floats
+    low: float
+    high: float
+    errors: float
+
+    @property
+    def best(self) -> float:
+        """The value with the highest score."""
+        return float(self.values[int(np.argmax(self.scores))])
+
+    @property
+    def flat(self) -> bool:
+        """Whether nearly every value may be the right one: nothing can be said."""
+        return self.high - self.low > _FLAT * float(self.values[-1] - self.values[0])
+
+
+@dataclass(frozen=True)
+class Turn:
+    """The best turn of the camera, all three angles tried together.
+
+    Attributes:
+        degrees: roll (right side down), pitch (down), yaw (to the left).
+        ranges: (low, high) of each among the turns that are not surely worse.
+        score: with it.
+        errors: gain over the present calibration in standard errors.
+    """
+
+    degrees: tuple[float, ...]
+    ranges: tuple[tuple[float, float], ...]
+    score: float
+    errors: float
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationCheck:
+    """What was found.
+
+    Attributes:
+        frames: numbers of the frames that were looked at.
+        points: depth edges used.
+        present: score of the present calibration, 0 to 1.
+        turn: the best turn of the camera.
+        curves: the score along each single value, by name; no "delay" where nothing tells it.
+        verdict: in words.
+        fits: whether nothing surely better was found; None if nothing can be said.
+    """
+
+    frames: list[int]
+    points: int
+    present: float
+    turn: Turn
+    curves: dict[str, Curve]
+    verdict: str
+    fits: bool | None
+
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """For a table: what, best, range of what is not surely worse, score."""
+        rows = [("present calibration", "", "", f"{self.present:.4f}")]
+        turn = self.turn
+        for name, best, (low, high) in zip(TURNS, turn.degrees, turn.ranges, strict=True):
+            bounds = f"{low:+.1f} .. {high:+.1f}"
+            rows.append((f"turn: {name} [deg]", f"{best:+.1f}", bounds, f"{turn.score:.4f}"))
+        for name in (*SHIFTS, DELAY):
+            if name in self.curves:
+                rows.append(_row(self.curves[name]))
+        return rows
+
+    def save(self, path: Path) -> None:
+        """Write it as JSON, curves and all."""
+        whole = asdict(self)
+        for curve in whole["curves"].values():
+            curve["values"] = curve["values"].round(6).tolist()
+            curve["scores"] = curve["scores"].round(6).tolist()
+        with atomic_path(path) as temporary:
+            temporary.write_text(json.dumps({"format": FORMAT, **whole}, indent=1) + "\n")
+
+
+def check_calibration(
+    recording: Recording,
+    config: CalibrationCheckConfig | None = None,
+    progress: Progress = lambda done, total: None,
+) -> CalibrationCheck:
+    """Try other calibrations on a few frames of a recording.
+
+    Raises:
+        DataError: no scans, images or calibration, or hardly any depth edge in view.
+    """
+    config = config or CalibrationCheckConfig()
+    numbers = frames_of(recording, config.frames)
+    sites = []
+    for done, number in enumerate(numbers, 1):
+        sites.append(Site(recording, number, config))
+        progress(done, len(numbers))
+    points = sum(len(site.view.points) for site in sites)
+    if points < _FEWEST_POINTS:
+        raise DataError(
+            f"{recording.name}: {points} depth edges lie in the images of {len(sites)} frames, "
+            f"expected {_FEWEST_POINTS} or more: nothing can be said about the calibration"
+        )
+    search = Search(sites, config)
+    turn = _turn(search)
+    trials = {name: search.single(name) for name in (*TURNS, *SHIFTS, DELAY)}
+    curves = {name: _curve(name, trial) for name, trial in trials.items() if trial is not None}
+    present = float(search.present.scores[0])
+    verdict, fits = _verdict(present, turn, curves, config)
+    return CalibrationCheck(numbers, points, present, turn, curves, verdict, fits)
+
+
+def write_overlays(recording: Recording, numbers: Sequence[int], folder: Path) -> list[Path]:
+    """A picture of each of these frames, the scan over the image."""
+    paths = []
+    for number in numbers:
+        points, image, camera = sensed(recording[number])
+        paths.append(folder / f"overlay_{number:06d}.png")
+        draw_overlay(paths[-1], points, image, camera, size=3.0)
+    return paths
+
+
+def frames_of(recording: Recording, most: int) -> list[int]:
+    """Numbers of frames, evenly spread."""
+    count = min(most, len(recording))
+    return sorted({int(n) for n in np.linspace(0, len(recording) - 1, count).round()})
+
+
+def _turn(search: Search) -> Turn:
+    trial = search.turns()
+    likely = trial.values[trial.plausible]
+    return Turn(
+        degrees=tuple(round(float(v), 6) for v in trial.values[trial.best]),
+        ranges=tuple((float(v.min()), float(v.max())) for v in likely.T),
+        score=float(trial.scores[trial.best]),
+        errors=_gain(trial, search.present.parts[0]),
+    )
+
+
+def _curve(name: str, trial: Trial) -> Curve:
+    likely = trial.values[trial.plausible]
+    present = trial.parts[int(np.argmin(np.abs(trial.values)))]
+    low, high = float(likely.min()), float(likely.max())
+    return Curve(name, trial.values, trial.scores, low, high, _gain(trial, present))
+
+
+def _gain(trial: Trial, present: Floats) -> float:
+    """How surely the best is better than the present, in standard errors."""
+    now = Trial(trial.values[:1], present[None], trial.weight)
+    return float(now.errors(trial.parts[trial.best])[0])
+
+
+def _row(curve: Curve) -> tuple[str, str, str, str]:
+    unit, digits = ("s", 3) if curve.name == DELAY else ("m", 2)
+    bounds = f"{curve.low:+.{digits}f} .. {curve.high:+.{digits}f}"
+    return (
+        "images late by [s]" if curve.name == DELAY else f"shift: {curve.name} [{unit}]",
+        f"{curve.best:+.{digits}f}",
+        bounds + (" (cannot say)" if curve.flat else ""),
+        f"{curve.scores.max():.4f}",
+    )
+
+
+@dataclass(frozen=True)
+class _Better:
+    """A change that would fit better: its score, how surely better, and its words."""
+
+    score: float
+    errors: float
+    words: str
+
+
+def _verdict(
+    present: float, turn: Turn, curves: dict[str, Curve], config: CalibrationCheckConfig
+) -> tuple[str, bool | None]:
+    """In words, and whether the calibration fits; the explanation with the best score first."""
+    better = sorted(_better(turn, curves, config), key=lambda each: -each.score)
+    if any(each.errors > config.sure for each in better):
+        first = better[0]
+        gain = _NEAR * (first.score - present)
+        near = [each.words for each in better[1:] if each.score - present > gain]
+        also = f"; nearly as well: {'; '.join(near)}" if near else ""
+        return f"{first.words}{also}", False
+    wide = _undetermined(turn, config)
+    # Roll moves little in the middle of an image and may stay unknown.
+    if {"pitch", "yaw"} & {*wide}:
+        return f"cannot say: too little to tell {' and '.join(wide)} by; try more frames", None
+    maybe = next((each for each in better if each.errors > _PERHAPS), None)
+    if maybe:
+        return f"cannot say: perhaps {maybe.words}, or that is chance; try more frames", None
+    wide += [name for name, curve in curves.items() if name == DELAY and curve.flat]
+    about = f" (nothing can be said about {' and '.join(wide)})" if wide else ""
+    return f"calibration fits{about}", True
+
+
+def _undetermined(turn: Turn, config: CalibrationCheckConfig) -> list[str]:
+    """The angles of which nearly every value may be the right one."""
+    ranges = zip(TURNS, turn.ranges, strict=True)
+    return [name for name, (low, high) in ranges if high - low > _FLAT * 2 * config.turn]
+
+
+def _better(
+    turn: Turn, curves: dict[str, Curve], config: CalibrationCheckConfig
+) -> Iterator[_Better]:
+    """Every kind of change whose best value is more than a tolerance away from none."""
+    unknown = _undetermined(turn, config)
+    angles = [
+        (name, angle)
+        for name, angle in zip(TURNS, turn.degrees, strict=True)
+        if abs(angle) > config.turn_tolerance and name not in unknown
+    ]
+    if angles:
+        words = ", ".join(f"{name} {angle:+.1f} deg" for name, angle in angles)
+        more = _or_more(max(abs(angle) for _, angle in angles), config.turn)
+        yield _Better(turn.score, turn.errors, f"turn the camera by {words}{more}")
+    for curve in curves.values():
+        if curve.name not in TURNS and not curve.flat and (words := _moved(curve, config)):
+            words += _or_more(abs(curve.best), float(curve.values[-1]))
+            yield _Better(float(curve.scores.max()), curve.errors, words)
+
+
+def _moved(curve: Curve, config: CalibrationCheckConfig) -> str:
+    """What to do about a shift or a delay; nothing if it is small."""
+    if curve.name == DELAY:
+        side = "late" if curve.best > 0 else "early"
+        large = abs(curve.best) > config.delay_tolerance
+        return f"images are {side} by {abs(curve.best):.3g} s" if large else ""
+    large = abs(curve.best) > config.shift_tolerance
+    return f"move the camera {curve.name} by {curve.best:+.2f} m" if large else ""
+
+
+def _or_more(value: float, largest: float) -> str:
+    return " or more (the largest that was tried)" if value > 0.999 * largest else ""

@@ -1,0 +1,286 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scores of many calibrations of a recording: turns, shifts and delays of its camera."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fusionslam.calibration_edges import EdgeView, depth_edges, edge_map, in_view
+from fusionslam.config import Section, option
+from fusionslam.errors import DataError
+from fusionslam.messages import FrameTransform
+from fusionslam.sensors import Camera, Frame
+from fusionslam.transforms import TransformTree
+
+NANOSECONDS = 1_000_000_000
+CAMERA = "left"
+TURNS = ("roll", "pitch", "yaw")
+SHIFTS = ("right", "down", "forward")
+DELAY = "delay"
+_FINER = 5
+_STEPS = 10
+
+Floats = NDArray[np.float64]
+
+
+class Recording(Protocol):
+    """Frames in the order of their stamps: a ``Dataset``, or anything like it."""
+
+    @property
+    def name(self) -> str:
+        """For people."""
+
+    @property
+    def body_from_points(self) -> Floats | None:
+        """float64 (4, 4), maps points to the body whose pose frames have, if they have one."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int) -> Frame: ...
+
+
+class CalibrationCheckConfig(Section):
+    """How far and how finely other calibrations are tried."""
+
+    frames: int = option(20, "how many frames are looked at, evenly spread", ge=1)
+    turn: float = option(3.0, "largest turn of the camera tried", unit="deg", gt=0, le=20)
+    turn_step: float = option(0.5, "first grid of turns; the second is five times finer", gt=0)
+    shift: float = option(0.2, "largest shift of the camera tried", unit="m", gt=0)
+    delay: float = option(0.2, "largest delay of the images tried", unit="s", gt=0)
+    jump: float = option(0.3, "smallest jump in depth that is an edge", unit="m", gt=0)
+    reach: float = option(10.0, "how far from it an edge of the image is felt", unit="px", gt=0)
+    points: int = option(1500, "depth edges of a frame that are used", ge=50)
+    turn_tolerance: float = option(0.4, "turns smaller than this fit", unit="deg", ge=0)
+    shift_tolerance: float = option(0.06, "shifts smaller than this fit", unit="m", ge=0)
+    delay_tolerance: float = option(0.025, "delays smaller than this fit", unit="s", ge=0)
+    sure: float = option(3.0, "gain in standard errors from which it is believed", ge=0)
+
+
+class Site:
+    """One frame, ready to be judged under other calibrations and delays."""
+
+    def __init__(self, recording: Recording, number: int, config: CalibrationCheckConfig) -> None:
+        self._recording, self._number, self._config = recording, number, config
+        self._frame = recording[number]
+        points, image, self.camera = sensed(self._frame)
+        self._edges = depth_edges(in_view(points, self.camera, image.shape), config.jump)
+        self.view = self._view(image)
+        self.stamp_ns = self._frame.stamp_ns
+
+    def _view(self, image: NDArray[np.uint8]) -> EdgeView:
+        edges = edge_map(image, self._config.reach)
+        return EdgeView.of(*self._edges, edges, self.camera, self._config.points)
+
+    def other_image(self, steps: int) -> Floats | None:
+        """(STRIPS,) scores on the image of a frame some steps later; None if there is none."""
+        if not 0 <= self._number + steps < len(self._recording):
+            return None
+        image = self._recording[self._number + steps].images[CAMERA]
+        edges = edge_map(image, self._config.reach)
+        view = EdgeView(self.view.points, self.view.weights, self.view.strips, edges, self.camera)
+        return np.asarray(view.scores(self.camera.rectified_from_points[None])[0])
+
+    @cached_property
+    def period(self) -> float:
+        """Seconds between two frames here; 0 if there is only one."""
+        stamps = [
+            self._recording[n].stamp_ns
+            for n in (self._number - 1, self._number, self._number + 1)
+            if 0 <= n < len(self._recording)
+        ]
+        return float(stamps[-1] - stamps[0]) / max(len(stamps) - 1, 1) / NANOSECONDS
+
+    @cached_property
+    def motion(self) -> tuple[TransformTree, Floats] | None:
+        """Where the body was around this frame, and body_from_points; None if nobody knows."""
+        tree = TransformTree(history_s=None, extrapolation_s=self._config.delay)
+        place = None
+        for number in range(self._number - 1, self._number + 2):
+            if not 0 <= number < len(self._recording):
+                continue
+            frame = self._frame if number == self._number else self._recording[number]
+            if (known := _pose_of(self._recording, frame)) is None:
+                return None
+            tree.add(_moved(frame.stamp_ns, known[0]))
+            place = known[1] if number == self._number else place
+        return None if place is None else (tree, place)
+
+    def delayed(self, delay_ns: int) -> Floats:
+        """rectified_from_points if the image was taken that much before its stamp says."""
+        assert self.motion is not None  # asked before
+        tree, body_from_points = self.motion
+        then, now = (tree.lookup(_WORLD, _BODY, self.stamp_ns - d) for d in (delay_ns, 0))
+        moved = np.linalg.inv(then @ body_from_points) @ now @ body_from_points
+        return np.asarray(self.camera.rectified_from_points @ moved)
+
+
+_WORLD, _BODY = "world", "body"
+
+
+def _moved(stamp_ns: int, pose: Floats) -> FrameTransform:
+    return FrameTransform(stamp_ns=stamp_ns, parent=_WORLD, child=_BODY, parent_from_child=pose)
+
+
+def _pose_of(recording: Recording, frame: Frame) -> tuple[Floats, Floats] | None:
+    """world_from_body and body_from_points, of odometry if there is any, else of the truth."""
+    if frame.odometry is not None and frame.robot_from_points is not None:
+        return frame.odometry, frame.robot_from_points
+    if frame.pose is not None and recording.body_from_points is not None:
+        return frame.pose, recording.body_from_points
+    return None
+
+
+def sensed(frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.uint8], Camera]:
+    if frame.points is None or CAMERA not in frame.images or CAMERA not in frame.cameras:
+        have = [*(["points"] if frame.has_points else []), *frame.images]
+        raise DataError(
+            f"frame {frame.index} has {', '.join(have) or 'nothing'}"
+            f"{'' if frame.cameras else ' and no calibration'}: "
+            f"expected points, the image '{CAMERA}' and its calibration"
+        )
+    return frame.points, frame.images[CAMERA], frame.cameras[CAMERA]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Scores of K calibrations.
+
+    Attributes:
+        values: float64 (K) or (K, 3), what was changed.
+        parts: float64 (K, parts), summed over the edge points of a strip of a frame.
+        weight: of all edge points.
+    """
+
+    values: Floats
+    parts: Floats
+    weight: float
+
+    @property
+    def scores(self) -> Floats:
+        """(K): the mean score of an edge point, 0 to 1."""
+        return np.asarray(self.parts.sum(axis=1) / self.weight)
+
+    @property
+    def best(self) -> int:
+        """The number of the best calibration."""
+        return int(np.argmax(self.scores))
+
+    def errors(self, best: Floats) -> Floats:
+        """(K): how far below ``best`` (parts,) each is, in standard errors of the difference."""
+        difference = best - self.parts
+        spread = difference.std(axis=1, ddof=1) * np.sqrt(self.parts.shape[1])
+        gain = difference.sum(axis=1)
+        return np.asarray(np.divide(gain, spread, out=np.zeros_like(gain), where=spread > 0))
+
+    @property
+    def plausible(self) -> NDArray[np.bool_]:
+        """(K): whether each is not surely worse than the best: within two standard errors."""
+        return np.asarray(self.errors(self.parts[self.best]) <= 2)
+
+
+def turned(degrees: Floats) -> Floats:
+    """float64 (K, 4, 4): changes of rectified_from_points that turn the camera.
+
+    Args:
+        degrees: float64 (K, 3), roll (right side down), pitch (down) and yaw (to the left) of the
+            camera, as of a robot that looks where the camera looks.
+    """
+    # Points turn the other way than the camera; its axes are right, down, forward.
+    axes = np.column_stack([degrees[:, 1], degrees[:, 2], -degrees[:, 0]])
+    changes = np.tile(np.eye(4), (len(degrees), 1, 1))
+    changes[:, :3, :3] = Rotation.from_rotvec(axes, degrees=True).as_matrix()
+    return changes
+
+
+def shifted(metres: Floats) -> Floats:
+    """float64 (K, 4, 4): changes of rectified_from_points that move the camera.
+
+    Args:
+        metres: float64 (K, 3), to the right, down and forward.
+    """
+    changes = np.tile(np.eye(4), (len(metres), 1, 1))
+    changes[:, :3, 3] = -metres
+    return changes
+
+
+class Search:
+    """Tries other calibrations on all frames together."""
+
+    def __init__(self, sites: Sequence[Site], config: CalibrationCheckConfig) -> None:
+        self._sites, self._config = sites, config
+        self.present = self._tried(np.zeros((1, 3)), np.eye(4)[None])
+
+    def turns(self) -> Trial:
+        """All three angles together, on a grid and on a finer one around its best."""
+        step = self._config.turn_step
+        coarse = self._tried_turns(_grid(self._config.turn, step))
+        fine = coarse.values[coarse.best] + _grid(step, step / _FINER)
+        finer = self._tried_turns(fine)
+        return Trial(
+            np.concatenate([coarse.values, finer.values]),
+            np.concatenate([coarse.parts, finer.parts]),
+            coarse.weight,
+        )
+
+    def single(self, name: str) -> Trial | None:
+        """One angle (deg), shift (m) or the delay (s) alone; None for an unknown delay."""
+        if name == DELAY:
+            return self._delays()
+        kinds, change = (TURNS, turned) if name in TURNS else (SHIFTS, shifted)
+        largest = self._config.turn if name in TURNS else self._config.shift
+        step = self._config.turn_step / _FINER if name in TURNS else largest / _STEPS
+        values = _line(largest, step)
+        changes = change(values[:, None] * np.eye(3)[kinds.index(name)])
+        return self._tried(values, changes)
+
+    def _tried_turns(self, degrees: Floats) -> Trial:
+        return self._tried(degrees, turned(degrees))
+
+    def _tried(self, values: Floats, changes: Floats) -> Trial:
+        parts = [s.view.scores(changes @ s.camera.rectified_from_points) for s in self._sites]
+        return _trial(values, parts, self._sites)
+
+    def _delays(self) -> Trial | None:
+        """By the motion of the robot, else by the images of neighbouring frames."""
+        if any(site.motion is None for site in self._sites):
+            return self._delays_by_images()
+        values = _line(self._config.delay, self._config.delay / _STEPS)
+        parts = [
+            site.view.scores(np.stack([site.delayed(round(v * NANOSECONDS)) for v in values]))
+            for site in self._sites
+        ]
+        return _trial(values, parts, self._sites)
+
+    def _delays_by_images(self) -> Trial | None:
+        period = self._sites[0].period
+        reach = int(self._config.delay / period + 0.01) if period else 0
+        steps = range(-reach, reach + 1)
+        found = [(site, [site.other_image(step) for step in steps]) for site in self._sites]
+        whole = [(site, parts) for site, parts in found if not any(p is None for p in parts)]
+        if not whole or len(steps) < 3:
+            return None
+        values = np.array(steps) * period
+        parts = [np.stack([p for p in parts if p is not None]) for _, parts in whole]
+        return _trial(values, parts, [site for site, _ in whole])
+
+
+def _trial(values: Floats, parts: Sequence[Floats], sites: Sequence[Site]) -> Trial:
+    weight = sum(float(site.view.weights.sum()) for site in sites)
+    return Trial(values, np.concatenate(parts, axis=1), weight)
+
+
+def _line(largest: float, step: float) -> Floats:
+    count = round(largest / step)
+    return np.asarray(np.arange(-count, count + 1) * step)
+
+
+def _grid(largest: float, step: float) -> Floats:
+    """float64 (K, 3): every combination of three values."""
+    line = _line(largest, step)
+    return np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
