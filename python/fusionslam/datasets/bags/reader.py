@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 _MAGIC = {b"#ROSBAG V": "rosbag1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "rosbag2"}
+_ABOUT = "metadata.yaml"
 _STORAGE = {".mcap": "mcap", ".db3": "rosbag2"}
 
 
@@ -87,10 +88,13 @@ def bag_kind(path: Path) -> str | None:
 
 
 def _storage(path: Path) -> Path | None:
-    """The file with the messages, or the first of them."""
+    """The file with the messages, or the first of them; None for a folder that is no bag."""
     if not path.is_dir():
         return path
-    return next((file for file in sorted(path.iterdir()) if file.suffix in _STORAGE), None)
+    files = sorted(path.iterdir())
+    storage = [file for file in files if file.suffix in _STORAGE]
+    # A folder with other things than a bag is another recording with a bag in it.
+    return storage[0] if storage and ((path / _ABOUT).exists() or storage == files) else None
 
 
 class Bag:
@@ -268,7 +272,7 @@ class Bag:
 
 def _whole(path: Path) -> Path:
     """The folder, or the only file in one that lacks its description."""
-    if path.is_dir() and not (path / "metadata.yaml").exists():
+    if path.is_dir() and not (path / _ABOUT).exists():
         return _storage(path) or path
     return path
 
