@@ -262,7 +262,7 @@ def _small_things(
     """Plants, lamps, bins and pictures: what tells rooms of one kind apart."""
     makers: tuple[Callable[[], Thing], ...] = (
         lambda: furniture.plant(rng),
-        lambda: furniture.floor_lamp(style),
+        lambda: furniture.lamp(style),
         lambda: furniture.waste_bin(style.accent),
         lambda: furniture.stool(style),
     )
