@@ -145,6 +145,20 @@ def test_racks_repeat_few_types_of_bay(warehouse: World) -> None:
     assert 2 <= len(shapes) <= WAREHOUSE.bay_types
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_each_room_of_a_house_has_the_furniture_that_makes_it_one(seed: int) -> None:
+    names = seeded("house", seed).visual.names
+
+    def count(kind: str) -> int:
+        return sum(name.startswith(kind) for name in names)
+
+    assert count("bed_") == count("floor_bedroom") + count("floor_playroom") > 0
+    assert count("kitchen_counter") >= count("floor_kitchen") > 0
+    assert count("bathtub") == count("toilet") == count("floor_bathroom") > 0
+    assert count("sofa") == count("television") == count("floor_living") > 0
+    assert count("workplace") == count("floor_study") > 0
+
+
 def test_rooms_of_a_house_repeat_furniture_in_other_colours() -> None:
     world = make_indoor(HouseConfig(seed=3))
     beds = [k for k, name in enumerate(world.visual.names) if name.startswith("bed_")]
