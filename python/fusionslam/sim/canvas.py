@@ -34,6 +34,15 @@ class Canvas:
         self.rgb[area] = np.asarray(rgb, np.float32)
         self.tint[area] = tint
 
+    def disc(self, centre: ArrayLike, radius: float, rgb: ArrayLike, tint: float) -> None:
+        """Fill a disc; centre and radius in metres. What reaches over an edge is cut off."""
+        texels = np.arange(SIDE) + 0.5
+        x = texels / self.scale[0] - np.asarray(centre)[0]
+        y = (SIDE - texels) / self.scale[1] - np.asarray(centre)[1]
+        inside = x[None, :] ** 2 + y[:, None] ** 2 < radius**2
+        self.rgb[inside] = np.asarray(rgb, np.float32)
+        self.tint[inside] = tint
+
     def bricks(
         self,
         rng: np.random.Generator,
