@@ -4,15 +4,18 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.errors import DataError
 from fusionslam.sensors import Camera
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
+    from fusionslam.workspace import Recording
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,28 @@ def overview(dataset: "Dataset") -> Overview:
         DataError: a file that cannot be read.
     """
     return Overview(list(_rows(dataset)), [int(number) for number in dataset.gaps])
+
+
+def look_at(recording: "Recording") -> Overview:
+    """Look at a recording; of a bag say what is in it, and why it is no dataset if it is none.
+
+    Raises:
+        DataError: a file that cannot be read. ConfigError: as ``open_dataset``.
+    """
+    from fusionslam.datasets.bags.inspection import Inspection
+    from fusionslam.datasets.bags.reader import bag_kind
+
+    path = Path(recording.path)
+    if bag_kind(path) is None:
+        return overview(recording.open())
+    bag = Inspection.of(path, recording.topics, recording.stamps)
+    rows = [*bag.rows()]
+    try:
+        dataset = recording.open()
+    except DataError as error:
+        return Overview([*rows, ("frames", f"none: {error}"), ("fusion", bag.fusion(None))], [])
+    rows += [row for row in _rows(dataset) if row[0] not in dict(rows)]
+    return Overview([*rows, ("fusion", bag.fusion(dataset))], list(dataset.gaps))
 
 
 def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:
