@@ -21,7 +21,9 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _STEP_S = 0.1
-_TRIES = 400
+_TRIES = 200
+# Directions looked into from each start: the box takes that with the longest way.
+_WAYS = 8
 _SHORTEST_M = 1.0
 
 
@@ -109,13 +111,13 @@ def _one(
     """The first of many random boxes and paths that never meets the others, or None."""
     length, width, height = np.asarray(config.size_m) * rng.uniform(0.75, 1.25, 3)
     radius = float(np.hypot(length, width) / 2)
-    step = config.speed_m_s * _STEP_S
-    for _ in range(_TRIES):
-        start = others[0][0][rng.integers(len(seconds))]
-        start = start + rng.uniform(-config.near_m, config.near_m, 2)
-        yaw = float(rng.uniform(-np.pi, np.pi))
-        # A cell's clearance is that of its middle.
-        path = _path(config, grid, free, start, yaw, step, radius + grid.resolution_m)
+    # A cell's clearance is that of its middle.
+    room, step = radius + grid.resolution_m, config.speed_m_s * _STEP_S
+    starts = _starts(grid, free >= room, others[0][0], config.near_m)
+    for _ in range(_TRIES if len(starts) else 0):
+        start, yaws = starts[rng.integers(len(starts))], rng.uniform(-np.pi, np.pi, _WAYS)
+        paths = [_path(config, grid, free, start, yaw, step, room) for yaw in yaws]
+        yaw, path = max(zip(yaws.tolist(), paths, strict=True), key=lambda way: len(way[1]))
         if len(path) * step < _SHORTEST_M:
             continue
         moves = _moves(_meets(path, radius, others), rng)
@@ -123,6 +125,16 @@ def _one(
             mesh = _box(length, width, height, rng)
             return Obstacle(mesh, radius, seconds, path[moves], yaw)
     return None
+
+
+def _starts(grid: OccupancyMap, roomy: Bools, way: Array, near_m: float) -> Array:
+    """Middles of the cells with room near the robot's way, (N, 2)."""
+    from scipy.spatial import KDTree
+
+    cells = np.stack(grid.centres(*np.nonzero(roomy)), axis=1)
+    distance, _ = KDTree(way).query(cells, distance_upper_bound=near_m)
+    near: Array = cells[np.isfinite(distance)]
+    return near
 
 
 def _path(
