@@ -60,6 +60,8 @@ if TYPE_CHECKING:
     from fusionslam.loop_closure import Loop as Loop
     from fusionslam.loop_closure import LoopConfig as LoopConfig
     from fusionslam.loop_closure import LoopDetector as LoopDetector
+    from fusionslam.online import FrameBuilder as FrameBuilder
+    from fusionslam.online import OnlineConfig as OnlineConfig
     from fusionslam.pipeline import PipelineConfig as PipelineConfig
     from fusionslam.pipeline import describe_dataset as describe_dataset
     from fusionslam.sensors import Camera as Camera
@@ -83,6 +85,7 @@ _HOMES = {
     "errors": "ConfigError DataError FusionSlamError ShapeError",
     "fusion": "FusionConfig fuse",
     "loop_closure": "Loop LoopConfig LoopDetector",
+    "online": "FrameBuilder OnlineConfig",
     "pipeline": "PipelineConfig describe_dataset",
     "sensors": "Camera Cloud Frame",
     "synchronizer": "SyncConfig Synchronizer",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from fusionslam import _core
 from fusionslam.errors import DataError
 
 Pixels = NDArray[np.uint8]
@@ -40,7 +41,7 @@ def image_of(message: Any) -> Pixels:
     """
     encoding = message.encoding
     if encoding in _BAYER:
-        return demosaic(_rows(message, 1)[:, :, 0], _BAYER[encoding])
+        return _core.demosaic(_rows(message, 1)[:, :, 0].copy(), _BAYER[encoding])
     if encoding not in _LAYOUTS:
         known = ", ".join([*_LAYOUTS, *_BAYER])
         raise DataError(f"field 'encoding' is '{encoding}', expected one of {known}")
@@ -69,28 +70,6 @@ def _rows(message: Any, channels: int) -> Pixels:
             f"{step}"
         )
     return np.ndarray((height, width, channels), np.uint8, data, strides=(step, channels, 1))
-
-
-def demosaic(mosaic: Pixels, pattern: str) -> Pixels:
-    """Colours, uint8 (H, W, 3), of a Bayer mosaic (H, W): means of the nearest of each colour.
-
-    Args:
-        pattern: the colours of the upper left 2x2 pixels, row by row, such as "rggb".
-    """
-    from scipy.ndimage import convolve
-
-    cross = np.array([[0, 1, 0], [1, 4, 1], [0, 1, 0]]) / 4
-    square = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 4
-    colors = np.empty((*mosaic.shape, 3), dtype=np.uint8)
-    for channel, name in enumerate("rgb"):
-        sparse = np.zeros(mosaic.shape, dtype=np.float32)
-        for place in (k for k, color in enumerate(pattern) if color == name):
-            cell = np.s_[place // 2 :: 2, place % 2 :: 2]
-            sparse[cell] = mosaic[cell]
-        # Mirrored about the outermost pixel, the border keeps the order of colours.
-        smooth = convolve(sparse, cross if name == "g" else square, mode="mirror")
-        colors[:, :, channel] = np.rint(smooth)
-    return colors
 
 
 def compressed_image_of(message: Any) -> Pixels:

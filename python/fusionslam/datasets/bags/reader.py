@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading bags: topics, and their messages as events, one after the other or one at a time."""
 
+import logging
 import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
+
+logger = logging.getLogger(__name__)
 
 _MAGIC = {b"#ROSBAG V": "rosbag1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "rosbag2"}
 _STORAGE = {".mcap": "mcap", ".db3": "rosbag2"}
@@ -99,12 +102,14 @@ class Bag:
         topics: by name.
         start_ns: when the first message arrived; 0 if there is none.
         stop_ns: when the last message arrived.
+        is_cut: whether its end is missing; what is whole before is read.
     """
 
     def __init__(self, path: Path) -> None:
         need_rosbags()
         self.path = path
         self.kind = _checked_kind(path)
+        self.is_cut = False
         self._lock = threading.Lock()
         self._reader = self._open()
         connections = self._reader.connections
@@ -235,10 +240,30 @@ class Bag:
         from rosbags.rosbag1 import Reader as First
         from rosbags.rosbag2 import Reader as Second
 
-        with _readable(self.path):
-            reader = First(self.path) if self.kind == "rosbag1" else Second(_whole(self.path))
-            reader.open()
-            return reader
+        path = _whole(self.path)
+        try:
+            with _readable(self.path):
+                reader = First(path) if self.kind == "rosbag1" else Second(path)
+                reader.open()
+                return reader
+        except DataError:
+            if path.is_dir() or (rest := self._open_cut(path)) is None:
+                raise
+            return rest
+
+    def _open_cut(self, path: Path) -> "Reader1 | Reader2 | None":
+        from fusionslam.datasets.bags.recovery import open_cut
+
+        rest = open_cut(path, self.kind)
+        if rest is not None and not self.is_cut:
+            self.is_cut = True
+            count = sum(connection.msgcount for connection in rest.connections)
+            logger.warning(
+                "%s was cut or not closed: read without its index, %d messages are whole",
+                self.path,
+                count,
+            )
+        return rest
 
 
 def _whole(path: Path) -> Path:
