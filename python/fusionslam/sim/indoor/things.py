@@ -69,7 +69,7 @@ class Site:
         """
         textures = indoor_textures(seed)
         visual = scene_of(self._visual, textures, INDOOR_LIGHT)
-        collision = scene_of(self._collision, textures[:1], INDOOR_LIGHT)
+        collision = scene_of(self._collision, textures, INDOOR_LIGHT)
         room = occupancy_of(collision, start=start)
         return World(name=name, visual=visual, collision=collision, map=room)
 
