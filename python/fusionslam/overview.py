@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.datasets.base import FileDataset
 from fusionslam.errors import DataError
 from fusionslam.sensors import Camera
 
@@ -131,6 +132,8 @@ def _gaps(dataset: "Dataset") -> str:
         return "none"
     some = ", ".join(str(number) for number in dataset.gaps[:8])
     more = ", ..." if len(dataset.gaps) > 8 else ""
+    if not isinstance(dataset, FileDataset):
+        return f"{len(dataset.gaps)} frames left out, see the log: {some}{more}"
     return f"{len(dataset.gaps)} frames lack a file: {some}{more} (other commands: --skip-gaps)"
 
 

@@ -8,7 +8,7 @@ import shutil
 import sqlite3
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -183,8 +183,7 @@ class BagWriter:
             if not self.broken:
                 self._close()
         if self.broken:
-            with suppress(OSError, sqlite3.Error):
-                self._writer.abort()
+            self._give_up()
         partial = self._target.with_name(f"{self._target.stem}.partial{self._target.suffix}")
         if not self.count:
             return "nothing was written before"
@@ -194,8 +193,22 @@ class BagWriter:
             return f"and what was written before is lost: {error}"
         return f"what was written before is kept in {partial}"
 
+    def _give_up(self) -> None:
+        """Let go of a file that cannot be written any further."""
+        with suppress(OSError, sqlite3.Error):
+            self._writer.abort()
+        if self._kind == "rosbag2":
+            # What was not committed is still in the file, and how to undo it lies beside it. SQLite
+            # does so when it reads the file, but not for rosbags, which opens it as immutable.
+            with suppress(sqlite3.Error), closing(sqlite3.connect(self._storage)) as database:
+                database.execute("SELECT count(*) FROM messages").fetchone()
+
+    @property
+    def _storage(self) -> Path:
+        return self._path / f"{self._path.name}.{'mcap' if self._kind == 'mcap' else 'db3'}"
+
     def _put_in_place(self, target: Path) -> None:
-        made = self._path / f"{self._path.name}.mcap" if self._kind == "mcap" else self._path
+        made = self._storage if self._kind == "mcap" else self._path
         try:
             if target.is_dir():
                 target.rename(self._path.with_name("replaced"))

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What stands in kitchens and bathrooms. Fronts face -y."""
 
+from functools import cache
+
 from fusionslam.sim.canvas import Rgb
 from fusionslam.sim.indoor.furniture import Style
 from fusionslam.sim.indoor.paints import DARK, GREY, WHITE, Look, fitted, paint
@@ -58,6 +60,7 @@ def toilet() -> Thing:
     return thing("toilet", [foot, bowl, tank], [foot, bowl, tank])
 
 
+@cache
 def washbasin() -> Thing:
     """A basin on a column with a mirror above."""
     white = paint(Look.PLAIN, WHITE)

@@ -1,6 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What stands in a hospital: beds on wheels, drip stands, curtains, benches. Fronts face -y."""
+"""What stands in a hospital: beds on wheels, drip stands, curtains, benches. Fronts face -y.
+
+What many rooms have is made once.
+"""
+
+from functools import cache
 
 import numpy as np
 
@@ -18,6 +23,7 @@ def _castors(width: float, depth: float, radius: float) -> list[Mesh]:
     return [wheel(u, v, radius, 0.04, dark) for u in (-x, x) for v in (-y, y)]
 
 
+@cache
 def sickbed(blanket: Rgb) -> Thing:
     """A hospital bed on wheels, its head at +y, with rails at both sides."""
     steel, white = paint(Look.PLAIN, _STEEL), paint(Look.FABRIC, WHITE)
@@ -43,6 +49,7 @@ def sickbed(blanket: Rgb) -> Thing:
     return thing("sickbed", visual, [*wheels, base, *posts, *forks, body, *ends])
 
 
+@cache
 def cabinet(tint: Rgb) -> Thing:
     """A bedside cabinet on castors."""
     body = block((-0.22, -0.2, 0.1), (0.22, 0.2, 0.8), paint(Look.PLAIN, WHITE))
@@ -51,6 +58,7 @@ def cabinet(tint: Rgb) -> Thing:
     return thing("bedside_cabinet", [body, face, *wheels], [body, *wheels])
 
 
+@cache
 def drip_stand() -> Thing:
     """A pole on five feet with a bag."""
     steel = paint(Look.PLAIN, _STEEL)
@@ -70,6 +78,7 @@ def bed_curtain(tint: Rgb, drawn: float) -> Thing:
     return thing("curtain", [cloth, rail], [cloth])
 
 
+@cache
 def radiator() -> Thing:
     """A radiator on feet, to stand below a window."""
     body = block((-0.6, -0.05, 0.12), (0.6, 0.05, 0.7), paint(Look.CORRUGATED, (1.05,) * 3))

@@ -101,7 +101,7 @@ def make_hospital(config: HospitalConfig) -> World:
             _furnish_corridor(site, layout, room, openings, config.clutter, rng)
         else:
             _FURNISH[room.name.split("_")[0]](layout, config.clutter, rng)
-    return site.world("hospital", config.seed)
+    return site.world("hospital", config.seed, rooms[0].centre)
 
 
 def _corridor(name: str, low: tuple[float, float], high: tuple[float, float]) -> Room:

@@ -87,7 +87,7 @@ def make_house(config: HouseConfig) -> World:
         layout = Layout(site, room, openings, rng)
         _put_windows(layout, room, config, rng)
         _FURNISH[_kind(room.name)](layout, Style.drawn(rng), config.clutter, rng)
-    return site.world("house", config.seed)
+    return site.world("house", config.seed, rooms[0].centre)
 
 
 def _kind(name: str) -> str:

@@ -14,18 +14,9 @@ from numpy.typing import ArrayLike
 
 from fusionslam.sim.indoor.paints import Look, indoor_textures, paint
 from fusionslam.sim.mesh import Mesh, Paint, box, joined, panels, tube
-from fusionslam.sim.scene import Light
+from fusionslam.sim.occupancy import occupancy_of
+from fusionslam.sim.scene import INDOOR_LIGHT
 from fusionslam.sim.world import Part, World, scene_of
-
-# Lamps everywhere: soft light from above, a little more from one side so that corners show.
-INDOOR_LIGHT = Light(
-    sun_direction=(0.60, 0.36, 0.7144),
-    sun=(0.24, 0.23, 0.21),
-    ambient=(0.98, 0.97, 0.95),
-    horizon=(0.5, 0.5, 0.5),
-    zenith=(0.5, 0.5, 0.5),
-    visibility_m=1e4,
-)
 
 _SOLID = paint(Look.PLAIN)
 
@@ -68,14 +59,19 @@ class Site:
             self._collision.append(Part(name, mesh, thing.is_ground))
         return name
 
-    def world(self, name: str, seed: int) -> World:
-        """Everything placed so far; ``seed`` decides the textures."""
+    def world(self, name: str, seed: int, start: tuple[float, float]) -> World:
+        """Everything placed so far.
+
+        Args:
+            name: the world's.
+            seed: decides the textures.
+            start: x, y of a free place, metres; the map's reachable part holds it.
+        """
         textures = indoor_textures(seed)
-        return World(
-            name=name,
-            visual=scene_of(self._visual, textures, INDOOR_LIGHT),
-            collision=scene_of(self._collision, textures[:1], INDOOR_LIGHT),
-        )
+        visual = scene_of(self._visual, textures, INDOOR_LIGHT)
+        collision = scene_of(self._collision, textures, INDOOR_LIGHT)
+        room = occupancy_of(collision, start=start)
+        return World(name=name, visual=visual, collision=collision, map=room)
 
 
 def thing(

@@ -21,10 +21,12 @@ from fusionslam.sim.world import World
 
 _HEIGHT_M = 4.5
 _YARD_M = 7.0
+# From the gates to the middle of the lane along the marked bays.
+_LANE_M = 2.9
 _CROSS_M = 2.6
 _GATE_M = 3.0
-# Goods of 0.8 m beside a rack leave a robot a lane of this width less 0.9 m.
-_SPACIOUS_M = 1.9
+# In aisles from this width on, goods of 0.8 m beside a rack leave the middle free.
+_SPACIOUS_M = 2.3
 _YELLOW = (0.95, 0.80, 0.15)
 
 
@@ -34,7 +36,7 @@ class WarehouseConfig(Section):
     seed: int = option(3, "decides loads, signs and what stands around", ge=0)
     rows: int = option(5, "rows of racks; one aisle more than rows", ge=1, le=12)
     bays: int = option(4, "bays of 2.7 m in a row", ge=2, le=12)
-    aisle_m: float = option(2.2, "width of an aisle", unit="m", ge=1.2, le=5.0)
+    aisle_m: float = option(2.4, "width of an aisle", unit="m", ge=1.2, le=5.0)
     bay_types: int = option(4, "types of loaded bay; fewer make aisles more alike", ge=1, le=20)
     fill: float = option(0.8, "share of pallet places taken", ge=0, le=1)
     clutter: float = option(0.6, "share of the places on the floor where goods stand", ge=0, le=1)
@@ -66,7 +68,7 @@ def _plan(config: WarehouseConfig) -> _Plan:
     gaps = [0.0 if k < half else _CROSS_M for k in range(config.bays)]
     bays = tuple(start + (k + 0.5) * shelves.BAY_M + gap for k, gap in enumerate(gaps))
     cross = (start + half * shelves.BAY_M + _CROSS_M / 2, depth / 2 - _CROSS_M / 2)
-    return _Plan(width, depth, rows, aisles, bays, cross, -depth / 2 + _YARD_M / 2)
+    return _Plan(width, depth, rows, aisles, bays, cross, -depth / 2 + _LANE_M)
 
 
 def warehouse_places(config: WarehouseConfig) -> dict[str, tuple[float, float]]:
@@ -94,7 +96,7 @@ def make_warehouse(config: WarehouseConfig) -> World:
     for number in (1, 3):
         for _ in range(3):
             layout.on_wall(window(2.0, 1.0), 2.6, number)
-    return site.world("warehouse", config.seed)
+    return site.world("warehouse", config.seed, (0.0, plan.yard_y))
 
 
 def _hall(plan: _Plan) -> Room:
@@ -137,7 +139,7 @@ def _put_yard(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.G
     for number, x in enumerate(plan.row_x):
         if number == parked:
             tint = CLOTHS[rng.integers(len(CLOTHS))]
-            site.put(shelves.forklift(tint), x, start - 2.0, -np.pi / 2)
+            site.put(shelves.forklift(tint), x, start - 1.8, -np.pi / 2)
         elif number % 2:
             site.put(shelves.column(), x, start - 0.7)
 
