@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coloured clouds of a whole recording as a plain folder, which ``open_dataset`` reads again."""
 
+import logging
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -21,6 +22,8 @@ from fusionslam.workspace import Recording, Work, claim
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
+
+logger = logging.getLogger(__name__)
 
 FORMATS = ("ply", "pcd", "bin")
 
@@ -119,5 +122,10 @@ def cloud_poses(dataset: "Dataset", config: FusionConfig) -> NDArray[np.float64]
     scans = dataset.poses @ body_from_points
     if config.frame == "scan":
         return scans
+    if config.frame == "odometry":
+        logger.warning(
+            "poses.txt says where odometry begins, as the clouds lie in it: "
+            "loops cannot be judged by it"
+        )
     moved = [frame_from_points(dataset[i], config.frame) for i in range(len(dataset))]
     return np.asarray(scans @ np.linalg.inv(moved), dtype=np.float64)

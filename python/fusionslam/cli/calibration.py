@@ -26,6 +26,9 @@ def calib_check(
     ] = 3,
     kind: opt.KindOption = None,
     sequence: opt.Sequence = None,
+    topic: opt.Topics = None,
+    stamps: opt.StampsOption = "header",
+    sync: opt.SyncOption = None,
     skip_gaps: opt.SkipGaps = False,
     gt: opt.Truth = None,
     settings: opt.Settings = None,
@@ -40,7 +43,7 @@ def calib_check(
 
     needs_extra("report")
     chosen = _config(config, settings)
-    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt)
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync)
     dataset = recording.open("lidar")
     keep_parts(ctx, output)
     with progress() as step:

@@ -4,6 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,9 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _STEP_S = 0.1
-_TRIES = 400
+_TRIES = 200
+# Directions looked into from each start: the box takes that with the longest way.
+_WAYS = 8
 _SHORTEST_M = 1.0
 
 
@@ -108,13 +111,13 @@ def _one(
     """The first of many random boxes and paths that never meets the others, or None."""
     length, width, height = np.asarray(config.size_m) * rng.uniform(0.75, 1.25, 3)
     radius = float(np.hypot(length, width) / 2)
-    step = config.speed_m_s * _STEP_S
-    for _ in range(_TRIES):
-        start = others[0][0][rng.integers(len(seconds))]
-        start = start + rng.uniform(-config.near_m, config.near_m, 2)
-        yaw = float(rng.uniform(-np.pi, np.pi))
-        # A cell's clearance is that of its middle.
-        path = _path(config, grid, free, start, yaw, step, radius + grid.resolution_m)
+    # A cell's clearance is that of its middle.
+    room, step = radius + grid.resolution_m, config.speed_m_s * _STEP_S
+    starts = _starts(grid, free >= room, others[0][0], config.near_m)
+    for _ in range(_TRIES if len(starts) else 0):
+        start, yaws = starts[rng.integers(len(starts))], rng.uniform(-np.pi, np.pi, _WAYS)
+        paths = [_path(config, grid, free, start, yaw, step, room) for yaw in yaws]
+        yaw, path = max(zip(yaws.tolist(), paths, strict=True), key=lambda way: len(way[1]))
         if len(path) * step < _SHORTEST_M:
             continue
         moves = _moves(_meets(path, radius, others), rng)
@@ -122,6 +125,16 @@ def _one(
             mesh = _box(length, width, height, rng)
             return Obstacle(mesh, radius, seconds, path[moves], yaw)
     return None
+
+
+def _starts(grid: OccupancyMap, roomy: Bools, way: Array, near_m: float) -> Array:
+    """Middles of the cells with room near the robot's way, (N, 2)."""
+    from scipy.spatial import KDTree
+
+    cells = np.stack(grid.centres(*np.nonzero(roomy)), axis=1)
+    distance, _ = KDTree(way).query(cells, distance_upper_bound=near_m)
+    near: Array = cells[np.isfinite(distance)]
+    return near
 
 
 def _path(
@@ -194,6 +207,14 @@ def _speckles() -> NDArray[np.uint8]:
     )
 
 
+class _Share(NamedTuple):
+    """The hits that one caster knows: which rows of all hits they are, and as it counts them."""
+
+    caster: RayCaster
+    rows: slice | NDArray[np.intp]
+    hits: Hits
+
+
 class Crowd:
     """A world at rest with moving boxes in it, seen at one time; a ``Caster``.
 
@@ -202,7 +223,7 @@ class Crowd:
 
     def __init__(self, rest: RayCaster, scene: Scene, boxes: Sequence[Mesh] = ()) -> None:
         self._rest, self._count = rest, len(scene.mesh)
-        self._part, self._names = scene.part, len(scene.names)
+        self._names = len(scene.names)
         self._moving: RayCaster | None = None
         if boxes:
             self._moving = RayCaster(Scene(joined(boxes), [_speckles()], scene.light))
@@ -226,41 +247,39 @@ class Crowd:
     def incidence(self, hits: Hits, directions: Floats) -> Floats:
         """Cosine between ray and surface normal, (R,)."""
         cosine = np.empty(len(hits.distance), np.float32)
-        for caster, rows, found in self._split(hits):
-            cosine[rows] = caster.incidence(found, directions[rows])
+        for part in self._split(hits):
+            cosine[part.rows] = part.caster.incidence(part.hits, directions[part.rows])
         return cosine
 
     def brightness(self, hits: Hits) -> Floats:
         """Grey value of the surface at each hit, (R,)."""
         grey = np.empty(len(hits.distance), np.float32)
-        for caster, rows, found in self._split(hits):
-            grey[rows] = caster.brightness(found)
+        for part in self._split(hits):
+            grey[part.rows] = part.caster.brightness(part.hits)
         return grey
 
     def colors(self, hits: Hits, directions: Floats, pixel: float) -> Floats:
         """What a camera sees along each ray, (R, 3)."""
         rgb = np.empty((len(hits.distance), 3), np.float32)
-        for caster, rows, found in self._split(hits):
-            rgb[rows] = caster.colors(found, directions[rows], pixel)
+        for part in self._split(hits):
+            rgb[part.rows] = part.caster.colors(part.hits, directions[part.rows], pixel)
         return rgb
 
     def objects(self, hits: Hits) -> NDArray[np.uint16]:
         """Number of the object behind each hit from 1 on, boxes last; 0 where nobody knows."""
-        number = np.zeros(len(hits.triangle), np.int64)
-        rest = (hits.triangle >= 0) & (hits.triangle < self._count)
-        if len(self._part):
-            number[rest] = self._part[hits.triangle[rest]] + 1
-        if self._moving is not None:
-            boxes = hits.triangle >= self._count
-            number[boxes] = self._names + 1 + self._box[hits.triangle[boxes] - self._count]
-        return number.astype(np.uint16)
+        number = np.zeros(len(hits.triangle), np.uint16)
+        rest, *boxes = self._split(hits)
+        number[rest.rows] = self._rest.part_of(rest.hits) + 1
+        for part in boxes:
+            number[part.rows] = self._names + 1 + self._box[part.hits.triangle]
+        return number
 
-    def _split(self, hits: Hits) -> list[tuple[RayCaster, slice | NDArray[np.intp], Hits]]:
-        """The two casters, the rows of their hits, and the hits as they know them."""
+    def _split(self, hits: Hits) -> list[_Share]:
+        """What the world at rest was hit by, and then, if they were, what the boxes were."""
         boxes = np.flatnonzero(hits.triangle >= self._count)
         if self._moving is None or not len(boxes):
-            return [(self._rest, slice(None), hits)]
+            return [_Share(self._rest, slice(None), hits)]
         rest = np.flatnonzero(hits.triangle < self._count)
         found = hits[boxes]
         own = Hits(found.distance, found.triangle - np.int32(self._count), found.u, found.v)
-        return [(self._rest, rest, hits[rest]), (self._moving, boxes, own)]
+        return [_Share(self._rest, rest, hits[rest]), _Share(self._moving, boxes, own)]

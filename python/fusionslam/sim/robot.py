@@ -17,6 +17,8 @@ from fusionslam.messages import FrameTransform
 from fusionslam.sim.camera import CameraMount, parent_from_camera
 from fusionslam.sim.drive import Array, rotation
 from fusionslam.sim.lidar import LidarMount, Vector
+from fusionslam.sim.motion import DriveLimits
+from fusionslam.sim.odometry import OdometryConfig
 
 _ROBOTS = Path(__file__).with_name("robots")
 
@@ -35,6 +37,7 @@ class OdometryMount(Section):
     topic: str = option("/odom", "where odometry is published", min_length=1)
     frame_id: str = option("odom", "frame it starts from: the world's, but for errors")
     rate_hz: float = option(30.0, "poses a second, as odometry and as TF", unit="Hz", gt=0)
+    errors: OdometryConfig = option(OdometryConfig(), "how it differs from the truth")
 
 
 class RobotConfig(Section):
@@ -43,6 +46,7 @@ class RobotConfig(Section):
     base_frame: str = option("base_footprint", "frame on the ground that is driven", min_length=1)
     radius_m: float = option(0.22, "radius of the footprint", unit="m", gt=0, le=10)
     height_m: float = option(0.4, "what stands higher is no obstacle", unit="m", gt=0, le=10)
+    drive: DriveLimits = option(DriveLimits(), "how fast it drives and turns")
     frames: dict[str, FrameConfig] = option({}, "frames at rest on the robot, by name")
     lidars: dict[str, LidarMount] = option({}, "LiDARs, by name")
     cameras: dict[str, CameraMount] = option({}, "cameras, by name")
