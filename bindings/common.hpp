@@ -108,23 +108,41 @@ struct ImageArg {
   }
 };
 
+/// A number of any kind is taken for a float64.
+inline py::array as_numbers(py::handle source, const char* name) {
+  py::array given = as_array(source, name);
+  const char kind = given.dtype().kind();
+  if (kind != 'f' && kind != 'i' && kind != 'u')
+    throw ShapeError(std::string(name) + " has dtype " +
+                     py::str(given.dtype()).cast<std::string>() + ", expected float64");
+  return given;
+}
+
 /// float64 (Rows, Columns).
-template <int Rows, int Columns>
+template <int Rows, int Columns, const char* Name>
 struct MatrixArg {
   std::array<double, Rows * Columns> values;
 
   explicit MatrixArg(py::handle source) {
-    constexpr const char* name = Rows == 3 ? "projection" : "transform";
-    const py::array given = as_array(source, name);
+    const py::array given = as_numbers(source, Name);
     if (given.ndim() != 2 || given.shape(0) != Rows || given.shape(1) != Columns)
-      throw ShapeError(std::string(name) + " has shape " + shape_text(given) + ", expected (" +
+      throw ShapeError(std::string(Name) + " has shape " + shape_text(given) + ", expected (" +
                        std::to_string(Rows) + ", " + std::to_string(Columns) + ")");
-    const char kind = given.dtype().kind();
-    if (kind != 'f' && kind != 'i' && kind != 'u')
-      throw ShapeError(std::string(name) + " has dtype " +
-                       py::str(given.dtype()).cast<std::string>() + ", expected float64");
     const auto array = contiguous<double>(given);
     std::copy_n(array.data(), Rows * Columns, values.begin());
+  }
+};
+
+/// float64 (K,), of any length.
+struct DistortionArg {
+  std::vector<double> values;
+
+  explicit DistortionArg(py::handle source) {
+    const py::array given = as_numbers(source, "distortion");
+    if (given.ndim() != 1)
+      throw ShapeError("distortion has shape " + shape_text(given) + ", expected (K,)");
+    const auto array = contiguous<double>(given);
+    values.assign(array.data(), array.data() + array.size());
   }
 };
 
@@ -143,8 +161,14 @@ struct DisparityArg {
   }
 };
 
-using ProjectionArg = MatrixArg<3, 4>;
-using TransformArg = MatrixArg<4, 4>;
+inline constexpr char projection_name[] = "projection";
+inline constexpr char transform_name[] = "transform";
+inline constexpr char camera_matrix_name[] = "camera_matrix";
+inline constexpr char rectification_name[] = "rectification";
+using ProjectionArg = MatrixArg<3, 4, projection_name>;
+using TransformArg = MatrixArg<4, 4, transform_name>;
+using CameraMatrixArg = MatrixArg<3, 3, camera_matrix_name>;
+using RectificationArg = MatrixArg<3, 3, rectification_name>;
 
 /// float (D,), or (N, D) for a table.
 template <int Dimensions>
@@ -369,6 +393,9 @@ FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::ImageArg, "numpy.uint8");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::DisparityArg, "numpy.float32");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::ProjectionArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::TransformArg, "numpy.float64");
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::CameraMatrixArg, "numpy.float64");
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::RectificationArg, "numpy.float64");
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::DistortionArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::DescriptorArg, "numpy.float32");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::DescriptorTableArg, "numpy.float32");
 

@@ -11,6 +11,70 @@ CloudTuple to_tuple(ColoredCloud&& cloud) {
                         rows_of_three(std::move(cloud.colors)), to_numpy(std::move(cloud.indices)));
 }
 
+py::array_t<std::uint8_t> to_array(Image&& image) {
+  std::vector<py::ssize_t> shape{image.height, image.width};
+  if (image.channels == 3) shape.push_back(3);
+  return to_numpy(std::move(image.pixels), std::move(shape));
+}
+
+void bind_images(py::module_& module) {
+  using namespace py::literals;
+  module.def(
+      "rectify_image",
+      [](const ImageArg& image, const CameraMatrixArg& camera_matrix,
+         const DistortionArg& distortion, const std::string& model,
+         const RectificationArg& rectification, const ProjectionArg& projection,
+         const std::pair<int, int>& size) {
+        const CameraCalibration calibration{
+            size.first,
+            size.second,
+            camera_matrix.values,
+            distortion.values,
+            choice_from_name<DistortionModel>("distortion model", model.empty() ? "none" : model),
+            rectification.values,
+            projection.values};
+        return to_array(without_gil([&] { return rectify_image(image.view(), calibration); }));
+      },
+      "image"_a, py::kw_only(), "camera_matrix"_a, "distortion"_a, "model"_a, "rectification"_a,
+      "projection"_a, "size"_a,
+      R"(The image as a pinhole camera would have taken it (sensor_msgs/CameraInfo), by OpenCV.
+
+Args:
+    image: uint8 (H, W, 3) RGB or (H, W), as taken.
+    camera_matrix: float64 (3, 3), K.
+    distortion: float64 (K,): 4 or 5 for plumb_bob, 8 for rational_polynomial (both also 0, for
+        no distortion), 4 for equidistant, 0 for none.
+    model: "plumb_bob", "rational_polynomial", "equidistant", "none" or "".
+    rectification: float64 (3, 3), R, rectified_from_camera.
+    projection: float64 (3, 4), P of the rectified image.
+    size: (width, height) that the calibration is for.
+
+Returns:
+    uint8, of the image's shape, read bilinearly; black where the camera did not see.
+
+Raises:
+    DataError: matrices that are no camera's (zeros, NaN), another number of coefficients.
+    ShapeError: an image of another size. ConfigError: unknown model.)");
+  module.def(
+      "demosaic",
+      [](const ImageArg& image, const std::string& pattern) {
+        const auto mosaic = choice_from_name<BayerPattern>("pattern", pattern);
+        return to_array(without_gil([&] { return demosaic(image.view(), mosaic); }));
+      },
+      "image"_a, "pattern"_a,
+      R"(The RGB image behind a Bayer mosaic: means of the nearest pixels, by OpenCV.
+
+Args:
+    image: uint8 (H, W), at least 4 pixels a side.
+    pattern: colours of the upper left 2 x 2 pixels, row by row: "rggb", "bggr", "gbrg", "grbg".
+
+Returns:
+    uint8 (H, W, 3), RGB; the outermost pixels are copies of their inner neighbours.
+
+Raises:
+    ShapeError: an image with three channels. DataError: too small. ConfigError: unknown pattern.)");
+}
+
 void bind_projection(py::module_& module) {
   using namespace py::literals;
   module.def(
@@ -158,6 +222,7 @@ Returns:
 }  // namespace
 
 void bind_fusion(py::module_& module) {
+  bind_images(module);
   bind_projection(module);
   bind_stereo(module);
   bind_filters(module);

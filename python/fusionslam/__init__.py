@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from fusionslam._core import cm2dp_signature as cm2dp_signature
     from fusionslam._core import colorize as colorize
     from fusionslam._core import cshot as cshot
+    from fusionslam._core import demosaic as demosaic
     from fusionslam._core import depth_image as depth_image
     from fusionslam._core import drop_invalid as drop_invalid
     from fusionslam._core import estimate_normals as estimate_normals
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from fusionslam._core import m2dp_signature as m2dp_signature
     from fusionslam._core import nearest as nearest
     from fusionslam._core import nearest_causal as nearest_causal
+    from fusionslam._core import rectify_image as rectify_image
     from fusionslam._core import remove_ground_plane as remove_ground_plane
     from fusionslam._core import shot as shot
     from fusionslam._core import shot_at_centroid as shot_at_centroid
@@ -58,28 +60,36 @@ if TYPE_CHECKING:
     from fusionslam.loop_closure import Loop as Loop
     from fusionslam.loop_closure import LoopConfig as LoopConfig
     from fusionslam.loop_closure import LoopDetector as LoopDetector
+    from fusionslam.online import FrameBuilder as FrameBuilder
+    from fusionslam.online import OnlineConfig as OnlineConfig
     from fusionslam.pipeline import PipelineConfig as PipelineConfig
     from fusionslam.pipeline import describe_dataset as describe_dataset
     from fusionslam.sensors import Camera as Camera
     from fusionslam.sensors import Cloud as Cloud
     from fusionslam.sensors import Frame as Frame
+    from fusionslam.synchronizer import SyncConfig as SyncConfig
+    from fusionslam.synchronizer import Synchronizer as Synchronizer
+    from fusionslam.transforms import TransformTree as TransformTree
 
 # Loaded when first used: the command line must answer --help before any of this is there.
 _HOMES = {
     "_core": (
         "DescriptorIndex GroundPlaneConfig M2dpConfig StereoConfig __version__ above_height "
-        "cloud_from_disparity cloud_resolution cm2dp cm2dp_signature colorize cshot depth_image "
-        "drop_invalid estimate_normals first_singular_vectors m2dp m2dp_signature nearest "
-        "nearest_causal remove_ground_plane shot shot_at_centroid simd_level stereo_disparity "
-        "voxel_downsample"
+        "cloud_from_disparity cloud_resolution cm2dp cm2dp_signature colorize cshot demosaic "
+        "depth_image drop_invalid estimate_normals first_singular_vectors m2dp m2dp_signature "
+        "nearest nearest_causal rectify_image remove_ground_plane shot shot_at_centroid "
+        "simd_level stereo_disparity voxel_downsample"
     ),
     "datasets": "Dataset open_dataset",
     "descriptors": "DescriptorConfig describe",
     "errors": "ConfigError DataError FusionSlamError ShapeError",
     "fusion": "FusionConfig fuse",
     "loop_closure": "Loop LoopConfig LoopDetector",
+    "online": "FrameBuilder OnlineConfig",
     "pipeline": "PipelineConfig describe_dataset",
     "sensors": "Camera Cloud Frame",
+    "synchronizer": "SyncConfig Synchronizer",
+    "transforms": "TransformTree",
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
 

@@ -6,7 +6,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'remove_ground_plane', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -321,6 +321,20 @@ def cshot(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDAr
     Returns:
         float32 (1344,).
     """
+def demosaic(image: numpy.typing.NDArray[numpy.uint8], pattern: str) -> numpy.typing.NDArray[numpy.uint8]:
+    """
+    The RGB image behind a Bayer mosaic: means of the nearest pixels, by OpenCV.
+    
+    Args:
+        image: uint8 (H, W), at least 4 pixels a side.
+        pattern: colours of the upper left 2 x 2 pixels, row by row: "rggb", "bggr", "gbrg", "grbg".
+    
+    Returns:
+        uint8 (H, W, 3), RGB; the outermost pixels are copies of their inner neighbours.
+    
+    Raises:
+        ShapeError: an image with three channels. DataError: too small. ConfigError: unknown pattern.
+    """
 def depth_image(points: numpy.typing.NDArray[numpy.float32], projection: numpy.typing.NDArray[numpy.float64], *, width: typing.SupportsInt | typing.SupportsIndex, height: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float32]:
     """
     Depth along the optical axis of the nearest point in each pixel: float32 (height, width),
@@ -404,6 +418,27 @@ def nearest_causal(descriptors: numpy.typing.NDArray[numpy.float32], *, window: 
     
     Returns:
         (indices int64 (N, k), -1 where there is none; distances float32 (N, k), infinite there).
+    """
+def rectify_image(image: numpy.typing.NDArray[numpy.uint8], *, camera_matrix: numpy.typing.NDArray[numpy.float64], distortion: numpy.typing.NDArray[numpy.float64], model: str, rectification: numpy.typing.NDArray[numpy.float64], projection: numpy.typing.NDArray[numpy.float64], size: tuple[typing.SupportsInt | typing.SupportsIndex, typing.SupportsInt | typing.SupportsIndex]) -> numpy.typing.NDArray[numpy.uint8]:
+    """
+    The image as a pinhole camera would have taken it (sensor_msgs/CameraInfo), by OpenCV.
+    
+    Args:
+        image: uint8 (H, W, 3) RGB or (H, W), as taken.
+        camera_matrix: float64 (3, 3), K.
+        distortion: float64 (K,): 4 or 5 for plumb_bob, 8 for rational_polynomial (both also 0, for
+            no distortion), 4 for equidistant, 0 for none.
+        model: "plumb_bob", "rational_polynomial", "equidistant", "none" or "".
+        rectification: float64 (3, 3), R, rectified_from_camera.
+        projection: float64 (3, 4), P of the rectified image.
+        size: (width, height) that the calibration is for.
+    
+    Returns:
+        uint8, of the image's shape, read bilinearly; black where the camera did not see.
+    
+    Raises:
+        DataError: matrices that are no camera's (zeros, NaN), another number of coefficients.
+        ShapeError: an image of another size. ConfigError: unknown model.
     """
 def remove_ground_plane(points: numpy.typing.NDArray[numpy.float32], *, up: str = 'z', config: GroundPlaneConfig = ...) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64]]:
     """

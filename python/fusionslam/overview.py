@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.datasets import read_timestamps
-from fusionslam.datasets.readers import image_size
+from fusionslam.datasets.base import FileDataset
+from fusionslam.errors import DataError
 from fusionslam.sensors import Camera
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
+    from fusionslam.workspace import Recording
 
 
 @dataclass(frozen=True)
@@ -43,14 +44,36 @@ def overview(dataset: "Dataset") -> Overview:
     return Overview(list(_rows(dataset)), [int(number) for number in dataset.gaps])
 
 
+def look_at(recording: "Recording") -> Overview:
+    """Look at a recording; of a bag say what is in it, and why it is no dataset if it is none.
+
+    Raises:
+        DataError: a file that cannot be read. ConfigError: as ``open_dataset``.
+    """
+    from fusionslam.datasets.bags.inspection import Inspection
+    from fusionslam.datasets.bags.reader import bag_kind
+
+    path = Path(recording.path)
+    if bag_kind(path) is None:
+        return overview(recording.open())
+    bag = Inspection.of(path, recording.topics, recording.stamps)
+    rows = [*bag.rows()]
+    try:
+        dataset = recording.open()
+    except DataError as error:
+        return Overview([*rows, ("frames", f"none: {error}"), ("fusion", bag.fusion(None))], [])
+    rows += [row for row in _rows(dataset) if row[0] not in dict(rows)]
+    return Overview([*rows, ("fusion", bag.fusion(dataset))], list(dataset.gaps))
+
+
 def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:
     yield "name", dataset.name
     yield "kind", dataset.kind
     yield "folder", str(dataset.root)
     yield "frames", f"{len(dataset)}, numbers {dataset.numbers[0]} to {dataset.numbers[-1]}"
     yield "time", _time(dataset.stamps_ns)
-    for sensor, count in dataset.counts.items():
-        yield f"sensor {sensor}", f"{count} files{_size(dataset, sensor)}"
+    for sensor in dataset.sensors:
+        yield f"sensor {sensor}", dataset.content(sensor)
     for name, camera in dataset.cameras.items():
         yield f"camera {name}", _calibration(camera)
     if not dataset.cameras:
@@ -69,14 +92,6 @@ def _time(stamps_ns: NDArray[np.int64]) -> str:
     rate = f"{1 / median:.2f} Hz" if median > 0 else "no rate"
     lasts = (stamps_ns[-1] - stamps_ns[0]) / 1e9
     return f"{lasts:.1f} s, {rate} (steps {steps.min():.3f} to {steps.max():.3f} s)"
-
-
-def _size(dataset: "Dataset", sensor: str) -> str:
-    path = next(iter(dataset.streams[sensor].files.values()))
-    if sensor == "points":
-        return f" {path.suffix}"
-    width, height = image_size(path)
-    return f" {path.suffix}, {width}x{height}"
 
 
 def _calibration(camera: Camera) -> str:
@@ -117,30 +132,23 @@ def _gaps(dataset: "Dataset") -> str:
         return "none"
     some = ", ".join(str(number) for number in dataset.gaps[:8])
     more = ", ..." if len(dataset.gaps) > 8 else ""
+    if not isinstance(dataset, FileDataset):
+        return f"{len(dataset.gaps)} frames left out, see the log: {some}{more}"
     return f"{len(dataset.gaps)} frames lack a file: {some}{more} (other commands: --skip-gaps)"
 
 
 def _offsets(dataset: "Dataset") -> str:
     """Median time of each sensor relative to the first, where each has times of its own."""
-    times = {sensor: _times(dataset, sensor) for sensor in dataset.sensors}
+    times = {sensor: dataset.sensor_stamps(sensor) for sensor in dataset.sensors}
     known = {sensor: stamps for sensor, stamps in times.items() if stamps is not None}
     if len(known) < 2:
         return "unknown: the sensors share one time a frame"
     first, *others = known
-    rows = dataset.numbers[dataset.numbers < min(len(stamps) for stamps in known.values())]
+    count = min(len(stamps) for stamps in known.values())
     parts = []
     for sensor in others:
-        offsets = (known[sensor][rows] - known[first][rows]) / 1e6
+        offsets = (known[sensor][:count] - known[first][:count]) / 1e6
         parts.append(
             f"{sensor} {np.median(offsets):+.1f} ms ({offsets.min():+.1f} to {offsets.max():+.1f})"
         )
     return f"against {first}: {', '.join(parts)}"
-
-
-def _times(dataset: "Dataset", sensor: str) -> NDArray[np.int64] | None:
-    """KITTI raw keeps times for each sensor, beside the folder of its files."""
-    path: Path = next(iter(dataset.streams[sensor].files.values())).parent.parent
-    stamps = path / "timestamps.txt"
-    if dataset.kind != "kitti-raw" or not stamps.exists():
-        return None
-    return read_timestamps(stamps)

@@ -160,11 +160,12 @@ class _Work:
     @cached_property
     def partial(self) -> Path:
         """Where finished chunks wait; the name changes with anything that changes the result."""
-        files = [stream.files for stream in self.dataset.streams.values()]
         identity = [
             _core.__version__,
             str(self.dataset.root),
-            [_state(paths[number]) for paths in files for number in self.dataset.numbers.tolist()],
+            self.dataset.name,
+            [_state(path) for path in self.dataset.files()],
+            self.dataset.stamps_ns.tolist(),
             self.config.fusion.model_dump(),
             self.config.descriptors.model_dump(),
             self.bad_frames,

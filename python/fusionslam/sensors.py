@@ -86,7 +86,8 @@ class Frame:
         images: by camera name ("left", "right"): uint8 (H, W, 3) RGB or (H, W); or loaders.
         cameras: calibration by camera name.
         pose: float64 (4, 4), world_from_body; the dataset says which body (``pose_frame``).
-        odometry: float64 (4, 4), odom_from_body, as measured on board.
+        odometry: float64 (4, 4), odom_from_robot at the scan's stamp, as measured on board.
+        robot_from_points: float64 (4, 4), maps points of the scan to the robot's frame.
     """
 
     def __init__(
@@ -100,12 +101,14 @@ class Frame:
         cameras: Mapping[str, Camera] | None = None,
         pose: NDArray[np.float64] | None = None,
         odometry: NDArray[np.float64] | None = None,
+        robot_from_points: NDArray[np.float64] | None = None,
     ) -> None:
         self.index = index
         self.stamp_ns = stamp_ns
         self.cameras: Mapping[str, Camera] = cameras or {}
         self.pose = pose
         self.odometry = odometry
+        self.robot_from_points = robot_from_points
         self.images: Mapping[str, Bytes] = _LazyMapping(images or {})
         self._points = points
         self._colors = colors

@@ -82,10 +82,10 @@ class Stored:
     @cached_property
     def _newest(self) -> float:
         """When the recording or the compiled core changed last."""
-        streams = self.dataset.streams.values()
-        files = [path for stream in streams for path in stream.files.values()]
         with suppress(OSError):  # a file that is gone is reported when it is read
-            return max(path.stat().st_mtime for path in (Path(str(_core.__file__)), *files))
+            return max(
+                path.stat().st_mtime for path in (Path(str(_core.__file__)), *self.dataset.files())
+            )
         return float("inf")
 
 

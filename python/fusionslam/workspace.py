@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from fusionslam._files import atomic_path
 from fusionslam.errors import DataError
+from fusionslam.synchronizer import SyncConfig
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
@@ -29,13 +30,19 @@ SENSORS_OF = {"lidar": ("points", "left"), "stereo": ("left", "right"), "cloud":
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording and how it is opened; the arguments are those of ``open_dataset``."""
+    """A recording and how it is opened; the arguments are those of ``open_dataset``.
+
+    ``sync`` holds the values of ``SyncConfig`` that are not its defaults.
+    """
 
     path: str
     kind: str | None = None
     sequence: str | None = None
     gaps: str = "error"
     poses: str | None = None
+    topics: Mapping[str, str] = field(default_factory=dict)
+    stamps: str = "header"
+    sync: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def at(cls, path: str | os.PathLike[str], **how: Any) -> "Recording":
@@ -72,8 +79,17 @@ class Recording:
     def _open(self, sensors: Sequence[str] | None, gaps: str) -> "Dataset":
         from fusionslam.datasets import open_dataset
 
-        how = {"kind": self.kind, "sequence": self.sequence, "poses": self.poses}
-        return open_dataset(self.path, sensors=sensors, gaps=gaps, **how)
+        return open_dataset(
+            self.path,
+            kind=self.kind,
+            sequence=self.sequence,
+            sensors=sensors,
+            gaps=gaps,
+            poses=self.poses,
+            topics=self.topics,
+            stamps=self.stamps,
+            sync=SyncConfig(**self.sync),
+        )
 
     def _everything(self) -> "tuple[Dataset | None, DataError | None]":
         try:

@@ -3,7 +3,9 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
+#include <string_view>
 #include <vector>
 
 #include "fusionslam/config.hpp"
@@ -30,6 +32,61 @@ ColoredCloud colorize(PointsView points, ImageView image, const Projection& proj
 /// none. Throws as colorize.
 std::vector<float> depth_image(PointsView points, int width, int height,
                                const Projection& projection);
+
+/// An 8-bit image that owns its pixels: 1 channel (grey) or 3 (RGB), rows without padding.
+struct Image {
+  std::vector<std::uint8_t> pixels;
+  int width = 0;
+  int height = 0;
+  int channels = 3;
+
+  ImageView view() const {
+    return {pixels.data(), width, height, channels, static_cast<std::size_t>(width * channels)};
+  }
+};
+
+/// How lenses bend: the models of sensor_msgs/CameraInfo.
+enum class DistortionModel { none, plumb_bob, rational_polynomial, equidistant };
+
+template <>
+struct ChoiceNames<DistortionModel> {
+  static constexpr std::array<std::string_view, 4> value{"none", "plumb_bob", "rational_polynomial",
+                                                         "equidistant"};
+};
+
+/// How a camera sees (sensor_msgs/CameraInfo); matrices are row-major.
+struct CameraCalibration {
+  int width = 0;  ///< of the image as taken, and of the rectified one
+  int height = 0;
+  std::array<double, 9> camera_matrix{};  ///< K of the image as taken, without skew
+  std::vector<double> distortion;         ///< as many coefficients as the model has
+  DistortionModel model = DistortionModel::none;
+  std::array<double, 9> rectification{1, 0, 0, 0, 1, 0, 0, 0, 1};  ///< rectified_from_camera
+  Projection projection{};  ///< P of the rectified image; its last column plays no part
+};
+
+/// The image as a pinhole camera with the calibration's projection would have taken it, read
+/// bilinearly; pixels that the camera did not see are black.
+///
+/// Coefficients: plumb_bob 4 or 5 (k1 k2 p1 p2 k3), rational_polynomial 8 (k1 k2 p1 p2 k3 to k6),
+/// equidistant 4 (k1 to k4), none 0; plumb_bob and rational_polynomial also 0, for no distortion.
+/// Throws DataError for matrices that are no camera's (a focal length of 0, a rotation that is
+/// none, NaN) or another number of coefficients, ShapeError if the image has another size than the
+/// calibration is for.
+Image rectify_image(ImageView image, const CameraCalibration& calibration);
+
+/// The colours of the upper left 2 x 2 pixels of a sensor behind a Bayer mosaic, row by row.
+enum class BayerPattern { rggb, bggr, gbrg, grbg };
+
+template <>
+struct ChoiceNames<BayerPattern> {
+  static constexpr std::array<std::string_view, 4> value{"rggb", "bggr", "gbrg", "grbg"};
+};
+
+/// The RGB image behind a Bayer mosaic: missing colours are means of their nearest pixels, those of
+/// the outermost pixels are copied from the next row or column. Throws ShapeError for an image that
+/// is not grey, DataError for one with fewer than 4 pixels a side.
+Image demosaic(ImageView mosaic, BayerPattern pattern);
 
 enum class StereoMethod { bm, sgbm };
 

@@ -22,14 +22,17 @@ def info(
     data: opt.Data,
     kind: opt.KindOption = None,
     sequence: opt.Sequence = None,
+    topic: opt.Topics = None,
+    stamps: opt.StampsOption = "header",
+    sync: opt.SyncOption = None,
     gt: opt.Truth = None,
     verbose: opt.Verbose = False,
 ) -> None:
     """Say what is in DATA: frames, sensors, calibration, poses, gaps."""
-    from fusionslam.overview import overview
+    from fusionslam.overview import look_at
 
-    seen = overview(opt.recording_of(data, kind, sequence, skip_gaps=True, truth=gt).open())
-    print_table(["what", "value"], seen.rows)
+    recording = opt.recording_of(data, kind, sequence, True, gt, topic, stamps, sync)
+    print_table(["what", "value"], look_at(recording).rows)
 
 
 def fuse(
@@ -42,6 +45,9 @@ def fuse(
     ] = "ply",
     kind: opt.KindOption = None,
     sequence: opt.Sequence = None,
+    topic: opt.Topics = None,
+    stamps: opt.StampsOption = "header",
+    sync: opt.SyncOption = None,
     skip_gaps: opt.SkipGaps = False,
     gt: opt.Truth = None,
     settings: opt.Settings = None,
@@ -56,7 +62,7 @@ def fuse(
     from fusionslam.bench import for_source
     from fusionslam.clouds import write_clouds
 
-    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt)
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync)
     chosen = opt.pipeline_config(config, settings)
     chosen = for_source(chosen, opt.source_of(source, chosen, recording))
     keep(ctx, output)
@@ -81,6 +87,9 @@ def describe(
     source: opt.Source = None,
     kind: opt.KindOption = None,
     sequence: opt.Sequence = None,
+    topic: opt.Topics = None,
+    stamps: opt.StampsOption = "header",
+    sync: opt.SyncOption = None,
     skip_gaps: opt.SkipGaps = False,
     skip_bad_frames: opt.SkipBad = False,
     gt: opt.Truth = None,
@@ -97,7 +106,7 @@ def describe(
     from fusionslam.pipeline import run_path
 
     names = opt.names_of(descriptors)
-    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt)
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync)
     chosen = opt.pipeline_config(config, settings)
     chosen = bench.for_source(chosen, opt.source_of(source, chosen, recording))
     dataset = recording.open(chosen.fusion.source)
@@ -121,6 +130,9 @@ def loops(
     source: opt.Source = None,
     kind: opt.KindOption = None,
     sequence: opt.Sequence = None,
+    topic: opt.Topics = None,
+    stamps: opt.StampsOption = "header",
+    sync: opt.SyncOption = None,
     skip_gaps: opt.SkipGaps = False,
     skip_bad_frames: opt.SkipBad = False,
     gt: opt.Truth = None,
@@ -136,7 +148,7 @@ def loops(
     from fusionslam.loop_report import find_loops
 
     name = descriptor_named(descriptor).name
-    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt)
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync)
     chosen = opt.pipeline_config(config, settings)
     if threshold is not None:
         chosen = merged(chosen, {"loop_closure": {"threshold": threshold}})

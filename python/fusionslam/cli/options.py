@@ -49,12 +49,34 @@ def _said_once() -> "Callable[[LogRecord], bool]":
 
 
 Data = Annotated[
-    Path, typer.Argument(metavar="DATA", help="Folder of a recording; its kind is recognised.")
+    Path, typer.Argument(metavar="DATA", help="A recording, folder or bag; its kind is recognised.")
 ]
 Results = Annotated[Path, typer.Argument(metavar="OUT", help="Folder with stored runs.")]
 KindOption = Annotated[
     str | None,
-    typer.Option("--kind", help="kitti-odometry, kitti-raw, kitti-object or folder."),
+    typer.Option(
+        "--kind", help="kitti-odometry, kitti-raw, kitti-object, folder, rosbag1, rosbag2 or mcap."
+    ),
+]
+Topics = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--topic",
+        metavar="WHAT=/NAME",
+        help="Topic of a bag for points, left, camera_info, odometry or truth; may be repeated.",
+    ),
+]
+StampsOption = Annotated[
+    str,
+    typer.Option("--stamps", help="Times of a bag's messages: header, or bag (their arrival)."),
+]
+SyncOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--sync",
+        metavar="KEY=VALUE",
+        help="How a bag's images go with its scans: policy=last_before, max_difference=0.05, ...",
+    ),
 ]
 Sequence = Annotated[
     str | None, typer.Option("--sequence", help="Which one, where DATA holds several.")
@@ -116,12 +138,36 @@ def recording_of(
     sequence: str | None = None,
     skip_gaps: bool = False,
     truth: Path | None = None,
+    topics: list[str] | None = None,
+    stamps: str = "header",
+    sync: list[str] | None = None,
 ) -> "Recording":
     """The recording that the options name."""
+    from fusionslam.config import with_settings
+    from fusionslam.synchronizer import SyncConfig
     from fusionslam.workspace import Recording
 
-    gaps = "skip" if skip_gaps else "error"
-    return Recording.at(data, kind=kind, sequence=sequence, gaps=gaps, poses=truth)
+    changes = with_settings(SyncConfig(), sync or []).model_dump(exclude_defaults=True)
+    return Recording.at(
+        data,
+        kind=kind,
+        sequence=sequence,
+        gaps="skip" if skip_gaps else "error",
+        poses=truth,
+        topics=_pairs("--topic", topics or []),
+        stamps=stamps,
+        sync=changes,
+    )
+
+
+def _pairs(option: str, texts: list[str]) -> dict[str, str]:
+    """Texts such as points=/velodyne_points by what stands before the sign."""
+    from fusionslam.errors import ConfigError
+
+    for text in texts:
+        if "=" not in text:
+            raise ConfigError(f"{option} {text}: expected WHAT=/NAME")
+    return dict(text.split("=", 1) for text in texts)
 
 
 def everything() -> "Section":

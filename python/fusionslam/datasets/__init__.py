@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings on disk as frames: KITTI odometry, KITTI raw, KITTI object and plain folders.
+"""Recordings on disk as frames: KITTI odometry, raw and object, plain folders, and bags.
 
 >>> dataset = open_dataset("kitti/dataset", sequence="06")  # doctest: +SKIP
 >>> dataset[0].points.shape, dataset[0].images["left"].shape  # doctest: +SKIP
@@ -9,9 +9,12 @@
 
 import os
 import stat
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from fusionslam.datasets.bags import open_bag, open_writer
+from fusionslam.datasets.bags.dataset import BAGS
+from fusionslam.datasets.bags.reader import bag_kind
 from fusionslam.datasets.base import Dataset, Kind
 from fusionslam.datasets.calibration import Calibration, read_calib_yaml, read_calibration
 from fusionslam.datasets.folder import FOLDER
@@ -37,6 +40,7 @@ from fusionslam.datasets.trajectories import (
     write_poses_tum,
 )
 from fusionslam.errors import ConfigError, DataError
+from fusionslam.synchronizer import SyncConfig
 
 __all__ = [
     "KINDS",
@@ -44,7 +48,9 @@ __all__ = [
     "Calibration",
     "Dataset",
     "match_poses",
+    "open_bag",
     "open_dataset",
+    "open_writer",
     "read_bin",
     "read_calib_yaml",
     "read_calibration",
@@ -63,7 +69,7 @@ __all__ = [
 
 # In the order in which they are tried: an object folder has a velodyne/ too, any of them may
 # hold a folder of images.
-_KINDS = (KITTI_OBJECT, KITTI_ODOMETRY, KITTI_RAW, FOLDER)
+_KINDS = (*BAGS, KITTI_OBJECT, KITTI_ODOMETRY, KITTI_RAW, FOLDER)
 KINDS = tuple(kind.name for kind in _KINDS)
 GAPS = ("error", "skip")
 
@@ -76,44 +82,63 @@ def open_dataset(
     sensors: Sequence[str] | None = None,
     gaps: str = "error",
     poses: str | os.PathLike[str] | None = None,
+    topics: Mapping[str, str] | None = None,
+    stamps: str = "header",
+    sync: SyncConfig | None = None,
 ) -> Dataset:
     """Open a recording; scans and images are read only when they are asked for.
 
     Args:
-        path: folder of one sequence, or one that holds several.
-        kind: one of ``KINDS``; None recognises it by the folders in it.
+        path: folder of one sequence, or one that holds several; or a bag.
+        kind: one of ``KINDS``; None recognises it by what is in it.
         sequence: which one, where the folder holds several: "06" (or 6), a drive, "testing".
         sensors: those that every frame needs, of "points", "left", "right"; None for all of
             which there are files. Files of other sensors are left alone.
         gaps: a number between the first and the last frame for which a sensor has no file is
-            an "error", or "skip" leaves those frames out.
+            an "error", or "skip" leaves those frames out. Bags are read as with "skip".
         poses: file in KITTI or TUM format to use instead of the one found beside the data.
+        topics: of a bag, those not to be guessed, by what they are: "points", "left",
+            "camera_info", "odometry", "truth".
+        stamps: when the messages of a bag were measured: as their "header" says, or when they
+            arrived in the "bag".
+        sync: which image of a bag belongs to which scan.
 
     Raises:
         DataError: nothing there, nothing recognised, no frames, or a file that is missing, too
             short or malformed; the message names it and what was expected.
-        ConfigError: an unknown kind, sensor or way to treat gaps.
+        ConfigError: an unknown kind, sensor or way to treat gaps; topics of what is no bag.
     """
-    root = _folder(path)
+    root = _root(path)
     _one_of("gaps", gaps, GAPS)
     name = None if sequence is None else str(sequence)
-    request = Request(name, _sensors(sensors), gaps, Path(poses) if poses else None)
+    request = Request(
+        name,
+        _sensors(sensors),
+        gaps,
+        Path(poses) if poses else None,
+        topics or {},
+        stamps,
+        sync or SyncConfig(),
+    )
     try:
-        return _kind(root, kind).open(root, request)
+        found = _kind(root, kind)
+        if topics and found not in BAGS:
+            raise ConfigError(f"topics are of bags, but {root} is of kind {found.name}")
+        return found.open(root, request)
     except PermissionError as error:
         raise DataError(f"{error.filename} cannot be read: {error.strerror}") from error
 
 
-def _folder(path: str | os.PathLike[str]) -> Path:
+def _root(path: str | os.PathLike[str]) -> Path:
     root = Path(path).expanduser().resolve()
     try:
         mode = root.stat().st_mode
     except FileNotFoundError as error:
-        raise DataError(f"{root} does not exist: expected the folder of a recording") from error
+        raise DataError(f"{root} does not exist: expected a recording") from error
     except OSError as error:
         raise DataError(f"{root} cannot be read: {error.strerror}") from error
-    if not stat.S_ISDIR(mode):
-        raise DataError(f"{root} is a file: expected the folder of a recording")
+    if not stat.S_ISDIR(mode) and bag_kind(root) is None:
+        raise DataError(f"{root} is a file: expected the folder of a recording, or a bag")
     return root
 
 

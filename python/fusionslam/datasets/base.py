@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``Dataset``: the frames of one recording, whatever folder layout they came from."""
+"""``Dataset``: the frames of one recording, whatever they are stored in."""
 
 import functools
 import operator
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets.readers import image_size, read_cloud, read_image
 from fusionslam.datasets.streams import Request, Stream
+from fusionslam.datasets.trajectories import read_timestamps
 from fusionslam.errors import DataError
 from fusionslam.sensors import Camera, Frame
 
@@ -21,31 +23,29 @@ Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Dataset:
+class Dataset(ABC):
     """Frames of one recording, in the order of their numbers, loaded when asked for.
 
-    ``dataset[i]`` is the i-th frame present (its ``index`` is i, its number in the file names
-    is ``dataset.numbers[i]``); iterating yields all of them.
+    ``dataset[i]`` is the i-th frame present (its ``index`` is i, its number in the recording is
+    ``dataset.numbers[i]``); iterating yields all of them.
 
     Attributes:
-        kind: "kitti-odometry", "kitti-raw", "kitti-object" or "folder".
+        kind: "kitti-odometry", "kitti-raw", "kitti-object", "folder", "rosbag1", "rosbag2" or
+            "mcap".
         name: for people, such as "KITTI odometry 06".
-        root: the folder of the recording.
-        streams: the files of each sensor in use: "points", "left", "right".
+        root: the folder or file of the recording.
         numbers: int64 (N), frame numbers as in the file names; there may be gaps.
         stamps_ns: int64 (N), nanoseconds.
         pose_frame: which body the poses describe.
         body_from_points: float64 (4, 4), maps points of the scan to that body; None if unknown.
         poses: float64 (N, 4, 4), world_from_body; None if there are none.
         cameras: calibration by camera name; of the first frame where each frame has its own.
-        gaps: numbers of the frames that lack a file and were left out.
-        frame_cameras: reads the calibration of one frame, for data where each has its own.
+        gaps: numbers of the frames that lack something and were left out.
     """
 
     kind: str
     name: str
     root: Path
-    streams: Mapping[str, Stream]
     numbers: NDArray[np.int64]
     stamps_ns: NDArray[np.int64]
     pose_frame: str
@@ -53,27 +53,42 @@ class Dataset:
     poses: NDArray[np.float64] | None = None
     cameras: Mapping[str, Camera] = field(default_factory=dict)
     gaps: Sequence[int] = ()
-    frame_cameras: Callable[[int], Mapping[str, Camera]] | None = None
+
+    @property
+    @abstractmethod
+    def counts(self) -> dict[str, int]:
+        """Number of scans or images by sensor, including those of frames that were left out."""
+
+    @abstractmethod
+    def files(self) -> list[Path]:
+        """The files that the frames are made of: results are older than data if one of these is."""
+
+    @abstractmethod
+    def content(self, sensor: str) -> str:
+        """What there is of a sensor, for people."""
+
+    @abstractmethod
+    def sensor_stamps(self, sensor: str) -> NDArray[np.int64] | None:
+        """A sensor's own times, int64 (M), of the first M frames; None where it has none."""
+
+    @abstractmethod
+    def _frame(self, index: int) -> Frame:
+        """The frame with an index that there is."""
 
     @property
     def sensors(self) -> tuple[str, ...]:
         """The sensors that every frame has: some of "points", "left", "right"."""
-        return tuple(self.streams)
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Number of files by sensor, including those of frames that were left out."""
-        return {sensor: len(stream.files) for sensor, stream in self.streams.items()}
+        return tuple(self.counts)
 
     @property
     def has_points(self) -> bool:
         """Whether the frames have scans."""
-        return "points" in self.streams
+        return "points" in self.sensors
 
     @property
     def has_stereo(self) -> bool:
         """Whether the frames have both images of a stereo pair."""
-        return "left" in self.streams and "right" in self.streams
+        return "left" in self.sensors and "right" in self.sensors
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -89,7 +104,46 @@ class Dataset:
             DataError: its calibration cannot be read. A scan or an image that cannot be read
                 raises when it is first asked for.
         """
-        index = range(len(self))[operator.index(index)]
+        return self._frame(range(len(self))[operator.index(index)])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FileDataset(Dataset):
+    """A recording whose scans and images are one file each.
+
+    Attributes:
+        streams: the files of each sensor in use: "points", "left", "right".
+        frame_cameras: reads the calibration of one frame, for data where each has its own.
+    """
+
+    streams: Mapping[str, Stream]
+    frame_cameras: Callable[[int], Mapping[str, Camera]] | None = None
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of files by sensor, including those of frames that were left out."""
+        return {sensor: len(stream.files) for sensor, stream in self.streams.items()}
+
+    def files(self) -> list[Path]:
+        """The files of all frames, sensor by sensor."""
+        streams = self.streams.values()
+        return [stream.files[number] for stream in streams for number in self.numbers.tolist()]
+
+    def content(self, sensor: str) -> str:
+        """Number and format of the files, and the size of images."""
+        path = next(iter(self.streams[sensor].files.values()))
+        count = f"{self.counts[sensor]} files {path.suffix}"
+        return count if sensor == "points" else "{}, {}x{}".format(count, *image_size(path))
+
+    def sensor_stamps(self, sensor: str) -> NDArray[np.int64] | None:
+        """KITTI raw keeps times for each sensor, beside the folder of its files."""
+        path = next(iter(self.streams[sensor].files.values())).parent.parent / "timestamps.txt"
+        if self.kind != "kitti-raw" or not path.exists():
+            return None
+        stamps = read_timestamps(path)
+        return stamps[self.numbers[self.numbers < len(stamps)]]
+
+    def _frame(self, index: int) -> Frame:
         number = int(self.numbers[index])
         cameras = self.frame_cameras(number) if self.frame_cameras else self.cameras
         points, colors = self._scan(number)

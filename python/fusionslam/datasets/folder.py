@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.datasets.base import Dataset, Kind
+from fusionslam.datasets.base import Dataset, FileDataset, Kind
 from fusionslam.datasets.calibration import read_calib_yaml
 from fusionslam.datasets.readers import CLOUD_SUFFIXES
 from fusionslam.datasets.streams import (
@@ -51,7 +51,7 @@ def open_folder(path: Path, request: Request) -> Dataset:
     numbers, gaps = frame_numbers(chosen, request)
     poses = request.poses or _poses(root)
     stamps = _stamps(root, numbers, name_stamps, poses)
-    return Dataset(
+    return FileDataset(
         kind=FOLDER.name,
         name=root.name,
         root=root,

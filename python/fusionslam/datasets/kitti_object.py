@@ -6,7 +6,7 @@ import functools
 from collections.abc import Mapping
 from pathlib import Path
 
-from fusionslam.datasets.base import Dataset, Kind
+from fusionslam.datasets.base import Dataset, FileDataset, Kind
 from fusionslam.datasets.calibration import camera, homogeneous, read_calibration
 from fusionslam.datasets.kitti_odometry import POSE_FRAME, find_streams
 from fusionslam.datasets.streams import Request, Stream, choose, frame_numbers, itself, one_of, scan
@@ -33,7 +33,7 @@ def open_kitti_object(path: Path, request: Request) -> Dataset:
     calib = {"calib": _calibrations(root)} if used else {}
     numbers, gaps = frame_numbers(chosen | calib, request, consecutive=False)
     cameras = functools.partial(_cameras, calib.get("calib"), used)
-    return Dataset(
+    return FileDataset(
         kind=KITTI_OBJECT.name,
         name=f"KITTI object {root.name}",
         root=root,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.datasets.base import Dataset, Kind
+from fusionslam.datasets.base import Dataset, FileDataset, Kind
 from fusionslam.datasets.calibration import Calibration, camera, read_calibration
 from fusionslam.datasets.streams import (
     IMAGE_SUFFIXES,
@@ -42,7 +42,7 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
     stamps = _stamps(root, numbers)
     calibration = _calibration(root, chosen)
     poses = request.poses or _existing(root / "poses.txt", root / f"../../poses/{root.name}.txt")
-    return Dataset(
+    return FileDataset(
         kind=KITTI_ODOMETRY.name,
         name=_name(root),
         root=root,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.datasets.base import Dataset, Kind
+from fusionslam.datasets.base import Dataset, FileDataset, Kind
 from fusionslam.datasets.calibration import Calibration, camera, homogeneous, read_calibration
 from fusionslam.datasets.kitti_odometry import POSE_FRAME, find_streams
 from fusionslam.datasets.streams import (
@@ -43,7 +43,7 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
     stamps = _stamps(root, numbers, chosen)
     cam_to_cam = _calibration(root, "calib_cam_to_cam.txt")
     rectified_from_points = _rectified_from_points(root, cam_to_cam)
-    return Dataset(
+    return FileDataset(
         kind=KITTI_RAW.name,
         name=f"KITTI raw {root.name}",
         root=root,

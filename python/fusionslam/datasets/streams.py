@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
+from fusionslam.synchronizer import SyncConfig
 
 logger = logging.getLogger(__name__)
 
@@ -60,12 +61,18 @@ class Request:
         sensors: which sensors every frame needs; None for all that the folder has.
         gaps: "error" or "skip".
         poses: file of poses, instead of the one found beside the data.
+        topics: topics of a bag by what they are.
+        stamps: when the messages of a bag were measured: "header" or "bag".
+        sync: which image of a bag belongs to which scan.
     """
 
     sequence: str | None = None
     sensors: Sequence[str] | None = None
     gaps: str = "error"
     poses: Path | None = None
+    topics: Mapping[str, str] = field(default_factory=dict)
+    stamps: str = "header"
+    sync: SyncConfig = field(default_factory=SyncConfig)
 
 
 def scan(folder: Path, suffixes: Sequence[str]) -> Stream | None:

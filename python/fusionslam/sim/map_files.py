@@ -4,6 +4,7 @@
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,7 @@ def write_map(path: PathLike, grid: OccupancyMap) -> None:
     Raises:
         DataError: a file cannot be written, or ``path`` has the image's suffix.
     """
+    import yaml
     from PIL import Image
 
     path = Path(path)
@@ -61,14 +63,17 @@ def write_map(path: PathLike, grid: OccupancyMap) -> None:
     grey = np.select([grid.occupied, grid.reachable], [_OCCUPIED, _REACHABLE], _OTHER)
     with atomic_path(image) as temporary:
         Image.fromarray(grey[::-1].astype(np.uint8)).save(temporary, format="PPM")
-    x, y = grid.origin
+    values = {
+        "image": image.name,
+        "resolution": float(grid.resolution_m),
+        "origin": [*map(float, grid.origin), 0.0],
+        "negate": 0,
+        "occupied_thresh": _OCCUPIED_ABOVE,
+        "free_thresh": _FREE_BELOW,
+    }
     with atomic_path(path) as temporary:
-        temporary.write_text(
-            f"image: {image.name}\nresolution: {float(grid.resolution_m)!r}\n"
-            f"origin: [{float(x)!r}, {float(y)!r}, 0.0]\nnegate: 0\n"
-            f"occupied_thresh: {_OCCUPIED_ABOVE}\nfree_thresh: {_FREE_BELOW}\n",
-            encoding="utf-8",
-        )
+        text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
+        temporary.write_text(text, encoding="utf-8")
 
 
 def _description(path: Path) -> Mapping[str, Any]:
@@ -99,9 +104,14 @@ def _number(path: Path, values: Mapping[str, Any], key: str, default: float | No
 
 
 def _finite(path: Path, key: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    number = math.nan
+    if isinstance(value, int | float | str) and not isinstance(value, bool):
+        # YAML 1.1 takes 1e-05, as other programs write it, for a text.
+        with suppress(ValueError):
+            number = float(value)
+    if not math.isfinite(number):
         raise DataError(f"{path}: {key} is {value!r}, expected a number")
-    return float(value)
+    return number
 
 
 def _thresholds(path: Path, values: Mapping[str, Any]) -> tuple[float, float]:

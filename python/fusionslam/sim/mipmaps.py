@@ -34,8 +34,8 @@ class MipMaps:
         self._width = np.array([level.shape[1] for level in stored], np.int32)[rows]
         self._height = np.array([level.shape[0] for level in stored], np.int32)[rows]
         self._start = (np.cumsum(sizes) - sizes).astype(np.int32)[rows]
-        self._packed = np.concatenate([level.reshape(-1, 4) for level in stored]).view(np.uint32)
-        self._packed = self._packed.ravel()
+        flat = np.concatenate([level.reshape(-1, 4) for level in stored])
+        self._packed = flat.view(np.uint32).ravel()
         self.texels = (self._width[:, 0] * self._height[:, 0]).astype(np.float32)
 
     def _rows(self, pyramids: Sequence[Sequence[object]]) -> NDArray[np.intp]:

@@ -4,7 +4,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,11 +17,16 @@ from fusionslam.sim.trajectory import Trajectory
 Array = NDArray[np.float64]
 Places = Callable[[Array], Array]
 
-# Metres between the points at which speeds are decided.
+# Metres between the points at which speeds are decided; less where the path turns more.
 _STEP_M = 0.01
-_FEWEST_STEPS = 16
+_TURN_RAD = 0.05
+_FEWEST_STEPS = 64
+_MOST_STEPS = 1 << 20
+_CORNER_RAD = np.deg2rad(60)
 # Of the limits: curves are known at steps only, so what is planned stays a little below.
 _CAUTION = 0.98
+# Steps are straight lines, a little shorter than the path.
+_ROUNDING = 0.9999
 
 
 class DriveLimits(Section):
@@ -50,10 +56,10 @@ class _Leg:
 def drive(paths: Sequence[ArrayLike], limits: DriveLimits) -> Trajectory:
     """Follow paths one after the other, turning on the spot between them.
 
-    The robot rests where a path ends. On a path it always looks along it; it slows down where the
-    path's curvature, or a change of it, asks for more than the robot can do: with speed v and
-    curvature k, the turn rate is v k and its change v' k + v^2 dk/ds, of which each half is given
-    half the limit.
+    The robot rests where a path ends, and at corners of more than 60 degrees. Between them it
+    always looks along the path, and slows down where curvature, or a change of it, asks for more
+    than the robot can do: with speed v and curvature k, the turn rate is v k and its change
+    v' k + v^2 dk/ds, of which each half is given half the limit.
 
     Args:
         paths: (N, 2) each, N >= 2 points x, y in metres that a cubic spline joins; each path
@@ -67,12 +73,15 @@ def drive(paths: Sequence[ArrayLike], limits: DriveLimits) -> Trajectory:
     checked = [_checked(np.asarray(path, np.float64), k) for k, path in enumerate(paths)]
     if not checked:
         raise ShapeError("there are no paths to drive: expected at least one of shape (N, 2)")
-    legs = [_follow(checked[0], limits)]
     for number, (before, path) in enumerate(pairwise(checked), start=1):
         if np.linalg.norm(path[0] - before[-1]) > 1e-6:
             raise DataError(f"path {number} starts at {path[0]}, the one before ends elsewhere")
+    legs: list[_Leg] = []
+    for path in chain.from_iterable(map(_without_corners, checked)):
         leg = _follow(path, limits)
-        legs += [_turn(path[0], legs[-1].last_yaw, leg.first_yaw, limits), leg]
+        if legs:
+            legs.append(_turn(path[0], legs[-1].last_yaw, leg.first_yaw, limits))
+        legs.append(leg)
     return _sampled(legs, limits.rate_hz)
 
 
@@ -86,6 +95,15 @@ def _checked(path: Array, number: int) -> Array:
     if len(path) < 2:
         raise DataError(f"path {number} has no length: all its points are the same")
     return path
+
+
+def _without_corners(path: Array) -> list[Array]:
+    """The parts of a path between its sharp corners."""
+    ways = np.diff(path, axis=0)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    corners = 1 + np.flatnonzero((ways[1:] * ways[:-1]).sum(axis=1) < np.cos(_CORNER_RAD))
+    edges = [0, *corners.tolist(), len(path) - 1]
+    return [path[start : end + 1] for start, end in pairwise(edges)]
 
 
 def _follow(path: Array, limits: DriveLimits) -> _Leg:
@@ -116,12 +134,21 @@ def _curve(path: Array) -> tuple[Array, Array, Array, Array]:
     # A straight end: the robot starts and stops without turning.
     spline = CubicSpline(chord, path, bc_type="natural")
     steps = max(_FEWEST_STEPS, int(np.ceil(chord[-1] / _STEP_M)))
+    yaw = _yaw(spline, chord[-1], steps)
+    while np.abs(np.diff(yaw)).max() > _TURN_RAD and steps < _MOST_STEPS:
+        steps *= 2
+        yaw = _yaw(spline, chord[-1], steps)
     where = np.linspace(0, chord[-1], steps + 1)
     points, slope, bend = spline(where), spline(where, 1), spline(where, 2)
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    yaw = np.unwrap(np.arctan2(slope[:, 1], slope[:, 0]))
     cross = slope[:, 0] * bend[:, 1] - slope[:, 1] * bend[:, 0]
     return along, points, yaw, cross / np.maximum(np.linalg.norm(slope, axis=1) ** 3, 1e-9)
+
+
+def _yaw(spline: Any, length: float, steps: int) -> Array:
+    """The direction of a spline at equal steps, continuous, (steps + 1,)."""
+    slope = spline(np.linspace(0, length, steps + 1), 1)
+    return np.unwrap(np.arctan2(slope[:, 1], slope[:, 0]))
 
 
 def _speeds(along: Array, curvature: Array, limits: DriveLimits) -> Array:
@@ -134,7 +161,7 @@ def _speeds(along: Array, curvature: Array, limits: DriveLimits) -> Array:
     bent = np.maximum(_widest(np.abs(curvature)), 1e-9)
     change = np.maximum(_widest(np.abs(np.gradient(curvature, along))), 1e-9)
     highest = np.minimum(_CAUTION * limits.max_turn_rad_s / bent, np.sqrt(turning / change))
-    squared = np.minimum(highest, limits.max_speed_m_s) ** 2
+    squared = np.minimum(highest, _ROUNDING * limits.max_speed_m_s) ** 2
     squared[0] = squared[-1] = 0
     growth = np.minimum(_CAUTION * limits.max_acceleration_m_s2, turning / bent)
     gain = 2 * np.diff(along) * np.minimum(growth[1:], growth[:-1])

@@ -22,6 +22,7 @@ Indices = NDArray[np.int64]
 
 # Smoothing shortens ways: so much more is planned than driven.
 _RESERVE = 1.2
+_STARTS = 4
 # Where a path turns by more than this, the robot stops and turns on the spot.
 _SHARP_RAD = np.deg2rad(100)
 # Metres before and after a way-point between which its turn is measured.
@@ -95,7 +96,9 @@ def _tour(
         )
     share = 1 - config.again - config.back
     most = np.inf if config.length_m is None else share * config.length_m
-    tour = round_trip(costs, most)
+    # A tour that must be short sees more from some places than from others.
+    starts = rng.permutation(len(cells))[: 1 if np.isinf(most) else _STARTS]
+    tour = max((round_trip(costs, most, int(start)) for start in starts), key=len)
     return cells[tour], config.length_m or tour_cost(tour, costs) / share
 
 

@@ -158,20 +158,21 @@ def spread_cells(
     return np.array(chosen), matrix
 
 
-def round_trip(costs: Array, most: float) -> Indices:
-    """An order of places, from place 0, that makes a short way through them and back.
+def round_trip(costs: Array, most: float, start: int = 0) -> Indices:
+    """An order of places, from one of them, that makes a short way through them and back.
 
     Cheapest insertion (Rosenkrantz, Stearns and Lewis 1977), then the exchanges of 2-opt (Croes
     1958) while one helps, until all places are in it or the next one would cost too much.
 
     Args:
         costs: float64 (K, K), of the ways between them, symmetric.
-        most: what the way may cost; the first two places are in it in any case.
+        most: what the way may cost; two places are in it in any case.
+        start: the first place.
 
     Returns:
         int64 (M), 2 <= M <= K for K >= 2.
     """
-    tour = np.array([0])
+    tour = np.array([start])
     while len(tour) < len(costs):
         longer = _inserted(tour, costs)
         if len(tour) > 1 and tour_cost(longer, costs) > most:

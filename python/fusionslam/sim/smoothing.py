@@ -31,15 +31,16 @@ def smoothed(
         wander_m: deviation of a slow drift to the sides; less where there is no room.
         rng: decides the drift.
     """
-    points = _relaxed(resampled(path, STEP_M), room, _ROUNDS)
-    points = _relaxed(_drifted(points, room, wander_m, rng), room, _AFTER_DRIFT)
-    points = resampled(points, STEP_M)
-    for width in _WIDTHS_M:
-        filtered = _filtered(points, width / STEP_M)
-        dense = resampled(filtered, STEP_M / 5)
-        if bounds.is_free(dense[:, 0], dense[:, 1]).all():
-            return filtered
-    return points
+    straight = resampled(path, STEP_M)
+    relaxed = _relaxed(straight, room, _ROUNDS)
+    drifted = _relaxed(_drifted(relaxed, room, wander_m, rng), room, _AFTER_DRIFT)
+    for points in (resampled(drifted, STEP_M), resampled(relaxed, STEP_M)):
+        for width in _WIDTHS_M:
+            filtered = _filtered(points, width / STEP_M)
+            dense = resampled(filtered, STEP_M / 5)
+            if bounds.is_free(dense[:, 0], dense[:, 1]).all():
+                return filtered
+    return straight
 
 
 def resampled(path: Array, step_m: float) -> Array:
@@ -67,7 +68,7 @@ def _relaxed(points: Array, room: OccupancyMap, rounds: int) -> Array:
 
 def _drifted(points: Array, room: OccupancyMap, wander_m: float, rng: np.random.Generator) -> Array:
     """Points moved aside by a smooth random function of the way, less where room is scarce."""
-    from scipy.ndimage import gaussian_filter1d
+    from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
     width = _DRIFT_M / STEP_M
     # The filtered noise has the deviation 1 / sqrt(2 width sqrt(pi)): see the Gaussian's energy.
@@ -77,21 +78,21 @@ def _drifted(points: Array, room: OccupancyMap, wander_m: float, rng: np.random.
     slope = np.gradient(points, axis=0)
     normal = np.stack([-slope[:, 1], slope[:, 0]], axis=1)
     normal /= np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-9)
-    result = points
-    for share in (0.25, 0.5, 1.0):
-        moved = points + share * aside[:, None] * normal
-        free = room.is_free(moved[:, 0], moved[:, 1])
-        result = np.where(free[:, None], moved, result)
-    return result
+    share = np.zeros(len(points))
+    for tried in (0.25, 0.5, 1.0):
+        moved = points + tried * aside[:, None] * normal
+        share[room.is_free(moved[:, 0], moved[:, 1])] = tried
+    share = gaussian_filter1d(minimum_filter1d(share, round(width)), width / 4)
+    shifted: Array = points + (share * aside)[:, None] * normal
+    return shifted
 
 
 def _filtered(points: Array, width: float) -> Array:
     """Points after a Gaussian filter, ``width`` in points; the ends stay where they are."""
     from scipy.ndimage import gaussian_filter1d
 
-    reach = min(len(points) - 1, int(np.ceil(4 * width)))
-    before = 2 * points[:1] - points[reach:0:-1]
-    after = 2 * points[-1:] - points[-2 : -reach - 2 : -1]
-    padded = np.concatenate([before, points, after])
-    found: Array = gaussian_filter1d(padded, width, axis=0)[reach : reach + len(points)]
+    reach = int(np.ceil(4 * width)) + 1
+    padded = np.pad(points, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
+    found: Array = gaussian_filter1d(padded, width, axis=0)[reach:-reach]
+    found[[0, -1]] = points[[0, -1]]
     return found

@@ -60,7 +60,7 @@ def _scene(shapes: Iterable[Shape], kind: str, library: Library) -> Scene | None
     if not meshes:
         return None
     if kind == "visual":
-        meshes = _with_sunk_planes(meshes, planes)
+        meshes = _with_sunk_planes(meshes, planes & meshes.keys())
     return scene_of(parts_of(meshes), pool.textures, INDOOR_LIGHT)
 
 

@@ -1,0 +1,143 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Image and CompressedImage messages and the pictures in them."""
+
+import io
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from fusionslam import _core
+from fusionslam.errors import DataError
+
+Pixels = NDArray[np.uint8]
+
+# Channels in memory, and which of them are red, green and blue; "8UC3" is OpenCV's order.
+_LAYOUTS: dict[str, tuple[int, tuple[int, ...]]] = {
+    "rgb8": (3, (0, 1, 2)),
+    "bgr8": (3, (2, 1, 0)),
+    "8UC3": (3, (2, 1, 0)),
+    "rgba8": (4, (0, 1, 2)),
+    "bgra8": (4, (2, 1, 0)),
+    "mono8": (1, (0,)),
+    "8UC1": (1, (0,)),
+}
+# The colours of the upper left 2x2 pixels, row by row.
+_BAYER = {f"bayer_{pattern}8": pattern for pattern in ("rggb", "bggr", "gbrg", "grbg")}
+_GREY_MODES = ("L", "1")
+_COLOR_MODES = ("RGB", "RGBA", "P", "LA", "PA", "CMYK", "YCbCr")
+STORED = ("raw", "jpeg", "png")
+"""How pictures can be stored in a bag."""
+JPEG_QUALITY = 95
+
+
+def image_of(message: Any) -> Pixels:
+    """The pixels of a sensor_msgs/Image: uint8 (H, W, 3) RGB or (H, W).
+
+    Raises:
+        DataError: an encoding that is not known here, or data shorter than the message says.
+    """
+    encoding = message.encoding
+    if encoding in _BAYER:
+        return _core.demosaic(_rows(message, 1)[:, :, 0].copy(), _BAYER[encoding])
+    if encoding not in _LAYOUTS:
+        known = ", ".join([*_LAYOUTS, *_BAYER])
+        raise DataError(f"field 'encoding' is '{encoding}', expected one of {known}")
+    channels, order = _LAYOUTS[encoding]
+    pixels = _rows(message, channels)
+    # A copy: what the message holds is freed with it.
+    return (
+        pixels[:, :, 0].copy()
+        if len(order) == 1
+        else np.stack([pixels[:, :, k] for k in order], axis=2)
+    )
+
+
+def _rows(message: Any, channels: int) -> Pixels:
+    """The pixels as they lie in memory, (H, W, channels), without the padding of each row."""
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    if not height or not width:
+        raise DataError(f"the image is {width}x{height}, expected at least one pixel")
+    if step < width * channels:
+        raise DataError(f"field 'step' is {step}, expected at least {width} pixels x {channels}")
+    data = np.frombuffer(message.data, dtype=np.uint8)
+    needed = (height - 1) * step + width * channels
+    if len(data) < needed:
+        raise DataError(
+            f"field 'data' has {len(data)} bytes, expected {height * step} for {height} rows of "
+            f"{step}"
+        )
+    return np.ndarray((height, width, channels), np.uint8, data, strides=(step, channels, 1))
+
+
+def compressed_image_of(message: Any) -> Pixels:
+    """The pixels of a sensor_msgs/CompressedImage, JPEG or PNG: uint8 (H, W, 3) RGB or (H, W).
+
+    Raises:
+        DataError: not decodable, or not of 8 bits a channel.
+    """
+    data = np.frombuffer(message.data, dtype=np.uint8).tobytes()
+    if "compressedDepth" in message.format:
+        raise DataError(f"field 'format' is '{message.format}', expected a JPEG or PNG picture")
+    try:
+        with Image.open(io.BytesIO(data), formats=("JPEG", "PNG")) as picture:
+            pixels = _decoded(picture)
+    except (OSError, SyntaxError, ValueError) as error:
+        if isinstance(error, DataError):
+            raise
+        raise DataError(
+            f"field 'data' ({len(data)} bytes, format '{message.format}') is no JPEG or PNG "
+            f"picture: {error}"
+        ) from error
+    # "bgr8; jpeg compressed rgb8": what the encoder, which takes BGR, was given as RGB.
+    swapped = "rgb8" in message.format.partition("compressed")[2]
+    return np.ascontiguousarray(pixels[:, :, ::-1]) if swapped and pixels.ndim == 3 else pixels
+
+
+def _decoded(picture: Image.Image) -> Pixels:
+    if picture.mode in _GREY_MODES:
+        return np.array(picture.convert("L"))
+    if picture.mode in _COLOR_MODES:
+        return np.array(picture.convert("RGB"))
+    raise DataError(f"the picture has pixels of mode {picture.mode}, expected 8 bits a channel")
+
+
+def image_parts(image: Pixels) -> dict[str, Any]:
+    """What a sensor_msgs/Image says besides its header."""
+    _need_pixels(image)
+    return {
+        "height": image.shape[0],
+        "width": image.shape[1],
+        "encoding": _encoding(image),
+        "is_bigendian": 0,
+        "step": image[0].size,
+        "data": np.ascontiguousarray(image).reshape(-1),
+    }
+
+
+def compressed_parts(image: Pixels, stored: str) -> dict[str, Any]:
+    """What a sensor_msgs/CompressedImage says besides its header; ``stored`` is "jpeg" or "png"."""
+    _need_pixels(image)
+    memory = io.BytesIO()
+    quality = {"quality": JPEG_QUALITY} if stored == "jpeg" else {"compress_level": 1}
+    Image.fromarray(np.ascontiguousarray(image)).save(memory, stored.upper(), **quality)
+    # As ROS's image_transport writes it: what it was; what the encoder was given.
+    given = "bgr8" if image.ndim == 3 else "mono8"
+    return {
+        "format": f"{_encoding(image)}; {stored} compressed {given}",
+        "data": np.frombuffer(memory.getvalue(), dtype=np.uint8),
+    }
+
+
+def _encoding(image: Pixels) -> str:
+    return "rgb8" if image.ndim == 3 else "mono8"
+
+
+def _need_pixels(image: Pixels) -> None:
+    shape = image.shape
+    if image.dtype != np.uint8 or not (len(shape) == 2 or shape[2:] == (3,)) or not image.size:
+        raise DataError(
+            f"an image of shape {shape} and {image.dtype}, expected uint8 (H, W, 3) or (H, W)"
+        )

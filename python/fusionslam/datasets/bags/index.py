@@ -1,0 +1,191 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""One pass through a bag: when its messages were measured and where, without clouds and images."""
+
+import logging
+from array import array
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets.bags.conversions import stamp_of
+from fusionslam.datasets.bags.reader import Bag, RawMessage
+from fusionslam.datasets.bags.topics import TRANSFORM_TYPES
+from fusionslam.errors import DataError
+from fusionslam.messages import CameraInfo, FrameTransform, FrameTransforms, Message, Odometry
+from fusionslam.robot_frames import RobotFrames
+from fusionslam.transforms import TransformTree
+
+logger = logging.getLogger(__name__)
+
+STAMPS = ("header", "bag")
+"""When a message was measured: as its header says, or when it arrived."""
+
+# How far beyond the first and the last odometry a robot's motion is carried on.
+EXTRAPOLATION_S = 0.1
+
+
+@dataclass(eq=False)
+class Series:
+    """The messages of a topic in the order in which they arrived.
+
+    Attributes:
+        by_arrival: whether a message was measured when it arrived, not when its header says.
+        headers: stamp of each header, nanoseconds; its time of arrival where it has none.
+        times: when each arrived, nanoseconds.
+        frame_id: the frame that the first one is in.
+    """
+
+    by_arrival: bool
+    headers: "array[int]" = field(default_factory=lambda: array("q"))
+    times: "array[int]" = field(default_factory=lambda: array("q"))
+    frame_id: str = ""
+
+    def add(self, raw: RawMessage) -> int:
+        """Take a message; returns when it was measured."""
+        header = _header(raw.content)
+        self.headers.append(raw.time_ns if header is None else stamp_of(header.stamp))
+        self.times.append(raw.time_ns)
+        if len(self.times) == 1 and header is not None:
+            self.frame_id = str(header.frame_id).removeprefix("/")
+        return self.stamps[-1]
+
+    @property
+    def stamps(self) -> "array[int]":
+        """When each was measured, nanoseconds."""
+        return self.times if self.by_arrival else self.headers
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """int64 (N)."""
+        return np.array(self.stamps, dtype=np.int64)
+
+    @property
+    def delays_ns(self) -> NDArray[np.int64]:
+        """How long after its header's stamp each arrived, int64 (N)."""
+        return np.array(self.times, dtype=np.int64) - np.array(self.headers, dtype=np.int64)
+
+    def place(self, row: int) -> tuple[int, int]:
+        """Time of arrival, and which one of those that arrived then."""
+        first = row
+        while first and self.times[first - 1] == self.times[row]:
+            first -= 1
+        return self.times[row], row - first
+
+
+@dataclass(eq=False)
+class BagIndex:
+    """What a pass through a bag finds out.
+
+    Attributes:
+        series: by topic.
+        infos: by topic, the calibrations that differ from the one before.
+        frames: TF and odometry.
+        truth: the true motion, from the frame ``truth_frames[0]`` to ``truth_frames[1]``.
+        refused: messages that cannot be used, by what is said of them.
+    """
+
+    series: dict[str, Series] = field(default_factory=dict)
+    infos: dict[str, list[CameraInfo]] = field(default_factory=dict)
+    frames: RobotFrames = field(
+        default_factory=lambda: RobotFrames(history_s=None, extrapolation_s=EXTRAPOLATION_S)
+    )
+    truth: TransformTree = field(
+        default_factory=lambda: TransformTree(history_s=None, extrapolation_s=EXTRAPOLATION_S)
+    )
+    truth_frames: tuple[str, str] | None = None
+    refused: Counter[str] = field(default_factory=Counter)
+
+
+def index_bag(
+    bag: Bag, topics: Iterable[str], roles: Mapping[str, str], stamps: str = "header"
+) -> BagIndex:
+    """Read the headers of these topics, and all that is small: calibrations, odometry, transforms.
+
+    Args:
+        topics: of which to read; those of TF are always read.
+        roles: which of them are what, as ``choose_topics`` has it.
+        stamps: one of ``STAMPS``.
+
+    Raises:
+        DataError: the bag cannot be read.
+    """
+    index = BagIndex()
+    moving = [topic.name for topic in bag.topics.values() if topic.type in TRANSFORM_TYPES]
+    names = list(dict.fromkeys([*topics, *moving]))
+    for raw in bag.raw(names):
+        series = index.series.setdefault(raw.topic, Series(stamps == "bag"))
+        stamp_ns = series.add(raw)
+        try:
+            _keep(index, raw, roles, stamp_ns if series.by_arrival else None)
+        except DataError as error:
+            _refuse(index, bag, str(error))
+    return index
+
+
+def _header(content: Any) -> Any:
+    """The header of a message; of transforms that of the first one, if there is one."""
+    if hasattr(content, "header"):
+        return content.header
+    return content.transforms[0].header if content.transforms else None
+
+
+def _keep(index: BagIndex, raw: RawMessage, roles: Mapping[str, str], stamp: int | None) -> None:
+    """Remember what is small."""
+    if raw.type in TRANSFORM_TYPES or raw.topic == roles.get("odometry"):
+        index.frames.add(_restamped(raw.value(), stamp))  # type: ignore[arg-type]
+    elif raw.topic == roles.get("truth"):
+        _add_truth(index, _restamped(raw.value(), stamp))
+    elif raw.type == "sensor_msgs/CameraInfo":
+        _add_info(index, raw.topic, _restamped(raw.value(), stamp))
+
+
+def _restamped(value: Message, stamp_ns: int | None) -> Message:
+    """The value with the time at which it arrived, if that is what counts."""
+    if stamp_ns is None:
+        return value
+    if isinstance(value, FrameTransforms):
+        moved = (replace(each, stamp_ns=stamp_ns) for each in value.transforms)
+        return FrameTransforms(transforms=tuple(moved))
+    return replace(value, stamp_ns=stamp_ns)
+
+
+def _add_truth(index: BagIndex, value: Message) -> None:
+    assert isinstance(value, Odometry)
+    index.truth_frames = value.frame_id, value.child_frame_id
+    index.truth.add(
+        FrameTransform(
+            stamp_ns=value.stamp_ns,
+            parent=value.frame_id,
+            child=value.child_frame_id,
+            parent_from_child=value.pose,
+        )
+    )
+
+
+def _add_info(index: BagIndex, topic: str, value: Message) -> None:
+    assert isinstance(value, CameraInfo)
+    infos = index.infos.setdefault(topic, [])
+    if not infos or not _same_camera(infos[-1], value):
+        infos.append(value)
+
+
+def _same_camera(first: CameraInfo, second: CameraInfo) -> bool:
+    return (first.frame_id, first.size, first.distortion_model) == (
+        second.frame_id,
+        second.size,
+        second.distortion_model,
+    ) and all(
+        np.array_equal(getattr(first, name), getattr(second, name))
+        for name in ("camera_matrix", "distortion", "rectification", "projection")
+    )
+
+
+def _refuse(index: BagIndex, bag: Bag, why: str) -> None:
+    index.refused[why] += 1
+    level = logging.WARNING if len(index.refused) == 1 else logging.DEBUG
+    logger.log(level, "%s: a message is left out: %s", bag.path, why)

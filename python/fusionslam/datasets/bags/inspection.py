@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is in a bag, for people: topics, rates, clocks, where the sensors are, what is missing."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets.bags.index import Series
+from fusionslam.datasets.bags.pairing import IndexedBag, open_indexed
+from fusionslam.datasets.bags.reader import Topic
+from fusionslam.datasets.bags.topics import ROLES
+from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.fusion import fuse
+
+if TYPE_CHECKING:
+    from fusionslam.datasets.base import Dataset
+
+# A step so much longer than the median is a gap.
+_GAP = 1.5
+_NEEDED = {"points": "PointCloud2", "left": "Image", "camera_info": "CameraInfo"}
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """A bag whose topics are all indexed."""
+
+    source: IndexedBag
+
+    @classmethod
+    def of(cls, path: Path, topics: Mapping[str, str], stamps: str) -> "Inspection":
+        """Pass through a bag. Raises DataError and ConfigError as ``open_indexed``."""
+        return cls(open_indexed(path, topics, stamps, everything=True))
+
+    def rows(self) -> Iterator[tuple[str, str]]:
+        """(what, value) of the bag itself."""
+        bag = self.source.bag
+        yield "name", bag.path.name
+        yield "kind", bag.kind + (", without its end: it was cut or not closed" * bag.is_cut)
+        yield "folder", str(bag.path.parent)
+        lasts = (bag.stop_ns - bag.start_ns) / 1e9
+        yield "arrived", f"{lasts:.1f} s from {bag.start_ns / 1e9:.3f} s on"
+        for topic in bag.topics.values():
+            yield f"topic {topic.name}", self._topic(topic)
+        roles = self.source.roles
+        yield "in use", ", ".join(f"{role} {roles[role]}" for role in ROLES if role in roles) or "-"
+        yield "extrinsics", self._extrinsics()
+        for reason, count in self.source.index.refused.items():
+            yield "refused", f"{count} messages: {reason}"
+
+    def fusion(self, dataset: "Dataset | None") -> str:
+        """Whether the bag can be fused, and if not, all that is known to be missing."""
+        missing = [
+            f"no {kind}" + (" of the camera" * (role == "camera_info"))
+            for role, kind in _NEEDED.items()
+            if role not in self.source.roles
+        ]
+        if "points" in self.source.roles and "left" in self.source.roles:
+            missing += self._missing_link()
+        if dataset is None or missing:
+            return f"not possible: {'; '.join(missing) or 'no frames'}"
+        try:
+            count = len(fuse(dataset[0]))
+        except FusionSlamError as error:
+            return f"not possible: {_line(error)}"
+        return f"possible: {count} points of the first scan get a colour"
+
+    def _topic(self, topic: Topic) -> str:
+        about = f"{topic.type}, {topic.count} messages"
+        if not topic.is_known:
+            return f"{about}, of a type that is not read"
+        series = self.source.index.series.get(topic.name)
+        return f"{about}, {_rate(series)}" if series else about
+
+    def _extrinsics(self) -> str:
+        if not {"points", "left"} <= self.source.roles.keys():
+            return "no camera and scanner to link"
+        camera, scanner = self._ends()
+        try:
+            return " <- ".join(self.source.index.frames.tree.chain(camera, scanner)) + ", from TF"
+        except DataError as error:
+            return f"camera in '{camera}', scanner in '{scanner}': {_line(error)}"
+
+    def _missing_link(self) -> list[str]:
+        camera, scanner = self._ends()
+        try:
+            self.source.index.frames.tree.chain(camera, scanner)
+        except DataError as error:
+            return [f"TF does not link '{camera}' and '{scanner}': {_line(error)}"]
+        return []
+
+    def _ends(self) -> tuple[str, str]:
+        return self.source.optical_frame(), self.source.series("points").frame_id
+
+
+def _rate(series: Series) -> str:
+    """Rate, the longest step and how late messages arrive."""
+    parts = [_steps(series.stamps_ns)] if len(series.times) > 1 else []
+    delays = series.delays_ns / 1e6
+    parts.append(
+        f"arrives {np.median(delays):+.1f} ms after its stamp "
+        f"({delays.min():+.1f} to {delays.max():+.1f})"
+    )
+    return ", ".join(parts)
+
+
+def _steps(stamps_ns: NDArray[np.int64]) -> str:
+    steps = np.diff(stamps_ns) / 1e9
+    median = float(np.median(steps))
+    if median <= 0:
+        return "stamps that do not rise"
+    gaps = int((steps > _GAP * median).sum())
+    longest = f"longest step {steps.max():.3f} s, {steps.max() / median:.1f} x the median"
+    back = f", {(steps < 0).sum()} steps back" if (steps < 0).any() else ""
+    return f"{1 / median:.2f} Hz ({longest}; {gaps} gaps{back})"
+
+
+def _line(error: Exception) -> str:
+    """A message of several lines in one."""
+    return "; ".join(line.strip() for line in str(error).splitlines())

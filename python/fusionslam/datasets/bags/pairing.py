@@ -1,0 +1,275 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which scan of a bag goes with which image, where the camera was then, and how the robot moved."""
+
+import functools
+import logging
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets.bags.index import STAMPS, BagIndex, Series, index_bag
+from fusionslam.datasets.bags.reader import Bag, open_bag
+from fusionslam.datasets.bags.topics import choose_topics
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.messages import CameraInfo
+from fusionslam.synchronizer import NANOSECONDS, Pair, SyncConfig, Synchronizer
+from fusionslam.transforms import TransformError
+
+logger = logging.getLogger(__name__)
+
+Matrix = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class IndexedBag:
+    """An open bag, which topic of it is what, and what a pass through it found out.
+
+    Attributes:
+        bag: open for reading.
+        roles: topics in use, by what they are ("points", "left", "camera_info", ...).
+        index: of these topics, or of all.
+        stamps: "header" or "bag".
+    """
+
+    bag: Bag
+    roles: Mapping[str, str]
+    index: BagIndex
+    stamps: str
+
+    def series(self, sensor: str) -> Series:
+        """The messages of a sensor that the bag has."""
+        return self.index.series[self.roles[sensor]]
+
+    def info_at(self, stamp_ns: int) -> CameraInfo | None:
+        """The calibration in force when an image was taken; None if the bag has none."""
+        infos = self.index.infos.get(self.roles.get("camera_info", ""), [])
+        before = [info for info in infos if info.stamp_ns <= stamp_ns]
+        return before[-1] if before else next(iter(infos), None)
+
+    def optical_frame(self) -> str:
+        """The frame of the camera."""
+        info = self.info_at(0)
+        return (info.frame_id if info else "") or self.series("left").frame_id
+
+    def camera_from_points(self, image_ns: int, scan_ns: int) -> Matrix:
+        """float64 (4, 4), for a scan and an image of these times.
+
+        The robot is taken to stand in between where odometry does not say how it moved.
+
+        Raises:
+            TransformError: nothing links the two.
+        """
+        frames, scanner = self.index.frames, self.series("points").frame_id
+        try:
+            return frames.camera_from_points(self.optical_frame(), image_ns, scanner, scan_ns)
+        except TransformError:
+            return frames.camera_from_points(
+                self.optical_frame(), image_ns, scanner, scan_ns, still=True
+            )
+
+    def odometry_at(self, stamp_ns: int) -> Matrix | None:
+        """float64 (4, 4), odom_from_robot, or None where it is not known."""
+        return _known(lambda: self.index.frames.odometry_from_robot(stamp_ns))
+
+    def points_in(self, body: str, stamp_ns: int) -> Matrix | None:
+        """float64 (4, 4), body_from_points, or None where it is not known."""
+        scanner = self.series("points").frame_id
+        return _known(lambda: self.index.frames.tree.lookup(body, scanner, stamp_ns))
+
+
+def _known(lookup: Callable[[], Matrix | None]) -> Matrix | None:
+    try:
+        return lookup()
+    except TransformError:
+        return None
+
+
+def open_indexed(
+    path: Path, named: Mapping[str, str], stamps: str, *, everything: bool = False
+) -> IndexedBag:
+    """Open a bag and pass through it, once for each state of its files.
+
+    Args:
+        path: file or folder.
+        named: topics by role, as ``choose_topics`` takes them.
+        stamps: "header" or "bag".
+        everything: index all topics, not only those in use.
+
+    Raises:
+        DataError: the bag cannot be read, or a topic is not there.
+        ConfigError: an unknown role or kind of stamps.
+    """
+    if stamps not in STAMPS:
+        raise ConfigError(f"stamps is '{stamps}', expected one of {', '.join(STAMPS)}")
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    state = tuple((str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
+    return _indexed(path, tuple(sorted(named.items())), stamps, everything, state)
+
+
+# Commands open a recording once for each source of clouds.
+@functools.lru_cache(maxsize=2)
+def _indexed(
+    path: Path, named: tuple[tuple[str, str], ...], stamps: str, everything: bool, state: object
+) -> IndexedBag:
+    bag = open_bag(path)
+    roles = choose_topics(bag.topics, dict(named), str(path))
+    known = [topic.name for topic in bag.topics.values() if topic.is_known]
+    index = index_bag(bag, known if everything else roles.values(), roles, stamps)
+    return IndexedBag(bag, roles, index, stamps)
+
+
+class Matched(NamedTuple):
+    """The frames of a bag.
+
+    Attributes:
+        rows: by sensor, which message of it belongs to each frame, int64 (N).
+        numbers: int64 (N), rank of each frame's scan (or image, without scans) among all.
+        gaps: numbers that are in no frame.
+        cameras_from_points: float64 (N, 4, 4), or None without a camera or a scan.
+    """
+
+    rows: dict[str, Rows]
+    numbers: Rows
+    gaps: list[int]
+    cameras_from_points: Matrix | None
+
+
+def match(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> Matched:
+    """Each scan with its image; those without, or whose camera's place is not known, are left out.
+
+    Raises:
+        DataError: no scan has an image, or the place of the camera; a clock that jumps back.
+    """
+    for sensor in sensors:
+        check_clock(source, sensor, config)
+    rows = _paired(source, sensors, config)
+    places = None
+    if sensors == ("points", "left"):
+        places, rows = _placed(source, rows)
+    ranks = np.argsort(np.argsort(source.series(sensors[0]).stamps_ns, kind="stable"))
+    numbers = ranks[rows[sensors[0]]].astype(np.int64)
+    gaps = np.setdiff1d(ranks, numbers).tolist()
+    return Matched(rows, numbers, gaps, places)
+
+
+def check_clock(source: IndexedBag, sensor: str, config: SyncConfig) -> None:
+    """Raise DataError if the stamps of a sensor stand still or jump back."""
+    stamps, topic = source.series(sensor).stamps_ns, source.roles[sensor]
+    advice = "the times of arrival can be used instead (--stamps bag)"
+    if len(stamps) > 1 and stamps.min() == stamps.max():
+        raise DataError(
+            f"{source.bag.path}: all {len(stamps)} messages of {topic} have the stamp "
+            f"{stamps[0]} ns, expected rising ones; {advice}"
+        )
+    back = np.maximum.accumulate(stamps) - stamps
+    if len(jumps := np.flatnonzero(back > config.jump * NANOSECONDS)):
+        row = int(jumps[0])
+        raise DataError(
+            f"{source.bag.path}: the clock of {topic} jumps back by {back[row] / 1e9:.3f} s at "
+            f"message {row} of {len(stamps)}, expected rising stamps; {advice}"
+        )
+
+
+def _paired(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> dict[str, Rows]:
+    """Which messages belong together, by rising stamp."""
+    first, *others = sensors
+    sync = Synchronizer(config, cameras=others, scans=first)
+    pairs: list[Pair] = []
+    for sensor, row, stamp_ns in _arrivals(source, sensors):
+        pairs += sync.add(sensor, stamp_ns, row)
+    pairs += sync.flush()
+    _say_dropped(source, sync.dropped)
+    if not pairs:
+        what = " and ".join(source.roles[sensor] for sensor in sensors)
+        raise DataError(
+            f"{source.bag.path}: no messages of {what} lie within {config.max_difference:g} s of "
+            "each other; the clock offsets are in the output of info"
+        )
+    rows = {first: [pair.item for pair in pairs]}
+    rows |= {name: [pair.images[name].item for pair in pairs] for name in others}
+    return {name: np.array(values, dtype=np.int64) for name, values in rows.items()}
+
+
+def _arrivals(source: IndexedBag, sensors: tuple[str, ...]) -> list[tuple[str, int, int]]:
+    """Sensor, row and stamp of all messages in the order in which they arrived."""
+    every = [
+        (time_ns, rank, row, stamp_ns)
+        for rank, sensor in enumerate(sensors)
+        for row, (time_ns, stamp_ns) in enumerate(
+            zip(source.series(sensor).times, source.series(sensor).stamps, strict=True)
+        )
+    ]
+    return [(sensors[rank], row, stamp_ns) for _, rank, row, stamp_ns in sorted(every)]
+
+
+def _say_dropped(source: IndexedBag, dropped: Counter[tuple[str, str]]) -> None:
+    for (sensor, reason), count in dropped.items():
+        logger.warning(
+            "%s: %d messages of %s left out: %s",
+            source.bag.path,
+            count,
+            source.roles[sensor],
+            reason,
+        )
+
+
+def _placed(source: IndexedBag, rows: dict[str, Rows]) -> tuple[Matrix, dict[str, Rows]]:
+    """Where the camera was for each pair, and the pairs for which that is known."""
+    images, scans = (source.series(name).stamps_ns[rows[name]] for name in ("left", "points"))
+    places: dict[int, Matrix] = {}
+    unknown: list[TransformError] = []
+    for k, (image_ns, scan_ns) in enumerate(zip(images.tolist(), scans.tolist(), strict=True)):
+        try:
+            places[k] = source.camera_from_points(image_ns, scan_ns)
+        except TransformError as error:
+            unknown.append(error)
+    if not places:
+        raise DataError(f"{source.bag.path}: {unknown[0]}") from unknown[0]
+    if unknown:
+        logger.warning("%s: %d scans left out: %s", source.bag.path, len(unknown), unknown[0])
+    kept = np.array(list(places), dtype=np.int64)
+    return np.stack(list(places.values())), {name: values[kept] for name, values in rows.items()}
+
+
+class Motion(NamedTuple):
+    """Poses of a body, float64 (N, 4, 4), or None; and where they are from, for people."""
+
+    body: str
+    poses: Matrix | None
+    origin: str
+
+
+def motion(source: IndexedBag, stamps_ns: NDArray[np.int64]) -> Motion:
+    """How the robot moved: the true motion if the bag has it, else odometry, else TF's."""
+    index = source.index
+    if index.truth_frames is not None:
+        world, body = index.truth_frames
+        truth = index.truth
+        poses = _all_poses(source, stamps_ns, lambda stamp: truth.lookup(world, body, stamp))
+        if poses is not None:
+            return Motion(body, poses, f"by the truth in {source.roles['truth']}")
+    robot = index.frames.robot or ""
+    if index.frames.odometry is None:
+        return Motion(robot, None, "")
+    poses = _all_poses(source, stamps_ns, index.frames.odometry_from_robot)
+    return Motion(robot, poses, f"by odometry in {source.roles.get('odometry', 'TF')}")
+
+
+def _all_poses(
+    source: IndexedBag, stamps_ns: NDArray[np.int64], lookup: Callable[[int], Matrix | None]
+) -> Matrix | None:
+    """A pose for each time, or None, with the reason in the log."""
+    try:
+        found = [lookup(stamp_ns) for stamp_ns in stamps_ns.tolist()]
+    except TransformError as error:
+        logger.warning("%s: the frames have no poses of this kind: %s", source.bag.path, error)
+        return None
+    poses = [pose for pose in found if pose is not None]
+    return np.stack(poses) if len(poses) == len(found) else None

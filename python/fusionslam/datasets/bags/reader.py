@@ -1,0 +1,302 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reading bags: topics, and their messages as events, one after the other or one at a time."""
+
+import logging
+import os
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from fusionslam.datasets.bags.conversions import is_known, plain_type, value_of
+from fusionslam.datasets.bags.stores import need_rosbags, type_store
+from fusionslam.errors import DataError
+from fusionslam.messages import Event, Message
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
+
+logger = logging.getLogger(__name__)
+
+_MAGIC = {b"#ROSBAG V": "rosbag1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "rosbag2"}
+_STORAGE = {".mcap": "mcap", ".db3": "rosbag2"}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag: its name, its type ("sensor_msgs/Image"), and how many messages it has."""
+
+    name: str
+    type: str
+    count: int
+
+    @property
+    def is_known(self) -> bool:
+        """Whether its messages are read here."""
+        return is_known(self.type)
+
+
+@dataclass(frozen=True)
+class RawMessage:
+    """A ROS message of a bag that is not made a value yet.
+
+    Attributes:
+        topic: what it was published on.
+        type: its type, such as "sensor_msgs/Image".
+        time_ns: when it arrived.
+        content: the message of rosbags.
+    """
+
+    topic: str
+    type: str
+    time_ns: int
+    content: Any
+
+    def value(self) -> Message:
+        """What it says. Raises DataError naming topic, stamp and field."""
+        return value_of(self.content, self.type, self.topic)
+
+
+def open_bag(path: str | os.PathLike[str]) -> "Bag":
+    """Open a ROS 1 bag (.bag), a ROS 2 bag (folder or .db3) or an MCAP file (or folder).
+
+    Raises:
+        DataError: missing, empty, damaged or no bag; rosbags is not installed.
+    """
+    return Bag(Path(path).expanduser())
+
+
+def bag_kind(path: Path) -> str | None:
+    """ "rosbag1", "rosbag2" or "mcap", by what the file begins with; None for what is no bag."""
+    storage = _storage(path)
+    if storage is None:
+        return None
+    try:
+        with storage.open("rb") as file:
+            start = file.read(16)
+    except OSError:
+        return None
+    found = next((kind for magic, kind in _MAGIC.items() if start.startswith(magic)), None)
+    return found or ({".bag": "rosbag1"} | _STORAGE).get(storage.suffix.lower())
+
+
+def _storage(path: Path) -> Path | None:
+    """The file with the messages, or the first of them."""
+    if not path.is_dir():
+        return path
+    return next((file for file in sorted(path.iterdir()) if file.suffix in _STORAGE), None)
+
+
+class Bag:
+    """A bag that is open for reading; its methods may be called from several threads.
+
+    Attributes:
+        path: file or folder.
+        kind: "rosbag1", "rosbag2" or "mcap".
+        topics: by name.
+        start_ns: when the first message arrived; 0 if there is none.
+        stop_ns: when the last message arrived.
+        is_cut: whether its end is missing; what is whole before is read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        need_rosbags()
+        self.path = path
+        self.kind = _checked_kind(path)
+        self.is_cut = False
+        self._lock = threading.Lock()
+        self._reader = self._open()
+        connections = self._reader.connections
+        names = dict.fromkeys(sorted(connection.topic for connection in connections))
+        self.topics: Mapping[str, Topic] = {name: self._topic(name) for name in names}
+        has_messages = any(topic.count for topic in self.topics.values())
+        self.start_ns = int(self._reader.start_time) if has_messages else 0
+        self.stop_ns = int(self._reader.end_time) - 1 if has_messages else 0
+
+    def events(
+        self,
+        topics: Sequence[str] | None = None,
+        *,
+        start: int | None = None,
+        stop: int | None = None,
+    ) -> Iterator[Event]:
+        """The messages in the order in which they arrived; only one is in memory at a time.
+
+        Args:
+            topics: those wanted; None for all whose type is known here.
+            start: nanoseconds of arrival; earlier messages are left out.
+            stop: nanoseconds of arrival; those from then on are left out.
+
+        Raises:
+            DataError: no such topic or of an unknown type; a message that cannot be read, named
+                by topic, stamp and field.
+        """
+        for raw in self.raw(topics, start=start, stop=stop):
+            yield Event(raw.topic, raw.time_ns, self._value(raw))
+
+    def raw(
+        self,
+        topics: Sequence[str] | None = None,
+        *,
+        start: int | None = None,
+        stop: int | None = None,
+    ) -> Iterator[RawMessage]:
+        """As ``events``, with clouds and images left as they are stored."""
+        names = self._names(topics)
+        # A reader of its own: several may go through the bag at a time.
+        reader = self._open()
+        try:
+            yield from self._messages(reader, names, start, stop)
+        finally:
+            reader.close()
+
+    def message(self, topic: str, time_ns: int, occurrence: int = 0) -> Message:
+        """One message by its topic and time of arrival, of several the one so many later.
+
+        Raises:
+            DataError: there is none, or it cannot be read.
+        """
+        names = self._names([topic])
+        with self._lock:
+            found = self._messages(self._reader, names, time_ns, time_ns + 1)
+            raw = next((raw for k, raw in enumerate(found) if k == occurrence), None)
+        if raw is None:
+            raise DataError(f"{self.path}: {topic} has no message at {time_ns} ns")
+        return self._value(raw)
+
+    def close(self) -> None:
+        """Close the file; the bag cannot be read any more."""
+        self._reader.close()
+
+    def __enter__(self) -> "Bag":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _value(self, raw: RawMessage) -> Message:
+        try:
+            return raw.value()
+        except DataError as error:
+            raise DataError(f"{self.path}: {error}") from error
+
+    def _names(self, topics: Sequence[str] | None) -> list[str]:
+        if topics is None:
+            return [topic.name for topic in self.topics.values() if topic.is_known]
+        for name in topics:
+            if name not in self.topics:
+                raise DataError(
+                    f"{self.path} has no topic {name}, expected one of {', '.join(self.topics)}"
+                )
+            if not self.topics[name].is_known:
+                raise DataError(
+                    f"{self.path}: {name} is of type {self.topics[name].type}, which is not read"
+                )
+        return list(topics)
+
+    def _messages(
+        self, reader: "Reader1 | Reader2", names: list[str], start: int | None, stop: int | None
+    ) -> Iterator[RawMessage]:
+        connections: list[Any] = [each for each in reader.connections if each.topic in names]
+        if not connections:
+            return
+        with _readable(self.path):
+            for connection, time_ns, data in reader.messages(connections, start, stop):
+                content = self._content(connection, int(time_ns), data)
+                yield RawMessage(
+                    connection.topic, plain_type(connection.msgtype), int(time_ns), content
+                )
+
+    def _content(self, connection: "Connection", time_ns: int, data: bytes) -> Any:
+        store = type_store(1 if self.kind == "rosbag1" else 2)
+        deserialize = store.deserialize_ros1 if self.kind == "rosbag1" else store.deserialize_cdr
+        try:
+            return deserialize(data, connection.msgtype)
+        except Exception as error:
+            raise DataError(
+                f"{self.path}: {connection.topic}, arrived at {time_ns} ns: {len(data)} bytes are "
+                f"no {plain_type(connection.msgtype)} ({_reason(error)})"
+            ) from error
+
+    def _topic(self, name: str) -> Topic:
+        connections = [each for each in self._reader.connections if each.topic == name]
+        types = sorted({plain_type(each.msgtype) for each in connections})
+        if len(types) > 1:
+            raise DataError(f"{self.path}: {name} has types {', '.join(types)}, expected one")
+        return Topic(name, types[0], sum(each.msgcount for each in connections))
+
+    def _open(self) -> "Reader1 | Reader2":
+        from rosbags.rosbag1 import Reader as First
+        from rosbags.rosbag2 import Reader as Second
+
+        path = _whole(self.path)
+        try:
+            with _readable(self.path):
+                reader = First(path) if self.kind == "rosbag1" else Second(path)
+                reader.open()
+                return reader
+        except DataError:
+            if path.is_dir() or (rest := self._open_cut(path)) is None:
+                raise
+            return rest
+
+    def _open_cut(self, path: Path) -> "Reader1 | Reader2 | None":
+        from fusionslam.datasets.bags.recovery import open_cut
+
+        rest = open_cut(path, self.kind)
+        if rest is not None and not self.is_cut:
+            self.is_cut = True
+            count = sum(connection.msgcount for connection in rest.connections)
+            logger.warning(
+                "%s was cut or not closed: read without its index, %d messages are whole",
+                self.path,
+                count,
+            )
+        return rest
+
+
+def _whole(path: Path) -> Path:
+    """The folder, or the only file in one that lacks its description."""
+    if path.is_dir() and not (path / "metadata.yaml").exists():
+        return _storage(path) or path
+    return path
+
+
+def _checked_kind(path: Path) -> str:
+    if not path.exists():
+        raise DataError(f"{path} does not exist: expected a bag")
+    storage = _storage(path)
+    if storage is None:
+        raise DataError(f"{path} is no bag: expected a .db3 or .mcap file in it")
+    if not storage.stat().st_size:
+        raise DataError(f"{storage} is empty: expected a bag")
+    kind = bag_kind(path)
+    if kind is None:
+        raise DataError(f"{path} is no bag: expected a ROS 1, ROS 2 SQLite or MCAP file")
+    return kind
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """What rosbags says of a damaged file, and whatever else it stumbles over, as a DataError."""
+    try:
+        yield
+    except DataError:
+        raise
+    except Exception as error:
+        raise DataError(f"{path} cannot be read as a bag: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    return str(error).rstrip(".") or type(error).__name__

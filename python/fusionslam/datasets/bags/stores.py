@@ -1,0 +1,46 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The message types of ROS 1 and ROS 2, as rosbags has them."""
+
+import functools
+from typing import TYPE_CHECKING, Any, Literal
+
+from fusionslam.errors import DataError
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+KINDS = ("rosbag1", "rosbag2", "mcap")
+"""ROS 1 file, ROS 2 folder with an SQLite database, ROS 2 MCAP file or folder."""
+
+_TRANSFORMS = "geometry_msgs/TransformStamped[] transforms\n"
+
+
+def need_rosbags() -> None:
+    """Raise DataError, with what to install, where rosbags is missing."""
+    try:
+        import rosbags.rosbag1  # noqa: F401
+    except ImportError as error:
+        raise DataError("bags need rosbags: pip install 'fusionslam[bags]'") from error
+
+
+@functools.cache
+def type_store(ros: Literal[1, 2]) -> "Typestore":
+    """The message types of a generation of ROS; those read and written here never changed in it."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+    # rosbags' ROS 1 types lack those of tf2; tf is what came before it.
+    for name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
+        if name not in store.fielddefs:
+            store.register(get_types_from_msg(_TRANSFORMS, name))
+    return store
+
+
+def make_in(store: "Typestore") -> Any:
+    """A function that builds messages of a type store, for ``MessageBuilder``."""
+
+    def make(type_name: str, /, **fields: Any) -> Any:
+        return store.types[type_name](**fields)
+
+    return make

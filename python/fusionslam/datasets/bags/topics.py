@@ -1,0 +1,104 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which topic of a bag is which sensor: named by the user, else guessed by type."""
+
+import logging
+from collections.abc import Iterable, Mapping
+
+from fusionslam.datasets.bags.reader import Topic
+from fusionslam.errors import ConfigError, DataError
+
+logger = logging.getLogger(__name__)
+
+ROLES = {
+    "points": ("sensor_msgs/PointCloud2",),
+    "left": ("sensor_msgs/Image", "sensor_msgs/CompressedImage"),
+    "camera_info": ("sensor_msgs/CameraInfo",),
+    "odometry": ("nav_msgs/Odometry",),
+    "truth": ("nav_msgs/Odometry",),
+}
+"""What a topic can be to a dataset, and the types that it can then have."""
+TRANSFORM_TYPES = ("tf2_msgs/TFMessage", "tf/tfMessage")
+
+# Parts of names that tell what a topic is not.
+_NOT_LEFT = ("depth", "right")
+_TRUTH = ("truth", "_gt", "/gt")
+
+
+def choose_topics(
+    topics: Mapping[str, Topic], named: Mapping[str, str] | None = None, bag: str = "the bag"
+) -> dict[str, str]:
+    """The topic of each role that can be filled.
+
+    Of several that have the type, the one with the most messages is taken, and of those the first
+    by name. Images of a camera without CameraInfo beside them, and such as have "depth" or "right"
+    in their name, come last. The CameraInfo is the one whose name shares most parts with that of
+    the images. Odometry with "truth" or "gt" in its name is the truth, other odometry is not.
+
+    Args:
+        topics: of the bag, by name.
+        named: topics by role, which are not guessed; an empty name leaves the role unfilled.
+        bag: what errors call the bag.
+
+    Raises:
+        ConfigError: an unknown role.
+        DataError: no topic of that name, or of another type.
+    """
+    chosen = dict(named or {})
+    for role, name in chosen.items():
+        _check(topics, role, name, bag)
+    for role in ROLES:
+        if role not in chosen and (candidates := _candidates(topics, role, chosen)):
+            chosen[role] = candidates[0]
+            if len(candidates) > 1:
+                logger.warning(
+                    "%s: %s is %s, chosen of %s", bag, role, candidates[0], ", ".join(candidates)
+                )
+    return {role: chosen[role] for role in ROLES if chosen.get(role)}
+
+
+def _check(topics: Mapping[str, Topic], role: str, name: str, bag: str) -> None:
+    if role not in ROLES:
+        raise ConfigError(f"topics has '{role}', expected some of {', '.join(ROLES)}")
+    if not name:
+        return
+    fitting = ", ".join(_of_type(topics, role)) or "none has that type"
+    if name not in topics:
+        raise DataError(f"{bag} has no topic {name} for {role}; that could be: {fitting}")
+    if topics[name].type not in ROLES[role]:
+        raise DataError(
+            f"{bag}: {name} is of type {topics[name].type}, expected {' or '.join(ROLES[role])} "
+            f"for {role}; that could be: {fitting}"
+        )
+
+
+def _of_type(topics: Mapping[str, Topic], role: str) -> list[str]:
+    return [name for name, topic in topics.items() if topic.count and topic.type in ROLES[role]]
+
+
+def _candidates(topics: Mapping[str, Topic], role: str, chosen: Mapping[str, str]) -> list[str]:
+    """The topics that can have a role, best first."""
+    names = sorted(_of_type(topics, role), key=lambda name: (-topics[name].count, name))
+    if role == "left":
+        infos = _of_type(topics, "camera_info")
+        return sorted(names, key=lambda name: (_has(name, _NOT_LEFT), not _near(name, infos)))
+    if role == "camera_info":
+        camera = chosen.get("left", "")
+        return sorted(names, key=lambda name: -_shared(name, camera))
+    if role in ("odometry", "truth"):
+        return [name for name in names if _has(name, _TRUTH) == (role == "truth")]
+    return names
+
+
+def _has(name: str, parts: Iterable[str]) -> bool:
+    return any(part in name.lower() for part in parts)
+
+
+def _near(name: str, infos: Iterable[str]) -> bool:
+    return any(_shared(name, info) for info in infos)
+
+
+def _shared(first: str, second: str) -> int:
+    """How many parts two names have in common before they part."""
+    pairs = zip(first.strip("/").split("/"), second.strip("/").split("/"), strict=False)
+    return next((k for k, (a, b) in enumerate(pairs) if a != b), 1)

@@ -1,0 +1,301 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writing bags: ROS 1, ROS 2 SQLite and MCAP, whole or under a name that says that they are not."""
+
+import logging
+import os
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from fusionslam.datasets.bags.conversions import MessageBuilder, is_static, ros_type
+from fusionslam.datasets.bags.images import STORED
+from fusionslam.datasets.bags.stores import KINDS, make_in, need_rosbags, type_store
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.messages import Event, FrameTransforms
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection, Qos
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import Writer as Writer2
+
+logger = logging.getLogger(__name__)
+
+Images = str | Mapping[str, str]
+
+_SUFFIXES = {".bag": "rosbag1", ".db3": "rosbag2", ".mcap": "mcap"}
+# Version 9 is not read by ROS 2 before Jazzy.
+_VERSION: Literal[8] = 8
+# What an SQLite bag may lose when the disk is full.
+_COMMIT_BYTES = 4 << 20
+
+
+@contextmanager
+def open_writer(
+    path: str | os.PathLike[str], format: str | None = None, *, images: Images = "raw"
+) -> Iterator["BagWriter"]:
+    """Write a bag, which appears at ``path`` when the block ends and replaces a bag there.
+
+    If the block ends with an error, or the disk is full, the messages written until then are kept
+    in a bag named ``<name>.partial<suffix>``, which ``open_bag`` reads.
+
+    >>> with open_writer("drive.mcap", images={"/camera/image": "jpeg"}) as bag:  # doctest: +SKIP
+    ...     bag.write(event)
+
+    Args:
+        path: file, or folder for "rosbag2".
+        format: "rosbag1", "rosbag2" (SQLite) or "mcap"; None for that of the suffix .bag, .db3 or
+            .mcap.
+        images: how pictures are stored: "raw", "jpeg" or "png", for all topics or by topic; raw
+            where a topic is not named.
+
+    Raises:
+        DataError: ``path`` cannot be written, or something else than a bag is there.
+        ConfigError: an unknown format or way to store pictures.
+    """
+    target, kind = Path(path).expanduser(), _kind(Path(path), format)
+    _check_images(images)
+    need_rosbags()
+    _refuse_other(target, kind)
+    with _scratch_beside(target) as scratch:
+        writer = BagWriter(target, kind, scratch, images)
+        try:
+            yield writer
+            writer._close()
+        except BaseException as error:
+            kept = writer._keep()
+            if writer.broken:
+                raise DataError(f"{error}; {kept}") from error
+            logger.warning("%s is not complete; %s", target, kept)
+            raise
+        writer._put_in_place(target)
+
+
+class BagWriter:
+    """A bag that is being written; made by ``open_writer``.
+
+    Attributes:
+        count: messages written.
+        broken: whether the bag could not be written any further.
+    """
+
+    def __init__(self, target: Path, kind: str, scratch: Path, images: Images) -> None:
+        self.count = 0
+        self.broken = False
+        self._target, self._kind, self._images = target, kind, images
+        self._store = type_store(1 if kind == "rosbag1" else 2)
+        self._builder = MessageBuilder(make_in(self._store), 1 if kind == "rosbag1" else 2)
+        self._path = scratch / (f"{target.stem}.bag" if kind == "rosbag1" else target.stem)
+        self._connections: dict[str, Connection] = {}
+        self._uncommitted = 0
+        self._writer = self._guarded(self._open)
+
+    def write(self, event: Event) -> None:
+        """Write a message as it arrived.
+
+        Raises:
+            DataError: a value that cannot be written, or of another type than others on its topic;
+                static transforms on a topic that is not called tf_static, or others on one that
+                is; a time out of range; the disk is full.
+        """
+        if self.broken:
+            raise DataError(f"{self._target} cannot be written any further")
+        _check(event, self._kind)
+        try:
+            message = self._builder.build(event.message, self._stored(event.topic))
+        except DataError as error:
+            raise DataError(f"{event.topic}: {error}") from error
+        self._guarded(self._write, event, message)
+        self.count += 1
+
+    def _stored(self, topic: str) -> str:
+        return self._images if isinstance(self._images, str) else self._images.get(topic, "raw")
+
+    def _write(self, event: Event, message: Any) -> None:
+        connection = self._connection(event)
+        serialize = (
+            self._store.serialize_ros1 if self._kind == "rosbag1" else self._store.serialize_cdr
+        )
+        data = serialize(message, connection.msgtype)
+        self._writer.write(connection, event.time_ns, data)
+        self._commit(len(data))
+
+    def _connection(self, event: Event) -> "Connection":
+        name = ros_type(event.message, self._stored(event.topic))
+        if event.topic not in self._connections:
+            how: dict[str, Any] = {"typestore": self._store}
+            # Who subscribes later gets static transforms all the same.
+            if is_static(event.topic) and self._kind == "rosbag1":
+                how["latching"] = 1
+            elif is_static(event.topic):
+                how["offered_qos_profiles"] = [_latched()]
+            self._connections[event.topic] = self._writer.add_connection(event.topic, name, **how)
+        connection = self._connections[event.topic]
+        if connection.msgtype != name:
+            raise DataError(f"{event.topic}: {name} after {connection.msgtype}, expected one type")
+        return connection
+
+    def _open(self) -> "Writer1 | Writer2":
+        if self._kind == "rosbag1":
+            from rosbags.rosbag1 import Writer
+
+            first = Writer(self._path)
+            first.open()
+            return first
+        from rosbags.rosbag2 import StoragePlugin
+        from rosbags.rosbag2 import Writer as Second
+
+        plugin = StoragePlugin.MCAP if self._kind == "mcap" else StoragePlugin.SQLITE3
+        second = Second(self._path, version=_VERSION, storage_plugin=plugin)
+        second.open()
+        return second
+
+    def _commit(self, size: int) -> None:
+        """Make what was written so far safe; rosbags would do so at the end only."""
+        if self._kind != "rosbag2":
+            return
+        self._uncommitted += size
+        if self._uncommitted >= _COMMIT_BYTES:
+            self._writer.storage.conn.commit()
+            self._uncommitted = 0
+
+    def _close(self) -> None:
+        if self.broken:
+            raise DataError(f"{self._target} could not be written")
+        self._guarded(self._writer.close)
+
+    def _guarded(self, action: Any, *arguments: Any) -> Any:
+        """Do something with the file; what the system refuses becomes a DataError."""
+        try:
+            return action(*arguments)
+        except (OSError, sqlite3.Error) as error:
+            self.broken = True
+            reason = getattr(error, "strerror", None) or str(error)
+            raise DataError(f"cannot write {self._target}: {reason}") from error
+
+    def _keep(self) -> str:
+        """Keep what there is under another name; says where."""
+        with suppress(DataError):
+            if not self.broken:
+                self._close()
+        if self.broken:
+            self._give_up()
+        partial = self._target.with_name(f"{self._target.stem}.partial{self._target.suffix}")
+        if not self.count:
+            return "nothing was written before"
+        try:
+            self._put_in_place(partial)
+        except DataError as error:
+            return f"and what was written before is lost: {error}"
+        return f"what was written before is kept in {partial}"
+
+    def _give_up(self) -> None:
+        """Let go of a file that cannot be written any further."""
+        with suppress(OSError, sqlite3.Error):
+            self._writer.abort()
+        if self._kind == "rosbag2":
+            # What was not committed is still in the file, and how to undo it lies beside it. SQLite
+            # does so when it reads the file, but not for rosbags, which opens it as immutable.
+            with suppress(sqlite3.Error), closing(sqlite3.connect(self._storage)) as database:
+                database.execute("SELECT count(*) FROM messages").fetchone()
+
+    @property
+    def _storage(self) -> Path:
+        return self._path / f"{self._path.name}.{'mcap' if self._kind == 'mcap' else 'db3'}"
+
+    def _put_in_place(self, target: Path) -> None:
+        made = self._storage if self._kind == "mcap" else self._path
+        try:
+            if target.is_dir():
+                target.rename(self._path.with_name("replaced"))
+            made.replace(target)
+        except OSError as error:
+            raise DataError(f"cannot write {target}: {error.strerror}") from error
+
+
+def _kind(path: Path, name: str | None) -> str:
+    if name is not None and name not in KINDS:
+        raise ConfigError(f"format is '{name}', expected one of {', '.join(KINDS)}")
+    kind = name or _SUFFIXES.get(path.suffix.lower())
+    if kind is None:
+        raise ConfigError(f"{path} ends in none of {', '.join(_SUFFIXES)}: name the format")
+    return kind
+
+
+def _check_images(images: Images) -> None:
+    for stored in [images] if isinstance(images, str) else images.values():
+        if stored not in STORED:
+            raise ConfigError(f"images is '{stored}', expected one of {', '.join(STORED)}")
+
+
+def _check(event: Event, kind: str) -> None:
+    limit = 2**32 * 1_000_000_000 if kind == "rosbag1" else 2**63
+    if not 0 <= event.time_ns < limit:
+        raise DataError(f"{event.topic}: time {event.time_ns} ns cannot be written")
+    if not isinstance(event.message, FrameTransforms):
+        return
+    for transform in event.message.transforms:
+        if transform.static != is_static(event.topic):
+            what = "static" if transform.static else "moving"
+            raise DataError(
+                f"{event.topic}: {what} transform of '{transform.child}', but only the name "
+                "of the topic says which are static: those on tf_static"
+            )
+
+
+def _refuse_other(target: Path, kind: str) -> None:
+    """Nothing but a bag of the same layout is ever replaced."""
+    if kind != "rosbag2" and target.is_dir():
+        raise DataError(f"{target} is a folder, expected a file to write")
+    if kind == "rosbag2" and target.is_file():
+        raise DataError(f"{target} is a file, expected a folder to write")
+    if target.is_dir():
+        others = [path for path in target.iterdir() if not _belongs_to_bag(path)]
+        if others:
+            raise DataError(f"{target} holds {others[0].name}, which is no part of a bag")
+
+
+def _belongs_to_bag(path: Path) -> bool:
+    return path.name == "metadata.yaml" or path.suffix in (".db3", ".mcap")
+
+
+@contextmanager
+def _scratch_beside(target: Path) -> Iterator[Path]:
+    """A folder on the same disk, which is gone afterwards."""
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+    except OSError as error:
+        raise DataError(f"cannot write {target}: {error.strerror}") from error
+    try:
+        yield scratch
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _latched() -> "Qos":
+    from rosbags.interfaces import (
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
+
+    never = QosTime(2147483647, 4294967295)
+    return Qos(
+        QosHistory.KEEP_LAST,
+        1,
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL,
+        never,
+        never,
+        QosLiveliness.AUTOMATIC,
+        never,
+        False,
+    )
