@@ -76,7 +76,8 @@ def edge_map(image: Image, reach: float) -> NDArray[np.float32]:
             np.maximum(line, fall * before, out=line)
     felt = _OWN_SHARE * own + (1 - _OWN_SHARE) * around
     # Else a turn towards busier texture, such as trees, would pay wherever the edges fall in it.
-    return np.asarray(felt - ndimage.uniform_filter(felt, round(_SURROUNDINGS * reach)), np.float32)
+    side = 2 * round(_SURROUNDINGS * reach / 2) + 1  # odd: the pixel is in the middle
+    return np.asarray(felt - ndimage.uniform_filter(felt, side), np.float32)
 
 
 @dataclass(frozen=True, eq=False)

@@ -125,10 +125,13 @@ def test_edges_are_the_near_side_of_a_jump() -> None:
 def test_an_image_is_felt_around_its_edges_as_far_as_asked() -> None:
     image = np.zeros((40, 200), np.uint8)
     image[:, 100:] = 200
-    near, far = edge_map(image, 3.0)[20], edge_map(image, 10.0)[20]
-    assert 97 <= near.argmax() <= 102 and 97 <= far.argmax() <= 102
-    assert near[100] > near[103] > 0 > near[107] and far[100] > far[107] > 0 > far[118]
-    np.testing.assert_allclose(far[70:100], far[100:130][::-1], atol=0.02)
+    near, far = edge_map(image, 5.0)[20], edge_map(image, 15.0)[20]
+    for felt, reach in ((near, 5), (far, 15)):
+        assert 97 <= felt.argmax() <= 102 and felt[100] > 0.3
+        # Positive up to about the reach, negative beyond it, nothing far away.
+        assert felt[100] > felt[100 + reach // 2] > 0 > felt[100 + 2 * reach]
+        assert abs(felt[100 + 6 * reach]) < 0.05
+        np.testing.assert_allclose(felt[70:97], felt[103:130][::-1], atol=0.02)
     np.testing.assert_array_equal(edge_map(np.full((9, 9, 3), 7, np.uint8), 10.0), 0)
 
 
