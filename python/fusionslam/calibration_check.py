@@ -36,7 +36,7 @@ _FLAT = 0.7
 # An explanation that gains this share of what the best one gains may be the true one.
 _NEAR = 0.7
 # A gain of this many standard errors deserves a mention.
-_PERHAPS = 2.0
+_PERHAPS = 2.5
 
 Floats = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -49,7 +49,7 @@ class Curve:
     Attributes:
         name: "roll", "pitch", "yaw" (degrees), "right", "down", "forward" (metres) or "delay" (s).
         values: float64 (K), rising; 0 is the present calibration.
-        scores: float64 (K), mean score of an edge point, 0 to 1.
+        scores: float64 (K), mean score of an edge point, -1 to 1.
         low, high: bounds of the values whose score is not surely worse than the best.
         errors: gain of the best over the present calibration in standard errors.
     """
@@ -96,7 +96,7 @@ class CalibrationCheck:
     Attributes:
         frames: numbers of the frames that were looked at.
         points: depth edges used.
-        present: score of the present calibration, 0 to 1.
+        present: score of the present calibration, -1 to 1.
         turn: the best turn of the camera.
         curves: the score along each single value, by name; no "delay" where nothing tells it.
         verdict: in words.
@@ -257,11 +257,10 @@ def _better(
     turn: Turn, curves: dict[str, Curve], config: CalibrationCheckConfig
 ) -> Iterator[_Better]:
     """Every kind of change whose best value is more than a tolerance away from none."""
-    unknown = _undetermined(turn, config)
     angles = [
         (name, angle)
-        for name, angle in zip(TURNS, turn.degrees, strict=True)
-        if abs(angle) > config.turn_tolerance and name not in unknown
+        for name, angle, (low, high) in zip(TURNS, turn.degrees, turn.ranges, strict=True)
+        if abs(angle) > config.turn_tolerance and not low <= 0 <= high
     ]
     if angles:
         words = ", ".join(f"{name} {angle:+.1f} deg" for name, angle in angles)

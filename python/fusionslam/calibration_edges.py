@@ -28,6 +28,8 @@ _NEAREST = 0.5
 _OWN_SHARE = 1 / 3
 # The parts of a frame whose scores are compared, to tell chance from gain.
 STRIPS = 12
+# Side of the square that a pixel is compared with, in times the reach.
+_SURROUNDINGS = 4
 
 
 def depth_edges(points: NDArray[np.float32], jump: float) -> tuple[Floats, Floats]:
@@ -58,7 +60,11 @@ def depth_edges(points: NDArray[np.float32], jump: float) -> tuple[Floats, Float
 
 
 def edge_map(image: Image, reach: float) -> NDArray[np.float32]:
-    """float32 (H, W), 1 on strong gradients, falling off around them by 1/e in ``reach`` pixels."""
+    """How much more edge there is at a pixel than around it: float32 (H, W), -1 to 1.
+
+    Strong gradients count 1 and fall off around them by 1/e in ``reach`` pixels; of that the mean
+    over a square is taken away, as Levinson and Thrun do not.
+    """
     grey = image.mean(axis=2) if image.ndim == 3 else image.astype(np.float64)
     smooth = ndimage.gaussian_filter(grey, 1.0)
     gradient = np.hypot(ndimage.sobel(smooth, 0), ndimage.sobel(smooth, 1))
@@ -68,7 +74,10 @@ def edge_map(image: Image, reach: float) -> NDArray[np.float32]:
     for lines in (around, around[::-1], around.T, around.T[::-1]):
         for before, line in pairwise(lines):
             np.maximum(line, fall * before, out=line)
-    return np.asarray(_OWN_SHARE * own + (1 - _OWN_SHARE) * around, dtype=np.float32)
+    felt = _OWN_SHARE * own + (1 - _OWN_SHARE) * around
+    # Else a turn towards busier texture, such as trees, would pay wherever the edges fall in it.
+    side = 2 * round(_SURROUNDINGS * reach / 2) + 1  # odd: the pixel is in the middle
+    return np.asarray(felt - ndimage.uniform_filter(felt, side), np.float32)
 
 
 @dataclass(frozen=True, eq=False)

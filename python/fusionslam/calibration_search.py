@@ -163,7 +163,7 @@ class Trial:
 
     @property
     def scores(self) -> Floats:
-        """(K): the mean score of an edge point, 0 to 1."""
+        """(K): the mean score of an edge point, -1 to 1."""
         return np.asarray(self.parts.sum(axis=1) / self.weight)
 
     @property
