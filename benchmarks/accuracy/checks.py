@@ -18,6 +18,7 @@ import numpy as np
 from scipy.ndimage import minimum_filter
 
 import fusionslam
+from benchmarks.accuracy.bag_depth import FULL_CIRCLE, SECTOR, depth_agreement
 from benchmarks.accuracy.kitti_pairs import PAGE, data_folder
 from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.datasets import open_dataset, read_poses_kitti
@@ -53,6 +54,7 @@ def checks(data: Path) -> Iterator[Row]:
     yield from matching_rows(data)
     yield from stereo_rows(data)
     yield from invariance_rows(data)
+    yield from bag_rows(data)
 
 
 def scan(path: Path) -> np.ndarray:
@@ -185,6 +187,14 @@ def matching_rows(data: Path) -> Iterator[Row]:
         same = len({call(threads).tobytes() for threads in (1, 1, 2)}) == 1
         came = "identical" if same else "differ"
         yield equal(f"{name}, two runs and two threads", "identical", came)
+
+
+def bag_rows(data: Path) -> Iterator[Row]:
+    full = depth_agreement(data, FULL_CIRCLE)
+    what = "bag, fused points within 3 cm of the depth rendered from the same world"
+    yield Row(f"{what}, full circle", "90 %", f"{full.share:.1%}", full.share >= 0.9)
+    sector = depth_agreement(data, SECTOR)
+    yield Row(f"{what}, sector on collision shapes", "", f"{sector.share:.1%}", None)
 
 
 def stereo_rows(data: Path) -> Iterator[Row]:
