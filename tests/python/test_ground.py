@@ -38,7 +38,7 @@ def numpy_planes(points: NDArray[np.float32], config: Any) -> list[NDArray[np.fl
             mean = chosen[ground].mean(axis=0)
             normal = np.linalg.svd(chosen[ground] - mean, full_matrices=False)[2][2]
             normal *= np.sign(normal[2])
-            ground = np.abs((chosen - mean) @ normal) < config.distance
+            ground = np.abs((chosen - mean) @ normal) < config.distance / 2
         planes.append(np.append(normal, -normal @ mean))
     return planes
 
