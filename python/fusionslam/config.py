@@ -10,7 +10,7 @@ core's own tables, so their values stand once too.
 import difflib
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 from pydantic.fields import FieldInfo
@@ -83,7 +83,7 @@ def _core_field(entry: Mapping[str, Any], optional: bool) -> tuple[Any, FieldInf
 
 
 def merged(section: S, changes: Mapping[str, Any], where: str = "") -> S:
-    """The section with some values changed; nested sections may be changed in part.
+    """The section with some values changed; sections in it may be changed in part.
 
     Raises:
         ConfigError: unknown key (the message names the nearest), wrong type or out of range.
@@ -94,18 +94,33 @@ def merged(section: S, changes: Mapping[str, Any], where: str = "") -> S:
         path = f"{where}{key}"
         if key not in known:
             raise ConfigError(_unknown(path, key, known))
-        current = getattr(section, key)
+        current, kind = getattr(section, key), _named_sections(section, key)
         if isinstance(current, Section):
-            if not isinstance(value, Mapping):
-                keys = _names(current)
-                raise ConfigError(f"{path} is {value!r}, expected keys of its own: {keys}")
-            values[key] = merged(current, value, f"{path}.")
+            values[key] = _inner(current, value, path)
+        elif kind is not None and isinstance(value, Mapping):
+            values[key] = current | {
+                name: _inner(current.get(name, kind()), inner, f"{path}.{name}")
+                for name, inner in value.items()
+            }
         else:
             values[key] = value
     try:
         return type(section)(**values)
     except ValidationError as error:
         raise ConfigError(_first_problem(error, where)) from error
+
+
+def _inner(current: Section, value: Any, path: str) -> Section:
+    if not isinstance(value, Mapping):
+        raise ConfigError(f"{path} is {value!r}, expected keys of its own: {_names(current)}")
+    return merged(current, value, f"{path}.")
+
+
+def _named_sections(section: Section, key: str) -> type[Section] | None:
+    """The kind of section that a field holds by name, if it does."""
+    kinds = get_args(type(section).model_fields[key].annotation)
+    named = len(kinds) == 2 and isinstance(kinds[1], type) and issubclass(kinds[1], Section)
+    return kinds[1] if named else None
 
 
 def with_settings(section: S, settings: list[str]) -> S:
@@ -204,4 +219,7 @@ def _first_problem(error: ValidationError, where: str) -> str:
     first = error.errors()[0]
     key = where + ".".join(str(part) for part in first["loc"])
     reason = str(first["msg"]).removeprefix("Value error, ")
+    if first["type"] == "value_error" and isinstance(first["input"], Mapping):
+        # Values that do not go together: the reason names them, all of them would hide it.
+        return f"{key.rstrip('.')}: {reason}" if key else reason
     return f"{key.rstrip('.')} is {first['input']!r}: {reason}"

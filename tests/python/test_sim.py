@@ -25,9 +25,11 @@ from fusionslam.sim import (
     embedded_drive,
     record,
     recorder,
-    robot,
 )
+from fusionslam.sim.camera import camera_rays, parent_from_camera, photograph, projection
+from fusionslam.sim.car import car_from_lidar
 from fusionslam.sim.drive import make_drive
+from fusionslam.sim.lidar import scan
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.town import make_town
 
@@ -206,7 +208,7 @@ def test_lidar_points_project_onto_pixels_of_the_same_depth(
     seen = (depth > 1) & (u > 0) & (u < CAMERA.width - 1) & (v > 0) & (v < CAMERA.height - 1)
     assert seen.sum() > 150
     rays = np.column_stack([u, v, np.ones(len(u))])[seen] @ np.linalg.inv(calib["P2"][:, :3]).T
-    world_from_first = poses[0] @ robot.car_from_camera(TINY.car)
+    world_from_first = poses[0] @ parent_from_camera(CAMERA)
     pose = world_from_first @ np.vstack([camera_poses[frame], [0, 0, 0, 1]])
     hits = caster.cast(pose[:3, 3].astype(np.float32), (rays @ pose[:3, :3].T).astype(np.float32))
     error = np.abs(hits.distance - depth[seen])
@@ -219,29 +221,28 @@ def test_points_of_the_left_picture_are_found_at_their_disparity_in_the_right_on
     caster: RayCaster, poses: np.ndarray
 ) -> None:
     camera = StereoConfig()
-    car = CarConfig(camera=camera)
     left, right = (
-        robot.photograph(caster, camera, pose, (1, 1, 1), np.random.default_rng(k)).mean(axis=2)
+        photograph(caster, camera, pose, (1, 1, 1), np.random.default_rng(k)).mean(axis=2)
         for k, pose in enumerate(
-            poses[1] @ robot.car_from_camera(car, right=side) for side in (False, True)
+            poses[1] @ parent_from_camera(camera, right=side) for side in (False, True)
         )
     )
-    depth = depths(caster, camera, poses[1] @ robot.car_from_camera(car))
-    projection = robot.projection(camera, right=True)
-    true = match(left, right, depth, projection, shift=0.0)
-    wrong = match(left, right, depth, projection, shift=4.0)
+    depth = depths(caster, camera, poses[1] @ parent_from_camera(camera))
+    p3 = projection(camera, right=True)
+    true = match(left, right, depth, p3, shift=0.0)
+    wrong = match(left, right, depth, p3, shift=4.0)
     assert true > 0.8
     assert wrong < 0.5
 
 
 def depths(caster: RayCaster, camera: StereoConfig, pose: np.ndarray) -> np.ndarray:
-    rays = robot.camera_rays(camera) @ pose[:3, :3].T.astype(np.float32)
+    rays = camera_rays(camera) @ pose[:3, :3].T.astype(np.float32)
     hits = caster.cast(pose[:3, 3].astype(np.float32), rays)
     return hits.distance.reshape(camera.height, camera.width)
 
 
 def match(
-    left: np.ndarray, right: np.ndarray, depth: np.ndarray, projection: np.ndarray, shift: float
+    left: np.ndarray, right: np.ndarray, depth: np.ndarray, p3: np.ndarray, shift: float
 ) -> float:
     """Mean correlation of 11 x 11 patches with those at the predicted disparity plus a shift."""
     scores = []
@@ -251,7 +252,7 @@ def match(
             flat = np.isfinite(depth[patch]).all() and np.ptp(depth[patch]) < 1.0
             if flat and left[patch].std() > 6:
                 # u_right - u_left = P3[0, 3] / z
-                moved = np.arange(left.shape[1]) + projection[0, 3] / depth[row, column] + shift
+                moved = np.arange(left.shape[1]) + p3[0, 3] / depth[row, column] + shift
                 warped = np.stack(
                     [np.interp(moved, np.arange(left.shape[1]), r) for r in right[patch[0]]]
                 )
@@ -263,19 +264,19 @@ def match(
 
 def sweep(caster: RayCaster, pose: np.ndarray, **values: float) -> np.ndarray:
     config = LidarConfig(rings=32, azimuths=360, **values)
-    return robot.scan(caster, config, pose, np.random.default_rng(3))
+    return scan(caster, config, pose, np.random.default_rng(3)).points
 
 
 def test_range_noise_has_the_configured_deviation(caster: RayCaster, poses: np.ndarray) -> None:
-    pose = poses[1] @ robot.car_from_lidar(TINY.car)
+    pose = poses[1] @ car_from_lidar(TINY.car)
     clean, noisy = (sweep(caster, pose, noise_m=sigma) for sigma in (0.0, 0.05))
-    error = np.linalg.norm(noisy[:, :3], axis=1) - np.linalg.norm(clean[:, :3], axis=1)
+    error = np.linalg.norm(noisy, axis=1) - np.linalg.norm(clean, axis=1)
     assert error.std() == pytest.approx(0.05, rel=0.05)
     assert abs(error.mean()) < 0.002
 
 
 def test_shots_are_lost_at_the_configured_rate(caster: RayCaster, poses: np.ndarray) -> None:
-    pose = poses[1] @ robot.car_from_lidar(TINY.car)
+    pose = poses[1] @ car_from_lidar(TINY.car)
     none = {"grazing_dropout": 0.0, "far_dropout": 0.0}
     complete, some, usual, grazing = (
         len(sweep(caster, pose, **rates))

@@ -4,7 +4,7 @@
 
 import typer
 
-from fusionslam.cli import about, data, results
+from fusionslam.cli import about, data, results, simulate
 from fusionslam.cli.guard import Guarded
 
 app = typer.Typer(
@@ -20,6 +20,7 @@ app = typer.Typer(
 
 for command in (
     results.demo,
+    simulate.sim,
     data.info,
     data.fuse,
     data.describe,

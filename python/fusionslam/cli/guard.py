@@ -65,6 +65,11 @@ def keep_parts(ctx: typer.Context, folder: Path) -> None:
     )
 
 
+def keep_partial(ctx: typer.Context, path: Path) -> None:
+    """The same for a recording, whose writer says where it keeps what there is."""
+    ctx.meta[_KEPT] = f"interrupted: {path} is not complete"
+
+
 def needs_extra(extra: str) -> None:
     """Find out at the start, not after an hour, that an optional package is missing.
 

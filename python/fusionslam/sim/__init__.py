@@ -6,9 +6,10 @@
 >>> record(SimConfig(town=TownConfig(seed=7, blocks=(3, 2))), "another-town")  # doctest: +SKIP
 """
 
+from fusionslam.sim.car import CarConfig, StereoConfig
 from fusionslam.sim.drive import DriveConfig
+from fusionslam.sim.lidar import LidarConfig
 from fusionslam.sim.recorder import SimConfig, embedded_drive, embedded_folder, record
-from fusionslam.sim.robot import CarConfig, LidarConfig, StereoConfig
 from fusionslam.sim.town import TownConfig
 
 __all__ = [

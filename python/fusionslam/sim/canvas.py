@@ -34,6 +34,16 @@ class Canvas:
         self.rgb[area] = np.asarray(rgb, np.float32)
         self.tint[area] = tint
 
+    def disc(self, centre: ArrayLike, radius: float, rgb: ArrayLike, tint: float) -> None:
+        """Fill a disc; centre and radius in metres. What reaches over an edge is cut off."""
+        texels = np.arange(SIDE) + 0.5
+        x = texels / self.scale[0] - np.asarray(centre)[0]
+        y = (SIDE - texels) / self.scale[1] - np.asarray(centre)[1]
+        near = np.ix_(np.flatnonzero(np.abs(y) < radius), np.flatnonzero(np.abs(x) < radius))
+        inside = x[near[1]] ** 2 + y[near[0]] ** 2 < radius**2
+        self.rgb[near] = np.where(inside[..., None], np.asarray(rgb, np.float32), self.rgb[near])
+        self.tint[near] = np.where(inside, np.float32(tint), self.tint[near])
+
     def bricks(
         self,
         rng: np.random.Generator,

@@ -124,11 +124,24 @@ def panels(corners: ArrayLike, paint: Paint) -> Mesh:
     return triangles(_split(quads), _split(uv), paint)
 
 
-def box(low: ArrayLike, high: ArrayLike, paint: Paint, top: Paint | None = None) -> Mesh:
-    """A box between two opposite corners without its bottom, the roof in another paint if given."""
+def box(
+    low: ArrayLike,
+    high: ArrayLike,
+    paint: Paint,
+    top: Paint | None = None,
+    *,
+    bottom: bool = False,
+) -> Mesh:
+    """A box between two opposite corners, the roof in another paint if given.
+
+    The bottom is left out unless asked for: few boxes are seen from below.
+    """
     corners = _box_corners(low, high)
-    sides = panels(corners[list(_BOX_FACES[:4])], paint)
-    return joined([sides, panels(corners[list(_BOX_FACES[4:5])], top or paint)])
+    faces = list(_BOX_FACES if bottom else _BOX_FACES[:5])
+    if top is None:
+        return panels(corners[faces], paint)
+    sides = [*faces[:4], *faces[5:]]
+    return joined([panels(corners[sides], paint), panels(corners[faces[4:5]], top)])
 
 
 def tapered(low: ArrayLike, high: ArrayLike, top_scale: tuple[float, float], paint: Paint) -> Mesh:

@@ -10,30 +10,43 @@ from PIL import Image
 
 from fusionslam.sim.mesh import Floats
 
+_WHITE = np.full((1, 1, 4), 255, np.uint8)
+
 
 class MipMaps:
     """All textures of a scene and their halvings in one flat array of packed RGBA texels.
 
     Args:
         images: uint8 (H, W, 4) each: RGB and tint. Sides that are no powers of two are resized.
+            Without any, texture 0 is white and tinted.
 
     Attributes:
         texels: float32 (K,), number of texels of each texture's finest level.
     """
 
     def __init__(self, images: Sequence[NDArray[np.uint8]]) -> None:
-        pyramids = [_pyramid(_power_of_two(image)) for image in images]
-        levels = max(len(pyramid) for pyramid in pyramids)
-        padded = [pyramid + [pyramid[-1]] * (levels - len(pyramid)) for pyramid in pyramids]
-        self._last = levels - 1
-        self._width = np.array([[level.shape[1] for level in p] for p in padded], np.int32)
-        self._height = np.array([[level.shape[0] for level in p] for p in padded], np.int32)
-        sizes = (self._width.astype(np.int64) * self._height).ravel()
-        starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-        self._start = starts.reshape(self._width.shape).astype(np.int32)
-        flat = np.concatenate([level.reshape(-1, 4) for p in padded for level in p])
-        self._packed = np.ascontiguousarray(flat).view(np.uint32).ravel()
+        used = images if len(images) else [_WHITE]
+        pyramids = [_pyramid(_power_of_two(image)) for image in used]
+        self._last = max(len(pyramid) for pyramid in pyramids) - 1
+        stored = [level for pyramid in pyramids for level in pyramid]
+        rows = self._rows(pyramids)
+        sizes = np.array([level.shape[0] * level.shape[1] for level in stored])
+        self._width = np.array([level.shape[1] for level in stored], np.int32)[rows]
+        self._height = np.array([level.shape[0] for level in stored], np.int32)[rows]
+        self._start = (np.cumsum(sizes) - sizes).astype(np.int32)[rows]
+        flat = np.concatenate([level.reshape(-1, 4) for level in stored])
+        self._packed = flat.view(np.uint32).ravel()
         self.texels = (self._width[:, 0] * self._height[:, 0]).astype(np.float32)
+
+    def _rows(self, pyramids: Sequence[Sequence[object]]) -> NDArray[np.intp]:
+        """Place of each texture's levels among all that are stored, (textures, levels).
+
+        Small textures have fewer levels than large ones: past the last one it stays in use.
+        """
+        counts = np.array([len(pyramid) for pyramid in pyramids])
+        level = np.minimum(np.arange(self._last + 1), counts[:, None] - 1)
+        rows: NDArray[np.intp] = (np.cumsum(counts) - counts)[:, None] + level
+        return rows
 
     def sample(self, texture: NDArray[np.int32], u: Floats, v: Floats, level: Floats) -> Floats:
         """Bilinear samples, float32 (R, 4) in 0 .. 1: RGB and tint.

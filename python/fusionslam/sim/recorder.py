@@ -23,9 +23,10 @@ from fusionslam._files import atomic_path
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.evaluation.visits import visits
-from fusionslam.sim import robot
+from fusionslam.sim.camera import parent_from_camera, photograph, projection
+from fusionslam.sim.car import CarConfig, car_from_lidar
 from fusionslam.sim.drive import Array, Drive, DriveConfig, make_drive
-from fusionslam.sim.robot import CarConfig
+from fusionslam.sim.lidar import scan
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.town import TownConfig, make_town
 
@@ -74,14 +75,15 @@ class _Recorder:
         """Simulate and write one frame: LiDAR sweep, left and right picture."""
         paths, car = self._paths(frame), self.config.car
         world_from_car = self.drive.poses[frame]
-        swept = world_from_car @ robot.car_from_lidar(car)
-        points = robot.scan(caster, car.lidar, swept, self._rng(frame, 0))
+        swept = world_from_car @ car_from_lidar(car)
+        sweep = scan(caster, car.lidar, swept, self._rng(frame, 0))
+        points = np.column_stack([sweep.points, sweep.intensity])
         _write_bytes(paths["velodyne"], points.tobytes())
         gain = car.camera.exposure[min(self.drive.lap[frame], len(car.camera.exposure) - 1)]
         for sensor, name in enumerate(("image_2", "image_3"), start=1):
-            seen = world_from_car @ robot.car_from_camera(car, right=sensor == 2)
+            seen = world_from_car @ parent_from_camera(car.camera, right=sensor == 2)
             rng = self._rng(frame, sensor)
-            _write_png(paths[name], robot.photograph(caster, car.camera, seen, gain, rng))
+            _write_png(paths[name], photograph(caster, car.camera, seen, gain, rng))
 
     def _paths(self, frame: int) -> dict[str, Path]:
         return {
@@ -207,14 +209,14 @@ def _write_texts(root: Path, config: SimConfig, drive: Drive) -> None:
     sequence = root / "sequences" / "00"
     _write_text(sequence / "times.txt", [f"{second:.6e}" for second in drive.seconds])
     _write_text(sequence / "calib.txt", _calibration(config.car))
-    cameras = drive.poses @ robot.car_from_camera(config.car)
+    cameras = drive.poses @ parent_from_camera(config.car.camera)
     relative = np.linalg.inv(cameras[0]) @ cameras
     _write_text(root / "poses" / "00.txt", [_row(pose[:3]) for pose in relative])
 
 
 def _calibration(car: CarConfig) -> list[str]:
-    left, right = (robot.projection(car.camera, right=right) for right in (False, True))
-    lidar = np.linalg.inv(robot.car_from_camera(car)) @ robot.car_from_lidar(car)
+    left, right = (projection(car.camera, right=right) for right in (False, True))
+    lidar = np.linalg.inv(parent_from_camera(car.camera)) @ car_from_lidar(car)
     rows = {"P0": left, "P1": right, "P2": left, "P3": right, "Tr": lidar[:3]}
     return [f"{name}: {_row(matrix)}" for name, matrix in rows.items()]
 

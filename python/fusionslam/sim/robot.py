@@ -1,166 +1,166 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The car's sensors: a LiDAR that sees all round and a rectified colour stereo pair.
+"""Descriptions of robots: their frames, drive, sensors and what they publish.
 
-Frames: car and LiDAR are x forward, y left, z up; cameras x right, y down, z forward.
+A description is a YAML file with the keys of ``RobotConfig``; some are part of the package.
 """
 
-from functools import lru_cache
+from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import model_validator
 
-from fusionslam.config import Section, option
+from fusionslam.config import Section, option, with_file
+from fusionslam.errors import ConfigError
+from fusionslam.messages import FrameTransform
+from fusionslam.sim.camera import CameraMount, parent_from_camera
 from fusionslam.sim.drive import Array, rotation
-from fusionslam.sim.mesh import Floats
-from fusionslam.sim.scene import RayCaster
+from fusionslam.sim.lidar import LidarMount, Vector
+from fusionslam.sim.motion import DriveLimits
+from fusionslam.sim.odometry import OdometryConfig
 
-Vector = tuple[float, float, float]
-
-_CAMERA_AXES = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], np.float64)
-
-
-class LidarConfig(Section):
-    """A spinning LiDAR. The sweep is taken at one instant."""
-
-    rings: int = option(64, "laser beams", ge=1, le=256)
-    azimuths: int = option(800, "shots per turn and beam", ge=4, le=8192)
-    top_deg: float = option(2.0, "elevation of the highest beam", unit="deg", ge=-90, le=90)
-    bottom_deg: float = option(-24.8, "elevation of the lowest beam", unit="deg", ge=-90, le=90)
-    range_m: float = option(80.0, "longest range", unit="m", gt=0)
-    noise_m: float = option(0.02, "deviation of the range", unit="m", ge=0)
-    dropout: float = option(0.04, "share of shots lost anywhere", ge=0, le=1)
-    grazing_dropout: float = option(
-        0.30, "further share lost as the beam becomes parallel to the surface", ge=0, le=1
-    )
-    far_dropout: float = option(0.30, "further share lost towards the longest range", ge=0, le=1)
-    position_m: Vector = option((0.0, 0.0, 1.73), "place in the car's frame", unit="m")
+_ROBOTS = Path(__file__).with_name("robots")
 
 
-class StereoConfig(Section):
-    """Two rectified colour cameras, half the resolution of KITTI's."""
+class FrameConfig(Section):
+    """A frame at rest on the robot."""
 
-    width: int = option(620, "columns", unit="px", ge=8, le=4096)
-    height: int = option(188, "rows", unit="px", ge=8, le=4096)
-    focal_px: float = option(359.0, "focal length", unit="px", gt=0)
-    centre_px: tuple[float, float] = option((303.0, 92.0), "principal point", unit="px")
-    baseline_m: float = option(0.54, "distance of the right camera", unit="m", gt=0)
-    position_m: Vector = option((0.27, 0.0, 1.65), "left camera in the car's frame", unit="m")
-    tilt_deg: Vector = option(
-        (0.3, 0.6, -0.4), "roll, pitch and yaw of the pair in the car's frame", unit="deg"
-    )
-    noise: float = option(1.2, "deviation of a pixel's value", unit="of 255", ge=0)
-    exposure: tuple[Vector, ...] = option(
-        ((1.0, 1.0, 1.0), (0.70, 0.72, 0.78), (0.88, 0.86, 0.80)),
-        "gain of red, green and blue on each lap (the last one serves later laps)",
-        min_length=1,
-    )
+    parent: str = option("base_footprint", "frame it is fixed to", min_length=1)
+    position_m: Vector = option((0.0, 0.0, 0.0), "place in that frame", unit="m")
+    tilt_deg: Vector = option((0.0, 0.0, 0.0), "roll, pitch, yaw in that frame", unit="deg")
 
 
-class CarConfig(Section):
-    """The sensors and their places on the car."""
+class OdometryMount(Section):
+    """What the robot publishes of its own movement."""
 
-    lidar: LidarConfig = option(LidarConfig(), "the LiDAR")
-    camera: StereoConfig = option(StereoConfig(), "the stereo pair")
-
-
-def car_from_lidar(config: CarConfig) -> Array:
-    """Pose of the LiDAR, float64 (4, 4)."""
-    pose = np.eye(4)
-    pose[:3, 3] = config.lidar.position_m
-    return pose
+    topic: str = option("/odom", "where odometry is published", min_length=1)
+    frame_id: str = option("odom", "frame it starts from: the world's, but for errors")
+    rate_hz: float = option(30.0, "poses a second, as odometry and as TF", unit="Hz", gt=0)
+    errors: OdometryConfig = option(OdometryConfig(), "how it differs from the truth")
 
 
-def car_from_camera(config: CarConfig, *, right: bool = False) -> Array:
-    """Pose of the left or right camera, float64 (4, 4)."""
-    pose = np.eye(4)
-    pose[:3, :3] = rotation(np.deg2rad(config.camera.tilt_deg).tolist()) @ _CAMERA_AXES
-    pose[:3, 3] = config.camera.position_m
-    if right:
-        pose[:3, 3] += pose[:3, 0] * config.camera.baseline_m
-    return pose
+class RobotConfig(Section):
+    """A robot on wheels with LiDARs and cameras."""
+
+    base_frame: str = option("base_footprint", "frame on the ground that is driven", min_length=1)
+    radius_m: float = option(0.22, "radius of the footprint", unit="m", gt=0, le=10)
+    height_m: float = option(0.4, "what stands higher is no obstacle", unit="m", gt=0, le=10)
+    drive: DriveLimits = option(DriveLimits(), "how fast it drives and turns")
+    frames: dict[str, FrameConfig] = option({}, "frames at rest on the robot, by name")
+    lidars: dict[str, LidarMount] = option({}, "LiDARs, by name")
+    cameras: dict[str, CameraMount] = option({}, "cameras, by name")
+    odometry: OdometryMount = option(OdometryMount(), "what it says of its own movement")
+
+    @model_validator(mode="after")
+    def _sensors_fit_together(self) -> "RobotConfig":
+        self._check_pairs()
+        fixed = [transform.child for transform in static_transforms(self)]
+        _check_unique("frame", [self.base_frame, self.odometry.frame_id, WORLD, *fixed])
+        _check_unique("topic", [*OWN_TOPICS, self.odometry.topic, *self._topics()])
+        for child in fixed:
+            base_from(self, child)
+        return self
+
+    def _topics(self) -> list[str]:
+        cameras = self.cameras.values()
+        topics = [lidar.topic for lidar in self.lidars.values()]
+        topics += [camera.picture_topic() for camera in cameras]
+        return topics + [camera.info_topic for camera in cameras]
+
+    def _check_pairs(self) -> None:
+        """The right camera's P counts from the left one (REP 104), whose frame it names."""
+        left = {c.frame_id: c for c in self.cameras.values() if c.side == "left"}
+        for name, camera in self.cameras.items():
+            other = left.get(camera.frame_id)
+            if camera.side == "right" and (other is None or _place(other) != _place(camera)):
+                raise ValueError(
+                    f"cameras.{name} is the right one of a pair: expected frame_id, parent, "
+                    f"position_m and tilt_deg of the left one, found frame_id {camera.frame_id!r}"
+                )
 
 
-def projection(config: StereoConfig, *, right: bool = False) -> Array:
-    """KITTI's projection from the left camera's frame, float64 (3, 4)."""
-    matrix = np.zeros((3, 4))
-    matrix[0, 0] = matrix[1, 1] = config.focal_px
-    matrix[:2, 2] = config.centre_px
-    matrix[2, 2] = 1
-    matrix[0, 3] = -config.focal_px * config.baseline_m if right else 0.0
-    return matrix
+WORLD = "world"
+"""The frame of the true poses."""
+TRUTH_TOPIC, TF_TOPIC, TF_STATIC_TOPIC = "/ground_truth", "/tf", "/tf_static"
+OWN_TOPICS = (TRUTH_TOPIC, TF_TOPIC, TF_STATIC_TOPIC)
 
 
-@lru_cache(maxsize=4)
-def lidar_rays(config: LidarConfig) -> Floats:
-    """Unit directions in the LiDAR's frame, float32 (rings * azimuths, 3), ring by ring."""
-    elevation = np.deg2rad(np.linspace(config.top_deg, config.bottom_deg, config.rings))[:, None]
-    azimuth = -2 * np.pi * np.arange(config.azimuths) / config.azimuths
-    flat = np.cos(elevation)
-    up = np.broadcast_to(np.sin(elevation), (config.rings, config.azimuths))
-    rays = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), up], axis=-1)
-    return rays.reshape(-1, 3).astype(np.float32)
+def robot_names() -> list[str]:
+    """The robots that are part of the package."""
+    return sorted(path.stem for path in _ROBOTS.glob("*.yaml"))
 
 
-@lru_cache(maxsize=4)
-def camera_rays(config: StereoConfig) -> Floats:
-    """Directions through the pixels' centres, z = 1, camera frame, float32 (H * W, 3)."""
-    columns = (np.arange(config.width) - config.centre_px[0]) / config.focal_px
-    rows = (np.arange(config.height) - config.centre_px[1]) / config.focal_px
-    x, y = np.meshgrid(columns, rows)
-    return np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3).astype(np.float32)
+def robot_named(name: str | Path) -> RobotConfig:
+    """A robot of the package by its name, or any by the path of its YAML file.
 
-
-def scan(
-    caster: RayCaster, config: LidarConfig, pose: Array, rng: np.random.Generator
-) -> NDArray[np.float32]:
-    """One LiDAR sweep.
-
-    Args:
-        caster: the world.
-        config: the LiDAR.
-        pose: float64 (4, 4), world_from_lidar.
-        rng: source of noise and drop-outs.
-
-    Returns:
-        float32 (N, 4): x, y, z in the LiDAR's frame (metres) and reflectance (0 .. 1).
+    Raises:
+        ConfigError: there is no such robot, or its description is wrong: file and key are named.
     """
-    rays = lidar_rays(config)
-    directions = _turned(rays, pose)
-    hits = caster.cast(pose[:3, 3].astype(np.float32), directions)
-    # Every ray draws its numbers, hit or not: a change of the world moves no other point's noise.
-    chance = rng.random(len(rays), dtype=np.float32)
-    noise = np.float32(config.noise_m) * rng.standard_normal(len(rays), dtype=np.float32)
-    cosine = np.abs(caster.incidence(hits, directions))
-    kept = (hits.distance < config.range_m) & (chance >= _lost(config, hits.distance, cosine))
-    points = rays[kept] * (hits.distance + noise)[kept, None]
-    reflectance = caster.brightness(hits)[kept] * (0.4 + 0.6 * cosine[kept])
-    return np.column_stack([points, reflectance.clip(0, 1)]).astype(np.float32)
+    known = robot_names()
+    path = _ROBOTS / f"{name}.yaml" if str(name) in known else Path(name)
+    if path.suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"robot {str(name)!r}: expected {', '.join(known)} or a .yaml file")
+    try:
+        return with_file(RobotConfig(), path)
+    except ConfigError as error:
+        text = str(error)
+        raise ConfigError(text if text.startswith(str(path)) else f"{path}: {text}") from error
 
 
-def _turned(rays: Floats, pose: Array) -> Floats:
-    # Not a matrix product: BLAS would wake all its threads for three columns.
-    turned: Floats = np.einsum("ij,kj->ik", rays, pose[:3, :3].astype(np.float32))
-    return turned
+def static_transforms(robot: RobotConfig) -> tuple[FrameTransform, ...]:
+    """The frames of the robot and of its sensors as TF, in the order of the description."""
+    poses = [(name, frame.parent, _pose(frame)) for name, frame in robot.frames.items()]
+    poses += [(mount.frame_id, mount.parent, _pose(mount)) for mount in robot.lidars.values()]
+    poses += [
+        (camera.frame_id, camera.parent, parent_from_camera(camera))
+        for camera in robot.cameras.values()
+        if camera.side == "left"
+    ]
+    return tuple(
+        FrameTransform(stamp_ns=0, parent=parent, child=child, parent_from_child=pose, static=True)
+        for child, parent, pose in poses
+    )
 
 
-def _lost(config: LidarConfig, distance: Floats, cosine: Floats) -> Floats:
-    """Probability that a shot returns nothing."""
-    far = np.minimum(distance / np.float32(config.range_m), 1)
-    grazing = config.grazing_dropout * (1 - cosine) ** 8
-    lost: Floats = config.dropout + grazing + config.far_dropout * far**3
-    return lost
+def base_from(robot: RobotConfig, frame: str) -> Array:
+    """Pose of one of the robot's frames in its base frame, float64 (4, 4).
+
+    Raises:
+        ConfigError: the chain of parents does not end at the base frame.
+    """
+    links: Mapping[str, FrameTransform] = {link.child: link for link in static_transforms(robot)}
+    pose, at, passed = np.eye(4), frame, [frame]
+    while at != robot.base_frame:
+        if at not in links or links[at].parent in passed:
+            chain = " -> ".join(passed)
+            why = "goes round" if at in links else f"does not reach {robot.base_frame}"
+            raise ConfigError(f"the chain of frames {chain} {why}")
+        pose, at = links[at].parent_from_child @ pose, links[at].parent
+        passed.append(at)
+    return pose
 
 
-def photograph(
-    caster: RayCaster, config: StereoConfig, pose: Array, gain: Vector, rng: np.random.Generator
-) -> NDArray[np.uint8]:
-    """One picture, uint8 (H, W, 3) RGB, from world_from_camera ``pose`` with gains per channel."""
-    rays = camera_rays(config)
-    directions = _turned(rays, pose)
-    hits = caster.cast(pose[:3, 3].astype(np.float32), directions)
-    rgb = caster.colors(hits, directions, 1 / config.focal_px)
-    rgb *= 255 * np.asarray(gain, np.float32)
-    rgb += np.float32(config.noise) * rng.standard_normal(rgb.shape, dtype=np.float32)
-    picture = np.clip(np.rint(rgb), 0, 255).astype(np.uint8)
-    return picture.reshape(config.height, config.width, 3)
+def base_from_camera(robot: RobotConfig, camera: CameraMount) -> Array:
+    """Pose of a camera, be it left or right, in the base frame, float64 (4, 4)."""
+    pose = base_from(robot, camera.frame_id)
+    if camera.side == "right":
+        pose[:3, 3] += pose[:3, 0] * camera.baseline_m
+    return pose
+
+
+def _pose(mount: FrameConfig | LidarMount) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3] = rotation(np.deg2rad(mount.tilt_deg).tolist())
+    pose[:3, 3] = mount.position_m
+    return pose
+
+
+def _place(camera: CameraMount) -> tuple[str, Vector, Vector]:
+    return camera.parent, camera.position_m, camera.tilt_deg
+
+
+def _check_unique(what: str, names: list[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{what} {name!r} is used twice")

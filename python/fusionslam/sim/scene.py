@@ -20,7 +20,10 @@ _LUMINANCE = np.array((0.299, 0.587, 0.114), np.float32)
 
 @dataclass(frozen=True)
 class Light:
-    """Sun, sky and haze; colours are RGB factors, directions unit vectors, z up."""
+    """Sun, sky and haze; colours are RGB factors, directions unit vectors, z up.
+
+    Without haze ``visibility_m`` is infinite.
+    """
 
     sun_direction: tuple[float, float, float] = (0.48, -0.42, 0.77)
     sun: tuple[float, float, float] = (0.78, 0.74, 0.66)
@@ -30,13 +33,25 @@ class Light:
     visibility_m: float = 700.0
 
 
+# Lamps all over the ceiling: no direction is dark, walls at an angle to one another differ, and
+# where a world has no ceiling one sees an even grey.
+INDOOR_LIGHT = Light(
+    sun_direction=(0.45, -0.28, 0.848),
+    sun=(0.18, 0.175, 0.165),
+    ambient=(0.87, 0.875, 0.885),
+    horizon=(0.7, 0.7, 0.7),
+    zenith=(0.7, 0.7, 0.7),
+    visibility_m=np.inf,
+)
+
+
 @dataclass(frozen=True)
 class Scene:
     """A world at rest: triangles, the images that cover them, and the light.
 
     Attributes:
         mesh: all triangles.
-        textures: uint8 (H, W, 4) each, RGB and tint.
+        textures: uint8 (H, W, 4) each, RGB and tint; where there are none, tints are colours.
         light: sun, sky and haze.
         part: int32 (T,), the object that each triangle belongs to; empty where nobody knows.
         names: names of the objects.
@@ -75,6 +90,7 @@ class RayCaster:
 
     def __init__(self, scene: Scene) -> None:
         self._mesh = scene.mesh
+        self._part = scene.part
         self._light = scene.light
         self._maps = MipMaps(scene.textures)
         self._texel_m = _texel_sizes(scene.mesh, self._maps)
@@ -92,6 +108,15 @@ class RayCaster:
         distance = np.where(found["geomID"] < 0, np.float32(np.inf), found["tfar"])
         triangle = np.where(found["geomID"] < 0, np.int32(-1), found["primID"])
         return Hits(distance, triangle, found["u"], found["v"])
+
+    def part_of(self, hits: Hits) -> NDArray[np.int32]:
+        """The object that each ray hits, int32 (R,), an index into ``Scene.names``.
+
+        -1 where nothing is hit, and where the scene does not know its objects.
+        """
+        if not len(self._part):
+            return np.full(len(hits.triangle), -1, np.int32)
+        return np.where(hits.triangle < 0, np.int32(-1), self._part[hits.triangle])
 
     def incidence(self, hits: Hits, directions: Floats) -> Floats:
         """Cosine between ray and surface normal, (R,): negative from in front of the triangle."""
@@ -123,12 +148,16 @@ class RayCaster:
         return rgb
 
     def _colors(self, hits: Hits, directions: Floats, pixel: float) -> Floats:
-        rgb = self._sky(directions)
+        missed = np.flatnonzero(hits.triangle < 0)
+        if not len(missed):  # indoors nearly always: spares picking the rays that hit
+            return self._surface(hits, directions, pixel)
         seen = np.flatnonzero(hits.triangle >= 0)
-        rgb[seen] = self._surface(hits[seen], directions[seen], rgb[seen], pixel)
+        rgb = np.empty(directions.shape, np.float32)
+        rgb[missed] = self._sky(directions[missed])
+        rgb[seen] = self._surface(hits[seen], directions[seen], pixel)
         return rgb
 
-    def _surface(self, hits: Hits, directions: Floats, sky: Floats, pixel: float) -> Floats:
+    def _surface(self, hits: Hits, directions: Floats, pixel: float) -> Floats:
         u, v = self._texture_coordinates(hits)
         texture = self._mesh.texture[hits.triangle]
         cosine = self.incidence(hits, directions)
@@ -137,7 +166,10 @@ class RayCaster:
         footprint = pixel * hits.distance / np.sqrt(np.abs(cosine).clip(min=0.02))
         level: Floats = np.log2(footprint / self._texel_m[hits.triangle])
         albedo = self._albedo(self._maps.sample(texture, u, v, level), hits.triangle)
-        lit = albedo * self._lit[(cosine > 0).astype(np.intp), hits.triangle]
+        lit: Floats = albedo * self._lit[(cosine > 0).astype(np.intp), hits.triangle]
+        if np.isinf(self._light.visibility_m):
+            return lit
+        sky = self._sky(directions)
         clear = np.exp(hits.distance * np.float32(-1 / self._light.visibility_m))[:, None]
         blended: Floats = sky + clear * (lit - sky)
         return blended

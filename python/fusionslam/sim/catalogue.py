@@ -1,0 +1,97 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Worlds by name or file, and drives through them."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fusionslam.config import Section, merged
+from fusionslam.errors import DataError
+from fusionslam.sim.drive import make_drive
+from fusionslam.sim.indoor import INDOOR_WORLDS
+from fusionslam.sim.occupancy import occupancy_of
+from fusionslam.sim.planner import PlanConfig, plan_trajectory
+from fusionslam.sim.recorder import SimConfig
+from fusionslam.sim.robot import RobotConfig
+from fusionslam.sim.simulator import map_of
+from fusionslam.sim.town import TownConfig, make_town
+from fusionslam.sim.trajectory import Trajectory
+from fusionslam.sim.world import World
+from fusionslam.sim.worlds import load_world
+
+logger = logging.getLogger(__name__)
+
+ROBOT = "turtlebot3_waffle_pi"
+"""The robot where no other suits a world better."""
+_TOWN_CELL_M = 0.25
+_PLAN_ROOM_M = 0.05
+
+
+class Entry(NamedTuple):
+    """A world that is made, not read: its settings, the maker, and the robot that suits it."""
+
+    settings: Section
+    make: Callable[[Any], World]
+    robot: str
+
+
+def town_world(config: TownConfig) -> World:
+    """The town of the embedded drive on its first lap, with that drive's way.
+
+    Raises:
+        ConfigError: the town is too small for it.
+    """
+    whole = merged(SimConfig(), {"town": config.model_dump()})
+    scene = make_town(config, lap=0)
+    drive = make_drive(whole.drive, config.block_m, whole.seed)
+    x, y = drive.poses[:, :2, 3].T
+    yaw = np.unwrap(np.arctan2(drive.poses[:, 1, 0], drive.poses[:, 0, 0]))
+    grid = occupancy_of(
+        scene, low_m=0.2, high_m=2.0, resolution_m=_TOWN_CELL_M, start=(float(x[0]), float(y[0]))
+    )
+    way = Trajectory(drive.seconds, np.ascontiguousarray(x), np.ascontiguousarray(y), yaw)
+    return World(name="town", visual=scene, collision=scene, map=grid, trajectory=way)
+
+
+MADE: dict[str, Entry] = {
+    name: Entry(entry.config(), entry.make, ROBOT) for name, entry in INDOOR_WORLDS.items()
+} | {"town": Entry(TownConfig(), town_world, "car")}
+"""Worlds that need no data, by name."""
+
+
+def read_world(path: str | Path, *, lenient: bool = False) -> World:
+    """A world from a file or folder, as ``load_world`` reads it; its name is no world that is made.
+
+    Raises:
+        DataError: no such world, or one that cannot be read.
+    """
+    if not Path(path).exists():
+        near = get_close_matches(str(path), MADE, n=1, cutoff=0.5)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise DataError(f"{path}: no such world, expected {', '.join(MADE)} or a file{hint}")
+    return load_world(path, lenient=lenient)
+
+
+def drive_through(world: World, robot: RobotConfig, plan: PlanConfig) -> tuple[World, Trajectory]:
+    """The world with a map, and its own drive or a planned one.
+
+    What ``plan`` does not set, limits and room, is the robot's.
+
+    Raises:
+        DataError: there is no room to drive.
+    """
+    grid = map_of(world, robot)
+    whole = replace(world, map=grid)
+    if world.trajectory is not None:
+        return whole, world.trajectory
+    own = {"limits": robot.drive.model_dump(), "clearance_m": robot.radius_m + _PLAN_ROOM_M}
+    changes = {key: value for key, value in own.items() if key not in plan.model_fields_set}
+    drive = plan_trajectory(grid, merged(plan, changes))
+    logger.info("%s: planned %.1f m, %.1f s", world.name, drive.length_m, drive.duration_s)
+    return whole, drive

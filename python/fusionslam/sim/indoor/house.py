@@ -1,0 +1,284 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A flat of rooms on both sides of a hall, with furniture of many colours.
+
+Bedrooms and studies are furnished from the same few pieces, so that some rooms resemble others.
+"""
+
+from collections.abc import Callable, Mapping
+from itertools import cycle, islice, pairwise
+
+import numpy as np
+
+from fusionslam.config import Section, option
+from fusionslam.errors import ConfigError
+from fusionslam.sim.canvas import Rgb
+from fusionslam.sim.indoor import appliances, furniture
+from fusionslam.sim.indoor.furniture import CLOTHS, Style
+from fusionslam.sim.indoor.layout import Layout
+from fusionslam.sim.indoor.paints import GREY, WHITE, Look, paint
+from fusionslam.sim.indoor.rooms import Opening, Room, build_room, sides, window
+from fusionslam.sim.indoor.things import Site, Thing
+from fusionslam.sim.world import World
+
+_HEIGHT_M = 2.7
+_HALL_M = 1.8
+_ROOM_M = (2.4, 30.0)
+_KINDS = ("living", "kitchen", "bedroom", "study", "bedroom", "bathroom", "playroom")
+# Width of a room relative to others.
+_SHARE = {"living": 1.5, "kitchen": 1.1, "bathroom": 0.85}
+_WALLS: tuple[Rgb, ...] = (
+    (0.96, 0.92, 0.82),
+    (0.74, 0.84, 0.92),
+    (0.80, 0.90, 0.76),
+    (0.96, 0.78, 0.70),
+    (0.98, 0.88, 0.56),
+    (0.86, 0.78, 0.90),
+    (0.90, 0.90, 0.90),
+    (0.62, 0.78, 0.76),
+)
+
+
+class HouseConfig(Section):
+    """A furnished flat."""
+
+    seed: int = option(3, "decides rooms, colours and furniture", ge=0)
+    size_m: tuple[float, float] = option((16.0, 11.0), "extent along x and y", unit="m")
+    rooms: int = option(7, "number of rooms beside the hall", ge=2, le=12)
+    clutter: float = option(0.7, "share of the small things that are there", ge=0, le=1)
+
+
+def house_rooms(config: HouseConfig) -> tuple[list[Room], list[Opening]]:
+    """The rooms, the hall first, and the passages between them.
+
+    Raises:
+        ConfigError: rooms would be smaller than 2.4 m or larger than 30 m.
+    """
+    rng = np.random.default_rng([config.seed, 0x40])
+    kinds = [str(kind) for kind in rng.permutation(list(islice(cycle(_KINDS), config.rooms)))]
+    width, depth = config.size_m
+    north = (config.rooms + 1) // 2
+    middle = float(rng.uniform(-0.5, 0.5))
+    low, high = middle - _HALL_M / 2, middle + _HALL_M / 2
+    names = _names(kinds)
+    rooms = [_room("hall", (-width / 2, low), (width / 2, high), rng)]
+    for chosen, bottom, top in ((names[:north], high, depth / 2), (names[north:], -depth / 2, low)):
+        edges = _edges(chosen, width, rng)
+        rooms += [
+            _room(name, (x0, bottom), (x1, top), rng)
+            for name, x0, x1 in zip(chosen, edges[:-1], edges[1:], strict=True)
+        ]
+    _check_sizes(rooms, config)
+    return rooms, _openings(rooms, rng)
+
+
+def house_places(config: HouseConfig) -> dict[str, tuple[float, float]]:
+    """x, y in the middle of each room, where the floor is free."""
+    return {room.name: room.centre for room in house_rooms(config)[0]}
+
+
+def make_house(config: HouseConfig) -> World:
+    """The house as visual and collision scene."""
+    rooms, openings = house_rooms(config)
+    site = Site()
+    for number, room in enumerate(rooms):
+        rng = np.random.default_rng([config.seed, 0x41, number])
+        build_room(site, room, openings, _HEIGHT_M)
+        layout = Layout(site, room, openings, rng)
+        _put_windows(layout, room, config, rng)
+        _FURNISH[_kind(room.name)](layout, Style.drawn(rng), config.clutter, rng)
+    return site.world("house", config.seed, rooms[0].centre)
+
+
+def _kind(name: str) -> str:
+    return name.split("_")[0]
+
+
+def _names(kinds: list[str]) -> list[str]:
+    """kitchen_1, bedroom_1, bedroom_2, ..."""
+    return [f"{kind}_{kinds[: k + 1].count(kind)}" for k, kind in enumerate(kinds)]
+
+
+def _edges(names: list[str], width: float, rng: np.random.Generator) -> list[float]:
+    """Where the walls between the rooms of one row stand."""
+    shares = np.array([_SHARE.get(_kind(name), 1.0) for name in names])
+    shares *= rng.uniform(0.9, 1.1, len(shares))
+    inner = -width / 2 + width * np.cumsum(shares)[:-1] / shares.sum()
+    return [-width / 2, *(float(edge) for edge in inner), width / 2]
+
+
+def _room(
+    name: str, low: tuple[float, float], high: tuple[float, float], rng: np.random.Generator
+) -> Room:
+    """Tiles in kitchen and bathroom; wood or carpet elsewhere; walls of any colour."""
+    wall = paint(
+        (Look.PLASTER, Look.PLASTER, Look.STRIPES, Look.FLOWERS)[rng.integers(4)],
+        _WALLS[rng.integers(len(_WALLS))],
+    )
+    wood = furniture.WOODS[rng.integers(4)]
+    floor = paint((Look.PLANKS, Look.PARQUET)[rng.integers(2)], wood)
+    if _kind(name) in ("kitchen", "bathroom"):
+        floor = paint(Look.TILES, ((0.9, 0.86, 0.8), (0.62, 0.64, 0.68))[rng.integers(2)])
+        wall = paint(Look.TILES if _kind(name) == "bathroom" else Look.PLASTER, wall.tint)
+    elif rng.random() < 0.25:
+        floor = paint(Look.CARPET, CLOTHS[rng.integers(len(CLOTHS))])
+    return Room(name, low, high, wall, floor, paint(Look.WOOD, WHITE))
+
+
+def _check_sizes(rooms: list[Room], config: HouseConfig) -> None:
+    """Refuse plans whose rooms a robot could not turn in."""
+    for room in rooms[1:]:
+        size = np.subtract(room.high, room.low)
+        if not (_ROOM_M[0] <= size.min() and size.max() <= _ROOM_M[1]):
+            raise ConfigError(
+                f"house.size_m is {config.size_m} and house.rooms {config.rooms}, which makes "
+                f"{room.name} {size[0]:.1f} m by {size[1]:.1f} m; expected rooms of "
+                f"{_ROOM_M[0]} to {_ROOM_M[1]} m"
+            )
+
+
+def _openings(rooms: list[Room], rng: np.random.Generator) -> list[Opening]:
+    """Every room opens to the hall; half of the neighbours open to each other as well."""
+    hall, *others = rooms
+    found = []
+    for room in others:
+        leaf_tint = furniture.WOODS[rng.integers(len(furniture.WOODS))]
+        y = hall.high[1] if room.low[1] >= hall.high[1] else hall.low[1]
+        reach = (room.high[0] - room.low[0]) / 2 - 0.75
+        x = room.centre[0] + float(rng.uniform(-1, 1)) * min(reach, 1.0)
+        wide = _kind(room.name) == "living"
+        leaf_in = room.name if not wide and rng.random() < 0.8 else ""
+        hinge = int(rng.choice((-1, 1)))
+        found.append(Opening(x, y, 1.5 if wide else 0.95, leaf_in, leaf_tint, hinge))
+    for first, second in pairwise(others):
+        shared = first.high[0] == second.low[0]
+        private = "bathroom" in (_kind(first.name), _kind(second.name))
+        if shared and not private and rng.random() < 0.6:
+            y = first.centre[1] + float(rng.uniform(-0.8, 0.8))
+            found.append(Opening(first.high[0], y, 0.95, "", WHITE))
+    return found
+
+
+def _put_windows(layout: Layout, room: Room, config: HouseConfig, rng: np.random.Generator) -> None:
+    """A window in each outer wall that is long enough, most with curtains."""
+    edges = np.abs(config.size_m) / 2
+    tint = CLOTHS[rng.integers(len(CLOTHS))]
+    for number, side in enumerate(sides(room)):
+        at = np.abs(side.at(side.length / 2, 0.0))
+        if side.length > 2.2 and np.isclose(at, edges).any():
+            width = float(rng.choice((1.2, 1.6, 2.0))) if side.length > 3 else 1.0
+            if layout.on_wall(window(width, 1.2), 0.9, number) and rng.random() < 0.6:
+                layout.over_last(furniture.curtains(tint, width + 0.45, 2.1), 0.15)
+
+
+def _living(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
+    layout.along_wall(furniture.sofa(style, float(rng.choice((1.9, 2.2)))))
+    layout.along_wall(furniture.television(style))
+    special = (furniture.fireplace, furniture.piano)[rng.integers(2)]
+    layout.along_wall(special(style))
+    layout.along_wall(furniture.sofa(style, 0.9, "armchair"))
+    layout.along_wall(furniture.bookcase(rng, style, 1.2, 1.9))
+    layout.anywhere(furniture.coffee_table(style))
+    layout.lay(furniture.carpet(style.accent, 2.2, 1.5))
+    _small_things(layout, style, clutter, rng)
+
+
+def _kitchen(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
+    layout.along_wall(appliances.counter(style, 4, oven=int(rng.integers(4))))
+    layout.along_wall(appliances.fridge((WHITE, GREY, style.accent)[rng.integers(3)]))
+    layout.along_wall(appliances.counter(style, 2))
+    _dining(layout, style, rng)
+    _small_things(layout, style, clutter, rng, pictures=1)
+
+
+def _dining(layout: Layout, style: Style, rng: np.random.Generator) -> None:
+    """A table with chairs at both long sides, or a round one with two chairs."""
+    if rng.random() < 0.5:
+        chairs = [(furniture.chair(style), x, -0.5, 0.0) for x in (-0.35, 0.35)]
+        chairs += [(furniture.chair(style), x, 0.5, np.pi) for x in (-0.35, 0.35)]
+        base = furniture.table(style, 1.5, 0.8)
+    else:
+        chairs = [(furniture.chair(style), 0.0, y, yaw) for y, yaw in ((-0.55, 0.0), (0.55, np.pi))]
+        base = furniture.round_table(style)
+    chairs = [(seat, x, y, yaw + np.pi) for seat, x, y, yaw in chairs]
+    layout.anywhere(furniture.group("dining_set", [(base, 0.0, 0.0, 0.0), *chairs]))
+
+
+def _bedroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
+    layout.along_wall(furniture.bed(style, float(rng.choice((1.0, 1.6, 1.6)))))
+    chest = furniture.cupboard(style, 0.45, 0.4, 0.5, Look.DRAWERS, "nightstand")
+    layout.along_wall(chest)
+    layout.along_wall(furniture.cupboard(style, 1.5, 0.58, 2.0, Look.CUPBOARD, "wardrobe"))
+    layout.along_wall(furniture.cupboard(style, 0.9, 0.45, 0.85, Look.DRAWERS, "chest"))
+    layout.lay(furniture.carpet(style.accent, 1.6, 1.1))
+    _small_things(layout, style, clutter, rng)
+
+
+def _study(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
+    layout.along_wall(
+        furniture.group(
+            "workplace",
+            [(furniture.desk(style), 0.0, 0.1, 0.0), (furniture.chair(style), -0.2, -0.3, np.pi)],
+        )
+    )
+    for width in (1.2, 0.8, 0.8):
+        layout.along_wall(furniture.bookcase(rng, style, width, float(rng.choice((1.2, 1.9)))))
+    layout.along_wall(furniture.sofa(style, 0.9, "armchair"))
+    _small_things(layout, style, clutter, rng)
+
+
+def _bathroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
+    layout.along_wall(appliances.bathtub(style.cloth))
+    layout.along_wall(appliances.washbasin())
+    layout.along_wall(appliances.toilet())
+    layout.along_wall(appliances.washing_machine())
+    layout.lay(furniture.carpet(style.accent, 0.9, 0.6, Look.CARPET))
+    if rng.random() < clutter:
+        layout.along_wall(furniture.waste_bin(style.accent))
+
+
+def _playroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
+    layout.along_wall(furniture.bed(style, 1.0))
+    layout.along_wall(furniture.bookcase(rng, style, 0.8, 1.2))
+    layout.along_wall(furniture.cupboard(style, 0.9, 0.45, 0.85, Look.DRAWERS, "chest"))
+    for _ in range(3):
+        layout.anywhere(furniture.toys(rng))
+    layout.anywhere(furniture.stool(style))
+    layout.lay(furniture.carpet(style.cloth, 1.8, 1.8, Look.PLAID))
+    _small_things(layout, style, clutter, rng, pictures=3)
+
+
+def _hall(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
+    layout.lay(furniture.carpet(style.cloth, 3.2, 0.8))
+    layout.along_wall(furniture.cupboard(style, 0.8, 0.3, 0.9, Look.DRAWERS, "shoe_rack"))
+    layout.along_wall(furniture.cupboard(style, 0.7, 0.3, 1.9, Look.CUPBOARD, "coat_cupboard"))
+    for number in rng.permutation(16)[:6]:
+        layout.on_wall(furniture.picture(int(number), 0.5, 0.6), 1.2)
+
+
+def _small_things(
+    layout: Layout, style: Style, clutter: float, rng: np.random.Generator, pictures: int = 2
+) -> None:
+    """Plants, lamps, bins and pictures: what tells rooms of one kind apart."""
+    makers: tuple[Callable[[], Thing], ...] = (
+        lambda: furniture.plant(rng),
+        lambda: furniture.floor_lamp(style),
+        lambda: furniture.waste_bin(style.accent),
+        lambda: furniture.stool(style),
+    )
+    for make in makers:
+        if rng.random() < clutter:
+            layout.along_wall(make())
+    for number in rng.permutation(16)[:pictures]:
+        layout.on_wall(furniture.picture(int(number), *rng.uniform(0.4, 0.8, 2)), 1.15)
+
+
+_FURNISH: Mapping[str, Callable[[Layout, Style, float, np.random.Generator], None]] = {
+    "hall": _hall,
+    "living": _living,
+    "kitchen": _kitchen,
+    "bedroom": _bedroom,
+    "study": _study,
+    "bathroom": _bathroom,
+    "playroom": _playroom,
+}

@@ -1,0 +1,146 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where things stand in a room: along its walls, never in the way from a door to the middle."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.sim.indoor.rooms import WALL_M, Opening, Room, Side, openings_of, sides
+from fusionslam.sim.indoor.things import Site, Thing
+
+# A robot of 0.22 m radius passes a lane with room to spare.
+LANE_M = 0.80
+_GAP_M = 0.03
+_STEP_M = 0.1
+_Rectangle = NDArray[np.float64]
+
+
+class Layout:
+    """Places things in one room; lanes from every door to the room's middle stay free."""
+
+    def __init__(
+        self, site: Site, room: Room, openings: Sequence[Opening], rng: np.random.Generator
+    ) -> None:
+        self._site = site
+        self._room = room
+        self._rng = rng
+        self._sides = sides(room)
+        self._doors = [openings_of(side, openings) for side in self._sides]
+        centre = np.asarray(room.centre)
+        self._taken = [_around(centre, centre, 1.0)]
+        for side, doors in zip(self._sides, self._doors, strict=True):
+            for along, opening in doors:
+                self._taken += _lane(side, along, opening, centre)
+        self._hung: list[_Rectangle] = []
+        self._last = (0.0, 0.0, 0.0)  # place and yaw of what was hung last
+
+    def along_wall(self, thing: Thing, side: int | None = None) -> bool:
+        """Stand a thing with its back to a wall (0 south, 1 east, 2 north, 3 west; None: any).
+
+        Returns False, and places nothing, where there is no room for it.
+        """
+        width, depth = thing.size
+        chosen = self._rng.permutation(4) if side is None else [side]
+        for number in chosen:
+            wall = self._sides[number]
+            reach = WALL_M / 2 + width / 2 + _GAP_M
+            spots = np.arange(reach, wall.length - reach, _STEP_M)
+            for along in self._rng.permutation(spots):
+                x, y = wall.at(along, WALL_M / 2 + _GAP_M + depth / 2)
+                if self._stand(thing, x, y, wall.yaw + np.pi):
+                    return True
+        return False
+
+    def anywhere(self, thing: Thing, tries: int = 60) -> bool:
+        """Stand a thing free in the room with space for a robot around it, turned by quarters."""
+        margin = max(thing.size) / 2 + WALL_M / 2 + 0.1
+        low, high = np.asarray(self._room.low) + margin, np.asarray(self._room.high) - margin
+        if (low >= high).any():
+            return False
+        for _ in range(tries):
+            x, y = (float(value) for value in self._rng.uniform(low, high))
+            if self._stand(thing, x, y, float(self._rng.integers(4) * np.pi / 2)):
+                return True
+        return False
+
+    def beside(self, thing: Thing, x: float, y: float, yaw: float) -> bool:
+        """Stand a thing at a place if nothing stands there and it lies within the room."""
+        return self._stand(thing, x, y, yaw)
+
+    def lay(self, carpet: Thing) -> None:
+        """Lay a carpet in the middle of the room, along its longer side."""
+        x, y = self._room.centre
+        wide, deep = np.subtract(self._room.high, self._room.low)
+        self._site.put(carpet, x, y, 0.0 if wide >= deep else np.pi / 2)
+
+    def on_wall(self, thing: Thing, z: float, side: int | None = None) -> bool:
+        """Hang a flat thing (its back in y = 0) on a wall, clear of doors and of its kin."""
+        half = thing.size[0] / 2 + 0.08
+        chosen = self._rng.permutation(4) if side is None else [side]
+        for number in chosen:
+            wall = self._sides[number]
+            for along in self._rng.permutation(
+                np.arange(half + 0.2, wall.length - half - 0.2, 0.2)
+            ):
+                if self._hangs_free(int(number), float(along), half):
+                    x, y = wall.at(along, WALL_M / 2)
+                    self._hung.append(np.array((number, along - half, along + half)))
+                    self._last = (x, y, wall.yaw + np.pi)
+                    self._site.put(thing, *self._last, z)
+                    return True
+        return False
+
+    def over_last(self, thing: Thing, z: float) -> None:
+        """Hang a thing in front of what was hung last."""
+        self._site.put(thing, *self._last, z)
+
+    def _hangs_free(self, side: int, along: float, half: float) -> bool:
+        for place, opening in self._doors[side]:
+            if abs(along - place) < half + opening.width / 2 + 0.1:
+                return False
+        return all(
+            wall != side or high < along - half or low > along + half
+            for wall, low, high in self._hung
+        )
+
+    def _stand(self, thing: Thing, x: float, y: float, yaw: float) -> bool:
+        width, depth = thing.size if round(yaw / (np.pi / 2)) % 2 == 0 else thing.size[::-1]
+        half = np.array((width, depth)) / 2
+        centre = np.array((x, y))
+        place = np.concatenate([centre - half, centre + half])
+        inner = np.concatenate(
+            [np.add(self._room.low, WALL_M / 2), np.subtract(self._room.high, WALL_M / 2)]
+        )
+        if (place[:2] < inner[:2]).any() or (place[2:] > inner[2:]).any():
+            return False
+        if any(_overlap(place, other) for other in self._taken):
+            return False
+        self._taken.append(place)
+        self._site.put(thing, x, y, yaw)
+        return True
+
+
+def _lane(
+    side: Side, along: float, opening: Opening, centre: NDArray[np.float64]
+) -> list[_Rectangle]:
+    """Space for the leaf, then straight in from a door, then along to the middle of the room."""
+    door = np.array((opening.x, opening.y))
+    depth = side.along(*centre)[1]
+    knee = np.array(side.at(along, depth))
+    leaf = np.array(side.at(along, opening.width / 2))
+    return [
+        _around(door, knee, LANE_M),
+        _around(knee, centre, LANE_M),
+        _around(leaf, leaf, opening.width + 0.2),
+    ]
+
+
+def _around(first: NDArray[np.float64], second: NDArray[np.float64], width: float) -> _Rectangle:
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    return np.concatenate([low - width / 2, high + width / 2])
+
+
+def _overlap(a: _Rectangle, b: _Rectangle) -> bool:
+    return bool((a[:2] < b[2:]).all() and (b[:2] < a[2:]).all())

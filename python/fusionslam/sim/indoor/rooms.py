@@ -1,0 +1,212 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Rooms that share walls: floors, ceilings, walls with openings, frames, door leaves, windows."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fusionslam.sim.canvas import Rgb
+from fusionslam.sim.indoor.paints import WHITE, Look, fitted, paint
+from fusionslam.sim.indoor.things import Site, Thing, block, flat, front, thing
+from fusionslam.sim.mesh import Mesh, Paint, box, joined, panels
+
+WALL_M = 0.16
+DOOR_M = 2.05
+_HALF = WALL_M / 2
+_FRAME_M = 0.03
+_SAME_M = 1e-6
+
+
+@dataclass(frozen=True)
+class Room:
+    """A rectangle between the middle lines of its walls, metres."""
+
+    name: str
+    low: tuple[float, float]
+    high: tuple[float, float]
+    wall: Paint
+    floor: Paint
+    skirting: Paint
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """x, y in the middle."""
+        return (self.low[0] + self.high[0]) / 2, (self.low[1] + self.high[1]) / 2
+
+
+@dataclass(frozen=True)
+class Opening:
+    """A passage through a wall.
+
+    Attributes:
+        x, y: its middle, on the wall's middle line.
+        width: of the hole in the wall, metres.
+        leaf_in: name of the room its open leaf stands in, "" for none.
+        leaf: colour of leaf and frame.
+        hinge: 1 or -1, the end of the opening (as seen from that room) with the hinges.
+    """
+
+    x: float
+    y: float
+    width: float = 0.95
+    leaf_in: str = ""
+    leaf: Rgb = WHITE
+    hinge: int = 1
+
+
+@dataclass(frozen=True)
+class Side:
+    """One wall of a room, walked with the room to the left; places are (along, inward)."""
+
+    start: tuple[float, float]
+    yaw: float
+    length: float
+
+    def at(self, along: float, inward: float) -> tuple[float, float]:
+        """x, y of a place, metres."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        x = self.start[0] + c * along - s * inward
+        y = self.start[1] + s * along + c * inward
+        return float(x), float(y)
+
+    def along(self, x: float, y: float) -> tuple[float, float]:
+        """(along, inward) of a place."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        dx, dy = x - self.start[0], y - self.start[1]
+        return float(c * dx + s * dy), float(c * dy - s * dx)
+
+
+def sides(room: Room) -> tuple[Side, ...]:
+    """South, east, north and west wall."""
+    (x0, y0), (x1, y1) = room.low, room.high
+    width, depth = x1 - x0, y1 - y0
+    starts = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+    lengths = (width, depth, width, depth)
+    return tuple(
+        Side(start, k * np.pi / 2, length)
+        for k, (start, length) in enumerate(zip(starts, lengths, strict=True))
+    )
+
+
+def openings_of(side: Side, openings: Sequence[Opening]) -> list[tuple[float, Opening]]:
+    """The openings in one wall with their places along it, in order."""
+    found = []
+    for opening in openings:
+        along, inward = side.along(opening.x, opening.y)
+        if abs(inward) < _SAME_M and 0 < along < side.length:
+            found.append((along, opening))
+    return sorted(found, key=lambda pair: pair[0])
+
+
+def build_room(site: Site, room: Room, openings: Sequence[Opening], height: float) -> None:
+    """Put floor, ceiling, walls and open door leaves of a room onto the site."""
+    site.put(_floor(room), *room.centre)
+    site.put(_ceiling(room), *room.centre, z=height)
+    visual: list[Mesh] = []
+    solid: list[Mesh] = []
+    for side in sides(room):
+        found = openings_of(side, openings)
+        walls = joined(list(_wall_boxes(side.length, found, height, room.wall)))
+        extras = list(_skirting(side.length, found, room.skirting))
+        for along, opening in found:
+            extras.append(_frame(along, opening))
+            if opening.leaf_in == room.name:
+                _put_leaf(site, side, along, opening)
+        place = (*side.start, 0)
+        visual.append(joined([walls, *extras]).moved(place, side.yaw))
+        solid.append(walls.moved(place, side.yaw))
+    site.put(thing(f"wall_{room.name}", visual, solid), 0.0, 0.0)
+
+
+def window(width: float, height: float, frame: Rgb = WHITE) -> Thing:
+    """A window with its sill; its back lies in y = 0, its lower edge in z = 0."""
+    pane = front((-width / 2, 0), (width / 2, height), -0.006, fitted(Look.WINDOW, width, height))
+    sill = block((-width / 2 - 0.05, -0.06, -0.04), (width / 2 + 0.05, 0, 0), _plain(frame))
+    return flat("window", [pane, sill])
+
+
+def _plain(tint: Rgb) -> Paint:
+    return paint(Look.PLAIN, tint)
+
+
+def _floor(room: Room) -> Thing:
+    mesh = _slab(room, room.floor, upward=True)
+    return Thing(f"floor_{room.name}", mesh, mesh, _extent(room), is_ground=True)
+
+
+def _ceiling(room: Room) -> Thing:
+    mesh = _slab(room, paint(Look.PANELS, (1.7, 1.7, 1.7)), upward=False)
+    return Thing(f"ceiling_{room.name}", mesh, mesh, _extent(room))
+
+
+def _extent(room: Room) -> tuple[float, float]:
+    return room.high[0] - room.low[0], room.high[1] - room.low[1]
+
+
+def _slab(room: Room, cover: Paint, *, upward: bool) -> Mesh:
+    x, y = (length / 2 for length in _extent(room))
+    corners = [(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)]
+    return panels([corners if upward else corners[::-1]], cover)
+
+
+def spans(length: float, found: Sequence[tuple[float, Opening]]) -> list[tuple[float, float]]:
+    """Where a wall stands between its openings: (from, to) along it."""
+    edges = [0.0]
+    for along, opening in found:
+        edges += [along - opening.width / 2, along + opening.width / 2]
+    edges.append(length)
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def _wall_boxes(
+    length: float, found: Sequence[tuple[float, Opening]], height: float, cover: Paint
+) -> Iterator[Mesh]:
+    """This room's half of a wall: boxes between the openings and above them."""
+    for start, end in spans(length, found):
+        yield box((start, 0, 0), (end, _HALF, height), cover)
+    for along, opening in found:
+        low, high = along - opening.width / 2, along + opening.width / 2
+        yield block((low, 0, DOOR_M), (high, _HALF, height), cover)
+
+
+def _skirting(
+    length: float, found: Sequence[tuple[float, Opening]], cover: Paint
+) -> Iterator[Mesh]:
+    for start, end in spans(length, found):
+        yield box((start, _HALF, 0), (end, _HALF + 0.012, 0.08), cover)
+
+
+def _frame(along: float, opening: Opening) -> Mesh:
+    """This room's half of the frame: it lines the opening and laps onto the wall."""
+    cover, depth = paint(Look.WOOD, opening.leaf), _HALF + 0.015
+    half = opening.width / 2
+    posts = [
+        box((x - 0.02, 0, 0), (x + _FRAME_M, depth, DOOR_M), cover)
+        for x in (along - half - 0.03, along + half - _FRAME_M + 0.02)
+    ]
+    head = block(
+        (along - half - 0.05, 0, DOOR_M - _FRAME_M),
+        (along + half + 0.05, depth, DOOR_M + 0.05),
+        cover,
+    )
+    return joined([*posts, head])
+
+
+def _put_leaf(site: Site, side: Side, along: float, opening: Opening) -> None:
+    """An open leaf that stands square to the wall beside the opening."""
+    width = opening.width - 2 * _FRAME_M
+    cover = fitted(Look.DOOR, width, DOOR_M, opening.leaf)
+    leaf = block((-width / 2, -0.02, 0.01), (width / 2, 0.02, DOOR_M - _FRAME_M), cover)
+    knobs = [
+        block(
+            (width / 2 - 0.16, y - 0.01, 1.0),
+            (width / 2 - 0.05, y + 0.01, 1.03),
+            _plain((0.5,) * 3),
+        )
+        for y in (-0.05, 0.05)
+    ]
+    place = along + opening.hinge * (opening.width / 2 + 0.03)
+    x, y = side.at(place, _HALF + width / 2 + 0.02)
+    site.put(thing("door", [leaf, *knobs], [leaf]), x, y, side.yaw + np.pi / 2)

@@ -1,0 +1,195 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A LiDAR of several rings that turns: which rays it shoots and what comes back.
+
+Frame: x forward, y left, z up. A turn has ``azimuths`` columns of ``rings`` rays each.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from fusionslam.config import Section, option
+from fusionslam.sim.drive import Array
+from fusionslam.sim.mesh import Floats
+from fusionslam.sim.scene import Hits
+
+Vector = tuple[float, float, float]
+Field = Literal["intensity", "ring", "time", "object"]
+
+
+class LidarConfig(Section):
+    """The rays of a LiDAR, its place and its errors. The defaults are those of the town's car."""
+
+    rings: int = option(64, "laser beams", ge=1, le=256)
+    azimuths: int = option(800, "shots per turn and beam", ge=1, le=8192)
+    top_deg: float = option(2.0, "elevation of the highest beam", unit="deg", ge=-90, le=90)
+    bottom_deg: float = option(-24.8, "elevation of the lowest beam", unit="deg", ge=-90, le=90)
+    sector_rad: tuple[float, float] | None = option(
+        None, "first and last azimuth, to the left positive; none: full circle to the right"
+    )
+    range_m: float = option(80.0, "longest range", unit="m", gt=0)
+    min_range_m: float = option(0.0, "what is nearer returns nothing", unit="m", ge=0)
+    noise_m: float = option(0.02, "deviation of the range", unit="m", ge=0)
+    dropout: float = option(0.04, "share of shots lost anywhere", ge=0, le=1)
+    grazing_dropout: float = option(
+        0.30, "further share lost as the beam becomes parallel to the surface", ge=0, le=1
+    )
+    far_dropout: float = option(0.30, "further share lost towards the longest range", ge=0, le=1)
+    position_m: Vector = option((0.0, 0.0, 1.73), "place in the frame it is fixed to", unit="m")
+
+    @model_validator(mode="after")
+    def _limits_are_in_order(self) -> "LidarConfig":
+        if self.bottom_deg > self.top_deg:
+            raise ValueError(f"bottom_deg is {self.bottom_deg}, above top_deg {self.top_deg}")
+        if self.min_range_m >= self.range_m:
+            raise ValueError(f"min_range_m is {self.min_range_m}, range_m only {self.range_m}")
+        if self.sector_rad and np.ptp(self.sector_rad) > 2 * np.pi:
+            raise ValueError(f"sector_rad is {self.sector_rad}, more than a full circle")
+        return self
+
+
+class LidarMount(LidarConfig):
+    """A LiDAR on a robot, and what it publishes."""
+
+    topic: str = option("/points", "where clouds are published", min_length=1)
+    frame_id: str = option("lidar", "frame of the points", min_length=1)
+    parent: str = option("base_footprint", "frame it is fixed to", min_length=1)
+    tilt_deg: Vector = option((0.0, 0.0, 0.0), "roll, pitch, yaw in that frame", unit="deg")
+    rate_hz: float = option(10.0, "clouds a second", unit="Hz", gt=0, le=1000)
+    shapes: Literal["collision", "visual"] = option("visual", "what the rays hit")
+    scan_motion: bool = option(False, "each column is shot when and where its turn comes")
+    fields: tuple[Field, ...] = option(
+        ("intensity", "ring", "time"),
+        "values of each point; object: number of what was hit, from 1 on (simulated truth)",
+    )
+
+
+class Caster(Protocol):
+    """What sensors see of the world: a ``RayCaster``, or several as one."""
+
+    def cast(self, origin: Floats, directions: Floats) -> Hits:
+        """First hits of rays from ``origin`` (3,) or (R, 3) along ``directions`` (R, 3)."""
+
+    def incidence(self, hits: Hits, directions: Floats) -> Floats:
+        """Cosine between ray and surface normal, (R,)."""
+
+    def brightness(self, hits: Hits) -> Floats:
+        """Grey value of the surface at each hit, (R,)."""
+
+    def colors(self, hits: Hits, directions: Floats, pixel: float) -> Floats:
+        """What a camera sees along each ray, (R, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """What came back of one turn, N returns in the order of their rays.
+
+    Attributes:
+        points: float32 (N, 3), metres, in the LiDAR's frame at the time of the shot.
+        intensity: float32 (N,), brightness and angle of the surface, 0 .. 1.
+        ray: int64 (N,), index of the ray: column + azimuths * row, the highest beam is row 0.
+        hits: where the rays met the world, without noise.
+    """
+
+    points: Floats
+    intensity: Floats
+    ray: NDArray[np.int64]
+    hits: Hits
+
+
+def azimuths(config: LidarConfig) -> Array:
+    """Direction of each column, float64 (azimuths,), radians to the left of x."""
+    if config.sector_rad is None:
+        return -2 * np.pi * np.arange(config.azimuths) / config.azimuths
+    return np.linspace(*config.sector_rad, config.azimuths)
+
+
+@lru_cache(maxsize=8)
+def lidar_rays(config: LidarConfig) -> Floats:
+    """Unit directions in the LiDAR's frame, float32 (rings * azimuths, 3), ring by ring."""
+    elevation = np.deg2rad(np.linspace(config.top_deg, config.bottom_deg, config.rings))[:, None]
+    azimuth = azimuths(config)
+    flat = np.cos(elevation)
+    up = np.broadcast_to(np.sin(elevation), (config.rings, config.azimuths))
+    rays = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), up], axis=-1)
+    return rays.reshape(-1, 3).astype(np.float32)
+
+
+def column_seconds(config: LidarMount) -> Array:
+    """When each column is shot, float64 (azimuths,), seconds after the first: full turns."""
+    turned = azimuths(config)
+    seconds: Array = np.abs(turned - turned[0]) / (2 * np.pi * config.rate_hz)
+    return seconds
+
+
+def scan(caster: Caster, config: LidarConfig, poses: Array, rng: np.random.Generator) -> Sweep:
+    """One LiDAR sweep.
+
+    Args:
+        caster: the world.
+        config: the LiDAR.
+        poses: float64 (4, 4), world_from_lidar, or (azimuths, 4, 4), one for each column.
+        rng: source of noise and drop-outs.
+    """
+    rays = lidar_rays(config)
+    origins, directions = _placed(config, rays, poses)
+    hits = caster.cast(origins, directions)
+    # Every ray draws its numbers, hit or not: a change of the world moves no other point's noise.
+    chance = rng.random(len(rays), dtype=np.float32)
+    noise = np.float32(config.noise_m) * rng.standard_normal(len(rays), dtype=np.float32)
+    cosine = np.abs(caster.incidence(hits, directions))
+    near, far = hits.distance >= config.min_range_m, hits.distance < config.range_m
+    kept = np.flatnonzero(near & far & (chance >= _lost(config, hits.distance, cosine)))
+    found = hits[kept]
+    intensity = caster.brightness(found) * (0.4 + 0.6 * cosine[kept])
+    points = rays[kept] * (found.distance + noise[kept])[:, None]
+    return Sweep(points, intensity.clip(0, 1), kept, found)
+
+
+def _placed(config: LidarConfig, rays: Floats, poses: Array) -> tuple[Floats, Floats]:
+    """Origins (3,) or (R, 3) and directions (R, 3) of the rays in the world."""
+    turn, place = poses[..., :3, :3].astype(np.float32), poses[..., :3, 3].astype(np.float32)
+    # Not matrix products: BLAS would wake all its threads for three columns.
+    if poses.ndim == 2:
+        return place, np.einsum("ij,kj->ik", rays, turn)
+    columns = rays.reshape(config.rings, config.azimuths, 3)
+    directions = np.einsum("rcj,ckj->rck", columns, turn).reshape(-1, 3)
+    return np.tile(place, (config.rings, 1)), directions
+
+
+def _lost(config: LidarConfig, distance: Floats, cosine: Floats) -> Floats:
+    """Probability that a shot returns nothing."""
+    far = np.minimum(distance / np.float32(config.range_m), 1)
+    grazing = config.grazing_dropout * (1 - cosine) ** 8
+    lost: Floats = config.dropout + grazing + config.far_dropout * far**3
+    return lost
+
+
+def point_fields(
+    config: LidarMount, sweep: Sweep, objects: NDArray[np.uint16]
+) -> dict[str, NDArray[Any]]:
+    """The values that the LiDAR publishes with each point, in the order of the configuration.
+
+    Args:
+        config: says which.
+        sweep: the returns.
+        objects: uint16 (N,), number of the object behind each return.
+
+    Returns:
+        intensity float32, ring uint16 (0 is the lowest beam), time float32 (seconds after the
+        first column, 0 where the turn is taken at one instant), object uint16; (N,) each.
+    """
+    row, column = np.divmod(sweep.ray, config.azimuths)
+    seconds = column_seconds(config) * config.scan_motion
+    values: dict[str, NDArray[Any]] = {
+        "intensity": sweep.intensity,
+        "ring": (config.rings - 1 - row).astype(np.uint16),
+        "time": seconds[column].astype(np.float32),
+        "object": objects,
+    }
+    return {name: values[name] for name in config.fields}

@@ -1,0 +1,285 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Boxes that move to and fro near the robot's way, and the world with them in it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.config import Section, option
+from fusionslam.errors import DataError
+from fusionslam.sim.lidar import Vector
+from fusionslam.sim.mesh import Floats, Mesh, Paint, box, joined
+from fusionslam.sim.occupancy import OccupancyMap
+from fusionslam.sim.scene import Hits, RayCaster, Scene
+from fusionslam.sim.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+_STEP_S = 0.1
+_TRIES = 200
+# Directions looked into from each start: the box takes that with the longest way.
+_WAYS = 8
+_SHORTEST_M = 1.0
+
+
+class ObstacleConfig(Section):
+    """Boxes that move on straight paths over free ground, wait for the robot and make way."""
+
+    number: int = option(0, "moving boxes", ge=0, le=100)
+    size_m: Vector = option((0.5, 0.4, 1.2), "length, width, height; each box is a bit different")
+    speed_m_s: float = option(0.5, "speed", unit="m/s", gt=0, le=10)
+    path_m: float = option(5.0, "longest way before it turns back", unit="m", ge=_SHORTEST_M)
+    near_m: float = option(4.0, "paths begin so near the robot's way", unit="m", gt=0)
+    distance_m: float = option(0.3, "room kept between box and robot", unit="m", ge=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """A box and where it is.
+
+    Attributes:
+        mesh: the box around z, on the ground, x along its path.
+        radius_m: of the circle around its footprint.
+        seconds: float64 (T,), times of the robot's trajectory.
+        places: float64 (T, 2), x, y in metres; straight lines between them.
+        yaw: direction of the path, radians.
+    """
+
+    mesh: Mesh
+    radius_m: float
+    seconds: Array
+    places: Array
+    yaw: float
+
+    def at(self, seconds: float) -> Mesh:
+        """The box in the world at a time; it rests before the first and after the last one."""
+        x, y = (np.interp(seconds, self.seconds, axis) for axis in self.places.T)
+        return self.mesh.moved((x, y, 0.0), self.yaw)
+
+
+def plan_obstacles(
+    config: ObstacleConfig,
+    grid: OccupancyMap,
+    trajectory: Trajectory,
+    robot_radius_m: float,
+    seed: int,
+) -> tuple[Obstacle, ...]:
+    """Boxes that stay on free ground and out of each other's and the robot's way at all times.
+
+    Args:
+        config: how many, how large, how fast.
+        grid: where there is room.
+        trajectory: the robot's, which gives way to nobody.
+        robot_radius_m: of its footprint.
+        seed: decides everything else.
+
+    Raises:
+        DataError: there is no room for so many.
+    """
+    rng = np.random.default_rng([seed, 0x0B])
+    count = max(int(np.ceil(trajectory.duration_s / _STEP_S)), 1) + 1
+    seconds = np.linspace(trajectory.seconds[0], trajectory.seconds[-1], count)
+    x, y, _ = trajectory.places(seconds)
+    others = [(np.stack([x, y], axis=1), robot_radius_m + config.distance_m)]
+    free = np.where(grid.reachable, grid.clearance(), 0.0)
+    found: list[Obstacle] = []
+    for number in range(config.number):
+        obstacle = _one(config, grid, free, seconds, others, rng)
+        if obstacle is None:
+            raise DataError(
+                f"obstacles.number is {config.number}: no room for number {number + 1} near the "
+                "robot's way; fewer, smaller ones or a greater near_m may do"
+            )
+        found.append(obstacle)
+        others.append((obstacle.places, obstacle.radius_m))
+    return tuple(found)
+
+
+def _one(
+    config: ObstacleConfig,
+    grid: OccupancyMap,
+    free: Array,
+    seconds: Array,
+    others: Sequence[tuple[Array, float]],
+    rng: np.random.Generator,
+) -> Obstacle | None:
+    """The first of many random boxes and paths that never meets the others, or None."""
+    length, width, height = np.asarray(config.size_m) * rng.uniform(0.75, 1.25, 3)
+    radius = float(np.hypot(length, width) / 2)
+    # A cell's clearance is that of its middle.
+    room, step = radius + grid.resolution_m, config.speed_m_s * _STEP_S
+    starts = _starts(grid, free >= room, others[0][0], config.near_m)
+    for _ in range(_TRIES if len(starts) else 0):
+        start, yaws = starts[rng.integers(len(starts))], rng.uniform(-np.pi, np.pi, _WAYS)
+        paths = [_path(config, grid, free, start, yaw, step, room) for yaw in yaws]
+        yaw, path = max(zip(yaws.tolist(), paths, strict=True), key=lambda way: len(way[1]))
+        if len(path) * step < _SHORTEST_M:
+            continue
+        moves = _moves(_meets(path, radius, others), rng)
+        if moves is not None:
+            mesh = _box(length, width, height, rng)
+            return Obstacle(mesh, radius, seconds, path[moves], yaw)
+    return None
+
+
+def _starts(grid: OccupancyMap, roomy: Bools, way: Array, near_m: float) -> Array:
+    """Middles of the cells with room near the robot's way, (N, 2)."""
+    from scipy.spatial import KDTree
+
+    cells = np.stack(grid.centres(*np.nonzero(roomy)), axis=1)
+    distance, _ = KDTree(way).query(cells, distance_upper_bound=near_m)
+    near: Array = cells[np.isfinite(distance)]
+    return near
+
+
+def _path(
+    config: ObstacleConfig,
+    grid: OccupancyMap,
+    free: Array,
+    start: Array,
+    yaw: float,
+    step: float,
+    room: float,
+) -> Array:
+    """Places on a straight line from the start as far as there is room, (S, 2)."""
+    along = np.arange(0.0, config.path_m, step)[:, None]
+    line: Array = start + along * np.array([np.cos(yaw), np.sin(yaw)])
+    row, column, inside = grid.cells(line[:, 0], line[:, 1])
+    blocked = ~inside | (free[row, column] < room)
+    return line[: int(np.argmax(blocked)) if blocked.any() else len(line)]
+
+
+def _meets(path: Array, radius: float, others: Sequence[tuple[Array, float]]) -> Bools:
+    """Whether a box at each place of its path would touch another at each time, (T, S)."""
+    meets = np.zeros((len(others[0][0]), len(path)), dtype=bool)
+    own = np.linalg.norm(path[1] - path[0])
+    for places, other_radius in others:
+        distance = np.linalg.norm(places[:, None] - path[None], axis=2)
+        step = np.linalg.norm(np.diff(places, axis=0), axis=1).max(initial=0)
+        # Between two times both come closer by half a step each at most.
+        meets |= distance < radius + other_radius + (own + step) / 2
+    return meets
+
+
+def _moves(meets: Bools, rng: np.random.Generator) -> NDArray[np.int64] | None:
+    """A way to and fro along the path that never meets anything: place at each time, (T,).
+
+    Seen from the end, a place is safe at a time if it is free and one that is safe at the next
+    time is in reach. None if no place is safe at the start.
+    """
+    safe = ~meets
+    for time in range(len(safe) - 2, -1, -1):
+        after = safe[time + 1]
+        reach = after.copy()
+        reach[1:] |= after[:-1]
+        reach[:-1] |= after[1:]
+        safe[time] &= reach
+    starts = np.flatnonzero(safe[0])
+    if not len(starts):
+        return None
+    place, ahead = int(rng.choice(starts)), 1
+    way = [place]
+    for row in safe[1:]:
+        if not 0 <= place + ahead < len(row):
+            ahead = -ahead
+        choices = (place + ahead, place, place - ahead)
+        place = next(k for k in choices if 0 <= k < len(row) and row[k])
+        way.append(place)
+    return np.array(way)
+
+
+def _box(length: float, width: float, height: float, rng: np.random.Generator) -> Mesh:
+    red, green, blue = rng.uniform(0.25, 1.0, 3).tolist()
+    corner = np.array([length / 2, width / 2, height])
+    return box(corner * (-1, -1, 0), corner, Paint(texture=0, tint=(red, green, blue)))
+
+
+def _speckles() -> NDArray[np.uint8]:
+    """What covers the boxes: grey speckles that take any colour, uint8 (32, 32, 4)."""
+    grey = np.random.default_rng(0x0B).integers(150, 256, (32, 32, 1))
+    return np.concatenate([np.repeat(grey, 3, axis=2), np.full((32, 32, 1), 255)], axis=2).astype(
+        np.uint8
+    )
+
+
+class _Share(NamedTuple):
+    """The hits that one caster knows: which rows of all hits they are, and as it counts them."""
+
+    caster: RayCaster
+    rows: slice | NDArray[np.intp]
+    hits: Hits
+
+
+class Crowd:
+    """A world at rest with moving boxes in it, seen at one time; a ``Caster``.
+
+    Triangles of the boxes are counted after those of the world, and so are their objects.
+    """
+
+    def __init__(self, rest: RayCaster, scene: Scene, boxes: Sequence[Mesh] = ()) -> None:
+        self._rest, self._count = rest, len(scene.mesh)
+        self._names = len(scene.names)
+        self._moving: RayCaster | None = None
+        if boxes:
+            self._moving = RayCaster(Scene(joined(boxes), [_speckles()], scene.light))
+            sizes = [len(mesh) for mesh in boxes]
+            self._box = np.repeat(np.arange(len(boxes), dtype=np.int32), sizes)
+
+    def cast(self, origin: Floats, directions: Floats) -> Hits:
+        """First hits of rays from ``origin`` (3,) or (R, 3) along ``directions`` (R, 3)."""
+        rest = self._rest.cast(origin, directions)
+        if self._moving is None:
+            return rest
+        boxes = self._moving.cast(origin, directions)
+        near = boxes.distance < rest.distance
+        return Hits(
+            np.where(near, boxes.distance, rest.distance),
+            np.where(near, boxes.triangle + np.int32(self._count), rest.triangle),
+            np.where(near, boxes.u, rest.u),
+            np.where(near, boxes.v, rest.v),
+        )
+
+    def incidence(self, hits: Hits, directions: Floats) -> Floats:
+        """Cosine between ray and surface normal, (R,)."""
+        cosine = np.empty(len(hits.distance), np.float32)
+        for part in self._split(hits):
+            cosine[part.rows] = part.caster.incidence(part.hits, directions[part.rows])
+        return cosine
+
+    def brightness(self, hits: Hits) -> Floats:
+        """Grey value of the surface at each hit, (R,)."""
+        grey = np.empty(len(hits.distance), np.float32)
+        for part in self._split(hits):
+            grey[part.rows] = part.caster.brightness(part.hits)
+        return grey
+
+    def colors(self, hits: Hits, directions: Floats, pixel: float) -> Floats:
+        """What a camera sees along each ray, (R, 3)."""
+        rgb = np.empty((len(hits.distance), 3), np.float32)
+        for part in self._split(hits):
+            rgb[part.rows] = part.caster.colors(part.hits, directions[part.rows], pixel)
+        return rgb
+
+    def objects(self, hits: Hits) -> NDArray[np.uint16]:
+        """Number of the object behind each hit from 1 on, boxes last; 0 where nobody knows."""
+        number = np.zeros(len(hits.triangle), np.uint16)
+        rest, *boxes = self._split(hits)
+        number[rest.rows] = self._rest.part_of(rest.hits) + 1
+        for part in boxes:
+            number[part.rows] = self._names + 1 + self._box[part.hits.triangle]
+        return number
+
+    def _split(self, hits: Hits) -> list[_Share]:
+        """What the world at rest was hit by, and then, if they were, what the boxes were."""
+        boxes = np.flatnonzero(hits.triangle >= self._count)
+        if self._moving is None or not len(boxes):
+            return [_Share(self._rest, slice(None), hits)]
+        rest = np.flatnonzero(hits.triangle < self._count)
+        found = hits[boxes]
+        own = Hits(found.distance, found.triangle - np.int32(self._count), found.u, found.v)
+        return [_Share(self._rest, rest, hits[rest]), _Share(self._moving, boxes, own)]

@@ -1,0 +1,181 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Drives through all of a map that come back to places from the same and the other side."""
+
+from collections.abc import Iterator
+from itertools import cycle
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from fusionslam.config import Section, option
+from fusionslam.errors import DataError
+from fusionslam.sim.motion import DriveLimits, drive
+from fusionslam.sim.occupancy import OccupancyMap
+from fusionslam.sim.routes import RouteFinder, round_trip, spread_cells, tour_cost
+from fusionslam.sim.smoothing import lengths, smoothed
+from fusionslam.sim.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# Smoothing shortens ways: so much more is planned than driven.
+_RESERVE = 1.2
+_STARTS = 4
+# Where a path turns by more than this, the robot stops and turns on the spot.
+_SHARP_RAD = np.deg2rad(100)
+# Metres before and after a way-point between which its turn is measured.
+_LOOK_M = 0.4
+
+
+class PlanConfig(Section):
+    """A tour through the whole map, a part of it again, and a part the other way round."""
+
+    seed: int = option(0, "decides way-points and drift", ge=0)
+    length_m: float | None = option(
+        None,
+        "length of the drive; none for as long as the whole tour needs",
+        unit="m",
+        ge=2,
+        le=1e5,
+    )
+    spacing_m: float = option(
+        3.0, "the tour passes every reachable place at about this distance", unit="m", ge=1, le=100
+    )
+    again: float = option(
+        0.3, "share of the length on which the tour is driven again the same way", ge=0, le=0.8
+    )
+    back: float = option(
+        0.3, "share of the length on which it is driven in the opposite direction", ge=0, le=0.8
+    )
+    clearance_m: float = option(
+        0.25, "least distance of the robot's middle from obstacles", unit="m", gt=0, le=10
+    )
+    wander_m: float = option(
+        0.1, "slow drift to the sides, deviation, where there is room", unit="m", ge=0, le=2
+    )
+    limits: DriveLimits = option(DriveLimits(), "what the robot can do")
+
+    @model_validator(mode="after")
+    def _some_is_left_for_the_tour(self) -> "PlanConfig":
+        if self.again + self.back > 0.9:
+            raise ValueError(f"again + back is {self.again + self.back}, expected at most 0.9")
+        return self
+
+
+def plan_trajectory(grid: OccupancyMap, config: PlanConfig) -> Trajectory:
+    """A drive over the reachable area that revisits places in both directions.
+
+    Way-points spread over the area are joined to a round trip, which is driven once, then in part
+    again, then in part backwards, and so on until the length is reached. All of it keeps the
+    clearance. The same map and configuration give the same places, bit for bit.
+
+    Raises:
+        DataError: the map has no room for a robot with this clearance, or hardly any.
+    """
+    rng = np.random.default_rng([config.seed, 0x9A7])
+    # Smoothing needs two cells: what moves within them stays clear.
+    finder = RouteFinder(grid, config.clearance_m + 2 * grid.resolution_m)
+    bounds = grid.inflated(config.clearance_m)
+    tour, length_m = _tour(finder, config, rng)
+    paths = _joined(_legs(finder, tour, length_m, config, rng))
+    smooth = [smoothed(path, finder.room, bounds, config.wander_m, rng) for path in paths]
+    return drive(_shortened(smooth, length_m), config.limits)
+
+
+def _tour(
+    finder: RouteFinder, config: PlanConfig, rng: np.random.Generator
+) -> tuple[Indices, float]:
+    """Cells of a round trip, and the length of the drive of which it takes its share."""
+    cells, costs = spread_cells(finder, config.spacing_m, rng)
+    if len(cells) < 2:
+        raise DataError(
+            f"all of the map's reachable part is within {config.spacing_m} m of one place: "
+            "expected a smaller spacing or more room"
+        )
+    share = 1 - config.again - config.back
+    most = np.inf if config.length_m is None else share * config.length_m
+    # A tour that must be short sees more from some places than from others.
+    starts = rng.permutation(len(cells))[: 1 if np.isinf(most) else _STARTS]
+    tour = max((round_trip(costs, most, int(start)) for start in starts), key=len)
+    return cells[tour], config.length_m or tour_cost(tour, costs) / share
+
+
+def _legs(
+    finder: RouteFinder,
+    tour: Indices,
+    length_m: float,
+    config: PlanConfig,
+    rng: np.random.Generator,
+) -> list[Array]:
+    """Ways from each way-point to the next, (N, 2) each, longer in all than the drive."""
+    legs: list[Array] = []
+    phases = _phases(config, length_m)
+    direction, end_m = next(phases)
+    place, here, total = 0, int(tour[0]), 0.0
+    while total < _RESERVE * length_m:
+        while total >= end_m:
+            direction, end_m = next(phases)
+        place = (place + direction) % len(tour)
+        there = _nearby(finder, int(tour[place]), config.wander_m, rng)
+        if there == here:
+            continue
+        chain = finder.way(here, there)
+        legs.append(np.stack([finder.x[chain], finder.y[chain]], axis=1))
+        here, total = there, total + float(lengths(legs[-1])[-1])
+    return legs
+
+
+def _phases(config: PlanConfig, length_m: float) -> Iterator[tuple[int, float]]:
+    """Directions round the tour and the length at which each ends, without end."""
+    first = 1 - config.again - config.back
+    end_m = 0.0
+    for direction, share in cycle([(1, first), (1, config.again), (-1, config.back)]):
+        end_m += share * length_m
+        yield direction, end_m
+
+
+def _nearby(finder: RouteFinder, cell: int, apart_m: float, rng: np.random.Generator) -> int:
+    """A reachable cell within ``apart_m`` of one: nobody passes a place twice exactly alike."""
+    radius, angle = apart_m * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
+    x = float(finder.x[cell] + radius * np.cos(angle))
+    y = float(finder.y[cell] + radius * np.sin(angle))
+    return finder.cell((x, y)) if finder.room.is_free(x, y) else cell
+
+
+def _joined(legs: list[Array]) -> list[Array]:
+    """Legs made one as long as the way does not turn sharply between them."""
+    paths = [legs[0]]
+    for leg in legs[1:]:
+        if _turns_sharply(paths[-1], leg):
+            paths.append(leg)
+        else:
+            paths[-1] = np.concatenate([paths[-1], leg[1:]])
+    return paths
+
+
+def _turns_sharply(before: Array, after: Array) -> bool:
+    came, goes = -_heading(before[::-1]), _heading(after)
+    return bool(came @ goes < np.cos(_SHARP_RAD) * np.linalg.norm(came) * np.linalg.norm(goes))
+
+
+def _heading(path: Array) -> Array:
+    """From the first point of a path to the one ``_LOOK_M`` further, (2,)."""
+    along = lengths(path)
+    ahead: Array = path[min(int(np.searchsorted(along, _LOOK_M)), len(along) - 1)] - path[0]
+    return ahead
+
+
+def _shortened(paths: list[Array], length_m: float) -> list[Array]:
+    """The first ``length_m`` of paths that follow each other."""
+    kept = []
+    for path in paths:
+        along = lengths(path)
+        inside = path[along <= length_m]
+        if len(inside) > 1:
+            kept.append(inside)
+        length_m -= float(along[-1])
+        if length_m <= 0:
+            break
+    return kept

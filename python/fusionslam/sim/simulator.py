@@ -1,0 +1,292 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the sensors of a robot publish while it drives through a world."""
+
+import heapq
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.config import Section, merged, option
+from fusionslam.messages import (
+    Event,
+    FrameTransform,
+    FrameTransforms,
+    Message,
+    Odometry,
+    Picture,
+    Scan,
+)
+from fusionslam.sim.camera import CameraMount, camera_info, gains, photograph
+from fusionslam.sim.lidar import LidarMount, column_seconds, point_fields, scan
+from fusionslam.sim.obstacles import Crowd, Obstacle, ObstacleConfig, plan_obstacles
+from fusionslam.sim.occupancy import OccupancyMap, occupancy_of
+from fusionslam.sim.odometry import OdometryConfig, OdometryTrack, simulate_odometry
+from fusionslam.sim.robot import (
+    TF_STATIC_TOPIC,
+    TF_TOPIC,
+    TRUTH_TOPIC,
+    WORLD,
+    RobotConfig,
+    base_from,
+    base_from_camera,
+    static_transforms,
+)
+from fusionslam.sim.scene import RayCaster, Scene
+from fusionslam.sim.trajectory import Trajectory, check_trajectory
+from fusionslam.sim.world import World
+
+Array = NDArray[np.float64]
+
+_SECOND = 1_000_000_000
+# Events that may be under way for each thread: what is rendered ahead stays in memory.
+_AHEAD = 8
+
+
+class SimulationConfig(Section):
+    """A simulated recording: the same configuration gives the same values."""
+
+    seed: int = option(0, "decides noise, drop-outs, odometry and moving boxes", ge=0)
+    start_s: int = option(1000, "time of the first message", unit="s", ge=0, lt=2**32 - 2**20)
+    seconds: float | None = option(None, "how long; none: the whole drive", unit="s", gt=0)
+    obstacles: ObstacleConfig = option(ObstacleConfig(), "moving boxes")
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A message to be made.
+
+    Attributes:
+        stamp_ns: its time.
+        rank: place among those of the same time.
+        topic: where it is published.
+        make: makes the message.
+    """
+
+    stamp_ns: int
+    rank: int
+    topic: str
+    make: Callable[[], Message]
+
+    def event(self) -> Event:
+        return Event(self.topic, self.stamp_ns, self.make())
+
+
+def simulate(
+    world: World,
+    robot: RobotConfig,
+    trajectory: Trajectory,
+    config: SimulationConfig | None = None,
+    *,
+    jobs: int = 1,
+) -> Iterator[Event]:
+    """Drive a robot through a world and yield what it publishes, in the order of the stamps.
+
+    Topics are those of the robot's description, and ``/tf_static`` (first, once), ``/tf`` and
+    ``/ground_truth``: the true poses of the base frame in the frame "world", in which the
+    odometry starts, too. Arrival times are the stamps; the stamp of a turn is its first shot.
+
+    Args:
+        world: what there is to see and to hit.
+        robot: frames, sensors, odometry.
+        trajectory: of the robot's base; its first time becomes ``config.start_s``.
+        config: seed, length, moving boxes.
+        jobs: threads that render ahead. The values do not depend on it.
+
+    Raises:
+        DataError: the trajectory meets an obstacle, or there is no room for moving boxes.
+    """
+    chosen = config or SimulationConfig()
+    grid = map_of(world, robot)
+    check_trajectory(trajectory, grid, robot.radius_m)
+    simulation = _Simulation(world, robot, trajectory, chosen, grid)
+    return _made(simulation.tasks(), jobs)
+
+
+def map_of(world: World, robot: RobotConfig) -> OccupancyMap:
+    """The world's own map, else what stands as high as the robot, for rays or for cameras.
+
+    Raises:
+        DataError: the world has no triangles.
+    """
+    return world.map or occupancy_of(world.collision, world.visual, high_m=robot.height_m)
+
+
+def event_count(robot: RobotConfig, trajectory: Trajectory, config: SimulationConfig) -> int:
+    """How many events ``simulate`` yields."""
+    seconds = _duration(trajectory, config)
+    rates = [lidar.rate_hz for lidar in robot.lidars.values()]
+    rates += [camera.rate_hz for camera in robot.cameras.values()] * 2
+    rates += [robot.odometry.rate_hz] * 3
+    return 1 + sum(_ticks(rate, seconds) for rate in rates)
+
+
+def _duration(trajectory: Trajectory, config: SimulationConfig) -> float:
+    whole = trajectory.duration_s
+    return whole if config.seconds is None else min(config.seconds, whole)
+
+
+def _ticks(rate_hz: float, seconds: float) -> int:
+    """Number of times k / rate before the end."""
+    return math.ceil(round(rate_hz * seconds, 6))
+
+
+class _Simulation:
+    """Everything that does not change during a drive."""
+
+    def __init__(
+        self,
+        world: World,
+        robot: RobotConfig,
+        trajectory: Trajectory,
+        config: SimulationConfig,
+        grid: OccupancyMap,
+    ) -> None:
+        self.robot, self.trajectory, self.config = robot, trajectory, config
+        self.start_ns = config.start_s * _SECOND
+        self.seconds = _duration(trajectory, config)
+        self.scenes = {"visual": world.visual, "collision": world.collision}
+        self.casters = _casters(world, robot)
+        rate_hz = robot.odometry.rate_hz
+        self.truth = simulate_odometry(trajectory, OdometryConfig(), rate_hz)
+        self.odometry = simulate_odometry(trajectory, _errors(robot, config), rate_hz)
+        self.obstacles: tuple[Obstacle, ...] = plan_obstacles(
+            config.obstacles, grid, trajectory, robot.radius_m, config.seed
+        )
+
+    def tasks(self) -> Iterator[_Task]:
+        """All messages to be made, in the order of their times."""
+        first = static_transforms(self.robot)
+        fixed = FrameTransforms(
+            transforms=tuple(replace(link, stamp_ns=self.start_ns) for link in first)
+        )
+        yield _Task(self.start_ns, 0, TF_STATIC_TOPIC, lambda: fixed)
+        streams = [self._every(*stream, rank) for rank, stream in enumerate(self._streams())]
+        yield from heapq.merge(*streams, key=lambda task: (task.stamp_ns, task.rank))
+
+    def _streams(self) -> Iterator[tuple[float, str, Callable[[int, int], Message]]]:
+        """Rate, topic and maker (of number and stamp) of everything that is published."""
+        odometry, cameras = self.robot.odometry, list(self.robot.cameras.values())
+        yield odometry.rate_hz, TF_TOPIC, self._transform
+        told = partial(self._moved, self.odometry, odometry.frame_id)
+        yield odometry.rate_hz, odometry.topic, told
+        yield odometry.rate_hz, TRUTH_TOPIC, partial(self._moved, self.truth, WORLD)
+        for camera in cameras:
+            yield camera.rate_hz, camera.info_topic, partial(self._info, camera)
+        for number, camera in enumerate(cameras):
+            yield camera.rate_hz, camera.picture_topic(), partial(self._picture, camera, number)
+        for number, lidar in enumerate(self.robot.lidars.values()):
+            yield lidar.rate_hz, lidar.topic, partial(self._scan, lidar, number)
+
+    def _every(
+        self, rate_hz: float, topic: str, make: Callable[[int, int], Message], rank: int
+    ) -> Iterator[_Task]:
+        for number in range(_ticks(rate_hz, self.seconds)):
+            stamp = self.start_ns + round(number * _SECOND / rate_hz)
+            yield _Task(stamp, rank, topic, partial(make, number, stamp))
+
+    def _drive_seconds(self, stamp_ns: int) -> float:
+        return float(self.trajectory.seconds[0]) + (stamp_ns - self.start_ns) / _SECOND
+
+    def _poses(self, seconds: Array) -> Array:
+        """world_from_base, (M, 4, 4): the robot rests after the end of its drive."""
+        return self.trajectory.at(np.minimum(seconds, self.trajectory.seconds[-1]))
+
+    def _rng(self, kind: int, sensor: int, number: int) -> np.random.Generator:
+        return np.random.default_rng([self.config.seed, kind, sensor, number])
+
+    def _around(self, shapes: str, seconds: float) -> Crowd:
+        boxes = [obstacle.at(seconds) for obstacle in self.obstacles]
+        return Crowd(self.casters[shapes], self.scenes[shapes], boxes)
+
+    def _scan(self, lidar: LidarMount, sensor: int, number: int, stamp_ns: int) -> Scan:
+        seconds = self._drive_seconds(stamp_ns)
+        moving = column_seconds(lidar) if lidar.scan_motion else np.zeros(1)
+        poses = self._poses(seconds + moving) @ base_from(self.robot, lidar.frame_id)
+        around = self._around(lidar.shapes, seconds)
+        sweep = scan(
+            around,
+            lidar,
+            poses if lidar.scan_motion else poses[0],
+            self._rng(1, sensor, number),
+        )
+        return Scan(
+            stamp_ns=stamp_ns,
+            frame_id=lidar.frame_id,
+            points=sweep.points,
+            fields=point_fields(lidar, sweep, around.objects(sweep.hits)),
+        )
+
+    def _picture(self, camera: CameraMount, sensor: int, number: int, stamp_ns: int) -> Picture:
+        seconds = self._drive_seconds(stamp_ns)
+        pose = self._poses(np.array([seconds]))[0] @ base_from_camera(self.robot, camera)
+        # Both cameras of a pair see the same light.
+        gain = gains(camera, seconds, np.random.default_rng([self.config.seed, 3]))
+        image = photograph(
+            self._around("visual", seconds), camera, pose, gain, self._rng(2, sensor, number)
+        )
+        return Picture(stamp_ns=stamp_ns, frame_id=camera.frame_id, image=image)
+
+    def _info(self, camera: CameraMount, number: int, stamp_ns: int) -> Message:
+        return camera_info(camera, stamp_ns)
+
+    def _moved(self, track: OdometryTrack, frame_id: str, number: int, stamp_ns: int) -> Odometry:
+        return Odometry(
+            stamp_ns=stamp_ns,
+            frame_id=frame_id,
+            child_frame_id=self.robot.base_frame,
+            pose=track.poses[number],
+            linear=track.linear[number],
+            angular=track.angular[number],
+        )
+
+    def _transform(self, number: int, stamp_ns: int) -> FrameTransforms:
+        link = FrameTransform(
+            stamp_ns=stamp_ns,
+            parent=self.robot.odometry.frame_id,
+            child=self.robot.base_frame,
+            parent_from_child=self.odometry.poses[number],
+        )
+        return FrameTransforms(transforms=(link,))
+
+
+def _errors(robot: RobotConfig, config: SimulationConfig) -> OdometryConfig:
+    """The robot's errors; their seed is the recording's where it is not set on its own."""
+    errors = robot.odometry.errors
+    return errors if "seed" in errors.model_fields_set else merged(errors, {"seed": config.seed})
+
+
+def _casters(world: World, robot: RobotConfig) -> dict[str, RayCaster]:
+    """Ray casters of the shapes that some sensor meets."""
+    needed: dict[str, Scene] = {}
+    if robot.cameras:
+        needed["visual"] = world.visual
+    for lidar in robot.lidars.values():
+        needed[lidar.shapes] = world.visual if lidar.shapes == "visual" else world.collision
+    # Where both are the same scene, its tree is built once.
+    made = {id(scene): RayCaster(scene) for scene in needed.values()}
+    return {shapes: made[id(scene)] for shapes, scene in needed.items()}
+
+
+def _made(tasks: Iterable[_Task], jobs: int) -> Iterator[Event]:
+    """Events in the order of their tasks; threads work ahead, but not far."""
+    if jobs <= 1:
+        yield from (task.event() for task in tasks)
+        return
+    waiting: deque[Future[Event]] = deque()
+    with ThreadPoolExecutor(jobs) as pool:
+        try:
+            for task in tasks:
+                waiting.append(pool.submit(task.event))
+                if len(waiting) >= _AHEAD * jobs:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)

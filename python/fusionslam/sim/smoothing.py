@@ -1,0 +1,98 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""From chains of grid cells to paths that a robot can follow, within the free space."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.sim.occupancy import OccupancyMap
+
+Array = NDArray[np.float64]
+
+STEP_M = 0.05
+# Rounds of averaging neighbours: corners are rounded over half a metre.
+_ROUNDS = 200
+_AFTER_DRIFT = 40
+# Metres over which a last filter rounds what is left, the widest that stays in the free space.
+_WIDTHS_M = (0.2, 0.1, 0.05)
+# Metres over which the robot drifts from side to side.
+_DRIFT_M = 2.0
+
+
+def smoothed(
+    path: Array, room: OccupancyMap, bounds: OccupancyMap, wander_m: float, rng: np.random.Generator
+) -> Array:
+    """A smooth path with the same ends, (N, 2), points about ``STEP_M`` apart.
+
+    Args:
+        path: (M, 2) corners in metres; all of them free in ``room``.
+        room: where points may be moved to.
+        bounds: what the result stays within; wider than ``room`` by two cells.
+        wander_m: deviation of a slow drift to the sides; less where there is no room.
+        rng: decides the drift.
+    """
+    straight = resampled(path, STEP_M)
+    relaxed = _relaxed(straight, room, _ROUNDS)
+    drifted = _relaxed(_drifted(relaxed, room, wander_m, rng), room, _AFTER_DRIFT)
+    for points in (resampled(drifted, STEP_M), resampled(relaxed, STEP_M)):
+        for width in _WIDTHS_M:
+            filtered = _filtered(points, width / STEP_M)
+            dense = resampled(filtered, STEP_M / 5)
+            if bounds.is_free(dense[:, 0], dense[:, 1]).all():
+                return filtered
+    return straight
+
+
+def resampled(path: Array, step_m: float) -> Array:
+    """Points at equal steps of about ``step_m`` along straight lines, ends included, (N, 2)."""
+    along = lengths(path)
+    count = max(2, round(float(along[-1]) / step_m) + 1)
+    where = np.linspace(0, along[-1], count)
+    return np.stack([np.interp(where, along, path[:, k]) for k in (0, 1)], axis=1)
+
+
+def lengths(path: Array) -> Array:
+    """Metres from the start to each point, (N,)."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+
+
+def _relaxed(points: Array, room: OccupancyMap, rounds: int) -> Array:
+    """Points pulled towards their neighbours as long as that keeps them in the room."""
+    points = points.copy()
+    for _ in range(rounds):
+        pulled = (points[:-2] + 2 * points[1:-1] + points[2:]) / 4
+        free = room.is_free(pulled[:, 0], pulled[:, 1])
+        points[1:-1][free] = pulled[free]
+    return points
+
+
+def _drifted(points: Array, room: OccupancyMap, wander_m: float, rng: np.random.Generator) -> Array:
+    """Points moved aside by a smooth random function of the way, less where room is scarce."""
+    from scipy.ndimage import gaussian_filter1d, minimum_filter1d
+
+    width = _DRIFT_M / STEP_M
+    # The filtered noise has the deviation 1 / sqrt(2 width sqrt(pi)): see the Gaussian's energy.
+    drift = gaussian_filter1d(rng.standard_normal(len(points)), width)
+    aside = wander_m * drift * np.sqrt(2 * width * np.sqrt(np.pi))
+    aside *= np.minimum(1, np.minimum(lengths(points), lengths(points[::-1])[::-1]) / _DRIFT_M)
+    slope = np.gradient(points, axis=0)
+    normal = np.stack([-slope[:, 1], slope[:, 0]], axis=1)
+    normal /= np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-9)
+    share = np.zeros(len(points))
+    for tried in (0.25, 0.5, 1.0):
+        moved = points + tried * aside[:, None] * normal
+        share[room.is_free(moved[:, 0], moved[:, 1])] = tried
+    share = gaussian_filter1d(minimum_filter1d(share, round(width)), width / 4)
+    shifted: Array = points + (share * aside)[:, None] * normal
+    return shifted
+
+
+def _filtered(points: Array, width: float) -> Array:
+    """Points after a Gaussian filter, ``width`` in points; the ends stay where they are."""
+    from scipy.ndimage import gaussian_filter1d
+
+    reach = int(np.ceil(4 * width)) + 1
+    padded = np.pad(points, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
+    found: Array = gaussian_filter1d(padded, width, axis=0)[reach:-reach]
+    found[[0, -1]] = points[[0, -1]]
+    return found

@@ -1,0 +1,64 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Worlds from files: binary glTF and Gazebo's SDF."""
+
+import os
+from pathlib import Path
+
+from fusionslam.errors import DataError
+from fusionslam.sim.map_files import read_map
+from fusionslam.sim.trajectory import read_trajectory
+from fusionslam.sim.world import World
+from fusionslam.sim.worlds.gltf import read_glb
+from fusionslam.sim.worlds.sdf import read_sdf
+from fusionslam.sim.worlds.unresolved import Unresolved
+
+__all__ = ["load_world"]
+
+
+def load_world(path: str | os.PathLike[str], *, lenient: bool = False) -> World:
+    """A world from NAME.glb, NAME.world, NAME.sdf, or a folder with worlds/NAME.world and models/.
+
+    NAME.collision.glb beside NAME.glb is what rays hit. NAME.map.yaml and NAME.trajectory.csv
+    beside the world's file are its map and a drive through it.
+
+    Args:
+        path: file or folder.
+        lenient: skip meshes, textures and materials that cannot be found or read, and list them
+            in ``World.unresolved``, instead of raising.
+
+    Raises:
+        DataError: no such world, one that cannot be read, or whose map or trajectory cannot; or,
+            unless lenient, something that it names is missing: the message lists all of it.
+    """
+    target = Path(path)
+    file = _world_in(target) if target.is_dir() else target
+    if not file.is_file():
+        raise DataError(f"{file}: no such world, expected .glb, .world, .sdf or a folder")
+    missing = Unresolved()
+    if file.suffix == ".glb":
+        beside = file.with_suffix(".collision.glb")
+        visual = read_glb(file, missing)
+        collision = read_glb(beside, missing) if beside.is_file() else visual
+    elif file.suffix in (".world", ".sdf"):
+        visual, collision = read_sdf(file, missing)
+    else:
+        raise DataError(f"{file}: expected a world as .glb, .world, .sdf or a folder")
+    grid, drive = file.with_suffix(".map.yaml"), file.with_suffix(".trajectory.csv")
+    return World(
+        name=file.stem,
+        visual=visual,
+        collision=collision,
+        map=read_map(grid) if grid.is_file() else None,
+        trajectory=read_trajectory(drive) if drive.is_file() else None,
+        unresolved=missing.settle(file, lenient),
+    )
+
+
+def _world_in(folder: Path) -> Path:
+    """The one world of a folder."""
+    found = sorted(p for s in ("world", "sdf") for p in (folder / "worlds").glob(f"*.{s}"))
+    if len(found) == 1:
+        return found[0]
+    names = ", ".join(p.name for p in found) or "none"
+    raise DataError(f"{folder / 'worlds'}: expected one .world or .sdf file, found {names}")

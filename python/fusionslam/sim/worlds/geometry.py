@@ -1,0 +1,126 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The geometry element of SDF as pieces in the frame of its visual or collision."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.sim.worlds import shapes
+from fusionslam.sim.worlds.lookup import Library
+from fusionslam.sim.worlds.materials import Color
+from fusionslam.sim.worlds.meshes import read_mesh
+from fusionslam.sim.worlds.poses import numbers_of
+from fusionslam.sim.worlds.surfaces import Look, Piece
+
+Floats = NDArray[np.float64]
+
+
+class GeometryReader:
+    """Reads geometries of one world; each mesh file is read once.
+
+    Args:
+        library: finds files and notes what is missing.
+        looks: whether colours and textures matter.
+    """
+
+    def __init__(self, library: Library, looks: bool) -> None:
+        self._library = library
+        self._looks = looks
+        self._meshes: dict[Path, list[Piece]] = {}
+        self._shapes: dict[str, Callable[[ET.Element, str], shapes.Triangles | None]] = {
+            "box": self._box,
+            "cylinder": self._cylinder,
+            "sphere": self._sphere,
+            "plane": self._plane,
+        }
+
+    def read(
+        self, holder: ET.Element, folder: Path, owner: str, color: Color | None
+    ) -> list[Piece]:
+        """Pieces of a visual or collision; none, and noted, where it cannot be had.
+
+        Args:
+            holder: the visual or collision element.
+            folder: of the file that holds it.
+            owner: for messages.
+            color: of its own material, which replaces those of a mesh.
+        """
+        for shape in holder.findall("geometry/*"):
+            if shape.tag == "empty":
+                return []
+            if shape.tag == "mesh":
+                return self._recolored(self._mesh(shape, folder, owner), color)
+            if shape.tag in self._shapes:
+                corners = self._shapes[shape.tag](shape, f"{shape.tag} of {owner}")
+                look = Look() if color is None else Look(color)
+                return [] if corners is None else [Piece(corners, None, look)]
+            self._note("geometry", f"<{shape.tag}> of {owner}", "not supported")
+            return []
+        self._note("geometry", f"of {owner}", "there is none in the file")
+        return []
+
+    def _recolored(self, pieces: list[Piece], color: Color | None) -> list[Piece]:
+        if color is None:
+            return pieces
+        return [Piece(piece.triangles, None, Look(color)) for piece in pieces]
+
+    def _mesh(self, mesh: ET.Element, folder: Path, owner: str) -> list[Piece]:
+        uri = (mesh.findtext("uri") or "").strip()
+        path = self._library.find(uri, folder)
+        if path is None or not path.is_file():
+            self._note("mesh", uri, f"named by {owner}, not found")
+            return []
+        if mesh.find("submesh") is not None:
+            self._note("submesh", f"of {owner}", "not supported, all of the mesh is taken")
+        if path not in self._meshes:
+            self._meshes[path] = read_mesh(path, self._library, looks=self._looks)
+        scale = self._numbers(mesh, "scale", 3, f"mesh of {owner}", default="1 1 1")
+        if scale is None:
+            return []
+        return [piece.moved(np.diag([*scale, 1.0])) for piece in self._meshes[path]]
+
+    def _box(self, shape: ET.Element, owner: str) -> shapes.Triangles | None:
+        size = self._numbers(shape, "size", 3, owner)
+        return None if size is None else shapes.box(size)
+
+    def _cylinder(self, shape: ET.Element, owner: str) -> shapes.Triangles | None:
+        radius, length = (self._numbers(shape, key, 1, owner) for key in ("radius", "length"))
+        if radius is None or length is None:
+            return None
+        return shapes.cylinder(float(radius[0]), float(length[0]))
+
+    def _sphere(self, shape: ET.Element, owner: str) -> shapes.Triangles | None:
+        radius = self._numbers(shape, "radius", 1, owner)
+        return None if radius is None else shapes.sphere(float(radius[0]))
+
+    def _plane(self, shape: ET.Element, owner: str) -> shapes.Triangles | None:
+        normal = self._numbers(shape, "normal", 3, owner, default="0 0 1")
+        size = self._numbers(shape, "size", 2, owner, default="1 1")
+        if normal is None or size is None:
+            return None
+        if not np.linalg.norm(normal):
+            self._note("number", f"normal of {owner}", "expected a direction, found zeros")
+            return None
+        return shapes.plane(normal, size)
+
+    def _numbers(
+        self, shape: ET.Element, key: str, count: int, owner: str, default: str | None = None
+    ) -> Floats | None:
+        """So many numbers, positive where they are lengths; None, and noted, otherwise."""
+        numbers = numbers_of(
+            shape.findtext(key, default), f"{key} of {owner}", self._library.missing
+        )
+        if numbers is None:
+            return None
+        if len(numbers) != count or (key in ("size", "radius", "length") and numbers.min() <= 0):
+            text = " ".join(f"{number:g}" for number in numbers)
+            self._note("number", f"{key} of {owner}", f"expected {count} above 0, found {text}")
+            return None
+        return numbers
+
+    def _note(self, kind: str, name: str, why: str) -> None:
+        self._library.missing.add(kind, name, why)

@@ -1,0 +1,144 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Worlds in binary glTF: what cameras see in NAME.glb, what rays hit in NAME.collision.glb.
+
+glTF means y up; worlds here are stored z up, as robots want them, and are not rotated. The base
+colour factor is taken as displayed: the specification says linear, the tools that write such
+worlds copy Gazebo's displayed colours.
+"""
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+from fusionslam.sim.scene import INDOOR_LIGHT, Scene
+from fusionslam.sim.world import scene_of
+from fusionslam.sim.worlds.ground import parts_of
+from fusionslam.sim.worlds.surfaces import (
+    Look,
+    Piece,
+    TexturePool,
+    checked,
+    mesh_of,
+    rgb_of,
+    triangles_of,
+)
+from fusionslam.sim.worlds.unresolved import Unresolved
+
+_HEADER = struct.Struct("<4sII")
+_CHUNK = struct.Struct("<I4s")
+# Extensions that a file may require and that change nothing for us, or that Pillow decodes.
+_HARMLESS = ("KHR_materials_", "EXT_texture_webp")
+
+
+def read_glb(path: Path, missing: Unresolved) -> Scene:
+    """The scene of one file, one object a node.
+
+    Raises:
+        DataError: no such file, not binary glTF 2, cut short, or without triangles.
+    """
+    _check(path, missing)
+    objects = _objects(path)
+    pool = TexturePool()
+    if not objects:
+        raise DataError(f"{path}: holds no triangles, expected at least one mesh")
+    meshes = {name: mesh_of(pieces, pool) for name, pieces in objects.items()}
+    return scene_of(parts_of(meshes), pool.textures, INDOOR_LIGHT)
+
+
+def _check(path: Path, missing: Unresolved) -> None:
+    """Refuse what the reader would take for an empty world, or read without its pictures."""
+    header = _read_header(path)
+    needed = [n for n in header.get("extensionsRequired", ()) if not n.startswith(_HARMLESS)]
+    if needed:
+        raise DataError(f"{path}: requires {', '.join(needed)}, expected glTF without extensions")
+    for image in header.get("images", ()):
+        uri = image.get("uri", "data:")
+        if not uri.startswith("data:") and not (path.parent / uri).is_file():
+            missing.add("texture", uri, f"no such file in {path.parent}")
+
+
+def _read_header(path: Path) -> dict[str, Any]:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"{path}: {error.strerror}, expected a binary glTF file") from error
+    if len(data) < _HEADER.size + _CHUNK.size or data[:4] != b"glTF":
+        raise DataError(f"{path}: no binary glTF: expected it to begin with glTF and its length")
+    _, version, length = _HEADER.unpack_from(data)
+    if version != 2:
+        raise DataError(f"{path}: glTF version {version}, expected 2")
+    if len(data) < length:
+        raise DataError(f"{path}: cut short: {len(data)} bytes, its header says {length}")
+    size, _ = _CHUNK.unpack_from(data, _HEADER.size)
+    start = _HEADER.size + _CHUNK.size
+    try:
+        header = json.loads(data[start : start + size])
+    except ValueError as error:
+        raise DataError(f"{path}: its JSON part cannot be read: {error}") from error
+    if not isinstance(header, dict):
+        raise DataError(f"{path}: its JSON part is no object")
+    return header
+
+
+def _objects(path: Path) -> dict[str, list[Piece]]:
+    """Pieces of each node in the world's frame, in the order of the file."""
+    import trimesh
+
+    try:
+        return _pieces(trimesh.load_scene(path, file_type="glb", process=False))
+    except Exception as error:  # the reader raises whatever a damaged file makes of its indices
+        raise DataError(f"{path}: damaged binary glTF: {type(error).__name__}: {error}") from error
+
+
+def _pieces(scene: Any) -> dict[str, list[Piece]]:
+    order = {name: number for number, name in enumerate(scene.geometry)}
+    found: dict[str, list[Piece]] = {}
+    nodes = [(*scene.graph[node], node) for node in scene.graph.nodes_geometry]
+    for world_from_node, geometry, node in sorted(nodes, key=lambda n: (order[n[1]], n[2])):
+        mesh = scene.geometry[geometry]
+        if getattr(mesh, "faces", None) is not None and len(mesh.faces):
+            name = _object_name(scene, node, mesh)
+            found.setdefault(name, []).append(checked(_piece(mesh)).moved(world_from_node))
+    return found
+
+
+def _object_name(scene: Any, node: str, mesh: Any) -> str:
+    """The file's node: the reader hangs meshes of several materials below it, one node each."""
+    if mesh.metadata.get("from_gltf_primitive"):
+        return str(scene.graph.transforms.parents[node])
+    return str(node)
+
+
+def _piece(mesh: Any) -> Piece:
+    corners = triangles_of(mesh)
+    material = getattr(mesh.visual, "material", None)
+    if material is None:
+        return Piece(corners, None, Look(_vertex_tint(mesh.visual.vertex_colors, mesh.faces)))
+    tint: NDArray[Any] = np.ones(3)
+    if material.baseColorFactor is not None:
+        tint = np.asarray(material.baseColorFactor)[:3] / 255.0
+    colors = getattr(mesh.visual, "vertex_attributes", {}).get("color")
+    if colors is not None:
+        tint = tint * _vertex_tint(colors, mesh.faces)
+    uv = mesh.visual.uv
+    if material.baseColorTexture is None or uv is None:
+        return Piece(corners, None, Look(tint))
+    return Piece(
+        corners,
+        np.asarray(uv, np.float32)[mesh.faces],
+        Look(tint, rgb_of(material.baseColorTexture)),
+    )
+
+
+def _vertex_tint(colors: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.float64]:
+    """Mean colour of each triangle's corners, (T, 3), from RGB or RGBA as integers or 0 .. 1."""
+    values = np.asarray(colors)
+    largest = np.iinfo(values.dtype).max if values.dtype.kind in "iu" else 1.0
+    means: NDArray[np.float64] = (values[:, :3].astype(np.float64) / largest)[faces].mean(axis=1)
+    return means

@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which triangles of a loaded world are ground: nothing in the files says so.
+
+An object is ground as a whole if its name says so and it is low. Of any other object those
+triangles are ground that face up, level at the height of the ground, if they are large together:
+the floor of a hall that is one object with its walls.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.sim.mesh import Mesh
+from fusionslam.sim.world import Part
+
+GROUND_WORDS = ("floor", "ground", "carpet", "rug", "road", "pavement", "asphalt")
+# Metres. Robots of this size drive over what is lower.
+LOW_M = 0.05
+# Level triangles of less than this, in square metres an object, are a shelf's bottom or a book.
+LARGE_M2 = 1.0
+LEVEL_COSINE = 0.99
+
+
+def parts_of(meshes: Mapping[str, Mesh]) -> list[Part]:
+    """One part an object, or two where a floor belongs to it: "hall" and "hall ground"."""
+    return [part for name, mesh in meshes.items() for part in _parts(name, mesh)]
+
+
+def level_triangles(
+    mesh: Mesh, height_m: float = 0.0, within_m: float = LOW_M
+) -> NDArray[np.bool_]:
+    """Triangles that face up, level and within reach of a height, (T,)."""
+    level = mesh.normals[:, 2] > LEVEL_COSINE
+    near = np.abs(mesh.triangles[:, :, 2] - height_m).max(axis=1) <= within_m
+    return np.asarray(level & near)
+
+
+def area_m2(mesh: Mesh, chosen: NDArray[np.bool_]) -> float:
+    """Area of the chosen triangles."""
+    a, b, c = mesh.triangles[chosen].astype(np.float64).transpose(1, 0, 2)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def _parts(name: str, mesh: Mesh) -> Sequence[Part]:
+    if _named_ground(name) and mesh.triangles[:, :, 2].max() <= LOW_M:
+        return [Part(name, mesh, is_ground=True)]
+    level = level_triangles(mesh)
+    if area_m2(mesh, level) < LARGE_M2:
+        return [Part(name, mesh)]
+    if level.all():
+        return [Part(name, mesh, is_ground=True)]
+    return [
+        Part(name, _chosen(mesh, ~level)),
+        Part(f"{name} ground", _chosen(mesh, level), is_ground=True),
+    ]
+
+
+def _named_ground(name: str) -> bool:
+    """Whether a word of a name like "aws_FloorB_01" or "ground_plane" means ground."""
+    words = re.findall(r"[A-Z]?[a-z]+", name)
+    return any(word.lower() in GROUND_WORDS for word in words)
+
+
+def _chosen(mesh: Mesh, chosen: NDArray[np.bool_]) -> Mesh:
+    return Mesh(
+        mesh.triangles[chosen],
+        mesh.uv[chosen],
+        mesh.texture[chosen],
+        mesh.tint[chosen],
+        mesh.normals[chosen],
+    )

@@ -1,0 +1,154 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The models of an SDF world: includes followed, poses chained, saved states applied."""
+
+import logging
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from fusionslam.errors import DataError
+from fusionslam.sim.worlds.lookup import Library
+from fusionslam.sim.worlds.poses import Matrix, pose_of
+
+log = logging.getLogger(__name__)
+
+# Models that include one another are a mistake; worlds nest them two or three deep.
+_DEEPEST = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A visual or a collision where it stands.
+
+    Attributes:
+        element: the SDF element.
+        model: name of the object: the outermost model that holds it.
+        owner: "chair_1/link/visual", for messages.
+        folder: of the file that holds it.
+        world_from_shape: (4, 4).
+    """
+
+    element: ET.Element
+    model: str
+    owner: str
+    folder: Path
+    world_from_shape: Matrix
+
+
+def shapes_of(path: Path, library: Library) -> Iterator[Shape]:
+    """All visuals and collisions of a world, in the order of its file.
+
+    Raises:
+        DataError: the file cannot be read, is no XML, or holds no world.
+    """
+    world = _world(path)
+    states = {state.get("name"): state for state in world.findall("state/model")}
+    people = [actor.get("name") for actor in world.findall("actor")]
+    if people:
+        log.info("%s: actors move and are left out: %s", path, people)
+    models = [e for e in world if e.tag in ("model", "include")]
+    for element in [*models, *world.findall("state/insertions/model")]:
+        yield from _Walk(library, path.resolve().parent).outermost(element, states)
+
+
+class _Walk:
+    """Follows the models below one element; holds what stays the same on the way."""
+
+    def __init__(self, library: Library, folder: Path) -> None:
+        self._library = library
+        self._missing = library.missing
+        self._folder = folder
+
+    def outermost(
+        self, element: ET.Element, states: dict[str | None, ET.Element]
+    ) -> Iterator[Shape]:
+        resolved = self._resolved(element, self._folder)
+        if resolved is None:
+            return
+        model, folder = resolved
+        name = element.findtext("name") or model.get("name") or "model"
+        state = states.get(name)
+        if state is not None and (state.findtext("scale") or "1 1 1").split() != ["1"] * 3:
+            self._missing.add("state", f"scale of {name}", "not supported")
+        holder = state if state is not None and state.find("pose") is not None else None
+        if holder is None:
+            holder = _pose_holder(element, model)
+        pose = pose_of(holder, name, self._missing)
+        yield from self._inside(model, folder, name, name, pose, depth=0)
+
+    def _inside(
+        self, model: ET.Element, folder: Path, top: str, owner: str, pose: Matrix, depth: int
+    ) -> Iterator[Shape]:
+        """Shapes of a model's links, then of the models in it; pose is world_from_model."""
+        if depth > _DEEPEST:
+            self._missing.add("model", owner, f"nested deeper than {_DEEPEST}: includes itself?")
+            return
+        for link in model.findall("link"):
+            name = f"{owner}/{link.get('name')}"
+            world_from_link = pose @ pose_of(link, name, self._missing)
+            yield from self._link(link, folder, top, name, world_from_link)
+        for element in (e for e in model if e.tag in ("model", "include")):
+            resolved = self._resolved(element, folder)
+            if resolved is None:
+                continue
+            inner, inner_folder = resolved
+            name = f"{owner}/{element.findtext('name') or inner.get('name')}"
+            holder = _pose_holder(element, inner)
+            world_from_inner = pose @ pose_of(holder, name, self._missing)
+            yield from self._inside(inner, inner_folder, top, name, world_from_inner, depth + 1)
+
+    def _link(
+        self, link: ET.Element, folder: Path, top: str, owner: str, pose: Matrix
+    ) -> Iterator[Shape]:
+        for element in (e for e in link if e.tag in ("visual", "collision")):
+            name = f"{owner}/{element.get('name')}"
+            placed = pose @ pose_of(element, name, self._missing)
+            yield Shape(element, top, name, folder, placed)
+
+    def _resolved(self, element: ET.Element, folder: Path) -> tuple[ET.Element, Path] | None:
+        """The model itself and the folder of its file; None, and noted, if it is not to be had."""
+        if element.tag == "model":
+            return element, folder
+        uri = (element.findtext("uri") or "").strip()
+        file = self._library.model_file(uri, folder)
+        if file is None:
+            self._missing.add("model", uri, f"included by {folder}, not found")
+            return None
+        try:
+            model = _root(file).find("model")
+        except DataError as error:
+            self._missing.add("model", uri, str(error))
+            return None
+        if model is None:
+            self._missing.add("model", uri, f"{file} holds no <model>")
+            return None
+        return model, file.parent
+
+
+def _pose_holder(element: ET.Element, model: ET.Element) -> ET.Element:
+    """Whose pose counts: an include's own comes before that of the model it includes."""
+    return element if element.find("pose") is not None else model
+
+
+def _world(path: Path) -> ET.Element:
+    root = _root(path)
+    world = root.find("world")
+    if world is not None:
+        return world
+    if root.find("model") is not None:
+        return root
+    raise DataError(f"{path}: expected <world> or <model> inside <sdf>, found neither")
+
+
+def _root(path: Path) -> ET.Element:
+    try:
+        root = ET.parse(path).getroot()
+    except ET.ParseError as error:
+        raise DataError(f"{path}: no XML, expected SDF: {error}") from error
+    except OSError as error:
+        raise DataError(f"{path}: {error.strerror}, expected SDF") from error
+    if root.tag not in ("sdf", "gazebo"):
+        raise DataError(f"{path}: its root is <{root.tag}>, expected <sdf>")
+    return root

@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Worlds in Gazebo's SDF, as far as they stand still: what is seen and what rays hit."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from fusionslam.errors import DataError
+from fusionslam.sim.mesh import Mesh
+from fusionslam.sim.scene import INDOOR_LIGHT, Scene
+from fusionslam.sim.world import scene_of
+from fusionslam.sim.worlds.geometry import GeometryReader
+from fusionslam.sim.worlds.ground import LARGE_M2, area_m2, level_triangles, parts_of
+from fusionslam.sim.worlds.lookup import Library
+from fusionslam.sim.worlds.materials import color_of
+from fusionslam.sim.worlds.models import Shape, shapes_of
+from fusionslam.sim.worlds.surfaces import Piece, TexturePool, mesh_of
+from fusionslam.sim.worlds.unresolved import Unresolved
+
+# How deep a plane that is seen sinks below a floor that is laid on it, and what counts as on it.
+_SUNK_M = 0.01
+_LAID_M = 0.005
+
+
+def read_sdf(path: Path, missing: Unresolved) -> tuple[Scene, Scene]:
+    """Visual and collision scene of a world file, one object a model of the world.
+
+    Raises:
+        DataError: the file is no XML, holds no world, or nothing in it can be seen or hit.
+    """
+    library = Library(path, missing)
+    shapes = list(shapes_of(path, library))
+    visual = _scene(shapes, "visual", library)
+    collision = _scene(shapes, "collision", library)
+    if visual is None and collision is None:
+        listed = "".join(f"\n  {item}" for item in missing.items)
+        raise DataError(f"{path}: nothing to be seen or hit in it{listed}")
+    seen, hit = visual or collision, collision or visual
+    assert seen is not None and hit is not None
+    return seen, hit
+
+
+def _scene(shapes: Iterable[Shape], kind: str, library: Library) -> Scene | None:
+    """The scene of all visuals or all collisions; None where there are none."""
+    reader = GeometryReader(library, looks=kind == "visual")
+    pieces: dict[str, list[Piece]] = {}
+    planes: set[str] = set()
+    for shape in shapes:
+        if shape.element.tag != kind:
+            continue
+        name = shape.model
+        if shape.element.find("geometry/plane") is not None:
+            planes.add(name)
+        pieces.setdefault(name, []).extend(_pieces(shape, reader, library))
+    pool = TexturePool()
+    meshes = {name: mesh_of(found, pool) for name, found in pieces.items() if found}
+    if not meshes:
+        return None
+    if kind == "visual":
+        meshes = _with_sunk_planes(meshes, planes & meshes.keys())
+    return scene_of(parts_of(meshes), pool.textures, INDOOR_LIGHT)
+
+
+def _pieces(shape: Shape, reader: GeometryReader, library: Library) -> list[Piece]:
+    material = shape.element.find("material")
+    color = color_of(material, shape.owner, library.missing)
+    found = reader.read(shape.element, shape.folder, shape.owner, color)
+    return [piece.moved(shape.world_from_shape) for piece in found]
+
+
+def _with_sunk_planes(meshes: Mapping[str, Mesh], planes: Iterable[str]) -> dict[str, Mesh]:
+    """Ground planes below floors: of two surfaces at one height, nobody knows which is seen."""
+    sunk = dict(meshes)
+    for name in planes:
+        height = float(np.median(meshes[name].triangles[:, :, 2]))
+        if level_triangles(meshes[name], height, _LAID_M).all() and any(
+            area_m2(mesh, level_triangles(mesh, height, _LAID_M)) >= LARGE_M2
+            for other, mesh in meshes.items()
+            if other not in planes
+        ):
+            down = np.array([0, 0, -_SUNK_M], np.float32)
+            sunk[name] = replace(meshes[name], triangles=meshes[name].triangles + down)
+    return sunk

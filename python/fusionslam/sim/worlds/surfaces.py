@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""From what files describe to what the ray caster takes: looks, pieces, meshes, textures."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
+
+from fusionslam.sim.mesh import Mesh
+
+# Larger images are halved: nobody's camera comes close enough to see their finest texels, and
+# one of 8192 x 8192 alone takes 700 MB with its halvings.
+LARGEST_SIDE = 2048
+# What Gazebo and most viewers show where no material is given.
+PLAIN = (0.7, 0.7, 0.7)
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What covers a piece.
+
+    Attributes:
+        tint: RGB factor, 0 .. 1, as displayed: (3,), or (T, 3) for one a triangle.
+        image: uint8 (H, W, 3), or None for a plain colour.
+    """
+
+    tint: ArrayLike = PLAIN
+    image: NDArray[np.uint8] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Triangles that look alike.
+
+    Attributes:
+        triangles: float64 (T, 3, 3), corners in metres, counter-clockwise seen from outside.
+        uv: float32 (T, 3, 2), texture coordinates in images, v upwards; None without an image.
+        look: what covers them.
+    """
+
+    triangles: NDArray[np.float64]
+    uv: NDArray[np.float32] | None = None
+    look: Look = field(default_factory=Look)
+
+    def moved(self, to_from: NDArray[np.float64]) -> "Piece":
+        """The piece in another frame; a mirroring (4, 4) transform keeps the outside outside."""
+        corners = self.triangles @ to_from[:3, :3].T + to_from[:3, 3]
+        if np.linalg.det(to_from[:3, :3]) >= 0:
+            return Piece(corners, self.uv, self.look)
+        uv = None if self.uv is None else self.uv[:, ::-1]
+        return Piece(corners[:, ::-1], uv, self.look)
+
+
+def checked(piece: Piece) -> Piece:
+    """The piece itself.
+
+    Raises:
+        ValueError: a corner or a texture coordinate is no finite number.
+    """
+    if not np.isfinite(piece.triangles).all():
+        raise ValueError("a corner is no finite number")
+    if piece.uv is not None and not np.isfinite(piece.uv).all():
+        raise ValueError("a texture coordinate is no finite number")
+    return piece
+
+
+class TexturePool:
+    """The textures of a scene, each once, however many files and materials hold it.
+
+    Attributes:
+        textures: uint8 (H, W, 4) each, RGB and a tint mask that is 255 all over.
+    """
+
+    def __init__(self) -> None:
+        self.textures: list[NDArray[np.uint8]] = []
+        self._index: dict[tuple[tuple[int, ...], bytes], int] = {}
+
+    def index(self, image: NDArray[np.uint8] | None) -> int:
+        """Number of the texture of uint8 (H, W, 3); None stands for one white texel."""
+        pixels = np.full((1, 1, 3), 255, np.uint8) if image is None else np.ascontiguousarray(image)
+        key = (pixels.shape, hashlib.sha256(pixels.tobytes()).digest())
+        if key not in self._index:
+            self._index[key] = len(self.textures)
+            mask = np.full((*pixels.shape[:2], 1), 255, np.uint8)
+            self.textures.append(np.concatenate([pixels, mask], axis=2))
+        return self._index[key]
+
+
+def mesh_of(pieces: Sequence[Piece], pool: TexturePool) -> Mesh:
+    """One mesh of all pieces, triangle by triangle in their order, flat ones included."""
+    corners = np.concatenate([piece.triangles for piece in pieces])
+    return Mesh(
+        corners.astype(np.float32),
+        np.concatenate([_coordinates(piece) for piece in pieces]),
+        np.concatenate([_full(piece, pool.index(piece.look.image)) for piece in pieces]),
+        np.concatenate([_tints(piece) for piece in pieces]),
+        _normals(corners),
+    )
+
+
+def rgb_of(image: Image.Image) -> NDArray[np.uint8]:
+    """Pixels of a picture of any mode, uint8 (H, W, 3), at most LARGEST_SIDE wide and high.
+
+    Transparency is ignored: colours behind transparent texels count as they are stored.
+
+    Raises:
+        OSError, ValueError, SyntaxError: what Pillow raises for a picture that it cannot decode.
+    """
+    halvings = 0
+    while max(image.size) >> halvings > LARGEST_SIDE:
+        halvings += 1
+    rgb = image.convert("RGB")
+    return np.asarray(rgb.reduce(1 << halvings) if halvings else rgb, np.uint8)
+
+
+def triangles_of(mesh: Any) -> NDArray[np.float64]:
+    """Corners of a trimesh mesh, (T, 3, 3)."""
+    corners: NDArray[np.float64] = np.asarray(mesh.vertices, np.float64)[np.asarray(mesh.faces)]
+    return corners
+
+
+def _coordinates(piece: Piece) -> NDArray[np.float32]:
+    if piece.uv is None:
+        return np.zeros((len(piece.triangles), 3, 2), np.float32)
+    return np.asarray(piece.uv, np.float32)
+
+
+def _full(piece: Piece, texture: int) -> NDArray[np.int32]:
+    return np.full(len(piece.triangles), texture, np.int32)
+
+
+def _tints(piece: Piece) -> NDArray[np.float32]:
+    tint = np.asarray(piece.look.tint, np.float32)
+    return np.broadcast_to(tint, (len(piece.triangles), 3))
+
+
+def _normals(corners: NDArray[np.float64]) -> NDArray[np.float32]:
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(cross, axis=1, keepdims=True)
+    # Triangles without area are never hit; they only need a normal that is one.
+    flat = np.broadcast_to(np.array([0.0, 0.0, 1.0]), cross.shape)
+    unit = np.where(length > 0, cross / np.maximum(length, 1e-300), flat)
+    return unit.astype(np.float32)

@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a world's description names and cannot be had, each once."""
+
+import logging
+from collections.abc import Iterable
+from pathlib import Path
+
+from fusionslam.errors import DataError
+
+log = logging.getLogger(__name__)
+
+
+class Unresolved:
+    """Collects what is missing, so that one message tells all of it.
+
+    Attributes:
+        items: "texture floor.png: no such file beside models/hall/meshes/hall.dae", each once.
+    """
+
+    def __init__(self) -> None:
+        self.items: list[str] = []
+        self._seen: set[tuple[str, str]] = set()
+
+    def add(self, kind: str, name: str, why: str) -> None:
+        """Note that ``name`` is missing; the first reason is kept."""
+        if (kind, name) not in self._seen:
+            self._seen.add((kind, name))
+            self.items.append(f"{kind} {name}: {why}")
+
+    def settle(self, path: Path, lenient: bool) -> tuple[str, ...]:
+        """Log what is missing and return it if lenient.
+
+        Raises:
+            DataError: something is missing, not lenient; the message lists all of it.
+        """
+        if self.items and not lenient:
+            raise DataError(
+                f"{path}: {len(self.items)} missing or not supported (lenient loading skips "
+                f"them):\n{_listed(self.items)}"
+            )
+        for item in self.items:
+            log.warning("%s: skipped %s", path, item)
+        return tuple(self.items)
+
+
+def _listed(items: Iterable[str]) -> str:
+    return "\n".join(f"  {item}" for item in items)

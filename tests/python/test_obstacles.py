@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Moving boxes: never in a wall, never in the robot's way, seen by every sensor."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("embreex", reason="the simulator is an extra")
+
+from box_worlds import block, hall, straight
+from fusionslam.errors import DataError
+from fusionslam.sim.lidar import LidarMount, lidar_rays, scan
+from fusionslam.sim.obstacles import Crowd, Obstacle, ObstacleConfig, plan_obstacles
+from fusionslam.sim.occupancy import OccupancyMap, occupancy_of
+from fusionslam.sim.scene import RayCaster
+
+THREE = ObstacleConfig(number=3)
+
+
+@pytest.fixture(scope="module")
+def grid() -> OccupancyMap:
+    return occupancy_of(hall().visual)
+
+
+@pytest.fixture(scope="module")
+def planned(grid: OccupancyMap) -> tuple[Obstacle, ...]:
+    return plan_obstacles(THREE, grid, straight(10.0), 0.22, seed=1)
+
+
+def corners(obstacle: Obstacle, seconds: float) -> np.ndarray:
+    return obstacle.at(seconds).triangles.reshape(-1, 3)
+
+
+def gap(place: np.ndarray, obstacle: Obstacle, seconds: float) -> float:
+    """Distance of a place on the ground to a box: both seen from the box's middle."""
+    low, high = (edge(corners(obstacle, seconds)[:, :2], axis=0) for edge in (np.min, np.max))
+    x, y = place - (low + high) / 2
+    c, s = np.cos(obstacle.yaw), np.sin(obstacle.yaw)
+    half = np.abs(obstacle.mesh.triangles[..., :2]).max(axis=(0, 1))
+    beyond = np.abs([c * x + s * y, c * y - s * x]) - half
+    return float(np.linalg.norm(beyond.clip(min=0)))
+
+
+def test_boxes_never_touch_walls_or_furniture(planned: tuple[Obstacle, ...]) -> None:
+    for obstacle in planned:
+        for seconds in np.linspace(0, 10, 41):
+            x, y, _ = corners(obstacle, seconds).T
+            assert np.abs(x).max() < 6 and np.abs(y).max() < 4
+            red = (x > 2) & (x < 3) & (np.abs(y) < 0.5)
+            blue = (x > -3) & (x < -2) & (y > 2) & (y < 3)
+            assert not (red | blue).any()
+
+
+def test_boxes_keep_their_distance_from_the_robot(planned: tuple[Obstacle, ...]) -> None:
+    way = straight(10.0)
+    for seconds in np.linspace(0, 10, 301):
+        x, y, _ = way.places(seconds)
+        for obstacle in planned:
+            apart = gap(np.array([x, y]), obstacle, seconds)
+            assert apart > 0.22 + THREE.distance_m - 1e-6
+
+
+def test_boxes_keep_clear_of_each_other(planned: tuple[Obstacle, ...]) -> None:
+    for number, first in enumerate(planned):
+        for second in planned[:number]:
+            apart = np.linalg.norm(first.places - second.places, axis=1)
+            assert apart.min() > first.radius_m + second.radius_m
+
+
+def test_boxes_move_at_their_speed_to_and_fro(planned: tuple[Obstacle, ...]) -> None:
+    for obstacle in planned:
+        moves = np.diff(obstacle.places, axis=0)
+        speed = np.linalg.norm(moves, axis=1) / np.diff(obstacle.seconds)
+        assert speed.max() < THREE.speed_m_s * 1.01
+        assert speed.mean() > THREE.speed_m_s / 2
+        along = moves @ (np.cos(obstacle.yaw), np.sin(obstacle.yaw))
+        assert np.allclose(np.abs(along), np.linalg.norm(moves, axis=1))
+
+
+def test_a_box_waits_or_turns_back_where_the_robot_comes(grid: OccupancyMap) -> None:
+    way, gave_way = straight(10.0), 0
+    for seed in range(12):
+        (box,) = plan_obstacles(ObstacleConfig(number=1), grid, way, 0.22, seed)
+        x, y, _ = way.places(box.seconds)
+        apart = np.linalg.norm(box.places - np.stack([x, y], axis=1), axis=1)
+        assert apart.min() > box.radius_m + 0.22 + THREE.distance_m
+        along = box.places @ (np.cos(box.yaw), np.sin(box.yaw))
+        moves = np.diff(along)
+        ahead = moves[:-1] * moves[1:] > 1e-9
+        inside = (along > along.min() + 0.06) & (along < along.max() - 0.06)
+        # Between the ends of what it drives, it stops or turns for the robot alone.
+        stops = inside[1:-1] & ~ahead
+        gave_way += bool(stops.any())
+        assert not stops.any() or apart[1:-1][stops].min() < 2.5
+    assert gave_way >= 2
+
+
+def test_the_same_seed_plans_the_same_boxes(grid: OccupancyMap) -> None:
+    first, again, other = (
+        plan_obstacles(THREE, grid, straight(10.0), 0.22, seed=seed) for seed in (1, 1, 2)
+    )
+    for a, b, c in zip(first, again, other, strict=True):
+        assert np.array_equal(a.places, b.places)
+        assert np.array_equal(a.mesh.triangles, b.mesh.triangles)
+        assert not np.array_equal(a.places, c.places)
+
+
+def test_too_many_boxes_are_an_error_that_says_how_many_there_is_room_for(
+    grid: OccupancyMap,
+) -> None:
+    config = ObstacleConfig(number=25, size_m=(1.5, 1.5, 1.0))
+    with pytest.raises(DataError, match=r"obstacles.number is 25: no room for number \d+"):
+        plan_obstacles(config, grid, straight(10.0), 0.22, seed=1)
+
+
+def test_sensors_see_whatever_is_nearer_and_know_its_number() -> None:
+    scene = hall().visual
+    rest = RayCaster(scene)
+    front = block("box", (0.5, -0.3, 0), (1.0, 0.3, 1.2)).mesh
+    hidden = block("box", (2.2, -0.3, 0), (2.8, 0.3, 1.0)).mesh  # in the red pillar
+    crowd = Crowd(rest, scene, [hidden, front])
+    config = LidarMount(rings=1, top_deg=0, bottom_deg=0, azimuths=360)
+    place = np.eye(4)
+    place[2, 3] = 0.5
+    rays = lidar_rays(config)
+    hits = crowd.cast(place[:3, 3].astype(np.float32), rays)
+    alone = rest.cast(place[:3, 3].astype(np.float32), rays)
+    boxed = (rays[:, 0] > 0) & (np.abs(rays[:, 1] / rays[:, 0]) < 0.3 / 0.5 - 1e-6)
+    assert np.allclose(hits.distance[boxed], 0.5 / rays[boxed, 0], atol=1e-5)
+    assert np.array_equal(hits.distance[~boxed], alone.distance[~boxed])
+    number = crowd.objects(hits)
+    assert set(number[boxed]) == {len(scene.names) + 2}
+    assert np.array_equal(number[~boxed], rest.part_of(alone)[~boxed] + 1)
+    for values in (lambda c, h: c.brightness(h), lambda c, h: c.incidence(h, rays)):
+        assert np.array_equal(values(crowd, hits)[~boxed], values(rest, alone)[~boxed])
+    both = [caster.colors(found, rays, 0.01) for caster, found in ((crowd, hits), (rest, alone))]
+    assert np.array_equal(both[0][~boxed], both[1][~boxed])
+    assert not np.allclose(both[0][boxed], both[1][boxed], atol=0.05)
+    assert len(scan(crowd, config, place, np.random.default_rng(0)).points) > 300

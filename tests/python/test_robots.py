@@ -1,0 +1,151 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Descriptions of robots: those of the package, one's own, and what is wrong with others."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("embreex", reason="the simulator is an extra")
+
+from fusionslam.config import merged, with_settings
+from fusionslam.errors import ConfigError
+from fusionslam.sim.camera import CameraMount, LensConfig
+from fusionslam.sim.car import StereoConfig
+from fusionslam.sim.lidar import LidarConfig, LidarMount
+from fusionslam.sim.robot import (
+    RobotConfig,
+    base_from,
+    base_from_camera,
+    robot_named,
+    robot_names,
+    static_transforms,
+)
+
+SENSOR = "lidars.velodyne"
+
+
+def test_the_package_brings_three_robots() -> None:
+    assert robot_names() == ["car", "turtlebot3_vlp16", "turtlebot3_waffle_pi"]
+    for name in robot_names():
+        robot = robot_named(name)
+        assert robot.lidars and robot.cameras
+
+
+def test_the_waffle_pi_is_that_of_the_thesis() -> None:
+    robot = robot_named("turtlebot3_waffle_pi")
+    lidar, camera = robot.lidars["velodyne"], robot.cameras["camera"]
+    assert (lidar.rings, lidar.azimuths, lidar.rate_hz, lidar.shapes) == (18, 120, 2, "collision")
+    assert (lidar.min_range_m, lidar.range_m, lidar.noise_m) == (0.9, 130, 0.008)
+    assert (camera.width, camera.height, camera.rate_hz, camera.view_rad) == (640, 480, 30, 1)
+    assert base_from(robot, lidar.frame_id)[:3, 3] == pytest.approx((-0.064, 0, 0.170), abs=1e-3)
+    assert base_from(robot, camera.frame_id)[:3, 3] == pytest.approx((0.076, 0, 0.103))
+    assert robot.drive.max_speed_m_s == 0.69 and robot.odometry.errors.neutral
+
+
+def test_the_car_has_the_sensors_of_the_embedded_drive() -> None:
+    car = robot_named("car")
+    ours = [car.lidars["velodyne"], car.cameras["left"], car.cameras["right"]]
+    theirs = [LidarConfig(), StereoConfig(), StereoConfig()]
+    for mount, config, kind in zip(ours, theirs, (LidarConfig, *[LensConfig] * 2), strict=True):
+        for key in kind.model_fields:
+            assert getattr(mount, key) == getattr(config, key), key
+
+
+def test_the_right_camera_is_a_baseline_beside_the_left_one_in_its_frame() -> None:
+    car = robot_named("car")
+    left, right = (base_from_camera(car, car.cameras[side]) for side in ("left", "right"))
+    apart = np.linalg.inv(left) @ right
+    assert np.allclose(apart[:3, 3], (StereoConfig().baseline_m, 0, 0))
+    assert np.allclose(apart[:3, :3], np.eye(3))
+    assert [link.child for link in static_transforms(car)] == ["velodyne", "stereo_optical"]
+
+
+def test_frames_are_chained_over_their_parents() -> None:
+    robot = with_settings(
+        RobotConfig(),
+        [
+            "frames.tower.position_m=[1,0,0]",
+            "frames.tower.tilt_deg=[0,0,90]",
+            "lidars.top.parent=tower",
+            "lidars.top.position_m=[0.5,0,2]",
+            "lidars.top.tilt_deg=[0,0,-30]",
+        ],
+    )
+    pose = base_from(robot, "lidar")
+    assert np.allclose(pose[:3, 3], (1, 0.5, 2))
+    assert np.arctan2(pose[1, 0], pose[0, 0]) == pytest.approx(np.deg2rad(60))
+    assert all(link.static for link in static_transforms(robot))
+
+
+def test_a_robot_of_ones_own_is_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("lidars:\n  low: {rings: 4, topic: /low}\nradius_m: 0.1\n")
+    robot = robot_named(path)
+    assert robot.lidars == {"low": LidarMount(rings=4, topic="/low")}
+    assert robot.radius_m == 0.1 and not robot.cameras
+
+
+def test_a_sensor_may_be_changed_or_added_by_its_name() -> None:
+    waffle = robot_named("turtlebot3_waffle_pi")
+    changed = with_settings(waffle, [f"{SENSOR}.rate_hz=5", "cameras.rear.topic=/rear"])
+    assert changed.lidars["velodyne"].rate_hz == 5
+    assert changed.lidars["velodyne"].rings == 18
+    assert changed.cameras["rear"] == CameraMount(topic="/rear")
+    assert changed.cameras["camera"] == waffle.cameras["camera"]
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        (f"{SENSOR}.ringz=3", r"'lidars.velodyne.ringz'; did you mean 'rings'"),
+        (f"{SENSOR}.rings=0", r"lidars.velodyne.rings is 0: .* greater than or equal to 1"),
+        (f"{SENSOR}=3", r"lidars.velodyne is 3, expected keys of its own: rings"),
+        ("lidars=3", r"lidars is 3: .* dictionary"),
+        (f"{SENSOR}.parent=mast", r"velodyne -> mast does not reach base_footprint"),
+        ("frames.base_link.parent=base_scan", r"base_link -> base_scan goes round"),
+        (f"{SENSOR}.frame_id=base_link", "frame 'base_link' is used twice"),
+        (f"{SENSOR}.frame_id=odom", "frame 'odom' is used twice"),
+        (f"{SENSOR}.topic=/odom", "topic '/odom' is used twice"),
+        (f"{SENSOR}.topic=/tf", "topic '/tf' is used twice"),
+        ("cameras.camera.side=right", r"cameras.camera is the right one of a pair"),
+        ("cameras.camera.distortion=[-9,0,0,0,0]", r"distortion .* has no inverse"),
+    ],
+)
+def test_what_does_not_fit_together_is_an_error_that_names_it(setting: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        with_settings(robot_named("turtlebot3_waffle_pi"), [setting])
+
+
+def test_a_pair_whose_cameras_are_mounted_apart_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"cameras.right .* expected frame_id, parent"):
+        merged(robot_named("car"), {"cameras": {"right": {"tilt_deg": (0.0, 0.0, 5.0)}}})
+
+
+def test_an_unknown_robot_is_told_the_known_ones() -> None:
+    with pytest.raises(ConfigError, match="robot 'husky': expected car, turtlebot3_vlp16"):
+        robot_named("husky")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("lidars: {low: {rings: many}}", r"mine.yaml: lidars.low.rings is 'many'"),
+        ("wheels: 4", r"mine.yaml: unknown configuration key 'wheels'"),
+        ("- a list", r"mine.yaml: expected stages with their keys"),
+        ("a: [", r"mine.yaml: cannot be read as YAML"),
+    ],
+)
+def test_a_wrong_description_is_an_error_that_names_file_and_key(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        robot_named(path)
+
+
+def test_a_missing_description_is_an_error_that_names_it(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"none.yaml: cannot be read"):
+        robot_named(tmp_path / "none.yaml")
