@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
 
 # Heights are bright; in colours both black and white have to be seen.
-_DARK, _GREY = "#1d2127", "#525963"
+_DARK, _BLUE = "#1d2127", "#2f3d57"
 _PLAIN = "#d8dce2"
 # The eye of the pictures stands behind and above the LiDAR, in units of how far the cloud reaches.
-_EYE_BEHIND, _EYE_ABOVE = 0.15, 0.28
-_LOOKS_DOWN_DEG = 26.0
+_EYE_BEHIND, _EYE_ABOVE = 0.25, 0.25
+_LOOKS_DOWN_DEG = 17.0
 _HALF_VIEW = 0.62  # tangent of half the horizontal angle of view
 _ASPECT = 4 / 3
 
@@ -83,7 +83,7 @@ def draw_stages(frame: Frame, config: FusionConfig) -> "Figure":
     kept = without_ground(frame, cloud, config)
     scan = frame.points if frame.points is not None else cloud.points
     scan = scan[np.isfinite(scan).all(axis=1)]
-    eye = _Eye(scan, config)
+    eye = _Eye(cloud.points, config)
     with styled():
         figure = new_figure(10.0, 7.9)
         axes = figure.subplots(2, 2).ravel()
@@ -101,17 +101,17 @@ def _title_of(kept: Cloud, config: FusionConfig) -> str:
 
 
 class _Eye:
-    """A camera behind and above the LiDAR that sees most of a scan.
+    """A camera behind and above the LiDAR that sees most of a cloud.
 
     Args:
-        scan: float32 (N, 3), finite.
+        points: float32 (N, 3), finite, in the frame of the scan.
         config: says which way is up and along which axis the robot drives.
     """
 
-    def __init__(self, scan: NDArray[np.float32], config: FusionConfig) -> None:
+    def __init__(self, points: NDArray[np.float32], config: FusionConfig) -> None:
         self._axes = _axes(config.up, config.segments.model_dump()["driving"])
-        reach = np.linalg.norm(scan, axis=1)
-        self._reach = float(np.percentile(reach, 80)) if len(reach) else 1.0
+        reach = np.linalg.norm(points, axis=1)
+        self._reach = float(np.percentile(reach, 90)) if len(reach) else 1.0
         down = np.deg2rad(_LOOKS_DOWN_DEG)
         # Rows: right, down and ahead of the eye, out of ahead, left and up of the robot.
         self._turn = np.array(
@@ -158,7 +158,7 @@ def _draw_image(axis: "Axes", frame: Frame) -> None:
 
 def _draw_cloud(axis: "Axes", cloud: Cloud, eye: _Eye, title: str) -> None:
     axis.set(xlim=(-1, 1), ylim=(-1 / _ASPECT, 1 / _ASPECT), xticks=[], yticks=[], aspect="equal")
-    axis.set_facecolor(_DARK if cloud.colors is None else _GREY)
+    axis.set_facecolor(_DARK if cloud.colors is None else _BLUE)
     axis.set_title(title)
     at, which = eye.look(cloud.points)
     how: dict[str, Any] = {"color": _PLAIN}

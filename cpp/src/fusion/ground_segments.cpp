@@ -135,9 +135,10 @@ std::optional<Plane> fit(std::span<const Point> points, const GroundSegmentsConf
   const double base = lowest_height(points, lowest);
   auto plane = plane_of(
       points, [&](const Point& p) { return std::fabs(p.height - base) < config.seed_height; });
+  // Half the distance: the feet of walls, which are as near to the floor, would lift the plane.
   for (int i = 1; i < config.iterations && plane; ++i)
     plane = plane_of(points, [&, current = *plane](const Point& p) {
-      return std::fabs(current.distance(p)) < config.distance;
+      return std::fabs(current.distance(p)) < 0.5 * config.distance;
     });
   const double least_up = std::cos(config.max_tilt * std::numbers::pi / 180);
   if (plane && plane->normal[2] < least_up) return std::nullopt;
