@@ -15,7 +15,7 @@ from fusionslam.config import merged
 from fusionslam.datasets import open_dataset
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.messages import Event, Odometry, Picture, Scan
-from fusionslam.sim import catalogue
+from fusionslam.sim import catalogue, folder
 from fusionslam.sim.catalogue import Entry
 from fusionslam.sim.folder import folder_writer
 from fusionslam.sim.robot import base_from, base_from_camera, robot_named
@@ -221,4 +221,20 @@ def test_frames_written_before_an_error_are_kept(tmp_path: Path) -> None:
             writer.write(event)
             if event.time_ns > 1000.6e9:
                 raise DataError("stop")
+    assert len(open_dataset(tmp_path / "out")) == 2
+
+
+def test_half_a_frame_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = folder._write
+
+    def full(path: Path, data: bytes) -> None:
+        if path.name == "000002.png":
+            raise DataError(f"cannot write {path}: No space left on device")
+        whole(path, data)
+
+    monkeypatch.setattr(folder, "_write", full)
+    write_trajectory(tmp_path / "way.csv", straight())
+    words = ("--trajectory", tmp_path / "way.csv", *QUICK)
+    line = fails(1, "sim", "warehouse", "-o", tmp_path / "out", *words)
+    assert "000002.png: No space left on device" in line
     assert len(open_dataset(tmp_path / "out")) == 2

@@ -13,6 +13,7 @@ from fusionslam.cli.guard import keep_partial, needs_extra
 from fusionslam.cli.screen import progress
 
 if TYPE_CHECKING:
+    from fusionslam.cli.screen import Step
     from fusionslam.sim.robot import RobotConfig
     from fusionslam.sim.simulator import SimulationConfig
     from fusionslam.sim.trajectory import Trajectory
@@ -78,10 +79,13 @@ def sim(
         changes["plan"] = {"seed": seed}
     if obstacles is not None:
         changes["obstacles"] = {"number": obstacles}
-    chosen, place = _chosen(world, robot, changes, config, settings, lenient)
-    place, drive = _drive(place, chosen, trajectory)
-    keep_partial(ctx, output)
-    count = _record(place, drive, chosen, output, kind, opt.cores(jobs))
+    with progress() as step:
+        step("preparing world and drive", 0, 1)
+        chosen, place = _chosen(world, robot, changes, config, settings, lenient)
+        place, drive = _drive(place, chosen, trajectory)
+        step("preparing world and drive", 1, 1)
+        keep_partial(ctx, output)
+        count = _record(place, drive, chosen, output, kind, opt.cores(jobs), step)
     print(f"{output}: {count} messages")
 
 
@@ -142,6 +146,7 @@ def _record(
     output: Path,
     kind: str,
     jobs: int,
+    step: "Step",
 ) -> int:
     """Write every message; the number of them."""
     from fusionslam.sim.simulator import event_count, simulate
@@ -149,7 +154,7 @@ def _record(
     robot: RobotConfig = config.robot  # type: ignore[attr-defined]
     total = event_count(robot, drive, config)
     events = simulate(place, robot, drive, config, jobs=jobs)
-    with _writer(output, kind, robot) as writer, progress() as step:
+    with _writer(output, kind, robot) as writer:
         for done, event in enumerate(events, start=1):
             writer.write(event)
             step("driving", done, total)

@@ -6,7 +6,7 @@ import io
 import logging
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from decimal import Decimal
 from pathlib import Path
 
@@ -50,7 +50,8 @@ def folder_writer(path: str | os.PathLike[str], robot: RobotConfig) -> Iterator[
     try:
         yield writer
     except BaseException:
-        if len(writer):
+        # A full disk may have no room for these either: what failed first is what is told.
+        with suppress(DataError):
             writer.finish()
             logger.warning("%s is not complete; its first %d frames are kept", root, len(writer))
         raise
@@ -97,9 +98,17 @@ class FolderWriter:
         name = f"{len(self):06d}"
         intensity = scan.fields.get("intensity", np.zeros(len(scan.points), np.float32))
         cloud = np.column_stack([scan.points, intensity]).astype("<f4")
-        _write(self._root / "clouds" / f"{name}.bin", cloud.tobytes())
+        files = {self._root / "clouds" / f"{name}.bin": cloud.tobytes()}
         for side, picture in self._pictures.items():
-            _write(self._root / side / f"{name}.png", _png(picture.image))
+            files[self._root / side / f"{name}.png"] = _png(picture.image)
+        try:
+            for path, data in files.items():
+                _write(path, data)
+        except BaseException:
+            # Half a frame would keep the others from being read.
+            for path in files:
+                path.unlink(missing_ok=True)
+            raise
         self._stamps.append(scan.stamp_ns)
 
     def finish(self) -> None:
