@@ -15,6 +15,7 @@ from fusionslam.sim.lidar import LidarMount, Sweep, column_seconds, lidar_rays, 
 from fusionslam.sim.robot import base_from, robot_named
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.trajectory import ground_poses
+from fusionslam.sim.worlds import load_world
 
 CALM = {"noise_m": 0.0, "dropout": 0.0, "grazing_dropout": 0.0, "far_dropout": 0.0}
 
@@ -184,3 +185,37 @@ def test_a_scan_without_motion_has_no_times(caster: RayCaster) -> None:
 def test_a_lidar_that_cannot_be_is_refused(values: dict[str, object], message: str) -> None:
     with pytest.raises(ValidationError, match=message):
         LidarMount(**values)
+
+
+@pytest.mark.parametrize("name", ["warehouse", "small_house"])
+@pytest.mark.parametrize("shapes", ["collision", "visual"])
+def test_ranges_agree_with_an_independent_simulator(
+    test_data: Path, name: str, shapes: str
+) -> None:
+    world = load_world(test_data / "worlds" / f"{name}.glb")
+    caster = RayCaster(world.collision if shapes == "collision" else world.visual)
+    robot = robot_named("turtlebot3_waffle_pi")
+    config = robot.lidars["velodyne"].model_copy(update={"noise_m": 0.0})
+    theirs = np.arange(18 * 120).reshape(18, 120)[::-1].ravel()  # lowest ring first
+    errors = []
+    with np.load(test_data / "recordings" / f"{name}.npz") as recorded:
+        poses, offsets = recorded["poses"], recorded[f"{shapes}_offsets"]
+        rays, ranges = recorded[f"{shapes}_ray"], recorded[f"{shapes}_range_mm"] / 1000
+    for number in range(0, len(poses), 25):
+        x, y, yaw = poses[number]
+        sweep = scan(
+            caster,
+            config,
+            pose(x, y, yaw, 0) @ base_from(robot, config.frame_id),
+            np.random.default_rng(0),
+        )
+        ours = np.full(18 * 120, np.inf)
+        ours[theirs[sweep.ray]] = np.linalg.norm(sweep.points, axis=1)
+        part = slice(*offsets[number : number + 2])
+        errors.append(ours[rays[part]] - ranges[part])
+    error = np.concatenate(errors)
+    # Theirs have noise of 0.008 m, of which 99.7 % lies within three deviations.
+    assert len(error) > 20_000
+    assert np.mean(np.abs(error) < 0.024) > 0.995
+    near = error[np.abs(error) < 0.04]
+    assert near.std() == pytest.approx(0.008, rel=0.03) and abs(near.mean()) < 3e-4

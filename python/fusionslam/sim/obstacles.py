@@ -68,6 +68,7 @@ def plan_obstacles(
     trajectory: Trajectory,
     robot_radius_m: float,
     seed: int,
+    duration_s: float | None = None,
 ) -> tuple[Obstacle, ...]:
     """Boxes that stay on free ground and out of each other's and the robot's way at all times.
 
@@ -77,13 +78,16 @@ def plan_obstacles(
         trajectory: the robot's, which gives way to nobody.
         robot_radius_m: of its footprint.
         seed: decides everything else.
+        duration_s: how long from the trajectory's start they move; None: to its end.
 
     Raises:
         DataError: there is no room for so many.
     """
     rng = np.random.default_rng([seed, 0x0B])
-    count = max(int(np.ceil(trajectory.duration_s / _STEP_S)), 1) + 1
-    seconds = np.linspace(trajectory.seconds[0], trajectory.seconds[-1], count)
+    whole = trajectory.duration_s
+    duration = whole if duration_s is None else min(duration_s, whole)
+    count = max(int(np.ceil(duration / _STEP_S)), 1) + 1
+    seconds = trajectory.seconds[0] + np.linspace(0.0, duration, count)
     x, y, _ = trajectory.places(seconds)
     others = [(np.stack([x, y], axis=1), robot_radius_m + config.distance_m)]
     free = np.where(grid.reachable, grid.clearance(), 0.0)

@@ -157,7 +157,7 @@ class _Simulation:
         self.truth = simulate_odometry(trajectory, OdometryConfig(), rate_hz)
         self.odometry = simulate_odometry(trajectory, _errors(robot, config), rate_hz)
         self.obstacles: tuple[Obstacle, ...] = plan_obstacles(
-            config.obstacles, grid, trajectory, robot.radius_m, config.seed
+            config.obstacles, grid, trajectory, robot.radius_m, config.seed, self.seconds
         )
 
     def tasks(self) -> Iterator[_Task]:
