@@ -135,6 +135,17 @@ TEST_CASE("a wall ahead is no ground: it is cut off where the floor meets it") {
   CHECK(ground.planes[2] == ground.planes[1]);
 }
 
+TEST_CASE("single rings that make no plane by themselves make one together") {
+  Scene scene;
+  for (int ring = 0; ring < 3; ++ring)
+    for (int i = 0; i < 100; ++i) scene.add(ring + 0.5, scene.uniform(-3, 3), 0);
+  for (int i = 0; i < 30; ++i) scene.add(i % 2 ? 0 : 3, scene.uniform(-3, 3), 1, true);
+  const auto cloud = scene.cloud();
+  const auto ground = remove_ground_segments(view(cloud));
+  CHECK(ground.kept == scene.things);
+  for (const auto& plane : ground.planes) CHECK(plane[2] == doctest::Approx(1));
+}
+
 TEST_CASE("a table in a segment without floor is no ground, a low step is") {
   for (const double height : {0.15, 0.9}) {
     Scene scene;

@@ -259,7 +259,7 @@ struct GroundSegmentsConfig {
 
 /// One plane a segment, and the points above them.
 struct GroundSegments {
-  /// a x + b y + c z + d = 0 with the normal up; zeros if no segment shows any ground.
+  /// a x + b y + c z + d = 0 with the normal up; zeros where there is no ground.
   std::vector<std::array<double, 4>> planes;
   std::vector<double> borders;  ///< of the segments along the driving axis, planes.size() + 1
   std::vector<std::int64_t> kept;
@@ -270,7 +270,8 @@ struct GroundSegments {
 ///
 /// A segment takes its neighbour's plane if it has fewer than `lowest` points, its lowest points
 /// make no plane (a wall, a single line), or its plane leans or leaves a step; planes are handed on
-/// from the segment with most ground points. Where no segment has a plane all points are kept.
+/// from the segment with most ground points. Where no segment has a plane, the whole cloud is tried
+/// as one; where that has none, all points are kept.
 /// Throws ConfigError if the driving axis points up, DataError for points that are not finite.
 GroundSegments remove_ground_segments(PointsView points, UpAxis up = UpAxis::z,
                                       const GroundSegmentsConfig& config = {});

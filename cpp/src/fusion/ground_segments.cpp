@@ -206,7 +206,7 @@ void borrow(std::optional<Plane>& plane, const Plane& neighbor, double border, d
 }
 
 /// The planes of all segments: those of their own, checked from the one with most ground outwards.
-/// None at all if no segment has one.
+/// Where no segment has one, that of the whole cloud, if it has one.
 std::vector<std::optional<Plane>> planes_of(const Cut& cloud, const GroundSegmentsConfig& config) {
   std::vector<std::optional<Plane>> planes(cloud.segments());
   std::size_t best = 0;
@@ -215,7 +215,7 @@ std::vector<std::optional<Plane>> planes_of(const Cut& cloud, const GroundSegmen
     planes[s] = fit(cloud.segment(s), config);
     if (support(s) > support(best)) best = s;
   }
-  if (!planes[best]) return planes;
+  if (!planes[best]) return {planes.size(), fit(cloud.points, config)};
   for (std::size_t s = best + 1; s < planes.size(); ++s)
     borrow(planes[s], *planes[s - 1], cloud.borders[s], config.max_step);
   for (std::size_t s = best; s-- > 0;)
