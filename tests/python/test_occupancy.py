@@ -183,6 +183,12 @@ def test_scenes_and_settings_without_sense_are_refused() -> None:
         occupancy_of(scene(room(4, 4)), resolution_m=1e-5)
 
 
+@pytest.mark.parametrize("radius", [-0.1, float("nan"), float("inf")])
+def test_a_radius_that_is_no_length_is_refused(radius: float) -> None:
+    with pytest.raises(ConfigError, match=f"radius_m is {radius}"):
+        grid_of(np.zeros((3, 3), bool)).inflated(radius)
+
+
 def test_grids_that_do_not_belong_together_are_refused() -> None:
     free = np.zeros((3, 4), bool)
     with pytest.raises(ShapeError, match=r"\(3, 4\), reachable \(4, 3\)"):

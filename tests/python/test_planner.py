@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from fusionslam.config import merged
@@ -20,6 +21,7 @@ from fusionslam.sim.motion import DriveLimits, drive
 from fusionslam.sim.occupancy import OccupancyMap, largest_part
 from fusionslam.sim.planner import PlanConfig, plan_trajectory
 from fusionslam.sim.routes import RouteFinder, plan_route, round_trip, tour_cost
+from fusionslam.sim.smoothing import resampled, smoothed
 from fusionslam.sim.trajectory import Trajectory, check_trajectory
 
 Array = NDArray[np.float64]
@@ -183,6 +185,21 @@ def test_routes_to_where_no_robot_can_be_are_refused() -> None:
         plan_route(two_rooms(), [(1.0, 5.0)], 0.3)
     with pytest.raises(DataError, match=r"no reachable cell 4\.00 m from"):
         plan_route(two_rooms(), [(1.0, 5.0), (2.0, 5.0)], 4.0)
+
+
+@pytest.mark.parametrize("widths", [(0, 0), (2, 4)])
+def test_a_smoothed_path_stays_within_its_bounds_however_narrow(widths: tuple[int, int]) -> None:
+    corridor = np.zeros((80, 80), bool)
+    corridor[40, 10:41] = corridor[40:70, 40] = True
+    room, bounds = (
+        grid_of(~(ndimage.binary_dilation(corridor, iterations=w) if w else corridor))
+        for w in widths
+    )
+    path = np.array([(1.05, 4.05), (4.05, 4.05), (4.05, 6.95)])
+    found = smoothed(path, room, bounds, 0.3, np.random.default_rng(1))
+    assert np.array_equal(found[[0, -1]], path[[0, -1]])
+    assert bounds.is_free(*resampled(found, 0.01).T).all()
+    assert np.linalg.norm(np.diff(found, axis=0), axis=1).max() < 0.1
 
 
 @pytest.mark.parametrize("seed", range(5))

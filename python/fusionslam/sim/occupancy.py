@@ -94,7 +94,12 @@ class OccupancyMap:
         Cells whose middle lies within ``radius_m`` of the middle of an occupied one, or of one
         beyond the map, become occupied; of what is left of ``reachable``, the largest connected
         part stays.
+
+        Raises:
+            ConfigError: the radius is no length.
         """
+        if not (np.isfinite(radius_m) and radius_m >= 0):
+            raise ConfigError(f"radius_m is {radius_m}: expected metres, 0 or more")
         # The distance transform's roots are rounded: equal distances must compare as equal.
         near = self.clearance() <= radius_m * (1 + 1e-9)
         occupied = self.occupied | near

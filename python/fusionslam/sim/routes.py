@@ -79,7 +79,7 @@ class RouteFinder:
         from scipy.sparse.csgraph import dijkstra
 
         found: tuple[Array, Indices] = dijkstra(
-            self._graph, directed=False, indices=cell, return_predecessors=True, limit=limit
+            self._graph, indices=cell, return_predecessors=True, limit=limit
         )
         return found
 
@@ -99,7 +99,8 @@ class RouteFinder:
             weights.append(length * (cost[here[both]] + cost[there[both]]) / 2)
         pairs = (np.concatenate(starts), np.concatenate(ends))
         size = len(self.x)
-        return coo_matrix((np.concatenate(weights), pairs), (size, size)).tocsr()
+        one_way = coo_matrix((np.concatenate(weights), pairs), (size, size)).tocsr()
+        return one_way + one_way.T
 
 
 def plan_route(grid: OccupancyMap, waypoints: Sequence[Place], clearance_m: float) -> Array:

@@ -155,6 +155,7 @@ def check_trajectory(trajectory: Trajectory, grid: OccupancyMap, radius_m: float
 
     Raises:
         DataError: names when and where it first meets an obstacle, and for how long in all.
+        ConfigError: the radius is no length.
     """
     times = _dense_times(trajectory, grid.resolution_m / 2)
     x, y, _ = trajectory.places(times)
