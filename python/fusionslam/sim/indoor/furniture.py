@@ -243,13 +243,13 @@ def _leaves(rng: np.random.Generator, middle: float, reach: float, rise: float) 
     return triangles(corners, uv, paint(Look.LEAVES, green))
 
 
-def floor_lamp(style: Style) -> Thing:
+def lamp(style: Style) -> Thing:
     """A lamp on a pole with a shade of cloth."""
     metal = paint(Look.PLAIN, DARK)
     foot = cylinder((0, 0, 0), 0.03, (0.15, 0.14), metal)
     pole = cylinder((0, 0, 0.03), 1.4, (0.015, 0.015), metal, 5)
     shade = cylinder((0, 0, 1.3), 0.3, (0.22, 0.14), paint(Look.FABRIC, style.accent), 10)
-    return thing("floor_lamp", [foot, pole, shade], [foot, pole, shade])
+    return thing("lamp", [foot, pole, shade], [foot, pole, shade])
 
 
 def waste_bin(tint: Rgb) -> Thing:

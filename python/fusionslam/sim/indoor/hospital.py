@@ -3,7 +3,8 @@
 """Two long corridors joined at their ends, equal wards outside, offices and stores between.
 
 South of one corridor and north of the other lie wards of one plan, turned by half a turn; they
-differ by a curtain, a chair, a picture. A waiting room in the middle joins the corridors.
+differ by a curtain, a blanket, a chair, a picture. A waiting room in the middle joins the
+corridors.
 """
 
 from collections.abc import Callable, Mapping
@@ -38,6 +39,7 @@ _PASSAGE_M = 1.9
 _DEPTH_M = 2 * (_WARD_M + _CORRIDOR_M) + _CORE_M
 _DOOR_TINT: Rgb = (0.88, 0.76, 0.58)
 _CURTAINS: tuple[Rgb, ...] = ((0.62, 0.80, 0.84), (0.74, 0.84, 0.62), (0.92, 0.80, 0.60))
+_BLANKETS: tuple[Rgb, ...] = ((0.66, 0.78, 0.88), (0.90, 0.82, 0.62), (0.70, 0.84, 0.72))
 _STRIPES: Mapping[str, Rgb] = {
     "south": (0.24, 0.44, 0.70),
     "north": (0.28, 0.58, 0.46),
@@ -165,7 +167,8 @@ def _furnish_ward(site: Site, room: Room, clutter: float, rng: np.random.Generat
     wall = _WARD_M / 2 - WALL_M / 2
     tint = _CURTAINS[rng.integers(len(_CURTAINS))]
     for y in (-1.35, 0.95):
-        put(care.sickbed((0.66, 0.78, 0.88)), -wall + 1.1, y, np.pi / 2)
+        blanket = _BLANKETS[rng.integers(len(_BLANKETS))]
+        put(care.sickbed(blanket), -wall + 1.1, y, np.pi / 2)
         put(care.cabinet(_DOOR_TINT), -wall + 0.26, y + 0.75, np.pi / 2)
         if rng.random() < clutter:
             put(care.drip_stand(), -wall + rng.uniform(0.9, 1.6), y - 0.82, 0.0)
@@ -175,6 +178,8 @@ def _furnish_ward(site: Site, room: Room, clutter: float, rng: np.random.Generat
     put(appliances.washbasin(), -1.5, wall - 0.23, 0.0)
     locker = furniture.cupboard(Style(WHITE, WHITE, WHITE), 1.2, 0.5, 1.9, Look.CUPBOARD, "locker")
     put(locker, wall - 0.28, -0.9, -np.pi / 2)
+    pail = furniture.waste_bin(CLOTHS[rng.integers(len(CLOTHS))])
+    put(pail, wall - 0.2, rng.uniform(-0.05, 1.0), 0.0)
     put(furniture.picture(int(rng.integers(16)), 0.6, 0.45), wall, 0.6, -np.pi / 2, 1.2)
     if rng.random() < clutter:
         seat = furniture.chair(Style(GREY, CLOTHS[rng.integers(len(CLOTHS))], WHITE))

@@ -186,13 +186,13 @@ def _living(layout: Layout, style: Style, clutter: float, rng: np.random.Generat
 def _kitchen(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
     layout.along_wall(appliances.counter(style, 4, oven=int(rng.integers(4))))
     layout.along_wall(appliances.fridge((WHITE, GREY, style.accent)[rng.integers(3)]))
-    layout.along_wall(appliances.counter(style, 2))
     _dining(layout, style, rng)
+    layout.along_wall(appliances.counter(style, 2))
     _small_things(layout, style, clutter, rng, pictures=1)
 
 
 def _dining(layout: Layout, style: Style, rng: np.random.Generator) -> None:
-    """A table with chairs at both long sides, or a round one with two chairs."""
+    """A table with chairs, free in the room if they fit, else a small table at a wall."""
     if rng.random() < 0.5:
         chairs = [(furniture.chair(style), x, -0.5, 0.0) for x in (-0.35, 0.35)]
         chairs += [(furniture.chair(style), x, 0.5, np.pi) for x in (-0.35, 0.35)]
@@ -201,11 +201,15 @@ def _dining(layout: Layout, style: Style, rng: np.random.Generator) -> None:
         chairs = [(furniture.chair(style), 0.0, y, yaw) for y, yaw in ((-0.55, 0.0), (0.55, np.pi))]
         base = furniture.round_table(style)
     chairs = [(seat, x, y, yaw + np.pi) for seat, x, y, yaw in chairs]
-    layout.anywhere(furniture.group("dining_set", [(base, 0.0, 0.0, 0.0), *chairs]))
+    whole = furniture.group("dining_set", [(base, 0.0, 0.0, 0.0), *chairs])
+    if not (layout.anywhere(whole) or layout.along_wall(whole)):
+        layout.along_wall(furniture.table(style, 1.0, 0.6))
 
 
 def _bedroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.along_wall(furniture.bed(style, float(rng.choice((1.0, 1.6, 1.6)))))
+    wide = rng.random() < 0.7 and layout.along_wall(furniture.bed(style, 1.6))
+    if not wide:
+        layout.along_wall(furniture.bed(style, 0.95))
     chest = furniture.cupboard(style, 0.45, 0.4, 0.5, Look.DRAWERS, "nightstand")
     layout.along_wall(chest)
     layout.along_wall(furniture.cupboard(style, 1.5, 0.58, 2.0, Look.CUPBOARD, "wardrobe"))
@@ -238,7 +242,7 @@ def _bathroom(layout: Layout, style: Style, clutter: float, rng: np.random.Gener
 
 
 def _playroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.along_wall(furniture.bed(style, 1.0))
+    layout.along_wall(furniture.bed(style, 0.95))
     layout.along_wall(furniture.bookcase(rng, style, 0.8, 1.2))
     layout.along_wall(furniture.cupboard(style, 0.9, 0.45, 0.85, Look.DRAWERS, "chest"))
     for _ in range(3):
@@ -262,7 +266,7 @@ def _small_things(
     """Plants, lamps, bins and pictures: what tells rooms of one kind apart."""
     makers: tuple[Callable[[], Thing], ...] = (
         lambda: furniture.plant(rng),
-        lambda: furniture.floor_lamp(style),
+        lambda: furniture.lamp(style),
         lambda: furniture.waste_bin(style.accent),
         lambda: furniture.stool(style),
     )

@@ -80,7 +80,8 @@ def thing(
     """A thing of shapes; without ``solid`` its collision shape is the box around them."""
     visual = joined(shapes)
     collision = joined(solid) if solid else _around(visual)
-    return Thing(kind, visual, collision, _footprint(collision), is_ground)
+    footprint = _footprint(joined([visual, collision]))
+    return Thing(kind, visual, collision, footprint, is_ground)
 
 
 def flat(kind: str, shapes: Sequence[Mesh], *, is_ground: bool = False) -> Thing:
