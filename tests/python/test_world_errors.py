@@ -4,13 +4,14 @@
 
 import logging
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("collada", reason="the simulator is an extra")
 
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.sim.worlds import load_world
 
 ROOM = Path(__file__).resolve().parents[1] / "data" / "worlds" / "room"
@@ -200,3 +201,9 @@ def test_a_folder_of_several_worlds_wants_one_to_be_chosen(room: Path) -> None:
     shutil.copy(room / "worlds/room.world", room / "worlds/other.world")
     with pytest.raises(DataError, match=r"found other\.world, room\.world"):
         load_world(room)
+
+
+def test_without_pycollada_the_message_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "collada", None)
+    with pytest.raises(FusionSlamError, match=r"pip install 'fusionslam\[sim\]'"):
+        load_world(ROOM)

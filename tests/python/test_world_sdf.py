@@ -220,6 +220,23 @@ def test_floors_are_ground_by_name_or_by_lying_level_at_the_height_of_the_ground
     np.testing.assert_allclose(bounds(scene, "hall ground"), [[-4, -4, 0], [4, 4, 0]], atol=1e-6)
 
 
+def test_what_is_thin_on_a_floor_belongs_to_it_with_its_edges_but_not_its_bottom(
+    room: Path,
+) -> None:
+    for thick, triangles in ((0.01, 2 + 10), (0.06, 2)):
+        edit(
+            room / "worlds/room.world",
+            '<visual name="slab">',
+            f'<visual name="mat"><pose>0 0 {thick / 2} 0 0 0</pose>'
+            f"<geometry><box><size>0.8 0.8 {thick}</size></box></geometry></visual>"
+            '<visual name="slab">',
+        )
+        found = corners(load_world(room).visual, "hall ground")
+        assert len(found) == triangles
+        edit(room / "worlds/room.world", '<visual name="mat">', '<x name="mat">')
+        edit(room / "worlds/room.world", "</visual><visual", "</x><visual")
+
+
 def test_a_ground_plane_sinks_below_a_floor_that_is_laid_on_it(room: Path) -> None:
     world = load_world(room)
     assert np.unique(corners(world.visual, "ground_plane")[..., 2]) == pytest.approx([-0.01])

@@ -4,7 +4,8 @@
 
 An object is ground as a whole if its name says so and it is low. Of any other object those
 triangles are ground that face up, level at the height of the ground, if they are large together:
-the floor of a hall that is one object with its walls.
+the floor of a hall that is one object with its walls. What is thin on that floor belongs to it,
+edges included: painted lines, mats, thresholds.
 """
 
 import re
@@ -19,6 +20,8 @@ from fusionslam.sim.world import Part
 GROUND_WORDS = ("floor", "ground", "carpet", "rug", "road", "pavement", "asphalt")
 # Metres. Robots of this size drive over what is lower.
 LOW_M = 0.05
+# What is on a floor and no thicker than this is part of it.
+THIN_M = 0.02
 # Level triangles of less than this, in square metres an object, are a shelf's bottom or a book.
 LARGE_M2 = 1.0
 LEVEL_COSINE = 0.99
@@ -50,11 +53,13 @@ def _parts(name: str, mesh: Mesh) -> Sequence[Part]:
     level = level_triangles(mesh)
     if area_m2(mesh, level) < LARGE_M2:
         return [Part(name, mesh)]
-    if level.all():
+    thin = np.abs(mesh.triangles[:, :, 2]).max(axis=1) <= THIN_M
+    floor = level | (thin & (mesh.normals[:, 2] > -LEVEL_COSINE))
+    if floor.all():
         return [Part(name, mesh, is_ground=True)]
     return [
-        Part(name, _chosen(mesh, ~level)),
-        Part(f"{name} ground", _chosen(mesh, level), is_ground=True),
+        Part(name, _chosen(mesh, ~floor)),
+        Part(f"{name} ground", _chosen(mesh, floor), is_ground=True),
     ]
 
 

@@ -35,11 +35,10 @@ def read_sdf(path: Path, missing: Unresolved) -> tuple[Scene, Scene]:
     shapes = list(shapes_of(path, library))
     visual = _scene(shapes, "visual", library)
     collision = _scene(shapes, "collision", library)
-    if visual is None and collision is None:
+    seen, hit = visual or collision, collision or visual
+    if seen is None or hit is None:
         listed = "".join(f"\n  {item}" for item in missing.items)
         raise DataError(f"{path}: nothing to be seen or hit in it{listed}")
-    seen, hit = visual or collision, collision or visual
-    assert seen is not None and hit is not None
     return seen, hit
 
 
