@@ -199,6 +199,42 @@ void bind_filters(py::module_& module) {
 Returns:
     (indices kept int64 (M,), plane float64 (4,): a x + b y + c z + d = 0 with the normal up;
     zeros, and every point kept, where there is none).)");
+  bind_config<GroundSegmentsConfig>(module, "GroundSegmentsConfig",
+                                    "Parameters of the ground fitted segment by segment.")
+      .def(py::init(
+          [](const Options& options) { return with_options(GroundSegmentsConfig{}, options); }));
+  module.def(
+      "remove_ground_segments",
+      [](const PointsArg& points, const std::string& up, const GroundSegmentsConfig& config)
+          -> py::typing::Tuple<py::array_t<std::int64_t>, py::array_t<double>,
+                               py::array_t<double>> {
+        const UpAxis axis = choice_from_name<UpAxis>("up", up);
+        GroundSegments ground =
+            without_gil([&] { return remove_ground_segments(points.view(), axis, config); });
+        std::vector<double> planes;
+        for (const auto& plane : ground.planes)
+          planes.insert(planes.end(), plane.begin(), plane.end());
+        return py::make_tuple(to_numpy(std::move(ground.kept)),
+                              to_numpy(std::move(planes), {config.segments, 4}),
+                              to_numpy(std::move(ground.borders)));
+      },
+      "points"_a, py::kw_only(), "up"_a = "z", "config"_a = GroundSegmentsConfig{},
+      R"(Fits the ground from the lowest points up, segment by segment along the driving axis
+(Zermas, Izzat, Papanikolopoulos, ICRA 2017), and drops what is not above it.
+
+A segment without a ground of its own (few points, a wall, a step) takes its neighbour's plane.
+
+Args:
+    points: float32 (N, 3), metres.
+    up: x, y, z, -x, -y or -z.
+
+Returns:
+    (indices kept int64 (M,), planes float64 (S, 4): a x + b y + c z + d = 0 with the normal up,
+    borders float64 (S + 1,) of the segments along the driving axis). Planes are zeros, and every
+    point is kept, where no segment shows any ground.
+
+Raises:
+    ConfigError: the driving axis points up. DataError: NaN or infinity in a point.)");
   module.def(
       "voxel_downsample",
       [](const PointsArg& points, const std::optional<ColorsArg>& colors, double size) {

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from fusionslam import evaluation as evaluation
     from fusionslam._core import DescriptorIndex as DescriptorIndex
     from fusionslam._core import GroundPlaneConfig as GroundPlaneConfig
+    from fusionslam._core import GroundSegmentsConfig as GroundSegmentsConfig
     from fusionslam._core import M2dpConfig as M2dpConfig
     from fusionslam._core import StereoConfig as StereoConfig
     from fusionslam._core import __version__ as __version__
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from fusionslam._core import nearest_causal as nearest_causal
     from fusionslam._core import rectify_image as rectify_image
     from fusionslam._core import remove_ground_plane as remove_ground_plane
+    from fusionslam._core import remove_ground_segments as remove_ground_segments
     from fusionslam._core import shot as shot
     from fusionslam._core import shot_at_centroid as shot_at_centroid
     from fusionslam._core import simd_level as simd_level
@@ -74,11 +76,12 @@ if TYPE_CHECKING:
 # Loaded when first used: the command line must answer --help before any of this is there.
 _HOMES = {
     "_core": (
-        "DescriptorIndex GroundPlaneConfig M2dpConfig StereoConfig __version__ above_height "
-        "cloud_from_disparity cloud_resolution cm2dp cm2dp_signature colorize cshot demosaic "
-        "depth_image drop_invalid estimate_normals first_singular_vectors m2dp m2dp_signature "
-        "nearest nearest_causal rectify_image remove_ground_plane shot shot_at_centroid "
-        "simd_level stereo_disparity voxel_downsample"
+        "DescriptorIndex GroundPlaneConfig GroundSegmentsConfig M2dpConfig StereoConfig "
+        "__version__ above_height cloud_from_disparity cloud_resolution cm2dp cm2dp_signature "
+        "colorize cshot demosaic depth_image drop_invalid estimate_normals "
+        "first_singular_vectors m2dp m2dp_signature nearest nearest_causal rectify_image "
+        "remove_ground_plane remove_ground_segments shot shot_at_centroid simd_level "
+        "stereo_disparity voxel_downsample"
     ),
     "datasets": "Dataset open_dataset",
     "descriptors": "DescriptorConfig describe",

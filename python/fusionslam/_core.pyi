@@ -6,7 +6,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -129,6 +129,64 @@ class GroundPlaneConfig:
     def max_tilt(self) -> float:
         """
         largest angle between the plane's normal and up [deg]
+        """
+class GroundSegmentsConfig:
+    """
+    Parameters of the ground fitted segment by segment.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    @property
+    def distance(self) -> float:
+        """
+        points below the plane or this little above are ground [m]
+        """
+    @property
+    def driving(self) -> str:
+        """
+        axis that the robot drives along
+        """
+    @property
+    def iterations(self) -> int:
+        """
+        how often a plane is fitted to its ground points
+        """
+    @property
+    def lowest(self) -> int:
+        """
+        lowest points of a segment, whose median height starts it
+        """
+    @property
+    def lowest_share(self) -> float:
+        """
+        more lowest points in dense segments: at least this share of theirs
+        """
+    @property
+    def max_step(self) -> float:
+        """
+        largest step from a segment's plane to the next [m]
+        """
+    @property
+    def max_tilt(self) -> float:
+        """
+        largest angle between a plane's normal and up [deg]
+        """
+    @property
+    def seed_height(self) -> float:
+        """
+        points this near to that height are the first ground [m]
+        """
+    @property
+    def segments(self) -> int:
+        """
+        segments of one length along the driving axis
         """
 class M2dpConfig:
     """
@@ -447,6 +505,25 @@ def remove_ground_plane(points: numpy.typing.NDArray[numpy.float32], *, up: str 
     Returns:
         (indices kept int64 (M,), plane float64 (4,): a x + b y + c z + d = 0 with the normal up;
         zeros, and every point kept, where there is none).
+    """
+def remove_ground_segments(points: numpy.typing.NDArray[numpy.float32], *, up: str = 'z', config: GroundSegmentsConfig = ...) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]:
+    """
+    Fits the ground from the lowest points up, segment by segment along the driving axis
+    (Zermas, Izzat, Papanikolopoulos, ICRA 2017), and drops what is not above it.
+    
+    A segment without a ground of its own (few points, a wall, a step) takes its neighbour's plane.
+    
+    Args:
+        points: float32 (N, 3), metres.
+        up: x, y, z, -x, -y or -z.
+    
+    Returns:
+        (indices kept int64 (M,), planes float64 (S, 4): a x + b y + c z + d = 0 with the normal up,
+        borders float64 (S + 1,) of the segments along the driving axis). Planes are zeros, and every
+        point is kept, where no segment shows any ground.
+    
+    Raises:
+        ConfigError: the driving axis points up. DataError: NaN or infinity in a point.
     """
 def shot(points: numpy.typing.NDArray[numpy.float32], *, normal_radius: typing.SupportsFloat | typing.SupportsIndex | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
     """

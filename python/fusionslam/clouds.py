@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coloured clouds of a whole recording as a plain folder, which ``open_dataset`` reads again."""
 
+import logging
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -11,15 +12,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusionslam._files import atomic_path
 from fusionslam.datasets import write_cloud, write_poses_tum
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.fusion import FusionConfig, fuse
+from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.workspace import Recording, Work, claim
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
+
+logger = logging.getLogger(__name__)
 
 FORMATS = ("ply", "pcd", "bin")
 
@@ -63,7 +67,7 @@ def write_clouds(
     }
     work = Work(recording, dataset.name, command, about=about)
     claim(root, work)
-    _write_texts(root, dataset)
+    _write_texts(root, dataset, config)
     writer = _Writer(dataset, config, root / "clouds", format)
     with ThreadPoolExecutor(max(jobs, 1)) as pool:
         try:
@@ -96,12 +100,32 @@ class _Writer:
             raise DataError(f"{self.dataset.name}, frame {number}: {error}") from error
 
 
-def _write_texts(root: Path, dataset: "Dataset") -> None:
+def _write_texts(root: Path, dataset: "Dataset", config: FusionConfig) -> None:
     with atomic_path(root / "times.txt") as temporary:
         seconds = (Decimal(stamp).scaleb(-9) for stamp in dataset.stamps_ns.tolist())
         temporary.write_text("".join(f"{second:f}\n" for second in seconds), encoding="ascii")
+    poses = cloud_poses(dataset, config)
+    if poses is not None:
+        write_poses_tum(root / "poses.txt", dataset.stamps_ns, poses)
+
+
+def cloud_poses(dataset: "Dataset", config: FusionConfig) -> NDArray[np.float64] | None:
+    """float64 (N, 4, 4), world_from_cloud of the clouds' frame; None if the data have no poses.
+
+    Raises:
+        DataError: a frame does not say where the frame of its cloud is.
+    """
     if dataset.poses is None:
-        return
+        return None
     # A plain folder's poses are those of its points.
     body_from_points = np.eye(4) if dataset.body_from_points is None else dataset.body_from_points
-    write_poses_tum(root / "poses.txt", dataset.stamps_ns, dataset.poses @ body_from_points)
+    scans = dataset.poses @ body_from_points
+    if config.frame == "scan":
+        return scans
+    if config.frame == "odometry":
+        logger.warning(
+            "poses.txt says where odometry begins, as the clouds lie in it: "
+            "loops cannot be judged by it"
+        )
+    moved = [frame_from_points(dataset[i], config.frame) for i in range(len(dataset))]
+    return np.asarray(scans @ np.linalg.inv(moved), dtype=np.float64)

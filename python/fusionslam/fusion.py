@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Frames to coloured clouds: LiDAR and camera, or a stereo pair; ground and density.
+"""Frames to coloured clouds: LiDAR and camera, or a stereo pair; frame, ground and density.
 
 The stages are C++ (``fusionslam.colorize``, ``stereo_disparity``, ...); this module chooses
 between them (Perdomo 2019, section 3.3; Stastny 2022, section 4.3).
@@ -23,14 +23,21 @@ if TYPE_CHECKING:
 
     class PlaneSection(Section): ...
 
+    class SegmentsSection(Section): ...
+
 else:
     StereoSection = core_section("StereoSection", _core.StereoConfig, optional=True)
     PlaneSection = core_section("PlaneSection", _core.GroundPlaneConfig)
+    SegmentsSection = core_section("SegmentsSection", _core.GroundSegmentsConfig)
 
 logger = logging.getLogger(__name__)
 
 Source = Literal["lidar", "stereo", "cloud"]
 SOURCES: tuple[Source, ...] = ("lidar", "stereo", "cloud")
+
+CloudFrame = Literal["scan", "camera", "robot", "odometry"]
+# Beneath a car's LiDAR at 1.73 m (KITTI), and what Stastny's program takes for a robot's floor.
+_SCAN_GROUND_M, _ROBOT_GROUND_M = -1.4, 0.1
 
 
 class FusionConfig(Section):
@@ -41,15 +48,23 @@ class FusionConfig(Section):
         meanings.SOURCE,
     )
     interpolation: Literal["nearest", "bilinear"] = option("nearest", "how a pixel is read")
-    ground: Literal["none", "height", "plane"] = option("none", "how the ground is removed")
-    ground_height: float = option(
-        -1.4, "ground: height drops points not above this, in the scan's frame", unit="m"
+    frame: CloudFrame = option("scan", meanings.CLOUD_FRAME)
+    ground: Literal["none", "height", "plane", "segments"] = option("none", meanings.GROUND)
+    ground_height: float | None = option(
+        None,
+        "ground: height drops points not above this, in the frame that the ground is looked for "
+        f"in; null is {_SCAN_GROUND_M} in the scan's (a car's), {_ROBOT_GROUND_M} in the robot's "
+        "and in odometry's",
+        unit="m",
     )
     up: Literal["x", "y", "z", "-x", "-y", "-z"] = option(
-        "z", "which way is up in the scan's frame"
+        "z", "which way is up in the frame that the ground is looked for in"
     )
     voxel: float = option(0.0, "one point a cube of this size; 0 is off", unit="m", ge=0)
     plane: PlaneSection = option(PlaneSection(), "ground: plane, found by RANSAC")
+    segments: SegmentsSection = option(
+        SegmentsSection(), "ground: segments, a plane each (Zermas et al. 2017)"
+    )
     stereo_preset: Literal["image_undistort", "sgbm"] = option(
         "image_undistort", "StereoBM as in Perdomo 2019, or StereoSGBM: slower, denser"
     )
@@ -57,18 +72,56 @@ class FusionConfig(Section):
 
 
 def fuse(frame: Frame, config: FusionConfig | None = None) -> Cloud:
-    """The coloured cloud of a frame, in the frame of its scan (stereo: the same frame).
+    """The coloured cloud of a frame, in the configured frame: by default that of its scan.
 
     Points with NaN or infinity are dropped and their number is logged.
 
     Raises:
-        DataError: the frame lacks a sensor or calibration that the source needs; the message
-            names it. Or an image of another size than the calibration says.
+        DataError: the frame lacks a sensor, a calibration or a place of the robot that the
+            configuration needs; the message names it. Or an image of another size than the
+            calibration says.
     """
     config = config or FusionConfig()
-    make = {"lidar": _lidar_cloud, "stereo": _stereo_cloud, "cloud": _plain_cloud}[config.source]
-    cloud = _without_ground(make(frame, config), config)
+    cloud = without_ground(frame, colored(frame, config), config)
+    cloud = _moved(cloud, frame_from_points(frame, config.frame))
     return _downsampled(cloud, config.voxel) if config.voxel > 0 else cloud
+
+
+def colored(frame: Frame, config: FusionConfig) -> Cloud:
+    """The first step: the coloured cloud, ground and all, in the frame of the scan."""
+    make = {"lidar": _lidar_cloud, "stereo": _stereo_cloud, "cloud": _plain_cloud}[config.source]
+    return make(frame, config)
+
+
+def without_ground(frame: Frame, cloud: Cloud, config: FusionConfig) -> Cloud:
+    """The second step: of a cloud in the frame of the scan, the points that are no ground."""
+    if config.ground == "none" or not len(cloud):
+        return cloud
+    points = _moved(cloud, frame_from_points(frame, _ground_frame(config))).points
+    return subset(cloud, _above_ground(points, config))
+
+
+def frame_from_points(frame: Frame, name: CloudFrame) -> NDArray[np.float64]:
+    """float64 (4, 4): maps points of the scan to one of the frames that clouds can be in.
+
+    Raises:
+        DataError: the frame does not say where that is.
+    """
+    if name == "scan":
+        return np.eye(4)
+    if name == "camera":
+        return _camera(frame, "left").rectified_from_points
+    needs = f"which fusion.frame={name} needs"
+    if frame.robot_from_points is None:
+        raise DataError(
+            f"frame {frame.index} does not say where its scan is on the robot "
+            f"(robot_from_points: TF or a calibration), {needs}"
+        )
+    if name == "robot":
+        return frame.robot_from_points
+    if frame.odometry is None:
+        raise DataError(f"frame {frame.index} has no odometry, {needs}")
+    return np.asarray(frame.odometry @ frame.robot_from_points, dtype=np.float64)
 
 
 def subset(cloud: Cloud, indices: NDArray[np.int64]) -> Cloud:
@@ -136,15 +189,36 @@ def _image(frame: Frame, name: str) -> NDArray[np.uint8]:
     return image
 
 
-def _without_ground(cloud: Cloud, config: FusionConfig) -> Cloud:
-    if config.ground == "none":
-        return cloud
+def _ground_frame(config: FusionConfig) -> CloudFrame:
+    """Where the ground is looked for: a frame with z up, and for segments one that drives along."""
+    if config.frame == "camera":
+        return "scan"
+    if config.frame == "odometry" and config.ground == "segments":
+        return "robot"
+    return config.frame
+
+
+def _above_ground(points: NDArray[np.float32], config: FusionConfig) -> NDArray[np.int64]:
     if config.ground == "height":
-        kept = _core.above_height(cloud.points, config.ground_height, up=config.up)
-    else:
-        settings = _core.GroundPlaneConfig(**config.plane.model_dump())
-        kept, _ = _core.remove_ground_plane(cloud.points, up=config.up, config=settings)
-    return subset(cloud, kept)
+        height = config.ground_height
+        if height is None:
+            in_scan = _ground_frame(config) == "scan"
+            height = _SCAN_GROUND_M if in_scan else _ROBOT_GROUND_M
+        return _core.above_height(points, height, up=config.up)
+    if config.ground == "plane":
+        plane = _core.GroundPlaneConfig(**config.plane.model_dump())
+        return _core.remove_ground_plane(points, up=config.up, config=plane)[0]
+    segments = _core.GroundSegmentsConfig(**config.segments.model_dump())
+    return _core.remove_ground_segments(points, up=config.up, config=segments)[0]
+
+
+def _moved(cloud: Cloud, a_from_b: NDArray[np.float64]) -> Cloud:
+    """The cloud, given in b, in a."""
+    if np.array_equal(a_from_b, np.eye(4)):
+        return cloud
+    # Not a matrix product: BLAS would wake all its threads for three columns.
+    turned = np.einsum("ij,kj->ik", cloud.points, a_from_b[:3, :3]) + a_from_b[:3, 3]
+    return Cloud(turned.astype(np.float32), cloud.colors)
 
 
 def _downsampled(cloud: Cloud, size: float) -> Cloud:

@@ -9,6 +9,15 @@ SOURCE = (
     "lidar: the scan coloured by the left image; stereo: depth from both images; "
     "cloud: the scan as it is, with its own colours if it has any"
 )
+CLOUD_FRAME = (
+    "what frame clouds are in: scan; camera (the left one, rectified: z ahead, y down); robot; "
+    "odometry, which needs the robot's motion"
+)
+GROUND = (
+    "how the ground is removed: none; height: a threshold; plane: RANSAC; segments: planes fitted "
+    "from the lowest points up along the driving axis. In the cloud's frame, but camera: the "
+    "scan's; odometry with segments: the robot's"
+)
 THRESHOLD = "largest descriptor distance that is accepted as a loop"
 RADIUS = "two positions closer than this are one place, in metres"
 LOOP_WINDOW = (

@@ -52,9 +52,10 @@ def look_at(recording: "Recording") -> Overview:
     """
     from fusionslam.datasets.bags.inspection import Inspection
     from fusionslam.datasets.bags.reader import bag_kind
+    from fusionslam.datasets.bags.stores import KINDS as BAG_KINDS
 
     path = Path(recording.path)
-    if bag_kind(path) is None:
+    if (recording.kind or bag_kind(path)) not in BAG_KINDS:
         return overview(recording.open())
     bag = Inspection.of(path, recording.topics, recording.stamps)
     rows = [*bag.rows()]

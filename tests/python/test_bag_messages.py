@@ -3,6 +3,8 @@
 """ROS messages as values: every layout that is read, and what is refused."""
 
 import io
+import struct
+import zlib
 from types import SimpleNamespace as Message
 from typing import Any
 
@@ -230,6 +232,15 @@ def test_a_compressed_image_that_cannot_be_decoded_is_refused(
 ) -> None:
     with pytest.raises(DataError, match=word):
         read_image(Message(header=HEADER, format=text, data=data), "CompressedImage")
+
+
+def test_a_picture_that_claims_an_absurd_size_is_refused() -> None:
+    message = compressed(RGB, "PNG", "png")
+    header = b"IHDR" + struct.pack(">II", 60_000, 60_000) + message.data[24:29]
+    checked = header + struct.pack(">I", zlib.crc32(header))
+    message.data = message.data[:12] + checked + message.data[33:]
+    with pytest.raises(DataError, match=r"no JPEG or PNG picture: .*exceeds limit"):
+        read_image(message, "CompressedImage")
 
 
 def test_a_png_of_sixteen_bits_is_refused() -> None:

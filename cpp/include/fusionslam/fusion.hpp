@@ -210,6 +210,71 @@ struct GroundPlane {
 GroundPlane remove_ground_plane(PointsView points, UpAxis up = UpAxis::z,
                                 const GroundPlaneConfig& config = {});
 
+/// The axis along which a cloud is cut into segments, in either direction.
+enum class DrivingAxis { x, y, z };
+
+template <>
+struct ChoiceNames<DrivingAxis> {
+  static constexpr std::array<std::string_view, 3> value{"x", "y", "z"};
+};
+
+/// Parameters of the ground fitted segment by segment. Zermas et al. have the first five, with 3
+/// iterations; the others keep ghosts below the floor and segments without ground from harm.
+struct GroundSegmentsConfig {
+  static constexpr const char* section = "segments";
+
+  int segments = 3;
+  int iterations = 5;
+  int lowest = 20;
+  double seed_height = 0.4;
+  double distance = 0.2;
+  double lowest_share = 0.01;
+  double max_tilt = 15.0;
+  double max_step = 0.5;
+  DrivingAxis driving = DrivingAxis::x;
+
+  template <class Config, class Visitor>
+  static void visit(Config& config, Visitor&& visitor) {
+    visitor("segments", config.segments,
+            OptionInfo{"segments of one length along the driving axis", "", 1, 1000});
+    visitor("iterations", config.iterations,
+            OptionInfo{"how often a plane is fitted to its ground points", "", 1, 1000});
+    visitor(
+        "lowest", config.lowest,
+        OptionInfo{"lowest points of a segment, whose median height starts it", "", 3, 1000000});
+    visitor("seed_height", config.seed_height,
+            OptionInfo{"points this near to that height are the first ground", "m", 1e-6, 1e6});
+    visitor("distance", config.distance,
+            OptionInfo{"points below the plane or this little above are ground", "m", 1e-6, 1e6});
+    visitor("lowest_share", config.lowest_share,
+            OptionInfo{"more lowest points in dense segments: at least this share of theirs", "", 0,
+                       1});
+    visitor("max_tilt", config.max_tilt,
+            OptionInfo{"largest angle between a plane's normal and up", "deg", 0, 89});
+    visitor("max_step", config.max_step,
+            OptionInfo{"largest step from a segment's plane to the next", "m", 0, 1e6});
+    visitor("driving", config.driving, OptionInfo{"axis that the robot drives along"});
+  }
+};
+
+/// One plane a segment, and the points above them.
+struct GroundSegments {
+  /// a x + b y + c z + d = 0 with the normal up; zeros if no segment shows any ground.
+  std::vector<std::array<double, 4>> planes;
+  std::vector<double> borders;  ///< of the segments along the driving axis, planes.size() + 1
+  std::vector<std::int64_t> kept;
+};
+
+/// Fits the ground from the lowest points up, segment by segment (Zermas, Izzat, Papanikolopoulos,
+/// ICRA 2017), and drops what is not above it.
+///
+/// A segment takes its neighbour's plane if it has fewer than `lowest` points, its lowest points
+/// make no plane (a wall, a single line), or its plane leans or leaves a step; planes are handed on
+/// from the segment with most ground points. Where no segment has a plane all points are kept.
+/// Throws ConfigError if the driving axis points up, DataError for points that are not finite.
+GroundSegments remove_ground_segments(PointsView points, UpAxis up = UpAxis::z,
+                                      const GroundSegmentsConfig& config = {});
+
 /// One point a cube of `size` metres: mean position and colour of the points in it, in the order in
 /// which the cubes are first met; `indices` is the first point of each. `colors` may be empty.
 /// Throws ConfigError if size <= 0, DataError if the cloud spans more than 2^21 cubes along an

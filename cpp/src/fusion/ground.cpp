@@ -13,22 +13,13 @@
 #include "../detail/interrupt.hpp"
 #include "../detail/pcl.hpp"
 #include "fusionslam/fusion.hpp"
+#include "up_axis.hpp"
 
 namespace fusionslam {
 namespace {
 
-struct Axis {
-  std::size_t coordinate;
-  double sign;
-};
-
-Axis axis_of(UpAxis up) {
-  const auto number = static_cast<std::size_t>(up);
-  return {number % 3, number < 3 ? 1.0 : -1.0};
-}
-
 Eigen::Vector3f direction(UpAxis up) {
-  const Axis axis = axis_of(up);
+  const detail::Axis axis = detail::axis_of(up);
   Eigen::Vector3f result = Eigen::Vector3f::Zero();
   result[static_cast<Eigen::Index>(axis.coordinate)] = static_cast<float>(axis.sign);
   return result;
@@ -88,7 +79,7 @@ double signed_distance(const std::array<double, 4>& plane, const float* p) {
 std::vector<std::int64_t> above_height(PointsView points, double height, UpAxis up) {
   if (!std::isfinite(height)) throw ConfigError("ground height is not finite");
   detail::check_points(points, 0, "ground removal");
-  const Axis axis = axis_of(up);
+  const detail::Axis axis = detail::axis_of(up);
   std::vector<std::int64_t> kept;
   for (std::size_t i = 0; i < points.size; ++i)
     if (axis.sign * points[i][axis.coordinate] > height)
@@ -102,7 +93,7 @@ GroundPlane remove_ground_plane(PointsView points, UpAxis up, const GroundPlaneC
   const auto fitted = fit(detail::pcl_cloud(points), up, config);
   GroundPlane ground;
   if (fitted) {
-    const Axis axis = axis_of(up);
+    const detail::Axis axis = detail::axis_of(up);
     const auto value = [&](std::size_t i) { return (*fitted)[static_cast<Eigen::Index>(i)]; };
     const double sign = axis.sign * value(axis.coordinate) < 0 ? -1 : 1;
     for (std::size_t i = 0; i < 4; ++i) ground.coefficients[i] = sign * value(i);

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.guard import keep
-from fusionslam.cli.screen import left_out, print_table, progress
+from fusionslam.cli.guard import keep, needs_extra
+from fusionslam.cli.screen import Step, left_out, print_table, progress
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
     from fusionslam.evaluation import DescriptorRun
+    from fusionslam.fusion import FusionConfig
     from fusionslam.pipeline import PipelineConfig
     from fusionslam.workspace import Recording
 
@@ -38,7 +39,10 @@ def info(
 def fuse(
     ctx: typer.Context,
     data: opt.Data,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the clouds.")],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="Folder for the clouds, or a bag: .bag, .db3, .mcap."),
+    ],
     source: opt.Source = None,
     format: Annotated[
         str, typer.Option("--format", help="ply, pcd, or bin, which has no colours.")
@@ -49,34 +53,70 @@ def fuse(
     stamps: opt.StampsOption = "header",
     sync: opt.SyncOption = None,
     skip_gaps: opt.SkipGaps = False,
+    pictures: Annotated[
+        int, typer.Option("--pictures", metavar="N", min=0, help="Draw the steps of N frames.")
+    ] = 0,
     gt: opt.Truth = None,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Write DATA's coloured clouds as a folder to open again.
+    """Write DATA's coloured clouds as a folder or bag to open again.
 
-    Their times and poses, if there are any, lie beside them.
+    Their times and poses, if there are any, lie beside them. Pictures of the steps go to the
+    folder's pictures/, or beside the bag.
     """
     from fusionslam.bench import for_source
-    from fusionslam.clouds import write_clouds
 
     recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync)
     chosen = opt.pipeline_config(config, settings)
     chosen = for_source(chosen, opt.source_of(source, chosen, recording))
-    keep(ctx, output)
+    if pictures:
+        needs_extra("report")
     with progress() as step:
-        write_clouds(
-            recording,
-            output,
-            chosen.fusion,
-            format=format,
-            jobs=opt.cores(jobs),
-            command=opt.command_line(),
-            progress=lambda done, total: step("fusing", done, total),
-        )
+        _write_fused(ctx, recording, output, chosen.fusion, format, opt.cores(jobs), step)
+        if pictures:
+            _draw_stages(recording, output, chosen.fusion, pictures, step)
     print(output)
+
+
+def _write_fused(
+    ctx: typer.Context,
+    recording: "Recording",
+    output: Path,
+    config: "FusionConfig",
+    format: str,
+    jobs: int,
+    step: Step,
+) -> None:
+    from fusionslam.cloud_bags import BAG_SUFFIXES, write_cloud_bag
+    from fusionslam.clouds import write_clouds
+
+    def show(done: int, total: int) -> None:
+        step("fusing", done, total)
+
+    if output.suffix.lower() in BAG_SUFFIXES:
+        needs_extra("bags")
+        write_cloud_bag(recording, output, config, jobs=jobs, progress=show)
+        return
+    keep(ctx, output)
+    command = opt.command_line()
+    write_clouds(
+        recording, output, config, format=format, jobs=jobs, command=command, progress=show
+    )
+
+
+def _draw_stages(
+    recording: "Recording", output: Path, config: "FusionConfig", count: int, step: Step
+) -> None:
+    from fusionslam.cloud_bags import BAG_SUFFIXES
+    from fusionslam.stages import write_stages
+
+    is_bag = output.suffix.lower() in BAG_SUFFIXES
+    folder = output.with_suffix(".pictures") if is_bag else output / "pictures"
+    dataset = recording.open(config.source)
+    write_stages(dataset, folder, config, count, lambda done, total: step("drawing", done, total))
 
 
 def describe(

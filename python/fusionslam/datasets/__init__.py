@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fusionslam.datasets.bags import open_bag, open_writer
-from fusionslam.datasets.bags.dataset import BAGS
+from fusionslam.datasets.bags.kinds import BAGS
 from fusionslam.datasets.bags.reader import bag_kind
 from fusionslam.datasets.base import Dataset, Kind
 from fusionslam.datasets.calibration import Calibration, read_calib_yaml, read_calibration
@@ -69,7 +69,7 @@ __all__ = [
 
 # In the order in which they are tried: an object folder has a velodyne/ too, any of them may
 # hold a folder of images.
-_KINDS = (*BAGS, KITTI_OBJECT, KITTI_ODOMETRY, KITTI_RAW, FOLDER)
+_KINDS = (KITTI_OBJECT, KITTI_ODOMETRY, KITTI_RAW, FOLDER, *BAGS)
 KINDS = tuple(kind.name for kind in _KINDS)
 GAPS = ("error", "skip")
 

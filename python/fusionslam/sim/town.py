@@ -20,6 +20,7 @@ from fusionslam.sim.houses import WALL_TINTS, HouseType, house, house_type, pain
 from fusionslam.sim.mesh import Mesh, box, joined, panels
 from fusionslam.sim.scene import Scene
 from fusionslam.sim.textures import Look, town_textures
+from fusionslam.sim.world import Part, scene_of
 
 PARKING_M = 2.0
 PAVEMENT_M = 2.6
@@ -68,21 +69,22 @@ class Side:
 
 def make_town(config: TownConfig, lap: int = 0) -> Scene:
     """The town as it is on one lap: houses and trees stay, parked cars differ."""
-    built = _built(config)
-    parked = _parked(config, lap)
-    return Scene(joined([built, *parked]), town_textures(config.seed))
+    parked = [Part("parked car", mesh) for mesh in _parked(config, lap)]
+    return scene_of([*_built(config), *parked], town_textures(config.seed))
 
 
 @lru_cache(maxsize=2)
-def _built(config: TownConfig) -> Mesh:
+def _built(config: TownConfig) -> tuple[Part, ...]:
     rng = np.random.default_rng([config.seed, _BUILT])
     types = _house_types(config, rng)
     weights = np.array((config.row_houses, config.villas, config.flats, config.parks)) + 1e-9
-    parts = [_streets(config, rng)]
+    parts = [Part("streets", _streets(config, rng), is_ground=True)]
     for corner in _blocks(config):
         kind = str(rng.choice(_KINDS, p=weights / weights.sum()))
-        parts += _block(config, corner, kind, types.get(kind, []), rng)
-    return joined(parts)
+        parts.append(Part("floor", _floor(corner, _inside(config), kind), is_ground=True))
+        things = _block(config, corner, kind, types.get(kind, []), rng)
+        parts.append(Part("block", joined(things)))
+    return tuple(parts)
 
 
 def _house_types(config: TownConfig, rng: np.random.Generator) -> dict[str, list[HouseType]]:
@@ -139,7 +141,7 @@ def _block(
     rng: np.random.Generator,
 ) -> list[Mesh]:
     size = _inside(config)
-    parts = [_floor(corner, size, kind)]
+    parts = []
     for number, side in enumerate(_sides(corner, size)):
         parts += _street_furniture(config, side, rng)
         if kind == "park":

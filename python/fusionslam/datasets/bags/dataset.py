@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.bags.pairing import IndexedBag, Matched, match, motion, open_indexed
-from fusionslam.datasets.bags.reader import bag_kind
-from fusionslam.datasets.bags.stores import KINDS
-from fusionslam.datasets.base import Dataset, Kind
+from fusionslam.datasets.base import Dataset
 from fusionslam.datasets.streams import Request, itself
 from fusionslam.datasets.trajectories import match_poses
 from fusionslam.errors import ConfigError, DataError
@@ -189,21 +187,3 @@ def _name(source: IndexedBag) -> str:
     used = [source.roles[role] for role in (*SENSORS, "odometry", "truth") if role in source.roles]
     clock = ", times of arrival" if source.stamps == "bag" else ""
     return f"{source.bag.path.name} ({', '.join(used)}{clock})"
-
-
-def _kind(name: str, layout: str) -> Kind:
-    return Kind(name, layout, lambda path: bag_kind(path) == name, open_bag_dataset)
-
-
-BAGS = tuple(
-    _kind(name, layout)
-    for name, layout in zip(
-        KINDS,
-        (
-            "a ROS 1 .bag file",
-            "a .db3 file, or the folder of a ROS 2 bag with one",
-            "an .mcap file, or the folder of a ROS 2 bag with one",
-        ),
-        strict=True,
-    )
-)

@@ -3,6 +3,7 @@
 """Image and CompressedImage messages and the pictures in them."""
 
 import io
+import struct
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,8 @@ _LAYOUTS: dict[str, tuple[int, tuple[int, ...]]] = {
 _BAYER = {f"bayer_{pattern}8": pattern for pattern in ("rggb", "bggr", "gbrg", "grbg")}
 _GREY_MODES = ("L", "1")
 _COLOR_MODES = ("RGB", "RGBA", "P", "LA", "PA", "CMYK", "YCbCr")
+# What Pillow raises on damaged pictures, or on such as claim to be of absurd size.
+_UNDECODABLE = (OSError, SyntaxError, ValueError, struct.error, Image.DecompressionBombError)
 STORED = ("raw", "jpeg", "png")
 """How pictures can be stored in a bag."""
 JPEG_QUALITY = 95
@@ -84,9 +87,9 @@ def compressed_image_of(message: Any) -> Pixels:
     try:
         with Image.open(io.BytesIO(data), formats=("JPEG", "PNG")) as picture:
             pixels = _decoded(picture)
-    except (OSError, SyntaxError, ValueError) as error:
-        if isinstance(error, DataError):
-            raise
+    except DataError:
+        raise
+    except _UNDECODABLE as error:
         raise DataError(
             f"field 'data' ({len(data)} bytes, format '{message.format}') is no JPEG or PNG "
             f"picture: {error}"

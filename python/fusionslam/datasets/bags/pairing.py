@@ -147,8 +147,8 @@ def match(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> M
     Raises:
         DataError: no scan has an image, or the place of the camera; a clock that jumps back.
     """
-    for sensor in sensors:
-        check_clock(source, sensor, config)
+    for role in (*sensors, *(role for role in ("odometry", "truth") if role in source.roles)):
+        _check_clock(source, role, config)
     rows = _paired(source, sensors, config)
     places = None
     if sensors == ("points", "left"):
@@ -159,9 +159,9 @@ def match(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> M
     return Matched(rows, numbers, gaps, places)
 
 
-def check_clock(source: IndexedBag, sensor: str, config: SyncConfig) -> None:
-    """Raise DataError if the stamps of a sensor stand still or jump back."""
-    stamps, topic = source.series(sensor).stamps_ns, source.roles[sensor]
+def _check_clock(source: IndexedBag, role: str, config: SyncConfig) -> None:
+    """Raise DataError if the stamps of a topic stand still or jump back."""
+    stamps, topic = source.series(role).stamps_ns, source.roles[role]
     advice = "the times of arrival can be used instead (--stamps bag)"
     if len(stamps) > 1 and stamps.min() == stamps.max():
         raise DataError(

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading bags: topics, and their messages as events, one after the other or one at a time."""
 
+import functools
 import logging
 import os
 import threading
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 _MAGIC = {b"#ROSBAG V": "rosbag1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "rosbag2"}
+_ABOUT = "metadata.yaml"
 _STORAGE = {".mcap": "mcap", ".db3": "rosbag2"}
 
 
@@ -83,14 +85,19 @@ def bag_kind(path: Path) -> str | None:
     except OSError:
         return None
     found = next((kind for magic, kind in _MAGIC.items() if start.startswith(magic)), None)
-    return found or ({".bag": "rosbag1"} | _STORAGE).get(storage.suffix.lower())
+    # What is damaged, or compressed as a whole (.db3.zstd), is told by its name alone.
+    kinds = {".bag": "rosbag1"} | _STORAGE
+    return found or next((kinds[each] for each in storage.suffixes if each in kinds), None)
 
 
 def _storage(path: Path) -> Path | None:
-    """The file with the messages, or the first of them."""
+    """The file with the messages, or the first of them; None for a folder that is no bag."""
     if not path.is_dir():
         return path
-    return next((file for file in sorted(path.iterdir()) if file.suffix in _STORAGE), None)
+    files = sorted(path.iterdir())
+    storage = [file for file in files if _STORAGE.keys() & set(file.suffixes)]
+    # A folder with other things than a bag is another recording with a bag in it.
+    return storage[0] if storage and ((path / _ABOUT).exists() or storage == files) else None
 
 
 class Bag:
@@ -220,6 +227,7 @@ class Bag:
 
     def _content(self, connection: "Connection", time_ns: int, data: bytes) -> Any:
         store = type_store(1 if self.kind == "rosbag1" else 2)
+        self._check_definition(connection)
         deserialize = store.deserialize_ros1 if self.kind == "rosbag1" else store.deserialize_cdr
         try:
             return deserialize(data, connection.msgtype)
@@ -228,6 +236,15 @@ class Bag:
                 f"{self.path}: {connection.topic}, arrived at {time_ns} ns: {len(data)} bytes are "
                 f"no {plain_type(connection.msgtype)} ({_reason(error)})"
             ) from error
+
+    def _check_definition(self, connection: "Connection") -> None:
+        """ROS 1 tells by a sum whether a type is defined as here; * is any."""
+        name, digest = connection.msgtype, connection.digest
+        if self.kind == "rosbag1" and digest not in ("*", _ros1_digest(name)):
+            raise DataError(
+                f"{self.path}: {connection.topic} has {plain_type(name)} of another definition "
+                f"(MD5 {digest}) than ROS 1 (MD5 {_ros1_digest(name)})"
+            )
 
     def _topic(self, name: str) -> Topic:
         connections = [each for each in self._reader.connections if each.topic == name]
@@ -266,9 +283,14 @@ class Bag:
         return rest
 
 
+@functools.cache
+def _ros1_digest(name: str) -> str:
+    return type_store(1).generate_msgdef(name)[1]
+
+
 def _whole(path: Path) -> Path:
     """The folder, or the only file in one that lacks its description."""
-    if path.is_dir() and not (path / "metadata.yaml").exists():
+    if path.is_dir() and not (path / _ABOUT).exists():
         return _storage(path) or path
     return path
 

@@ -1,0 +1,189 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""How much of the ground do the three ways to remove it find? A Markdown table.
+
+    python -m benchmarks.accuracy.ground [--write]
+
+Simulated scans know what each point lies on. Precision is the share of ground among the points
+removed, recall the share of the ground that was removed, over all points of twenty scans a world;
+times are medians of single scans. Worlds of the test data are left out where
+FUSIONSLAM_TEST_DATA does not name them.
+"""
+
+import argparse
+import os
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import fusionslam
+from benchmarks.accuracy.markdown import table, write_between
+from fusionslam.sim import SimConfig
+from fusionslam.sim.drive import make_drive
+from fusionslam.sim.indoor import INDOOR_WORLDS, indoor_places
+from fusionslam.sim.lidar import LidarConfig, scan
+from fusionslam.sim.robot import base_from, robot_named
+from fusionslam.sim.scene import RayCaster, Scene
+from fusionslam.sim.town import make_town
+from fusionslam.sim.trajectory import ground_poses
+from fusionslam.sim.world import World
+from fusionslam.sim.worlds import load_world
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "fusion.md"
+SCANS = 20
+ROBOTS = ("turtlebot3_waffle_pi", "turtlebot3_vlp16")
+DATA_WORLDS = ("small_house", "warehouse")
+Poses = NDArray[np.float64]
+Removal = Callable[[NDArray[np.float32]], NDArray[np.int64]]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A LiDAR in a world. ``low`` is what its robot drives over or sees as ground, metres."""
+
+    world: str
+    sensor: str
+    scene: Scene
+    lidar: LidarConfig
+    base_from_lidar: Poses
+    poses: Poses
+    low: float
+
+
+@dataclass
+class Score:
+    """Counts over several scans."""
+
+    right: int = 0
+    removed: int = 0
+    ground: int = 0
+
+    def add(self, kept: NDArray[np.int64], is_ground: NDArray[np.bool_]) -> None:
+        gone = np.ones(len(is_ground), bool)
+        gone[kept] = False
+        self.right += int((gone & is_ground).sum())
+        self.removed += int(gone.sum())
+        self.ground += int(is_ground.sum())
+
+    @property
+    def precision(self) -> float:
+        return self.right / max(self.removed, 1)
+
+    @property
+    def recall(self) -> float:
+        return self.right / max(self.ground, 1)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="put the table into docs/fusion.md")
+    arguments = parser.parse_args()
+    header = ["world", "sensor", "points", "ground", *removals(0.1)]
+    text = table(header, [judged(case) for case in cases()])
+    print(text)
+    if arguments.write:
+        write_between(PAGE, "ground", text)
+
+
+def removals(low: float) -> dict[str, Removal]:
+    """The three ways, each with the same idea of what is low."""
+    plane = fusionslam.GroundPlaneConfig(distance=low)
+    segments = fusionslam.GroundSegmentsConfig(distance=low, seed_height=2 * low)
+    return {
+        "height": lambda points: fusionslam.above_height(points, low),
+        "plane": lambda points: fusionslam.remove_ground_plane(points, config=plane)[0],
+        "segments": lambda points: fusionslam.remove_ground_segments(points, config=segments)[0],
+    }
+
+
+def judged(case: Case) -> list[object]:
+    """A row of the table: precision, recall and time of each way."""
+    scores = {name: Score() for name in removals(case.low)}
+    times: dict[str, list[float]] = {name: [] for name in scores}
+    points_in_all = 0
+    for points, is_ground in scans(case):
+        points_in_all += len(points)
+        for name, remove in removals(case.low).items():
+            start = time.perf_counter()
+            kept = remove(points)
+            times[name].append(time.perf_counter() - start)
+            scores[name].add(kept, is_ground)
+    ground = scores["height"].ground / points_in_all
+    cells = [
+        f"{score.precision:.3f} / {score.recall:.3f}, {1e3 * np.median(times[name]):.2f} ms"
+        for name, score in scores.items()
+    ]
+    return [case.world, case.sensor, points_in_all // SCANS, f"{ground:.0%}", *cells]
+
+
+def scans(case: Case) -> Iterator[tuple[NDArray[np.float32], NDArray[np.bool_]]]:
+    """Points in the robot's frame, and which of them lie on ground."""
+    caster = RayCaster(case.scene)
+    turn, shift = case.base_from_lidar[:3, :3], case.base_from_lidar[:3, 3]
+    for number, pose in enumerate(case.poses):
+        rng = np.random.default_rng([11, number])
+        sweep = scan(caster, case.lidar, pose @ case.base_from_lidar, rng)
+        points = (sweep.points @ turn.T + shift).astype(np.float32)
+        yield points, case.scene.ground[case.scene.part[sweep.hits.triangle]]
+
+
+def cases() -> Iterator[Case]:
+    """The town with its car, then every indoor world with every robot."""
+    yield town()
+    for name, entry in INDOOR_WORLDS.items():
+        config = entry.config()
+        places = np.array(list(indoor_places(config).values()))
+        yield from indoor(replace(entry.make(config), name=f"{name} (made)"), at_places(places))
+    for name in DATA_WORLDS:
+        path = data_folder() / "worlds" / f"{name}.glb"
+        if path.is_file():
+            world = load_world(path)
+            yield from indoor(replace(world, name=f"{name} (data)"), along(world))
+
+
+def town() -> Case:
+    config = SimConfig()
+    drive = make_drive(config.drive, config.town.block_m, config.seed)
+    lidar = config.car.lidar
+    base_from_lidar = np.eye(4)
+    base_from_lidar[:3, 3] = lidar.position_m
+    chosen = np.linspace(0, len(drive.poses) - 1, SCANS).astype(int)
+    scene = make_town(config.town)
+    return Case("town", "car", scene, lidar, base_from_lidar, drive.poses[chosen], low=0.2)
+
+
+def indoor(world: World, poses: Poses) -> Iterator[Case]:
+    for name in ROBOTS:
+        robot = robot_named(name)
+        (lidar,) = robot.lidars.values()
+        scene = world.collision if lidar.shapes == "collision" else world.visual
+        place = base_from(robot, lidar.frame_id)
+        yield Case(world.name, name.removeprefix("turtlebot3_"), scene, lidar, place, poses, 0.1)
+
+
+def at_places(places: NDArray[np.float64]) -> Poses:
+    """Twenty of these places, each looking somewhere else."""
+    rng = np.random.default_rng(7)
+    chosen = places[rng.choice(len(places), SCANS, replace=len(places) < SCANS)]
+    return ground_poses(chosen[:, 0], chosen[:, 1], rng.uniform(-np.pi, np.pi, SCANS))
+
+
+def along(world: World) -> Poses:
+    """Twenty poses along the world's own drive."""
+    drive = world.trajectory
+    assert drive is not None
+    chosen = np.linspace(0, len(drive.x) - 1, SCANS).astype(int)
+    return ground_poses(drive.x[chosen], drive.y[chosen], drive.yaw[chosen])
+
+
+def data_folder() -> Path:
+    return Path(os.environ.get("FUSIONSLAM_TEST_DATA", ROOT.parent / "shared" / "data"))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,157 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Coloured clouds of a whole recording as a bag: ROS 1, ROS 2 SQLite or MCAP."""
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+from fusionslam.fusion import FusionConfig, frame_from_points, fuse
+from fusionslam.messages import Event, FrameTransform, FrameTransforms, Message, Odometry, Scan
+from fusionslam.sensors import Frame
+from fusionslam.workspace import Recording
+
+if TYPE_CHECKING:
+    from fusionslam.datasets import Dataset
+
+BAG_SUFFIXES = (".bag", ".db3", ".mcap")
+CLOUDS, ODOMETRY, TRUTH = "/rgb_cloud", "/odom", "/ground_truth"
+WORLD, ODOM, ROBOT, SCAN = "world", "odom", "base_footprint", "lidar"
+_FRAME_IDS = {"scan": SCAN, "camera": "camera", "robot": ROBOT, "odometry": ODOM}
+
+Matrix = NDArray[np.float64]
+
+
+def write_cloud_bag(
+    recording: Recording,
+    path: str | os.PathLike[str],
+    config: FusionConfig,
+    *,
+    jobs: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Write a bag of clouds on /rgb_cloud, with what is known of the robot's motion.
+
+    /odom holds the odometry of the frames; /ground_truth their poses in the world, where they
+    are known by more than odometry; /tf links world, odom, base_footprint, the scan's frame
+    (lidar) and camera as far as they are known. Stamps are those of the frames. Memory does not
+    grow with the recording.
+
+    Args:
+        recording: the data.
+        path: file ending in .bag or .mcap, or a folder ending in .db3.
+        config: how frames become clouds.
+        jobs: frames worked on at a time.
+        progress: called with (frames done, frames in all).
+
+    Raises:
+        DataError: a frame that cannot be read or fused, a bag that cannot be written; what was
+            written until then is kept, as ``open_writer`` says.
+    """
+    from fusionslam.datasets.bags import open_writer
+
+    dataset, target = recording.open(config.source), Path(path)
+    maker = _Maker(dataset, config)
+    with open_writer(target) as bag, ThreadPoolExecutor(max(jobs, 1)) as pool:
+        for done, events in enumerate(_in_order(pool, maker, max(jobs, 1)), start=1):
+            for event in events:
+                bag.write(event)
+            if progress is not None:
+                progress(done, len(dataset))
+    return target
+
+
+def _in_order(pool: ThreadPoolExecutor, maker: "_Maker", ahead: int) -> Iterator[list[Event]]:
+    """The events of all frames in order; no more than ``ahead`` frames are held at a time."""
+    waiting: deque[Future[list[Event]]] = deque()
+    try:
+        for index in range(len(maker.dataset)):
+            waiting.append(pool.submit(maker.events, index))
+            if len(waiting) > ahead:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        for left in waiting:
+            left.cancel()
+
+
+@dataclass(frozen=True)
+class _Maker:
+    """Makes the messages of single frames; shared by all threads."""
+
+    dataset: "Dataset"
+    config: FusionConfig
+
+    def events(self, index: int) -> list[Event]:
+        frame, stamp_ns = self.dataset[index], int(self.dataset.stamps_ns[index])
+        try:
+            cloud = fuse(frame, self.config)
+        except DataError as error:
+            number = self.dataset.numbers[index]
+            raise DataError(f"{self.dataset.name}, frame {number}: {error}") from error
+        name = _FRAME_IDS[self.config.frame]
+        scan = Scan(stamp_ns=stamp_ns, frame_id=name, points=cloud.points, colors=cloud.colors)
+        links = self._links(frame, stamp_ns)
+        messages: list[tuple[str, Message]] = (
+            [("/tf", FrameTransforms(transforms=links))] if links else []
+        )
+        messages += [(topic, odometry) for topic, odometry in self._motion(frame, stamp_ns)]
+        messages.append((CLOUDS, scan))
+        return [Event(topic, stamp_ns, message) for topic, message in messages]
+
+    def _motion(self, frame: Frame, stamp_ns: int) -> list[tuple[str, Odometry]]:
+        found = []
+        if frame.odometry is not None:
+            found.append((ODOMETRY, _odometry(stamp_ns, ODOM, ROBOT, frame.odometry)))
+        world_from_scan = self._world_from_scan(frame)
+        if world_from_scan is not None:
+            on_robot = frame.robot_from_points is not None
+            place = frame_from_points(frame, "robot" if on_robot else "scan")
+            pose = world_from_scan @ np.linalg.inv(place)
+            found.append((TRUTH, _odometry(stamp_ns, WORLD, ROBOT if on_robot else SCAN, pose)))
+        return found
+
+    def _links(self, frame: Frame, stamp_ns: int) -> tuple[FrameTransform, ...]:
+        """A tree: world, odom, base_footprint, lidar, camera, without what is not known."""
+        chain: list[tuple[str, Matrix]] = []  # name, name_from_scan; from the root down
+        world_from_scan = self._world_from_scan(frame)
+        if world_from_scan is not None:
+            chain.append((WORLD, world_from_scan))
+        if frame.robot_from_points is not None:
+            if frame.odometry is not None:
+                chain.append((ODOM, frame_from_points(frame, "odometry")))
+            chain.append((ROBOT, frame_from_points(frame, "robot")))
+        chain.append((SCAN, np.eye(4)))
+        if "left" in frame.cameras:
+            chain.append((_FRAME_IDS["camera"], frame_from_points(frame, "camera")))
+        return tuple(
+            FrameTransform(
+                stamp_ns=stamp_ns,
+                parent=parent,
+                child=child,
+                parent_from_child=parent_from_scan @ np.linalg.inv(child_from_scan),
+            )
+            for (parent, parent_from_scan), (child, child_from_scan) in pairwise(chain)
+        )
+
+    def _world_from_scan(self, frame: Frame) -> Matrix | None:
+        if frame.pose is None:
+            return None
+        if frame.odometry is not None and np.array_equal(frame.pose, frame.odometry):
+            return None
+        body_from_points = self.dataset.body_from_points
+        return frame.pose if body_from_points is None else frame.pose @ body_from_points
+
+
+def _odometry(stamp_ns: int, frame_id: str, child: str, pose: Matrix) -> Odometry:
+    return Odometry(stamp_ns=stamp_ns, frame_id=frame_id, child_frame_id=child, pose=pose)

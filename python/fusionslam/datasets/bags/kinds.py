@@ -1,0 +1,26 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags among the kinds of recordings, without loading what reads them."""
+
+from pathlib import Path
+
+from fusionslam.datasets.bags.reader import bag_kind
+from fusionslam.datasets.base import Dataset, Kind
+from fusionslam.datasets.streams import Request
+
+
+def _open(path: Path, request: Request) -> Dataset:
+    from fusionslam.datasets.bags.dataset import open_bag_dataset
+
+    return open_bag_dataset(path, request)
+
+
+def _kind(name: str, layout: str) -> Kind:
+    return Kind(name, layout, lambda path: bag_kind(path) == name, _open)
+
+
+BAGS = (
+    _kind("rosbag1", "a ROS 1 .bag file"),
+    _kind("rosbag2", "a .db3 file, or the folder of a ROS 2 bag with one"),
+    _kind("mcap", "an .mcap file, or the folder of a ROS 2 bag with one"),
+)
