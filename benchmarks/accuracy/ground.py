@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 import fusionslam
 from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.sim import SimConfig
-from fusionslam.sim.drive import make_drive
 from fusionslam.sim.indoor import INDOOR_WORLDS, indoor_places
 from fusionslam.sim.lidar import LidarConfig, scan
+from fusionslam.sim.motion.trajectory import ground_poses
 from fusionslam.sim.robot import base_from, robot_named
 from fusionslam.sim.scene import RayCaster, Scene
-from fusionslam.sim.town import make_town
-from fusionslam.sim.trajectory import ground_poses
+from fusionslam.sim.town.drive import make_drive
+from fusionslam.sim.town.layout import make_town
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds import load_world
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from fusionslam.sim.lidar import LidarMount
 from fusionslam.sim.mesh import Paint, box, panels
+from fusionslam.sim.motion.trajectory import Trajectory
 from fusionslam.sim.robot import FrameConfig, RobotConfig
 from fusionslam.sim.scene import Light
-from fusionslam.sim.trajectory import Trajectory
 from fusionslam.sim.world import Part, World, scene_of
 
 PLAIN = np.full((4, 4, 4), 255, np.uint8)

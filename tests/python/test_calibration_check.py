@@ -14,14 +14,14 @@ from scipy.spatial.transform import Rotation
 
 import fusionslam
 from command_line import succeeds
-from fusionslam.calibration_check import (
+from fusionslam.calibration.check import (
     CalibrationCheck,
     check_calibration,
     frames_of,
     write_overlays,
 )
-from fusionslam.calibration_edges import depth_edges, edge_map
-from fusionslam.calibration_search import CalibrationCheckConfig, Recording, shifted, turned
+from fusionslam.calibration.edges import depth_edges, edge_map
+from fusionslam.calibration.search import CalibrationCheckConfig, Recording, shifted, turned
 from fusionslam.errors import DataError
 from fusionslam.sensors import Frame
 from posts_world import OPTICAL, Drive, make_drive

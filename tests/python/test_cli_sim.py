@@ -18,9 +18,9 @@ from fusionslam.messages import Event, Odometry, Picture, Scan
 from fusionslam.sim import catalogue, folder
 from fusionslam.sim.catalogue import Entry
 from fusionslam.sim.folder import folder_writer
+from fusionslam.sim.motion.trajectory import write_trajectory
 from fusionslam.sim.robot import base_from, base_from_camera, robot_named
 from fusionslam.sim.simulator import SimulationConfig, simulate
-from fusionslam.sim.trajectory import write_trajectory
 from fusionslam.sim.world import World
 
 QUICK = (

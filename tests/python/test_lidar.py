@@ -12,9 +12,9 @@ pytest.importorskip("embreex", reason="the simulator is an extra")
 
 from box_worlds import hall
 from fusionslam.sim.lidar import LidarMount, Sweep, column_seconds, lidar_rays, point_fields, scan
+from fusionslam.sim.motion.trajectory import ground_poses
 from fusionslam.sim.robot import base_from, robot_named
 from fusionslam.sim.scene import RayCaster
-from fusionslam.sim.trajectory import ground_poses
 from fusionslam.sim.worlds import load_world
 
 CALM = {"noise_m": 0.0, "dropout": 0.0, "grazing_dropout": 0.0, "far_dropout": 0.0}

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.sim.map_files import read_map, write_map
 from fusionslam.sim.mesh import Mesh, Paint, box, joined, panels
-from fusionslam.sim.occupancy import OccupancyMap, largest_part, occupancy_of
+from fusionslam.sim.motion.map_files import read_map, write_map
+from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part, occupancy_of
 from fusionslam.sim.scene import Scene
 
 PAINT = Paint(0)

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from fusionslam.config import merged
 from fusionslam.errors import ConfigError
-from fusionslam.sim.odometry import OdometryConfig, simulate_odometry
-from fusionslam.sim.trajectory import Trajectory
+from fusionslam.sim.motion.odometry import OdometryConfig, simulate_odometry
+from fusionslam.sim.motion.trajectory import Trajectory
 
 SEEDS = 100
 SPEED, SECONDS = 0.5, 40.0

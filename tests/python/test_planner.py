@@ -16,13 +16,13 @@ from scipy.spatial import cKDTree
 
 from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.sim.map_files import read_map
-from fusionslam.sim.motion import DriveLimits, drive
-from fusionslam.sim.occupancy import OccupancyMap, largest_part
-from fusionslam.sim.planner import PlanConfig, plan_trajectory
-from fusionslam.sim.routes import RouteFinder, plan_route, round_trip, tour_cost
-from fusionslam.sim.smoothing import resampled, smoothed
-from fusionslam.sim.trajectory import Trajectory, check_trajectory
+from fusionslam.sim.motion.driving import DriveLimits, drive
+from fusionslam.sim.motion.map_files import read_map
+from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part
+from fusionslam.sim.motion.planner import PlanConfig, plan_trajectory
+from fusionslam.sim.motion.routes import RouteFinder, plan_route, round_trip, tour_cost
+from fusionslam.sim.motion.smoothing import resampled, smoothed
+from fusionslam.sim.motion.trajectory import Trajectory, check_trajectory
 
 Array = NDArray[np.float64]
 CELL = 0.1

@@ -12,7 +12,6 @@ pytest.importorskip("embreex", reason="the simulator is an extra")
 from fusionslam.config import merged, with_settings
 from fusionslam.errors import ConfigError
 from fusionslam.sim.camera import CameraMount, LensConfig
-from fusionslam.sim.car import StereoConfig
 from fusionslam.sim.lidar import LidarConfig, LidarMount
 from fusionslam.sim.robot import (
     RobotConfig,
@@ -22,6 +21,7 @@ from fusionslam.sim.robot import (
     robot_names,
     static_transforms,
 )
+from fusionslam.sim.town.car import StereoConfig
 
 SENSOR = "lidars.velodyne"
 

@@ -24,14 +24,14 @@ from fusionslam.sim import (
     TownConfig,
     embedded_drive,
     record,
-    recorder,
 )
 from fusionslam.sim.camera import camera_rays, parent_from_camera, photograph, projection
-from fusionslam.sim.car import car_from_lidar
-from fusionslam.sim.drive import make_drive
 from fusionslam.sim.lidar import scan
 from fusionslam.sim.scene import RayCaster
-from fusionslam.sim.town import make_town
+from fusionslam.sim.town import recorder
+from fusionslam.sim.town.car import car_from_lidar
+from fusionslam.sim.town.drive import make_drive
+from fusionslam.sim.town.layout import make_town
 
 TOWN = TownConfig(seed=5, blocks=(1, 1), block_m=44.0)
 DRIVE = DriveConfig(laps=(((0, 0), (1, 0)), ((1, 0), (1, 1))), spacing_m=14.0)

@@ -14,9 +14,9 @@ from box_worlds import bare_robot, block, floor, hall, straight
 from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.messages import CameraInfo, Event, FrameTransforms, Odometry, Picture, Scan
+from fusionslam.sim.motion.trajectory import Trajectory
 from fusionslam.sim.robot import RobotConfig, base_from, base_from_camera, robot_named
 from fusionslam.sim.simulator import SimulationConfig, event_count, simulate
-from fusionslam.sim.trajectory import Trajectory
 from fusionslam.sim.world import World
 
 SECOND = 1_000_000_000

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.sim.map_files import read_map
-from fusionslam.sim.occupancy import OccupancyMap, largest_part
-from fusionslam.sim.trajectory import (
+from fusionslam.sim.motion.map_files import read_map
+from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part
+from fusionslam.sim.motion.trajectory import (
     Trajectory,
     check_trajectory,
     read_trajectory,

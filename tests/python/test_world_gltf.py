@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 
 from fusionslam.errors import DataError
+from fusionslam.sim.motion.trajectory import Trajectory, write_trajectory
 from fusionslam.sim.scene import Scene
-from fusionslam.sim.trajectory import Trajectory, write_trajectory
 from fusionslam.sim.worlds import load_world
 
 SQUARE = np.array([(0, 0, 0.5), (1, 0, 0.5), (1, 2, 0.5), (0, 2, 0.5)], np.float32)

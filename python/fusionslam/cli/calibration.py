@@ -12,7 +12,7 @@ from fusionslam.cli.guard import keep_parts, needs_extra
 from fusionslam.cli.screen import print_table, progress
 
 if TYPE_CHECKING:
-    from fusionslam.calibration_search import CalibrationCheckConfig
+    from fusionslam.calibration.search import CalibrationCheckConfig
 
 
 def calib_check(
@@ -39,7 +39,7 @@ def calib_check(
 
     Tries small turns, shifts and delays of the camera, and draws scans over their images.
     """
-    from fusionslam.calibration_check import check_calibration, frames_of, write_overlays
+    from fusionslam.calibration.check import check_calibration, frames_of, write_overlays
 
     needs_extra("report")
     chosen = _config(config, settings)

@@ -172,7 +172,7 @@ def _pairs(option: str, texts: list[str]) -> dict[str, str]:
 
 def everything() -> "Section":
     """Every default of every stage and of the simulator."""
-    from fusionslam.calibration_search import CalibrationCheckConfig
+    from fusionslam.calibration.search import CalibrationCheckConfig
     from fusionslam.config import Section, option
     from fusionslam.pipeline import PipelineConfig
     from fusionslam.sim import SimConfig

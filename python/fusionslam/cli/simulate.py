@@ -14,9 +14,9 @@ from fusionslam.cli.screen import progress
 
 if TYPE_CHECKING:
     from fusionslam.cli.screen import Step
+    from fusionslam.sim.motion.trajectory import Trajectory
     from fusionslam.sim.robot import RobotConfig
     from fusionslam.sim.simulator import SimulationConfig
-    from fusionslam.sim.trajectory import Trajectory
     from fusionslam.sim.world import World
 
 FORMATS = {"bag": "rosbag1", "db3": "rosbag2", "mcap": "mcap", "folder": "folder"}
@@ -106,7 +106,7 @@ def _chosen(
     """All settings, and the world they make or that was read."""
     from fusionslam.config import Section, merged, option, with_file, with_settings
     from fusionslam.sim.catalogue import MADE, ROBOT, read_world
-    from fusionslam.sim.planner import PlanConfig
+    from fusionslam.sim.motion.planner import PlanConfig
     from fusionslam.sim.robot import RobotConfig, robot_named
     from fusionslam.sim.simulator import SimulationConfig
 
@@ -132,7 +132,7 @@ def _drive(place: "World", config: Any, path: Path | None) -> "tuple[World, Traj
     from dataclasses import replace
 
     from fusionslam.sim.catalogue import drive_through
-    from fusionslam.sim.trajectory import read_trajectory
+    from fusionslam.sim.motion.trajectory import read_trajectory
 
     if path is not None:
         place = replace(place, trajectory=read_trajectory(path))

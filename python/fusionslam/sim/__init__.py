@@ -9,13 +9,13 @@ procedural town, in the layout of KITTI odometry.
 >>> record(SimConfig(town=TownConfig(seed=7, blocks=(3, 2))), "another-town")  # doctest: +SKIP
 """
 
-from fusionslam.sim.car import CarConfig, StereoConfig
-from fusionslam.sim.drive import DriveConfig
 from fusionslam.sim.lidar import LidarConfig
-from fusionslam.sim.recorder import SimConfig, embedded_drive, embedded_folder, record
 from fusionslam.sim.robot import RobotConfig, robot_named
 from fusionslam.sim.simulator import SimulationConfig, simulate
-from fusionslam.sim.town import TownConfig
+from fusionslam.sim.town.car import CarConfig, StereoConfig
+from fusionslam.sim.town.drive import DriveConfig
+from fusionslam.sim.town.layout import TownConfig
+from fusionslam.sim.town.recorder import SimConfig, embedded_drive, embedded_folder, record
 
 __all__ = [
     "CarConfig",

@@ -20,8 +20,8 @@ from fusionslam.datasets import write_poses_tum
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.messages import Event, Odometry, Picture, Scan
 from fusionslam.sim.camera import CameraMount, projection
+from fusionslam.sim.motion.trajectory import ground_poses
 from fusionslam.sim.robot import TRUTH_TOPIC, RobotConfig, base_from
-from fusionslam.sim.trajectory import ground_poses
 
 logger = logging.getLogger(__name__)
 

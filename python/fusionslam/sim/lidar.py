@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from fusionslam.config import Section, option
-from fusionslam.sim.drive import Array
 from fusionslam.sim.mesh import Floats
 from fusionslam.sim.scene import Hits
+from fusionslam.sim.town.drive import Array
 
 Vector = tuple[float, float, float]
 Field = Literal["intensity", "ring", "time", "object"]

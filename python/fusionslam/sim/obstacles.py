@@ -13,9 +13,9 @@ from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.sim.lidar import Vector
 from fusionslam.sim.mesh import Floats, Mesh, Paint, box, joined
-from fusionslam.sim.occupancy import OccupancyMap
+from fusionslam.sim.motion.occupancy import OccupancyMap
+from fusionslam.sim.motion.trajectory import Trajectory
 from fusionslam.sim.scene import Hits, RayCaster, Scene
-from fusionslam.sim.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

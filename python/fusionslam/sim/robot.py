@@ -15,10 +15,10 @@ from fusionslam.config import Section, option, with_file
 from fusionslam.errors import ConfigError
 from fusionslam.messages import FrameTransform
 from fusionslam.sim.camera import CameraMount, parent_from_camera
-from fusionslam.sim.drive import Array, rotation
 from fusionslam.sim.lidar import LidarMount, Vector
-from fusionslam.sim.motion import DriveLimits
-from fusionslam.sim.odometry import OdometryConfig
+from fusionslam.sim.motion.driving import DriveLimits
+from fusionslam.sim.motion.odometry import OdometryConfig
+from fusionslam.sim.town.drive import Array, rotation
 
 _ROBOTS = Path(__file__).with_name("robots")
 

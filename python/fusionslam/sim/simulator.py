@@ -25,9 +25,10 @@ from fusionslam.messages import (
 )
 from fusionslam.sim.camera import CameraMount, camera_info, gains, photograph
 from fusionslam.sim.lidar import LidarMount, column_seconds, point_fields, scan
+from fusionslam.sim.motion.occupancy import OccupancyMap, occupancy_of
+from fusionslam.sim.motion.odometry import OdometryConfig, OdometryTrack, simulate_odometry
+from fusionslam.sim.motion.trajectory import Trajectory, check_trajectory
 from fusionslam.sim.obstacles import Crowd, Obstacle, ObstacleConfig, plan_obstacles
-from fusionslam.sim.occupancy import OccupancyMap, occupancy_of
-from fusionslam.sim.odometry import OdometryConfig, OdometryTrack, simulate_odometry
 from fusionslam.sim.robot import (
     TF_STATIC_TOPIC,
     TF_TOPIC,
@@ -39,7 +40,6 @@ from fusionslam.sim.robot import (
     static_transforms,
 )
 from fusionslam.sim.scene import RayCaster, Scene
-from fusionslam.sim.trajectory import Trajectory, check_trajectory
 from fusionslam.sim.world import World
 
 Array = NDArray[np.float64]

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.sim.mesh import Mesh, joined
-from fusionslam.sim.occupancy import OccupancyMap
+from fusionslam.sim.motion.occupancy import OccupancyMap
+from fusionslam.sim.motion.trajectory import Trajectory
 from fusionslam.sim.scene import Light, Scene
-from fusionslam.sim.trajectory import Trajectory
 
 
 @dataclass(frozen=True)

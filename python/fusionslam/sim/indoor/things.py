@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from fusionslam.sim.indoor.paints import Look, indoor_textures, paint
 from fusionslam.sim.mesh import Mesh, Paint, box, joined, panels, tube
-from fusionslam.sim.occupancy import occupancy_of
+from fusionslam.sim.motion.occupancy import occupancy_of
 from fusionslam.sim.scene import INDOOR_LIGHT
 from fusionslam.sim.world import Part, World, scene_of
 

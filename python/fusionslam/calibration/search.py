@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusionslam.calibration_edges import EdgeView, depth_edges, edge_map, in_view
+from fusionslam.calibration.edges import EdgeView, depth_edges, edge_map, in_view
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.messages import FrameTransform

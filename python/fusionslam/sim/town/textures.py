@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from fusionslam.sim.canvas import Canvas, Image, noise
-from fusionslam.sim.facades import FACADES, paint_facade
+from fusionslam.sim.town.facades import FACADES, paint_facade
 
 
 class Look(IntEnum):

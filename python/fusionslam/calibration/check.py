@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._files import atomic_path
-from fusionslam.calibration_search import (
+from fusionslam.calibration.search import (
     DELAY,
     SHIFTS,
     TURNS,

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.sim.houses import Rgb, paint
 from fusionslam.sim.mesh import Mesh, box, joined, tapered, triangles, tube
-from fusionslam.sim.textures import Look
+from fusionslam.sim.town.houses import Rgb, paint
+from fusionslam.sim.town.textures import Look
 
 Array = NDArray[np.float64]
 

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
-from fusionslam.sim import furniture
-from fusionslam.sim.houses import WALL_TINTS, HouseType, house, house_type, paint
 from fusionslam.sim.mesh import Mesh, box, joined, panels
 from fusionslam.sim.scene import Scene
-from fusionslam.sim.textures import Look, town_textures
+from fusionslam.sim.town import furniture
+from fusionslam.sim.town.houses import WALL_TINTS, HouseType, house, house_type, paint
+from fusionslam.sim.town.textures import Look, town_textures
 from fusionslam.sim.world import Part, scene_of
 
 PARKING_M = 2.0

@@ -24,11 +24,11 @@ from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.evaluation.visits import visits
 from fusionslam.sim.camera import parent_from_camera, photograph, projection
-from fusionslam.sim.car import CarConfig, car_from_lidar
-from fusionslam.sim.drive import Array, Drive, DriveConfig, make_drive
 from fusionslam.sim.lidar import scan
 from fusionslam.sim.scene import RayCaster
-from fusionslam.sim.town import TownConfig, make_town
+from fusionslam.sim.town.car import CarConfig, car_from_lidar
+from fusionslam.sim.town.drive import Array, Drive, DriveConfig, make_drive
+from fusionslam.sim.town.layout import TownConfig, make_town
 
 Progress = Callable[[int, int], None]
 

@@ -5,7 +5,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.sim.occupancy import OccupancyMap
+from fusionslam.sim.motion.occupancy import OccupancyMap
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fusionslam._files import atomic_path
 from fusionslam.datasets.readers import PathLike, read_image, reading
 from fusionslam.errors import DataError
-from fusionslam.sim.occupancy import OccupancyMap, largest_part
+from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part
 
 _OCCUPIED, _REACHABLE, _OTHER = 0, 254, 205
 _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.sim.facades import FACADES, FLOOR_M
 from fusionslam.sim.mesh import Mesh, Paint, box, joined, panels
-from fusionslam.sim.textures import EXTENT, FACADE_COUNT, Look
+from fusionslam.sim.town.facades import FACADES, FLOOR_M
+from fusionslam.sim.town.textures import EXTENT, FACADE_COUNT, Look
 
 Rgb = tuple[float, float, float]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
-from fusionslam.sim.occupancy import OccupancyMap
+from fusionslam.sim.motion.occupancy import OccupancyMap
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
-from fusionslam.sim.trajectory import Trajectory, ground_poses
+from fusionslam.sim.motion.trajectory import Trajectory, ground_poses
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from fusionslam.config import Section, option
 from fusionslam.sim.camera import LensConfig
-from fusionslam.sim.drive import Array
 from fusionslam.sim.lidar import LidarConfig, Vector
+from fusionslam.sim.town.drive import Array
 
 
 class StereoConfig(LensConfig):

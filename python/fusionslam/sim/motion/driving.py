@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.sim.trajectory import Trajectory
+from fusionslam.sim.motion.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Places = Callable[[Array], Array]

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from fusionslam._files import atomic_path
 from fusionslam.datasets.readers import PathLike, reading
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.sim.occupancy import OccupancyMap
+from fusionslam.sim.motion.occupancy import OccupancyMap
 
 Array = NDArray[np.float64]
 
