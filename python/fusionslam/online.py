@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from fusionslam import _core
 from fusionslam.config import Section, option
-from fusionslam.errors import DataError, ShapeError
+from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.messages import CameraInfo, FrameTransforms, Message, Odometry, Picture, Scan
 from fusionslam.robot_frames import RobotFrames
 from fusionslam.sensors import Camera, Frame
@@ -75,12 +75,9 @@ def camera_from(info: CameraInfo, camera_from_points: Matrix, name: str = "camer
     """
     rectified_from_camera = np.eye(4)
     rectified_from_camera[:3, :3] = info.rectification
+    projection = _projection(info, name)
     try:
-        return Camera(
-            _projection(info, name),
-            rectified_from_camera @ np.asarray(camera_from_points),
-            info.size,
-        )
+        return Camera(projection, rectified_from_camera @ np.asarray(camera_from_points), info.size)
     except (DataError, ShapeError) as error:
         raise DataError(f"CameraInfo of {name}: {error}") from error
 
@@ -97,15 +94,18 @@ def rectified(picture: Picture, info: CameraInfo, name: str = "camera") -> Image
     same = np.array_equal(projection[:, :3], info.camera_matrix)
     if same and not info.distortion.any() and np.array_equal(info.rectification, np.eye(3)):
         return picture.image
-    return _core.rectify_image(
-        picture.image,
-        camera_matrix=info.camera_matrix,
-        distortion=info.distortion,
-        model=info.distortion_model,
-        rectification=info.rectification,
-        projection=projection,
-        size=info.size,
-    )
+    try:
+        return _core.rectify_image(
+            picture.image,
+            camera_matrix=info.camera_matrix,
+            distortion=info.distortion,
+            model=info.distortion_model,
+            rectification=info.rectification,
+            projection=projection,
+            size=info.size,
+        )
+    except (DataError, ConfigError) as error:  # an unknown model is the camera's, no option of ours
+        raise DataError(f"CameraInfo of {name}: {error}") from error
 
 
 def frame_from_pair(

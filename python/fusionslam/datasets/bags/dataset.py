@@ -15,7 +15,7 @@ from fusionslam.datasets.bags.pairing import IndexedBag, Matched, match, motion,
 from fusionslam.datasets.base import Dataset
 from fusionslam.datasets.streams import Request, itself
 from fusionslam.datasets.trajectories import match_poses
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import DataError
 from fusionslam.messages import Picture, Scan
 from fusionslam.online import camera_from, rectified
 from fusionslam.sensors import Camera, Frame
@@ -83,7 +83,7 @@ class BagDataset(Dataset):
             return picture.image
         try:
             return rectified(picture, info, self.source.roles["left"])
-        except (DataError, ConfigError) as error:
+        except DataError as error:
             raise DataError(f"{self.root}: {error}") from error
 
     def _message(self, sensor: str, index: int) -> Any:

@@ -67,6 +67,8 @@ class Inspection:
             count = len(fuse(dataset[0]))
         except FusionSlamError as error:
             return f"not possible: {_line(error)}"
+        if not count:
+            return "doubtful: no point of the first scan falls into its image"
         return f"possible: {count} points of the first scan get a colour"
 
     def _topic(self, topic: Topic) -> str:
