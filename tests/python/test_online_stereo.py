@@ -97,6 +97,13 @@ def test_frames_do_not_depend_on_the_order_of_arrival() -> None:
     assert [(frame.stamp_ns - START) / SECOND for frame in frames] == [0, 0.5, 1]
 
 
+def test_a_recording_played_again_goes_on_from_its_start() -> None:
+    builder = FrameBuilder(cameras=PAIR)
+    frames = run(builder, [*stereo_drive(3.0), *stereo_drive(3.0)])
+    assert [(frame.stamp_ns - START) / SECOND for frame in frames] == [k / 2 for k in range(7)] * 2
+    assert builder.sync.jumps == 1 and not builder.dropped
+
+
 def test_memory_is_bounded_while_one_side_is_silent() -> None:
     config = OnlineConfig(sync=SyncConfig(buffer=5))
     builder = FrameBuilder(config, cameras=PAIR)

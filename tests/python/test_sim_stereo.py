@@ -14,6 +14,7 @@ pytest.importorskip("rosbags", reason="bags are an extra")
 
 from command_line import succeeds
 from fusionslam import Cloud, Frame, FusionConfig, fuse
+from fusionslam.config import merged
 from fusionslam.datasets import open_dataset, open_writer
 from fusionslam.sim.catalogue import MADE, drive_through
 from fusionslam.sim.folder import folder_writer
@@ -29,7 +30,9 @@ PICTURES = ("jpeg", "png")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three instants of one drive: two bags and a folder."""
     root, car = tmp_path_factory.mktemp("town"), robot_named("car")
-    world, way = drive_through(MADE["town"].make(MADE["town"].settings), car, PlanConfig())
+    town = MADE["town"]
+    small = merged(town.settings, {"house_types": 2})
+    world, way = drive_through(town.make(small), car, PlanConfig())
     events = list(simulate(world, car, way, SimulationConfig(seconds=0.3)))
     topics = [camera.picture_topic() for camera in car.cameras.values()]
     for stored in PICTURES:
