@@ -200,9 +200,8 @@ def test_a_pair_of_other_names_can_be_named(bag: Callable[..., Path]) -> None:
     renamed = {TOPICS["right"]: "/infra2/image", INFOS["right"]: "/infra2/camera_info"}
     events = [Event(renamed.get(e.topic, e.topic), e.time_ns, e.message) for e in stereo_drive()]
     path = bag(events)
-    named = {"left": TOPICS["left"], "right": "/infra2/image"}
     assert open_dataset(path, topics={"left": TOPICS["left"]}).sensors == ("points", "left")
-    dataset = open_dataset(path, topics=named)
+    dataset = open_dataset(path, topics={"right": "/infra2/image"})
     assert dataset.source.roles["right_camera_info"] == "/infra2/camera_info"
     assert len(fuse(dataset[0], STEREO)) > 8000
     out = " ".join(
@@ -211,6 +210,16 @@ def test_a_pair_of_other_names_can_be_named(bag: Callable[..., Path]) -> None:
         ).stdout.split()
     )
     assert "right /infra2/image" in out and "baseline 0.400 m" in out
+
+
+def test_the_images_of_one_camera_are_no_pair(bag: Callable[..., Path]) -> None:
+    path, left = bag(stereo_drive()), TOPICS["left"]
+    with pytest.raises(DataError, match=f"{left} is left and right"):
+        open_dataset(path, topics={"left": left, "right": left})
+    # Named as the right one, the left camera is not taken for the left one.
+    swapped = open_dataset(path, topics={"right": left, "right_camera_info": INFOS["left"]})
+    assert swapped.source.roles["left"] == TOPICS["right"] and not swapped.has_stereo
+    assert "right" not in open_dataset(path, topics={"right": ""}).source.roles
 
 
 def of_info(**changes: Any) -> Iterable[Event]:
