@@ -57,7 +57,8 @@ def look_at(recording: "Recording") -> Overview:
     path = Path(recording.path)
     if (recording.kind or bag_kind(path)) not in BAG_KINDS:
         return overview(recording.open())
-    bag = Inspection.of(path, recording.topics, recording.stamps)
+    calibration = Path(recording.calibration) if recording.calibration else None
+    bag = Inspection.of(path, recording.topics, recording.stamps, calibration)
     rows = [*bag.rows()]
     try:
         dataset = recording.open()
