@@ -55,6 +55,14 @@ DEMO_DESCRIPTORS: Mapping[str, Sequence[str]] = {
     "cloud": ("m2dp",),
 }
 """The demo's sources and what is computed of each."""
+
+INDOOR: Mapping[str, Any] = {
+    "evaluation": {"radius": 0.8, "window": 40},
+    "loop_closure": {"window": 40},
+}
+"""What the demo changes indoors: places are smaller; 40 scans are 20 s."""
+INDOOR_DESCRIPTORS: Mapping[str, Sequence[str]] = {"lidar": tuple(DESCRIPTORS)}
+"""The indoor demo's source: a robot's scan, coloured by its camera."""
 DEMO_NOTE = (
     "The LiDAR's full circle is described by m2dp only: the camera sees and colours a part of it, "
     "which cm2dp and cshot need, and shot is slow for so many points."
@@ -333,7 +341,7 @@ def write_stored_report(
         protocol=protocol or EvaluationConfig().protocol,
         clouds=pictured.cloud if pictured else None,
         images=pictured.image if pictured else None,
-        notes=[DEMO_NOTE] if work and work.demo else [],
+        notes=[DEMO_NOTE] if work and work.demo and "cloud" in fusion else [],
     )
 
 

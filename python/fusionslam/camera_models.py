@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam import _core
-from fusionslam.errors import DataError, ShapeError
+from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.messages import CameraInfo, Picture
 from fusionslam.sensors import Camera
 
@@ -99,15 +99,18 @@ def rectified(picture: Picture, info: CameraInfo, name: str = "camera") -> Image
     same = np.array_equal(projection[:, :3], info.camera_matrix)
     if same and not info.distortion.any() and np.array_equal(info.rectification, np.eye(3)):
         return picture.image
-    return _core.rectify_image(
-        picture.image,
-        camera_matrix=info.camera_matrix,
-        distortion=info.distortion,
-        model=info.distortion_model,
-        rectification=info.rectification,
-        projection=projection,
-        size=info.size,
-    )
+    try:
+        return _core.rectify_image(
+            picture.image,
+            camera_matrix=info.camera_matrix,
+            distortion=info.distortion,
+            model=info.distortion_model,
+            rectification=info.rectification,
+            projection=projection,
+            size=info.size,
+        )
+    except (DataError, ConfigError) as error:  # an unknown model is the camera's, no option of ours
+        raise DataError(f"CameraInfo of {name}: {error}") from error
 
 
 def check_size(picture: Picture, info: CameraInfo, name: str) -> None:
@@ -121,8 +124,9 @@ def check_size(picture: Picture, info: CameraInfo, name: str) -> None:
 
 
 def _camera(info: CameraInfo, rectified_from_points: Matrix, name: str) -> Camera:
+    projection = _projection(info, name)
     try:
-        return Camera(_projection(info, name), rectified_from_points, info.size)
+        return Camera(projection, rectified_from_points, info.size)
     except (DataError, ShapeError) as error:
         raise DataError(f"CameraInfo of {name}: {error}") from error
 

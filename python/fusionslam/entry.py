@@ -14,4 +14,6 @@ def main() -> None:
     from fusionslam.cli import app
 
     signal.signal(signal.SIGINT, before)
+    # Who ends a recording by kill or by a service manager wants what is whole kept, too.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     app(prog_name="fusionslam")

@@ -98,7 +98,10 @@ def without_ground(frame: Frame, cloud: Cloud, config: FusionConfig) -> Cloud:
     if config.ground == "none" or not len(cloud):
         return cloud
     points = _moved(cloud, frame_from_points(frame, _ground_frame(config))).points
-    return subset(cloud, _above_ground(points, config))
+    kept = _above_ground(points, config)
+    if len(kept) == len(cloud):
+        logger.warning("frame %d: no ground found, all points are kept", frame.index)
+    return subset(cloud, kept)
 
 
 def frame_from_points(frame: Frame, name: CloudFrame) -> NDArray[np.float64]:

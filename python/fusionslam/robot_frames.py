@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.errors import DataError
 from fusionslam.messages import FrameTransform, FrameTransforms, Odometry
 from fusionslam.transforms import TransformTree
 
@@ -47,13 +48,27 @@ class RobotFrames:
         self._measured: tuple[str, str] | None = None
 
     def add(self, message: FrameTransforms | Odometry) -> None:
-        """Take transforms or odometry. Raises DataError as ``TransformTree.add`` does."""
+        """Take transforms or odometry.
+
+        Raises:
+            DataError: as ``TransformTree.add``, of the first wrong transform; the others that
+                came with it are taken.
+        """
         if isinstance(message, FrameTransforms):
-            for transform in message.transforms:
-                self.tree.add(transform)
+            self._add_all(message.transforms)
             return
         self._moves.add(_as_transform(message))
         self._measured = message.frame_id, message.child_frame_id
+
+    def _add_all(self, transforms: Iterable[FrameTransform]) -> None:
+        errors = []
+        for transform in transforms:
+            try:
+                self.tree.add(transform)
+            except DataError as error:
+                errors.append(error)
+        if errors:
+            raise errors[0]
 
     def forget_moving(self) -> None:
         """Drop all that moved: the clock went back."""

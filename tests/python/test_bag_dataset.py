@@ -155,6 +155,16 @@ def test_topics_are_guessed_by_a_rule_that_is_logged_and_can_be_named(
         open_dataset(path, topics={"lidar": "/points"})
 
 
+def test_the_calibration_is_that_whose_name_shares_most_with_the_images(
+    bag: Callable[..., Path],
+) -> None:
+    names = {"/camera/image": "/rig/b", "/camera/camera_info": "/rig/b/info"}
+    events = [dataclasses.replace(e, topic=names.get(e.topic, e.topic)) for e in drive()]
+    events += [dataclasses.replace(e, topic="/rig/a/info") for e in events if "info" in e.topic]
+    roles = open_dataset(bag(events)).source.roles
+    assert (roles["left"], roles["camera_info"]) == ("/rig/b", "/rig/b/info")
+
+
 def test_true_poses_may_come_from_a_file(bag: Callable[..., Path], tmp_path: Path) -> None:
     path, truth = bag(drive()), tmp_path / "poses.txt"
     poses = np.stack([translation(k, 7) for k in range(5)])
@@ -286,6 +296,13 @@ def test_info_tells_why_a_bag_cannot_be_fused(
 ) -> None:
     out = " ".join(succeeds("info", bag(without(drive(), topic))).stdout.split())
     assert f"not possible: {word}" in out
+
+
+def test_info_does_not_promise_colours_that_no_point_gets(bag: Callable[..., Path]) -> None:
+    behind = np.array([[-4, 0, 0]], np.float32)
+    path = bag(changed(drive(), "/points", points=behind, fields={}))
+    out = " ".join(succeeds("info", path).stdout.split())
+    assert "doubtful: no point of the first scan falls into its image" in out
 
 
 def test_commands_take_topics_stamps_and_policies(bag: Callable[..., Path], tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from command_line import (
     vectors,
 )
 from fusionslam import pipeline
+from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.workspace import Recording, Work, forget_demo
 
@@ -181,6 +182,25 @@ def test_the_demo_needs_no_data_and_runs_twice(tmp_path: Path) -> None:
     stored = json.loads((tmp_path / "run.json").read_text())["configs"]
     assert stored["stereo"]["fusion"]["voxel"] == 0.2
     assert stored["lidar"]["fusion"]["voxel"] == 0
+
+
+def test_the_demo_drives_a_robot_through_an_indoor_world_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("embreex")
+    pytest.importorskip("rosbags")
+    monkeypatch.setenv("FUSIONSLAM_CACHE", str(tmp_path / "cache"))
+    short = ("--set", "sim.seconds=5", "--set", "sim.plan.length_m=10")
+    words = ("demo", "--world", "house", "-o", tmp_path / "out", *short)
+    assert last_line(succeeds(*words)) == str(tmp_path / "out/report.html")
+    (bag,) = (tmp_path / "cache").iterdir()
+    assert len(open_dataset(bag)) == 10
+    written = bag.stat().st_mtime_ns
+    succeeds(*words)
+    assert bag.stat().st_mtime_ns == written
+    work = Work.load(tmp_path / "out")
+    assert work is not None and work.recording.path == str(bag)
+    assert work.configs["lidar"]["evaluation"]["radius"] == 0.8
 
 
 def test_the_demo_does_not_replace_results_of_a_real_recording(

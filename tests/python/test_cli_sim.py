@@ -2,6 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command that simulates: every output, every option, and what is wrong with the input."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +14,7 @@ import pytest
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
+import fusionslam
 from box_worlds import hall, straight
 from command_line import fails, succeeds
 from fusionslam.config import merged
@@ -238,3 +244,27 @@ def test_half_a_frame_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     line = fails(1, "sim", "warehouse", "-o", tmp_path / "out", *words)
     assert "000002.png: No space left on device" in line
     assert len(open_dataset(tmp_path / "out")) == 2
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_recording_that_is_stopped_keeps_what_is_whole(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    pytest.importorskip("rosbags", reason="bags are an extra")
+    code = "from fusionslam.entry import main; main()"
+    words = ("sim", "house", "-o", str(tmp_path / "out.bag"), "--set", "plan.length_m=20")
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *words],
+        env=os.environ | {"PYTHONPATH": str(Path(fusionslam.__file__).parents[1])},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while not any(path.stat().st_size > 1e6 for path in tmp_path.glob(".out.bag.*/*")):
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(number)
+    _, said = process.communicate()
+    assert process.returncode == 130
+    assert "out.bag is not complete" in said
+    assert [path.name for path in tmp_path.iterdir()] == ["out.partial.bag"]
+    assert any(isinstance(event.message, Scan) for event in events_of(tmp_path / "out.partial.bag"))

@@ -142,6 +142,17 @@ def test_what_a_frame_lacks_for_the_frame_of_its_cloud_is_named(
         fusionslam.fuse(frame(**{lacking: None}), FusionConfig(source="cloud", frame=name))
 
 
+def test_where_no_ground_is_found_the_log_says_so(caplog: pytest.LogCaptureFixture) -> None:
+    wall = np.stack(np.meshgrid([3.0], np.linspace(-1, 1, 20), np.linspace(0.3, 1, 20)), axis=-1)
+    given = frame(points=wall.reshape(-1, 3).astype(np.float32), colors=None)
+    config = FusionConfig(source="cloud", frame="robot", ground="segments")
+    assert len(fusionslam.fuse(given, config)) == 400
+    assert caplog.messages == ["frame 7: no ground found, all points are kept"]
+    caplog.clear()
+    fusionslam.fuse(frame(), config)
+    assert not caplog.messages
+
+
 def test_a_frame_without_points_left_has_no_ground_to_look_for() -> None:
     empty = frame(points=np.zeros((0, 3), np.float32), colors=np.zeros((0, 3), np.uint8))
     for ground in ("height", "plane", "segments"):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether scan and image fit together: which small turn, shift or delay would fit better.
 
-The score is the edge alignment of ``calibration_edges``. A recording is checked, not calibrated:
+The score is the edge alignment of ``calibration.edges``. A recording is checked, not calibrated:
 the answer is meant for people who wonder whether their extrinsics or clocks are wrong.
 """
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands that compare and judge: demo, bench, eval, report."""
 
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,10 +14,9 @@ from fusionslam.cli.guard import keep, keep_parts, needs_extra
 from fusionslam.cli.screen import Step, print_summary, progress
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from fusionslam.pipeline import PipelineConfig
-    from fusionslam.sim import SimConfig
     from fusionslam.workspace import Recording
 
 
@@ -24,29 +25,48 @@ def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
         "out/demo"
     ),
+    world: Annotated[
+        str, typer.Option("--world", help="town (a car), or warehouse, house, hospital (a robot).")
+    ] = "town",
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Compare all descriptors on a simulated drive; needs no data."""
-    from fusionslam.bench import DEMO, DEMO_DESCRIPTORS
-    from fusionslam.workspace import Recording, forget_demo
+    """Compare all descriptors on a simulated drive; needs no data.
 
-    for extra in ("sim", "report"):
+    --set sim.KEY changes the simulation: what config sim prints for the town, what the command
+    sim takes for the other worlds.
+    """
+    from fusionslam.bench import DEMO, DEMO_DESCRIPTORS, INDOOR, INDOOR_DESCRIPTORS
+    from fusionslam.sim.recording import EMBEDDED
+
+    opt.one_of("--world", world, ("town", *EMBEDDED))
+    for extra in ("sim", "report") if world == "town" else ("sim", "bags", "report"):
         needs_extra(extra)
     own, others = _split_settings(settings)
+    indoor = world != "town"
+    descriptors = INDOOR_DESCRIPTORS if indoor else DEMO_DESCRIPTORS
     configs = {
-        source: opt.pipeline_config(config, others, **DEMO.get(source, {}))
-        for source in DEMO_DESCRIPTORS
+        source: opt.pipeline_config(config, others, **(INDOOR if indoor else DEMO.get(source, {})))
+        for source in descriptors
     }
     keep(ctx, output)
     with progress() as step:
-        simulation = _simulation(config, own)
-        recording = Recording.at(_drive_folder(simulation, output))
-        forget_demo(output, recording)
-        _drive(simulation, Path(recording.path), opt.cores(jobs), step)
-        _compare(recording, output, DEMO_DESCRIPTORS, configs, opt.cores(jobs), step, demo=True)
+        make = _robot_drive if indoor else _car_drive
+        recording = make(world, config, own, output, opt.cores(jobs), step)
+        # A robot before a wall, nearer than its LiDAR can see, has nothing to describe.
+        bad = opt.bad_frames(indoor)
+        _compare(
+            recording,
+            output,
+            descriptors,
+            configs,
+            opt.cores(jobs),
+            step,
+            demo=True,
+            bad_frames=bad,
+        )
 
 
 def bench(
@@ -190,34 +210,51 @@ def _split_settings(settings: list[str] | None) -> tuple[list[str], list[str]]:
     return own, [setting for setting in settings or [] if setting not in own]
 
 
-def _simulation(file: Path | None, settings: list[str]) -> "SimConfig":
+def _car_drive(
+    world: str, file: Path | None, settings: list[str], output: Path, jobs: int, step: Step
+) -> "Recording":
+    """The drive through the town: the embedded one, or, if it was configured, one of its own."""
     from fusionslam.config import with_file, with_settings
+    from fusionslam.sim import SimConfig, embedded_folder, record
+    from fusionslam.workspace import Recording, forget_demo
 
     whole = opt.everything()
     whole = with_settings(whole if file is None else with_file(whole, file), settings)
     simulation: SimConfig = whole.sim  # type: ignore[attr-defined]
-    return simulation
+    folder = embedded_folder() if simulation == SimConfig() else output / "drive"
+    recording = Recording.at(folder)
+    forget_demo(output, recording)
+    with _cache_can_move(folder == embedded_folder()):
+        record(simulation, folder, jobs=jobs, progress=partial(step, "driving through the town"))
+    return recording
 
 
-def _drive_folder(simulation: "SimConfig", output: Path) -> Path:
-    """The embedded drive's, or one beside the results if the simulator was configured."""
-    from fusionslam.sim import SimConfig, embedded_folder
+def _robot_drive(
+    world: str, file: Path | None, settings: list[str], output: Path, jobs: int, step: Step
+) -> "Recording":
+    """The drive of a robot through one of the other worlds, kept in the cache."""
+    from fusionslam.config import with_settings
+    from fusionslam.sim.recording import embedded_bag, embedded_config, embedded_path
+    from fusionslam.workspace import Recording, forget_demo
 
-    return embedded_folder() if simulation == SimConfig() else output / "drive"
+    own = [setting.strip().removeprefix("sim.") for setting in settings]
+    config = with_settings(embedded_config(world), own)
+    recording = Recording.at(embedded_path(world, config))
+    forget_demo(output, recording)
+    with _cache_can_move(True):
+        embedded_bag(world, config, jobs=jobs, progress=partial(step, f"driving: {world}"))
+    return recording
 
 
-def _drive(simulation: "SimConfig", folder: Path, jobs: int, step: Step) -> None:
-    """Record the drive unless it is there."""
+@contextmanager
+def _cache_can_move(cached: bool) -> "Iterator[None]":
+    """Say how, where the user's cache cannot be written."""
     from fusionslam.errors import DataError
-    from fusionslam.sim import embedded_folder, record
-
-    def show(done: int, total: int) -> None:
-        step("driving through the town", done, total)
 
     try:
-        record(simulation, folder, jobs=jobs, progress=show)
+        yield
     except DataError as error:
-        if folder != embedded_folder().resolve():
+        if not cached:
             raise
         hint = "the environment variable FUSIONSLAM_CACHE can name another folder"
         raise DataError(f"{error}; {hint}") from error

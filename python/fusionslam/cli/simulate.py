@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command that drives a robot through a world and records what it publishes."""
 
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,10 +12,8 @@ from fusionslam.cli.guard import keep_partial, needs_extra
 from fusionslam.cli.screen import progress
 
 if TYPE_CHECKING:
-    from fusionslam.cli.screen import Step
     from fusionslam.sim.motion.trajectory import Trajectory
-    from fusionslam.sim.robot import RobotConfig
-    from fusionslam.sim.simulator import SimulationConfig
+    from fusionslam.sim.recording import RecordingConfig
     from fusionslam.sim.world import World
 
 FORMATS = {"bag": "rosbag1", "db3": "rosbag2", "mcap": "mcap", "folder": "folder"}
@@ -72,6 +69,8 @@ def sim(
     kind = _kind(output, format)
     if kind != "folder":
         needs_extra("bags")
+    from fusionslam.sim.recording import write_recording
+
     # --seed means all that is random on the drive; the world has a seed of its own.
     first: dict[str, Any] = {"seed": seed, "seconds": seconds}
     changes = {key: value for key, value in first.items() if value is not None}
@@ -85,7 +84,15 @@ def sim(
         place, drive = _drive(place, chosen, trajectory)
         step("preparing world and drive", 1, 1)
         keep_partial(ctx, output)
-        count = _record(place, drive, chosen, output, kind, opt.cores(jobs), step)
+        count = write_recording(
+            place,
+            drive,
+            chosen,
+            output,
+            kind=kind,
+            jobs=opt.cores(jobs),
+            progress=lambda done, total: step("driving", done, total),
+        )
     print(f"{output}: {count} messages")
 
 
@@ -102,33 +109,23 @@ def _chosen(
     file: Path | None,
     settings: list[str] | None,
     lenient: bool,
-) -> "tuple[Any, World]":
+) -> "tuple[RecordingConfig, World]":
     """All settings, and the world they make or that was read."""
-    from fusionslam.config import Section, merged, option, with_file, with_settings
-    from fusionslam.sim.catalogue import MADE, ROBOT, read_world
-    from fusionslam.sim.motion.planner import PlanConfig
-    from fusionslam.sim.robot import RobotConfig, robot_named
-    from fusionslam.sim.simulator import SimulationConfig
+    from fusionslam.config import merged, with_file, with_settings
+    from fusionslam.sim.catalogue import MADE, read_world
+    from fusionslam.sim.recording import recording_config
 
     entry = MADE.get(name)
-    own = robot_named(robot or (entry.robot if entry else ROBOT))
-    kind: Any = type(entry.settings) if entry else Section
-
-    class RecordingConfig(SimulationConfig):
-        """All there is to configure."""
-
-        robot: RobotConfig = option(own, "the robot")
-        plan: PlanConfig = option(PlanConfig(), "the drive, where it is planned")
-        world: kind = option(entry.settings if entry else Section(), "the world, if it is made")
-
-    config = merged(RecordingConfig(), changes)
+    config = merged(recording_config(entry, robot), changes)
     if file is not None:
         config = with_file(config, file)
     config = with_settings(config, settings or [])
     return config, entry.make(config.world) if entry else read_world(name, lenient=lenient)
 
 
-def _drive(place: "World", config: Any, path: Path | None) -> "tuple[World, Trajectory]":
+def _drive(
+    place: "World", config: "RecordingConfig", path: Path | None
+) -> "tuple[World, Trajectory]":
     from dataclasses import replace
 
     from fusionslam.sim.catalogue import drive_through
@@ -137,35 +134,3 @@ def _drive(place: "World", config: Any, path: Path | None) -> "tuple[World, Traj
     if path is not None:
         place = replace(place, trajectory=read_trajectory(path))
     return drive_through(place, config.robot, config.plan)
-
-
-def _record(
-    place: "World",
-    drive: "Trajectory",
-    config: "SimulationConfig",
-    output: Path,
-    kind: str,
-    jobs: int,
-    step: "Step",
-) -> int:
-    """Write every message; the number of them."""
-    from fusionslam.sim.simulator import event_count, simulate
-
-    robot: RobotConfig = config.robot  # type: ignore[attr-defined]
-    total = event_count(robot, drive, config)
-    events = simulate(place, robot, drive, config, jobs=jobs)
-    with _writer(output, kind, robot) as writer:
-        for done, event in enumerate(events, start=1):
-            writer.write(event)
-            step("driving", done, total)
-    return total
-
-
-def _writer(output: Path, kind: str, robot: "RobotConfig") -> AbstractContextManager[Any]:
-    from fusionslam.datasets.bags import open_writer
-    from fusionslam.sim.folder import folder_writer
-
-    if kind == "folder":
-        return folder_writer(output, robot)
-    images = {camera.picture_topic(): camera.stored for camera in robot.cameras.values()}
-    return open_writer(output, kind, images=images)

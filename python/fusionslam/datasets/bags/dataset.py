@@ -18,7 +18,7 @@ from fusionslam.datasets.bags.topics import INFO_ROLES
 from fusionslam.datasets.base import Dataset
 from fusionslam.datasets.streams import SENSORS, Request, itself
 from fusionslam.datasets.trajectories import match_poses
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import DataError
 from fusionslam.messages import Picture, Scan
 from fusionslam.sensors import Camera, Frame
 
@@ -89,7 +89,7 @@ class BagDataset(Dataset):
             return picture.image
         try:
             return rectified(picture, info, self.source.roles[camera])
-        except (DataError, ConfigError) as error:
+        except DataError as error:
             raise DataError(f"{self.root}: {error}") from error
 
     def _message(self, sensor: str, index: int) -> Any:

@@ -69,6 +69,8 @@ class Inspection:
             count = len(fuse(dataset[0]))
         except FusionSlamError as error:
             return f"not possible: {_line(error)}"
+        if not count:
+            return "doubtful: no point of the first scan falls into its image"
         return f"possible: {count} points of the first scan get a colour"
 
     def _stereo(self, dataset: "Dataset") -> str:
@@ -76,6 +78,8 @@ class Inspection:
             count = len(fuse(dataset[0], FusionConfig(source="stereo")))
         except FusionSlamError as error:
             return f"not possible: {_line(error)}"
+        if not count:
+            return "doubtful: the images of the first stereo pair have nothing in common"
         return f"possible: {count} points of the first stereo pair"
 
     def _topic(self, topic: Topic) -> str:

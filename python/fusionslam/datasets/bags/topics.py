@@ -160,5 +160,5 @@ def _near(name: str, infos: Iterable[str]) -> bool:
 
 def _shared(first: str, second: str) -> int:
     """How many parts two names have in common before they part."""
-    pairs = zip(first.strip("/").split("/"), second.strip("/").split("/"), strict=False)
-    return next((k for k, (a, b) in enumerate(pairs) if a != b), 1)
+    pairs = list(zip(first.strip("/").split("/"), second.strip("/").split("/"), strict=False))
+    return next((k for k, (a, b) in enumerate(pairs) if a != b), len(pairs))

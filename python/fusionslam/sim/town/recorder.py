@@ -143,11 +143,15 @@ def embedded_drive(*, jobs: int | None = None, progress: Progress | None = None)
 
 def embedded_folder() -> Path:
     """Where the embedded drive is kept, whether it has been made or not."""
+    text = json.dumps(_identity(SimConfig()), sort_keys=True)
+    return cache_folder() / f"drive-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+
+
+def cache_folder() -> Path:
+    """The user's cache, or the folder that FUSIONSLAM_CACHE names."""
     from platformdirs import user_cache_dir
 
-    root = Path(os.environ.get("FUSIONSLAM_CACHE") or user_cache_dir("fusionslam"))
-    text = json.dumps(_identity(SimConfig()), sort_keys=True)
-    return root / f"drive-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+    return Path(os.environ.get("FUSIONSLAM_CACHE") or user_cache_dir("fusionslam"))
 
 
 def _write_frames(recorder: _Recorder, jobs: int) -> Iterator[int]:
