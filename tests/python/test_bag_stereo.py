@@ -285,3 +285,7 @@ def test_info_and_bench_know_the_pair(bag: Callable[..., Path]) -> None:
     assert Recording.at(blind).sources() == ("stereo",)
     out = " ".join(succeeds("info", blind).stdout.split())
     assert "points of the first stereo pair" in out and "not possible" not in out
+    flat = np.full_like(seen("left"), 90)
+    dull = changed(without(stereo_drive(), "/points"), TOPICS["left"], image=flat)
+    out = " ".join(succeeds("info", write_bag(path.with_name("dull.bag"), dull)).stdout.split())
+    assert "doubtful: the images of the first stereo pair have nothing in common" in out
