@@ -88,8 +88,10 @@ def draw_stages(frame: Frame, config: FusionConfig) -> "Figure":
         figure = new_figure(10.0, 7.9)
         axes = figure.subplots(2, 2).ravel()
         _draw_image(axes[0], frame)
-        _draw_cloud(axes[1], Cloud(scan), eye, f"scan, {len(scan):,} points, colour is height")
-        _draw_cloud(axes[2], cloud, eye, f"coloured cloud, {len(cloud):,} points")
+        of = "scan" if frame.points is not None else f"cloud ({config.source})"
+        _draw_cloud(axes[1], Cloud(scan), eye, f"{of}, {len(scan):,} points, colour is height")
+        kind = "coloured cloud" if cloud.colors is not None else "cloud without colours"
+        _draw_cloud(axes[2], cloud, eye, f"{kind}, {len(cloud):,} points")
         _draw_cloud(axes[3], kept, eye, _title_of(kept, config))
     return figure
 

@@ -137,6 +137,7 @@ def test_odometry_and_the_robots_frame_are_written_where_they_are_known() -> Non
         stamps_ns = np.array([5])
         numbers = np.array([0])
         body_from_points = None
+        pose_frame = "base_footprint by the truth in /ground_truth"
 
         def __getitem__(self, index: int) -> Frame:
             return frame
