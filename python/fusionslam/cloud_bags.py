@@ -49,8 +49,8 @@ def write_cloud_bag(
 
     /odom holds the odometry of the frames; /ground_truth their poses in the world, all of them,
     if they are known by more than odometry; /tf links world, odom, base_footprint, the scan's frame
-    (lidar) and camera as far as they are known. Stamps are those of the frames. Memory does not
-    grow with the recording.
+    (lidar) and camera as far as they are known, /tf_static those of lidar and camera that are the
+    same in all frames. Stamps are those of the frames. Memory does not grow with the recording.
 
     Args:
         recording: the data.
@@ -70,7 +70,7 @@ def write_cloud_bag(
     dataset = recording.open(config.source)
     if target.exists():
         logger.warning("%s is there already and will be replaced", target)
-    maker = _Maker(dataset, config)
+    maker = _Maker(dataset, config, _fixed_frames(dataset))
     with open_writer(target) as bag, ThreadPoolExecutor(max(jobs, 1)) as pool:
         for done, events in enumerate(_in_order(pool, maker, max(jobs, 1)), start=1):
             for event in events:
@@ -106,12 +106,37 @@ def _in_order(pool: ThreadPoolExecutor, maker: "_Maker", ahead: int) -> Iterator
             left.cancel()
 
 
+def _fixed_frames(dataset: "Dataset") -> frozenset[str]:
+    """The scan's frame and the camera's, as far as they are where they were in all frames.
+
+    A camera of a bag moves from frame to frame against the scan if both are taken at other times.
+    """
+    fixed = {SCAN: True, _FRAME_IDS["camera"]: True}
+    first = dataset[0]
+    for index in range(len(dataset)):
+        frame = dataset[index]
+        fixed[SCAN] &= _same(frame.robot_from_points, first.robot_from_points)
+        fixed[_FRAME_IDS["camera"]] &= _same(_camera_place(frame), _camera_place(first))
+        if not any(fixed.values()):
+            break
+    return frozenset(name for name, is_fixed in fixed.items() if is_fixed)
+
+
+def _camera_place(frame: Frame) -> Matrix | None:
+    return frame.cameras["left"].rectified_from_points if "left" in frame.cameras else None
+
+
+def _same(one: Matrix | None, other: Matrix | None) -> bool:
+    return one is not None and other is not None and np.allclose(one, other, rtol=0, atol=1e-9)
+
+
 @dataclass(frozen=True)
 class _Maker:
     """Makes the messages of single frames; shared by all threads."""
 
     dataset: "Dataset"
     config: FusionConfig
+    fixed: frozenset[str] = frozenset()
 
     def events(self, index: int) -> list[Event]:
         frame, stamp_ns = self.dataset[index], int(self.dataset.stamps_ns[index])
@@ -122,10 +147,13 @@ class _Maker:
             raise DataError(f"{self.dataset.name}, frame {number}: {error}") from error
         name = _FRAME_IDS[self.config.frame]
         scan = Scan(stamp_ns=stamp_ns, frame_id=name, points=cloud.points, colors=cloud.colors)
+        messages: list[tuple[str, Message]] = []
         links = self._links(frame, stamp_ns)
-        messages: list[tuple[str, Message]] = (
-            [("/tf", FrameTransforms(transforms=links))] if links else []
-        )
+        for topic, is_static in (("/tf_static", True), ("/tf", False)):
+            chosen = tuple(link for link in links if link.static is is_static)
+            # What is fixed is said once.
+            if chosen and (index == 0 or not is_static):
+                messages.append((topic, FrameTransforms(transforms=chosen)))
         messages += [(topic, odometry) for topic, odometry in self._motion(frame, stamp_ns)]
         messages.append((CLOUDS, scan))
         return [Event(topic, stamp_ns, message) for topic, message in messages]
@@ -161,6 +189,7 @@ class _Maker:
                 parent=parent,
                 child=child,
                 parent_from_child=parent_from_scan @ np.linalg.inv(child_from_scan),
+                static=child in self.fixed,
             )
             for (parent, parent_from_scan), (child, child_from_scan) in pairwise(chain)
         )

@@ -4,6 +4,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bag_maker import drive, odometry, translation, without, write_bag
@@ -13,7 +14,7 @@ from fusionslam.cloud_bags import write_cloud_bag
 from fusionslam.clouds import write_clouds
 from fusionslam.datasets import open_dataset
 from fusionslam.datasets.bags import open_bag
-from fusionslam.messages import Event, Odometry
+from fusionslam.messages import Event, FrameTransforms, Odometry
 from fusionslam.stages import draw_stages
 from fusionslam.workspace import Recording
 from tiny_kitti import write_sequence
@@ -118,6 +119,27 @@ def test_odometry_alone_is_no_truth(tmp_path: Path) -> None:
     read = Recording.at(write_bag(tmp_path / "d.bag", drive()))
     write_cloud_bag(read, tmp_path / "made.bag", FusionConfig())
     assert truths(tmp_path / "made.bag") == []
+
+
+@pytest.mark.parametrize("camera_is_fixed", [True, False])
+def test_links_that_do_not_move_are_static(tmp_path: Path, camera_is_fixed: bool) -> None:
+    """An image that is lost makes the camera's place against the scan that of another time."""
+    events = drive()
+    if not camera_is_fixed:
+        lost = events[0].time_ns + 1_000_000_000
+        events = [e for e in events if (e.topic, e.time_ns) != ("/camera/image", lost)]
+    made = tmp_path / "made.bag"
+    write_cloud_bag(Recording.at(write_bag(tmp_path / "d.bag", events)), made, FusionConfig())
+    links: dict[str, list[str]] = {"/tf": [], "/tf_static": []}
+    with open_bag(made) as bag:
+        for event in bag.events():
+            if isinstance(event.message, FrameTransforms):
+                links[event.topic] += [link.child for link in event.message.transforms]
+    moving = ["base_footprint"] if camera_is_fixed else ["base_footprint", "camera"]
+    fixed = ["lidar", "camera"] if camera_is_fixed else ["lidar"]
+    assert links == {"/tf": moving * 5, "/tf_static": fixed}
+    made_set, given = open_dataset(made), open_dataset(tmp_path / "d.bag")
+    assert np.allclose(made_set[3].robot_from_points, given[3].robot_from_points)
 
 
 def said_by_fuse(*arguments: object) -> str:

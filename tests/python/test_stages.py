@@ -97,7 +97,7 @@ def test_clouds_in_a_bag_are_those_that_fuse_makes(
         assert cloud.stamp_ns == frame.stamp_ns and cloud.frame_id == "lidar"
         assert np.array_equal(cloud.points, expected.points)
         assert np.array_equal(cloud.colors, expected.colors)
-    assert {event.topic for event in events} == {"/rgb_cloud", "/ground_truth", "/tf"}
+    assert {event.topic for event in events} == {"/rgb_cloud", "/ground_truth", "/tf", "/tf_static"}
 
 
 def test_a_bag_of_clouds_knows_where_its_frames_were(sequence: Path, tmp_path: Path) -> None:
