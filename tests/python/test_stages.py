@@ -41,7 +41,8 @@ def test_each_step_of_a_frame_has_its_picture(sequence: Path) -> None:
         f"coloured cloud, {len(whole)} points",
         f"without ground (height), {len(fused)} points",
     ]
-    assert "ground left in" in draw_stages(frame, FusionConfig()).axes[3].get_title(loc="left")
+    last = draw_stages(frame, FusionConfig()).axes[3]
+    assert "ground left in" in last.get_title(loc="left") and not last.collections
 
 
 def test_clouds_alone_and_empty_clouds_are_drawn_too() -> None:
@@ -66,6 +67,16 @@ def test_the_eye_sees_what_is_ahead_left_and_high_where_it_should(up: Any, drivi
     assert which[0] == 4  # what is far is drawn first
     seen = dict(zip(which.tolist(), at, strict=True))
     assert abs(seen[0][0]) < 1e-6 and seen[1][0] < -0.02 and seen[2][1] > seen[0][1] + 0.02
+
+
+def test_a_cloud_fills_its_picture() -> None:
+    """What a camera sees of a room: a few metres ahead, to both sides and low."""
+    rng = np.random.default_rng(3)
+    points = rng.uniform([3, -1, -0.2], [6, 1, 0.6], (500, 3)).astype(np.float32)
+    at, which = _Eye(points, FusionConfig()).look(points)
+    assert len(which) > 480
+    widths = np.ptp(at, axis=0) / [2, 2 * 3 / 4]
+    assert widths.max() > 0.8 and np.abs(at[:, 1].min() + at[:, 1].max()) < 0.15
 
 
 def test_pictures_are_spread_over_the_recording(sequence: Path, tmp_path: Path) -> None:
