@@ -93,7 +93,12 @@ def sim(
             jobs=opt.cores(jobs),
             progress=lambda done, total: step("driving", done, total),
         )
-    print(f"{output}: {count} messages")
+    print(f"{output}: {_counted(count, kind)}")
+
+
+def _counted(count: int, kind: str) -> str:
+    noun = "frame" if kind == "folder" else "message"
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
 def _kind(output: Path, format: str | None) -> str:

@@ -12,11 +12,11 @@ from typing import Any
 from fusionslam.config import Section, merged, option
 from fusionslam.datasets.bags import open_writer
 from fusionslam.sim.catalogue import MADE, ROBOT, Entry, drive_through
-from fusionslam.sim.folder import folder_writer
+from fusionslam.sim.folder import FolderWriter, first_lidar, folder_writer
 from fusionslam.sim.motion.planner import PlanConfig
 from fusionslam.sim.motion.trajectory import Trajectory
 from fusionslam.sim.robot import RobotConfig, robot_named
-from fusionslam.sim.simulator import SimulationConfig, event_count, simulate
+from fusionslam.sim.simulator import Select, SimulationConfig, event_count, scan_count, simulate
 from fusionslam.sim.town.recorder import cache_folder
 from fusionslam.sim.world import World
 
@@ -74,7 +74,7 @@ def write_recording(
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> int:
-    """Write everything that the robot publishes, and return the number of messages.
+    """Write what the robot publishes, and return the number of messages, or of frames in a folder.
 
     Args:
         world: with its map.
@@ -83,20 +83,28 @@ def write_recording(
         output: bag or folder.
         kind: "rosbag1", "rosbag2", "mcap" or ``FOLDER``.
         jobs: threads that render ahead. The bytes do not depend on it.
-        progress: called with (messages written, messages in all).
+        progress: called with (messages or frames written, those in all).
 
     Raises:
         DataError: the drive meets an obstacle, or the output cannot be written; what is whole is
             kept as ``open_writer`` or ``folder_writer`` say.
     """
-    total = event_count(config.robot, drive, config)
-    events = simulate(world, config.robot, drive, config, jobs=jobs)
+    total = recording_size(drive, config, kind)
     with _writer(output, kind, config.robot) as writer:
-        for done, event in enumerate(events, start=1):
+        select: Select = writer.needed if isinstance(writer, FolderWriter) else iter
+        for event in simulate(world, config.robot, drive, config, jobs=jobs, select=select):
             writer.write(event)
             if progress is not None:
-                progress(done, total)
-    return total
+                progress(writer.count, total)
+    return int(writer.count)
+
+
+def recording_size(drive: Trajectory, config: RecordingConfig, kind: str) -> int:
+    """How many messages, or frames in a folder, ``write_recording`` writes."""
+    robot = config.robot
+    if kind != FOLDER:
+        return event_count(robot, drive, config)
+    return scan_count(first_lidar(robot), drive, config)
 
 
 def embedded_config(name: str) -> RecordingConfig:
