@@ -12,7 +12,9 @@ pytest.importorskip("embreex", reason="the simulator is an extra")
 from fusionslam.config import merged, with_settings
 from fusionslam.errors import ConfigError
 from fusionslam.sim.camera import LensConfig
+from fusionslam.sim.catalogue import MADE, drive_through
 from fusionslam.sim.lidar import LidarConfig, LidarMount
+from fusionslam.sim.motion.planner import PlanConfig
 from fusionslam.sim.robot import (
     RobotConfig,
     base_from,
@@ -51,6 +53,12 @@ def test_the_car_has_the_sensors_of_the_embedded_drive() -> None:
     for mount, config, kind in zip(ours, theirs, (LidarConfig, *[LensConfig] * 2), strict=True):
         for key in kind.model_fields:
             assert getattr(mount, key) == getattr(config, key), key
+
+
+def test_the_car_can_do_what_its_town_asks(caplog: pytest.LogCaptureFixture) -> None:
+    entry = MADE["town"]
+    drive_through(entry.make(entry.settings), robot_named("car"), PlanConfig())
+    assert "faster than the robot" not in caplog.text
 
 
 def test_the_right_camera_is_a_baseline_beside_the_left_one_in_its_frame() -> None:

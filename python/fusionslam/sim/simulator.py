@@ -126,7 +126,7 @@ def map_of(world: World, robot: RobotConfig) -> OccupancyMap:
 
 def event_count(robot: RobotConfig, trajectory: Trajectory, config: SimulationConfig) -> int:
     """How many events ``simulate`` yields."""
-    seconds = _duration(trajectory, config)
+    seconds = recorded_seconds(trajectory, config)
     rates = [lidar.rate_hz for lidar in robot.lidars.values()]
     rates += [camera.rate_hz for camera in robot.cameras.values()] * 2
     rates += [robot.odometry.rate_hz] * 3
@@ -135,10 +135,11 @@ def event_count(robot: RobotConfig, trajectory: Trajectory, config: SimulationCo
 
 def scan_count(lidar: LidarMount, trajectory: Trajectory, config: SimulationConfig) -> int:
     """How many scans of a LiDAR ``simulate`` yields."""
-    return _ticks(lidar.rate_hz, _duration(trajectory, config))
+    return _ticks(lidar.rate_hz, recorded_seconds(trajectory, config))
 
 
-def _duration(trajectory: Trajectory, config: SimulationConfig) -> float:
+def recorded_seconds(trajectory: Trajectory, config: SimulationConfig) -> float:
+    """How much of a drive is recorded."""
     whole = trajectory.duration_s
     return whole if config.seconds is None else min(config.seconds, whole)
 
@@ -161,12 +162,12 @@ class _Simulation:
     ) -> None:
         self.robot, self.trajectory, self.config = robot, trajectory, config
         self.start_ns = config.start_s * NANOSECONDS
-        self.seconds = _duration(trajectory, config)
+        self.seconds = recorded_seconds(trajectory, config)
         self.scenes = {"visual": world.visual, "collision": world.collision}
         self.casters = _casters(world, robot)
         rate_hz = robot.odometry.rate_hz
         self.truth = simulate_odometry(trajectory, OdometryConfig(), rate_hz)
-        self.odometry = simulate_odometry(trajectory, _errors(robot, config), rate_hz)
+        self.odometry = simulate_odometry(trajectory, odometry_errors(robot, config), rate_hz)
         self.obstacles: tuple[Obstacle, ...] = plan_obstacles(
             config.obstacles, grid, trajectory, robot.radius_m, config.seed, self.seconds
         )
@@ -267,7 +268,7 @@ class _Simulation:
         return FrameTransforms(transforms=(link,))
 
 
-def _errors(robot: RobotConfig, config: SimulationConfig) -> OdometryConfig:
+def odometry_errors(robot: RobotConfig, config: SimulationConfig) -> OdometryConfig:
     """The robot's errors; their seed is the recording's where it is not set on its own."""
     errors = robot.odometry.errors
     return errors if "seed" in errors.model_fields_set else merged(errors, {"seed": config.seed})
