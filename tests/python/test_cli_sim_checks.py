@@ -140,9 +140,13 @@ def test_a_drive_faster_than_the_robot_is_driven_with_a_warning(
 
 
 def test_what_a_world_lacks_is_told_with_the_option_that_skips_it(tmp_path: Path) -> None:
-    (tmp_path / "a.sdf").write_text(
-        "<sdf version='1.6'><world name='w'><include><uri>model://gone</uri></include></world></sdf>"
+    there = (
+        "<model name='m'><link name='l'><visual name='v'><geometry><box><size>1 1 1</size></box>"
+        "</geometry></visual></link></model>"
     )
+    gone = "<include><uri>model://gone</uri></include>"
+    text = f"<sdf version='1.6'><world name='w'>{there}{gone}</world></sdf>"
+    (tmp_path / "a.sdf").write_text(text)
     line = fails(1, "sim", tmp_path / "a.sdf", "-o", tmp_path / "out")
     assert "1 missing or not supported, which lenient loading (--lenient) skips: model" in line
     assert "::" not in line
