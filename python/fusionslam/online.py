@@ -16,9 +16,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam import _core
+from fusionslam.camera_models import camera_from, cameras_from, check_size, rectified
 from fusionslam.config import Section, option
-from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.messages import CameraInfo, FrameTransforms, Message, Odometry, Picture, Scan
 from fusionslam.robot_frames import RobotFrames
 from fusionslam.sensors import Camera, Frame
@@ -29,17 +29,19 @@ from fusionslam.synchronizer import (
     Pair,
     SyncConfig,
     Synchronizer,
+    stereo_synchronizer,
 )
 from fusionslam.transforms import TransformError
 
 logger = logging.getLogger(__name__)
 
 Matrix = NDArray[np.float64]
-Image = NDArray[np.uint8]
 
 NO_TRANSFORM = "no transform"
 NO_CAMERA_INFO = "no CameraInfo"
 BAD_CALIBRATION = "calibration does not fit"
+
+_PAIR = ("left", "right")
 
 
 class OnlineConfig(Section):
@@ -61,55 +63,8 @@ class OnlineConfig(Section):
     )
 
 
-def camera_from(info: CameraInfo, camera_from_points: Matrix, name: str = "camera") -> Camera:
-    """The rectified camera of a CameraInfo.
-
-    Args:
-        info: its projection of zeros, as drivers without rectification send, means K itself.
-        camera_from_points: float64 (4, 4), maps points of the scan to the camera's optical frame.
-        name: what errors call it: its topic.
-
-    Raises:
-        DataError: a camera matrix of zeros, as sent by cameras that were never calibrated, or
-            one that no camera can have.
-    """
-    rectified_from_camera = np.eye(4)
-    rectified_from_camera[:3, :3] = info.rectification
-    projection = _projection(info, name)
-    try:
-        return Camera(projection, rectified_from_camera @ np.asarray(camera_from_points), info.size)
-    except (DataError, ShapeError) as error:
-        raise DataError(f"CameraInfo of {name}: {error}") from error
-
-
-def rectified(picture: Picture, info: CameraInfo, name: str = "camera") -> Image:
-    """The image as the projection of its CameraInfo sees it: without distortion.
-
-    Raises:
-        DataError: the image has another size than its CameraInfo says, or a calibration that
-            cannot be used.
-    """
-    _check_size(picture, info, name)
-    projection = _projection(info, name)
-    same = np.array_equal(projection[:, :3], info.camera_matrix)
-    if same and not info.distortion.any() and np.array_equal(info.rectification, np.eye(3)):
-        return picture.image
-    try:
-        return _core.rectify_image(
-            picture.image,
-            camera_matrix=info.camera_matrix,
-            distortion=info.distortion,
-            model=info.distortion_model,
-            rectification=info.rectification,
-            projection=projection,
-            size=info.size,
-        )
-    except (DataError, ConfigError) as error:  # an unknown model is the camera's, no option of ours
-        raise DataError(f"CameraInfo of {name}: {error}") from error
-
-
 def frame_from_pair(
-    scan: Scan,
+    scan: Scan | None,
     pictures: Mapping[str, Picture],
     infos: Mapping[str, CameraInfo],
     frames: RobotFrames,
@@ -122,7 +77,8 @@ def frame_from_pair(
     Rays without return (NaN) are left out. The images are rectified when first asked for.
 
     Args:
-        pictures: by camera name.
+        scan: None for a stereo pair alone, whose points are in the left camera's optical frame.
+        pictures: by camera name; "left" and "right" together are a stereo pair.
         infos: calibration of each of them.
         frames: where sensors and robot were.
         index: number of the frame.
@@ -132,25 +88,86 @@ def frame_from_pair(
         TransformError: something is not known at its time (a DataError).
         DataError: a calibration that cannot be used, or an image of another size.
     """
-    cameras = {}
     for name, picture in pictures.items():
-        optical = infos[name].frame_id or picture.frame_id
-        _check_size(picture, infos[name], name)
-        moved = frames.camera_from_points(
-            optical, picture.stamp_ns, scan.frame_id, scan.stamp_ns, still=still
-        )
-        cameras[name] = camera_from(infos[name], moved, name)
-    valid = np.isfinite(scan.points).all(axis=1)
+        check_size(picture, infos[name], name)
+    lead = scan or pictures["left"]
+    points, colors = _returned(scan)
     return Frame(
         index=index,
-        stamp_ns=scan.stamp_ns,
-        points=scan.points if valid.all() else scan.points[valid],
-        colors=None if scan.colors is None else scan.colors[valid],
+        stamp_ns=lead.stamp_ns,
+        points=points,
+        colors=colors,
         images={name: partial(rectified, p, infos[name], name) for name, p in pictures.items()},
-        cameras=cameras,
-        odometry=None if still else frames.odometry_from_robot(scan.stamp_ns),
-        robot_from_points=frames.robot_from(scan.frame_id, scan.stamp_ns),
+        cameras=_placed_cameras(scan, pictures, infos, frames, still),
+        odometry=None if still else frames.odometry_from_robot(lead.stamp_ns),
+        robot_from_points=_robot_from_points(scan, pictures, infos, frames, still),
     )
+
+
+def _returned(scan: Scan | None) -> tuple[NDArray[np.float32] | None, NDArray[np.uint8] | None]:
+    """Points and colours of the rays that returned."""
+    if scan is None:
+        return None, None
+    valid = np.isfinite(scan.points).all(axis=1)
+    points = scan.points if valid.all() else scan.points[valid]
+    return points, None if scan.colors is None else scan.colors[valid]
+
+
+def _robot_from_points(
+    scan: Scan | None,
+    pictures: Mapping[str, Picture],
+    infos: Mapping[str, CameraInfo],
+    frames: RobotFrames,
+    still: bool,
+) -> Matrix | None:
+    if scan is not None:
+        return frames.robot_from(scan.frame_id, scan.stamp_ns)
+    try:
+        return frames.robot_from(_optical_frame("left", pictures, infos), pictures["left"].stamp_ns)
+    except TransformError:
+        # A pair needs no transforms, but waits for them as long as they may come.
+        if not still:
+            raise
+        return None
+
+
+def _optical_frame(
+    name: str, pictures: Mapping[str, Picture], infos: Mapping[str, CameraInfo]
+) -> str:
+    return infos[name].frame_id or pictures[name].frame_id
+
+
+def _placed_cameras(
+    scan: Scan | None,
+    pictures: Mapping[str, Picture],
+    infos: Mapping[str, CameraInfo],
+    frames: RobotFrames,
+    still: bool,
+) -> dict[str, Camera]:
+    """Every camera where it was when it took its image; the right one of a pair with the left."""
+    cameras: dict[str, Camera] = {}
+    for name, picture in pictures.items():
+        if name == "right" and "left" in pictures:
+            continue
+        place = np.eye(4)
+        if scan is not None:
+            optical = _optical_frame(name, pictures, infos)
+            place = frames.camera_from_points(
+                optical, picture.stamp_ns, scan.frame_id, scan.stamp_ns, still=still
+            )
+        if name == "left":
+            cameras |= cameras_from({k: infos[k] for k in pictures if k in _PAIR}, place)
+        else:
+            cameras[name] = camera_from(infos[name], place, name)
+    return cameras
+
+
+def _pictures(pair: Pair) -> dict[str, Picture]:
+    """All images of a pair, whose left one may be a pair itself."""
+    found = {"left": pair.item} if isinstance(pair.item, Picture) else {}
+    for name, image in pair.images.items():
+        found |= _pictures(image.item) if isinstance(image.item, Pair) else {name: image.item}
+    return found
 
 
 class FrameBuilder:
@@ -158,14 +175,16 @@ class FrameBuilder:
 
     A scan is out once its images are decided (``Synchronizer``) and its transforms and CameraInfo
     are there; it waits for those up to ``wait`` seconds of the newest stamp. For the sensor
-    ``scans``, always: added = frames + dropped + waiting.
+    ``sync.scans``, always: added = frames + dropped + waiting.
 
     Args:
         config: limits and names.
-        cameras: which cameras every frame needs.
+        cameras: which cameras every frame needs; "left" and "right" together are a stereo pair.
+        scans: whether frames are scans; else they are stereo pairs, in the left camera's frame.
 
     Attributes:
         sync: the synchroniser, with its counts.
+        stereo: the one that makes the pairs that go to ``sync`` as "left"; None without.
         robot: where sensors and robot were.
         frames: number of frames so far.
         refused: messages of wrong content by type: transforms that form a loop, ...
@@ -173,10 +192,23 @@ class FrameBuilder:
     """
 
     def __init__(
-        self, config: OnlineConfig | None = None, *, cameras: tuple[str, ...] = ("left",)
+        self,
+        config: OnlineConfig | None = None,
+        *,
+        cameras: tuple[str, ...] = ("left",),
+        scans: bool = True,
     ) -> None:
         self.config = config or OnlineConfig()
-        self.sync = Synchronizer(self.config.sync, cameras=cameras)
+        is_pair = {*_PAIR} <= {*cameras}
+        if not scans and not (is_pair and len(cameras) == len(_PAIR)):
+            raise ConfigError(f"cameras is {cameras}, expected left and right where scans is False")
+        self.stereo = stereo_synchronizer(self.config.sync) if is_pair and scans else None
+        others = [name for name in cameras if name != "right" or not is_pair]
+        self.sync = (
+            Synchronizer(self.config.sync, cameras=others)
+            if scans
+            else stereo_synchronizer(self.config.sync)
+        )
         self.robot = RobotFrames(
             history_s=self.config.history,
             extrapolation_s=self.config.extrapolation,
@@ -194,13 +226,17 @@ class FrameBuilder:
     @property
     def dropped(self) -> Counter[tuple[str, str]]:
         """Messages that came to nothing, by (sensor, reason)."""
-        return self.sync.dropped + self._given_up
+        paired = self.stereo.dropped if self.stereo else Counter()
+        return self.sync.dropped + paired + self._given_up
 
     @property
     def waiting(self) -> dict[str, int]:
         """By sensor, messages that are not decided yet."""
-        waiting = self.sync.waiting
-        return waiting | {self.sync.scans: waiting[self.sync.scans] + len(self._pending)}
+        waiting = Counter(self.sync.waiting)
+        if self.stereo:
+            waiting.update(self.stereo.waiting)
+        waiting[self.sync.scans] += len(self._pending)
+        return dict(waiting)
 
     def process(self, message: Message, camera: str = "left") -> list[Frame]:
         """Take a message and return the frames that it completes, by rising stamp.
@@ -210,12 +246,13 @@ class FrameBuilder:
             camera: which camera an image or a CameraInfo is of.
 
         Raises:
-            ConfigError: an image of a camera that was not named when the object was made.
+            ConfigError: an image of a camera that was not named when the object was made, or a
+                scan without ``scans``.
         """
         if isinstance(message, CameraInfo):
             self._infos[camera] = message
         elif isinstance(message, Scan):
-            self._synchronise(self.sync.scans, message)
+            self._synchronise("points", message)
         elif isinstance(message, Picture):
             self._synchronise(camera, message)
         else:
@@ -224,12 +261,15 @@ class FrameBuilder:
 
     def flush(self) -> list[Frame]:
         """The frames of all that waits: nothing more will come."""
+        if self.stereo:
+            for both in self.stereo.flush():
+                self._pending.extend(self.sync.add("left", both.stamp_ns, both))
         self._pending.extend(self.sync.flush())
         return self._complete(final=True)
 
     def _synchronise(self, sensor: str, message: Scan | Picture) -> None:
         jumps = self.sync.jumps
-        pairs = self.sync.add(sensor, message.stamp_ns, message)
+        pairs = self._paired(sensor, message)
         if self.sync.jumps > jumps:
             self._start_anew()
         self._pending.extend(pairs)
@@ -237,6 +277,15 @@ class FrameBuilder:
         if len(self._pending) > self.config.sync.buffer:
             self._pending.popleft()
             self._give_up(BUFFER_FULL, "too many scans wait")
+
+    def _paired(self, sensor: str, message: Scan | Picture) -> list[Pair]:
+        """What a message completes; left and right images find each other first."""
+        if self.stereo is None or sensor not in _PAIR:
+            return self.sync.add(sensor, message.stamp_ns, message)
+        pairs: list[Pair] = []
+        for both in self.stereo.add(sensor, message.stamp_ns, message):
+            pairs += self.sync.add("left", both.stamp_ns, both)
+        return pairs
 
     def _move(self, message: FrameTransforms | Odometry) -> None:
         if self.robot.goes_back(message, round(self.config.sync.jump * NANOSECONDS)):
@@ -281,7 +330,7 @@ class FrameBuilder:
 
     def _frame(self, pair: Pair, late: bool) -> Frame | None:
         """The pair's frame, or None if it had to be given up. Raises _NotYetError."""
-        missing = [name for name in pair.images if name not in self._infos]
+        missing = [name for name in _pictures(pair) if name not in self._infos]
         if missing and not late:
             raise _NotYetError
         if missing:
@@ -299,9 +348,9 @@ class FrameBuilder:
 
     def _placed(self, pair: Pair, late: bool) -> Frame:
         """Without odometry where that is all that is missing."""
-        pictures = {name: image.item for name, image in pair.images.items()}
+        scan = pair.item if isinstance(pair.item, Scan) else None
         make = partial(
-            frame_from_pair, pair.item, pictures, self._infos, self.robot, index=self.frames
+            frame_from_pair, scan, _pictures(pair), self._infos, self.robot, index=self.frames
         )
         try:
             return make()
@@ -333,22 +382,3 @@ def _moving_stamps(message: FrameTransforms | Odometry) -> list[int]:
     if isinstance(message, Odometry):
         return [message.stamp_ns]
     return [each.stamp_ns for each in message.transforms if not each.static]
-
-
-def _projection(info: CameraInfo, name: str) -> Matrix:
-    if not np.any(info.camera_matrix):
-        raise DataError(
-            f"CameraInfo of {name} has a camera matrix K of zeros: calibrate the camera"
-        )
-    if np.any(info.projection):
-        return info.projection
-    return np.hstack([info.camera_matrix, np.zeros((3, 1))])
-
-
-def _check_size(picture: Picture, info: CameraInfo, name: str) -> None:
-    size = picture.image.shape[1], picture.image.shape[0]
-    if size != tuple(info.size):
-        raise DataError(
-            f"the image of {name} is {size[0]}x{size[1]}, its CameraInfo says "
-            f"{info.size[0]}x{info.size[1]}"
-        )

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 
 from pydantic import model_validator
 
-from fusionslam.config import Section, option
+from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError
 
 NANOSECONDS = 1_000_000_000
@@ -41,6 +41,9 @@ class SyncConfig(Section):
     )
     max_difference: float = option(
         0.1, "an image further from the scan does not belong to it", unit="s", ge=0
+    )
+    stereo_difference: float = option(
+        0.01, "left and right images further apart are no stereo pair", unit="s", ge=0
     )
     buffer: int = option(100, "messages of each sensor that wait at most", ge=1)
     lateness: float = option(
@@ -291,3 +294,13 @@ class Synchronizer:
             self.unused[camera] += used.count(False)
         else:
             self._drop(camera, reason, used.count(False))
+
+
+def stereo_synchronizer(config: SyncConfig) -> Synchronizer:
+    """Pairs right images with left ones, which lead: a stereo pair is taken at one time.
+
+    Args:
+        config: its ``stereo_difference`` is the limit, whatever the policy for scans.
+    """
+    own = {"policy": "nearest", "max_difference": config.stereo_difference}
+    return Synchronizer(merged(config, own), cameras=("right",), scans="left")

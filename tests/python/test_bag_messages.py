@@ -182,6 +182,34 @@ def test_a_bayer_mosaic_of_one_colour_gives_that_colour(pattern: str) -> None:
     np.testing.assert_array_equal(found, np.tile(np.uint8([200, 90, 20]), (8, 10, 1)))
 
 
+@pytest.mark.parametrize("padding", [0, 3])
+@pytest.mark.parametrize(
+    ("encoding", "order"),
+    [("yuv422", "UYVY"), ("uyvy", "UYVY"), ("yuv422_yuy2", "YUYV"), ("yuyv", "YUYV")],
+)
+def test_pairs_of_pixels_that_share_a_colour_become_rgb(
+    encoding: str, order: str, padding: int
+) -> None:
+    """The bars of ITU-R BT.601, two pixels wide; then black and white beside each other."""
+    bars = {
+        (81, 90, 240): (255, 0, 0),
+        (145, 54, 34): (0, 255, 0),
+        (41, 240, 110): (0, 0, 255),
+        (210, 16, 146): (255, 255, 0),
+    }
+    row, expected = [], []
+    for (y, u, v), color in bars.items():
+        row += [{"Y": y, "U": u, "V": v}[name] for name in order]
+        expected += [color, color]
+    first, second = iter((16, 235)), [(0, 0, 0), (255, 255, 255)]
+    row += [next(first) if name == "Y" else 128 for name in order]
+    stored = np.array([row, row], np.uint8)
+    message = image(encoding, stored.reshape(2, 10, 2), padding)
+    found = read_image(message).astype(int)
+    assert found.shape == (2, 10, 3)
+    assert np.abs(found - np.array([expected + second] * 2)).max() <= 2
+
+
 def compressed(pixels: np.ndarray, form: str, text: str) -> Message:
     memory = io.BytesIO()
     Image.fromarray(pixels).save(memory, form)
@@ -208,6 +236,8 @@ def test_jpeg_colours_are_those_that_the_format_says_were_encoded(text: str, ord
     ("message", "word"),
     [
         (image("16UC1", RGB), "field 'encoding' is '16UC1', expected one of rgb8"),
+        (image("mono16", RGB), "field 'encoding' is 'mono16', expected one of rgb8"),
+        (image("yuv422", RGB[..., :2]), "the image is 7 wide, expected pairs of pixels"),
         (image("rgb8", RGB, data=b"\0" * 104), "field 'data' has 104 bytes, expected 105"),
         (image("rgb8", RGB, step=20), "field 'step' is 20"),
         (image("mono8", RGB[..., 0], height=0), "is 7x0"),

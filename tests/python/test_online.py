@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import fusionslam
+from fusionslam.camera_models import camera_from, rectified
 from fusionslam.datasets.bags import open_bag
 from fusionslam.errors import DataError
 from fusionslam.messages import (
@@ -32,8 +33,6 @@ from fusionslam.online import (
     NO_TRANSFORM,
     FrameBuilder,
     OnlineConfig,
-    camera_from,
-    rectified,
 )
 from fusionslam.synchronizer import CLOCK_JUMP, SyncConfig
 

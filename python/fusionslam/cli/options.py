@@ -63,7 +63,8 @@ Topics = Annotated[
     typer.Option(
         "--topic",
         metavar="WHAT=/NAME",
-        help="Topic of a bag for points, left, camera_info, odometry or truth; may be repeated.",
+        help="Topic of a bag for points, left, camera_info, right, right_camera_info, odometry or "
+        "truth; may be repeated.",
     ),
 ]
 StampsOption = Annotated[

@@ -98,7 +98,7 @@ def open_dataset(
             an "error", or "skip" leaves those frames out. Bags are read as with "skip".
         poses: file in KITTI or TUM format to use instead of the one found beside the data.
         topics: of a bag, those not to be guessed, by what they are: "points", "left",
-            "camera_info", "odometry", "truth".
+            "camera_info", "right", "right_camera_info", "odometry", "truth".
         stamps: when the messages of a bag were measured: as their "header" says, or when they
             arrived in the "bag".
         sync: which image of a bag belongs to which scan.

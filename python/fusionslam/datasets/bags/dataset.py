@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as a ``Dataset``: its scans, each with the image that belongs to it."""
+"""A bag as a ``Dataset``: its scans, each with the image or the stereo pair that belongs to it."""
 
 import functools
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,16 +12,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.camera_models import cameras_from, check_pair, rectified
 from fusionslam.datasets.bags.pairing import IndexedBag, Matched, match, motion, open_indexed
+from fusionslam.datasets.bags.topics import INFO_ROLES
 from fusionslam.datasets.base import Dataset
-from fusionslam.datasets.streams import Request, itself
+from fusionslam.datasets.streams import SENSORS, Request, itself
 from fusionslam.datasets.trajectories import match_poses
 from fusionslam.errors import DataError
 from fusionslam.messages import Picture, Scan
-from fusionslam.online import camera_from, rectified
 from fusionslam.sensors import Camera, Frame
 
-SENSORS = ("points", "left")
+logger = logging.getLogger(__name__)
+
+_FUSED = {"points", "left"}
+_STEREO = {"left", "right"}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -55,18 +60,19 @@ class BagDataset(Dataset):
     def _frame(self, index: int) -> Frame:
         scan = functools.cache(functools.partial(self._scan, index))
         stamp_ns, robot = int(self.stamps_ns[index]), self.source.index.frames.robot
-        has_points, has_image = self.has_points, "left" in self.sensors
+        has_points, places = self.has_points, self.matched.cameras_from_points
+        images = [sensor for sensor in self.sensors if sensor in INFO_ROLES]
         return Frame(
             index=index,
             stamp_ns=stamp_ns,
             points=(lambda: scan().points) if has_points else None,
             colors=(lambda: scan().colors) if has_points else None,
-            images={"left": functools.partial(self._image, index)} if has_image else {},
+            images={name: functools.partial(self._image, name, index) for name in images},
             cameras=_cameras(self.source, self.matched, index),
             pose=None if self.poses is None else self.poses[index],
             odometry=self.source.odometry_at(stamp_ns),
-            robot_from_points=self.source.points_in(robot, stamp_ns)
-            if has_points and robot
+            robot_from_points=self.source.placed_in(robot, self.matched.points_frame, stamp_ns)
+            if robot and (has_points or places is not None)
             else None,
         )
 
@@ -75,14 +81,14 @@ class BagDataset(Dataset):
         assert isinstance(scan, Scan)
         return scan
 
-    def _image(self, index: int) -> NDArray[np.uint8]:
-        picture = self._message("left", index)
+    def _image(self, camera: str, index: int) -> NDArray[np.uint8]:
+        picture = self._message(camera, index)
         assert isinstance(picture, Picture)
-        info = self.source.info_at(int(self.sensor_stamps("left")[index]))
+        info = self.source.info_at(int(self.sensor_stamps(camera)[index]), camera)
         if info is None:
             return picture.image
         try:
-            return rectified(picture, info, self.source.roles["left"])
+            return rectified(picture, info, self.source.roles[camera])
         except DataError as error:
             raise DataError(f"{self.root}: {error}") from error
 
@@ -96,8 +102,8 @@ def open_bag_dataset(path: Path, request: Request) -> BagDataset:
     """The frames of a bag: its scans that an image and the place of the camera are known for.
 
     Raises:
-        DataError: no scans or images; no CameraInfo or a useless one; nothing links camera and
-            scanner; a clock that jumps back.
+        DataError: no scans or images; no CameraInfo or a useless one, or two that are no stereo
+            pair; nothing links camera and scanner; a clock that jumps back.
         ConfigError: an unknown role or kind of stamps.
     """
     itself(path, request.sequence)
@@ -113,7 +119,7 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
     poses, origin = moved.poses, moved.origin
     if request.poses is not None:
         poses, origin = match_poses(request.poses, matched.numbers, stamps_ns), "by a file"
-    has_points = "points" in sensors and moved.body
+    has_points = moved.body and ("points" in sensors or matched.cameras_from_points is not None)
     return BagDataset(
         kind=source.bag.kind,
         name=_name(source),
@@ -121,7 +127,9 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
         numbers=matched.numbers,
         stamps_ns=stamps_ns,
         pose_frame=f"{moved.body or 'the robot'} {origin}".strip(),
-        body_from_points=source.points_in(moved.body, int(stamps_ns[0])) if has_points else None,
+        body_from_points=source.placed_in(moved.body, matched.points_frame, int(stamps_ns[0]))
+        if has_points
+        else None,
         poses=poses,
         cameras=_cameras(source, matched, 0),
         gaps=matched.gaps,
@@ -133,31 +141,63 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
 def _sensors(source: IndexedBag, wanted: Sequence[str] | None) -> tuple[str, ...]:
     """The sensors of the frames: those asked for, else those that the bag has.
 
-    An image without a scan needs no calibration, but one with a scan does.
+    An image alone needs no calibration, but one with a scan and a stereo pair do. A right camera
+    that was not asked for and cannot be used is left out, and the log says why.
     """
     roles, path = source.roles, source.bag.path
-    found = tuple(sensor for sensor in SENSORS if sensor in roles)
-    if not found:
-        raise DataError(f"{path} has neither PointCloud2 nor Image messages: {_topics(source)}")
     if wanted is None:
-        return found if can_fuse(source) else found[:1]
+        found = tuple(sensor for sensor in SENSORS if sensor in roles and sensor != "right")
+        if not found:
+            raise DataError(f"{path} has neither PointCloud2 nor Image messages: {_topics(source)}")
+        return _usable(source, found)
     for sensor in wanted:
-        if sensor not in SENSORS:
-            raise DataError(f"{path}: bags are read with one camera, '{sensor}' is not among them")
         if sensor not in roles:
             raise DataError(
                 f"{path} has no messages for '{sensor}' with which to make frames: "
                 f"{_topics(source)}"
             )
-    sensors = tuple(sensor for sensor in SENSORS if sensor in wanted)
-    if sensors == SENSORS and source.info_at(0) is None:
+    if "right" in wanted and "left" not in wanted:
+        raise DataError(f"{path}: 'right' images are read as part of a stereo pair, with 'left'")
+    if {*wanted} >= _FUSED and source.info_at(0) is None:
         raise DataError(f"{path} has no CameraInfo of {roles['left']}: {_topics(source)}")
-    return sensors
+    if "right" in wanted:
+        _check_stereo(source)
+    return tuple(sensor for sensor in SENSORS if sensor in wanted)
+
+
+def _usable(source: IndexedBag, found: tuple[str, ...]) -> tuple[str, ...]:
+    """Of scans and left images what can be used, and the right images if they can."""
+    if {*found} >= _FUSED and not can_fuse(source):
+        return found[:1]
+    if not source.roles.keys() >= _STEREO:
+        return found
+    try:
+        _check_stereo(source)
+    except DataError as error:
+        logger.warning("right images are not used: %s", error)
+        return found
+    return (*found, "right")
+
+
+def _check_stereo(source: IndexedBag) -> None:
+    """Raise DataError unless both sides have a calibration and the two are a pair."""
+    infos, names = {}, {}
+    for camera in ("left", "right"):
+        info = source.info_at(0, camera)
+        if info is None:
+            raise DataError(
+                f"{source.bag.path} has no CameraInfo of {source.roles[camera]}: {_topics(source)}"
+            )
+        infos[camera], names[camera] = info, source.roles[INFO_ROLES[camera]]
+    try:
+        check_pair(infos["left"], infos["right"], names)
+    except DataError as error:
+        raise DataError(f"{source.bag.path}: {error}") from error
 
 
 def can_fuse(source: IndexedBag) -> bool:
     """Whether there are scans, images and a calibration."""
-    return {*SENSORS} <= source.roles.keys() and source.info_at(0) is not None
+    return source.roles.keys() >= _FUSED and source.info_at(0) is not None
 
 
 def _topics(source: IndexedBag) -> str:
@@ -172,12 +212,14 @@ def _stamps(source: IndexedBag, matched: Matched, sensor: str) -> NDArray[np.int
 def _cameras(source: IndexedBag, matched: Matched, index: int) -> dict[str, Camera]:
     if matched.cameras_from_points is None:
         return {}
-    stamp_ns = int(_stamps(source, matched, "left")[index])
-    info = source.info_at(stamp_ns)
-    assert info is not None  # _sensors has seen to it
-    place = matched.cameras_from_points[index]
+    infos, names = {}, {}
+    for camera, role in INFO_ROLES.items():
+        if camera in matched.rows:
+            info = source.info_at(int(_stamps(source, matched, camera)[index]), camera)
+            assert info is not None  # _sensors has seen to it
+            infos[camera], names[camera] = info, source.roles[role]
     try:
-        return {"left": camera_from(info, place, source.roles["camera_info"])}
+        return cameras_from(infos, matched.cameras_from_points[index], names)
     except DataError as error:
         raise DataError(f"{source.bag.path}: {error}") from error
 

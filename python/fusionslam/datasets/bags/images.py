@@ -25,6 +25,13 @@ _LAYOUTS: dict[str, tuple[int, tuple[int, ...]]] = {
     "mono8": (1, (0,)),
     "8UC1": (1, (0,)),
 }
+# Two pixels in four bytes that share their colour: where the first brightness and U stand.
+_YUV = {"yuv422": (1, 0), "uyvy": (1, 0), "yuv422_yuy2": (0, 1), "yuyv": (0, 1)}
+# ITU-R BT.601 with brightness from 16 to 235: red, green and blue of Y, U and V.
+_RGB_FROM_YUV = np.array(
+    [[1.164383, 0, 1.596027], [1.164383, -0.391762, -0.812968], [1.164383, 2.017232, 0]],
+    dtype=np.float32,
+)
 # The colours of the upper left 2x2 pixels, row by row.
 _BAYER = {f"bayer_{pattern}8": pattern for pattern in ("rggb", "bggr", "gbrg", "grbg")}
 _GREY_MODES = ("L", "1")
@@ -45,8 +52,10 @@ def image_of(message: Any) -> Pixels:
     encoding = message.encoding
     if encoding in _BAYER:
         return _core.demosaic(_rows(message, 1)[:, :, 0].copy(), _BAYER[encoding])
+    if encoding in _YUV:
+        return _rgb_of_yuv(_rows(message, 2), *_YUV[encoding])
     if encoding not in _LAYOUTS:
-        known = ", ".join([*_LAYOUTS, *_BAYER])
+        known = ", ".join([*_LAYOUTS, *_BAYER, *_YUV])
         raise DataError(f"field 'encoding' is '{encoding}', expected one of {known}")
     channels, order = _LAYOUTS[encoding]
     pixels = _rows(message, channels)
@@ -73,6 +82,21 @@ def _rows(message: Any, channels: int) -> Pixels:
             f"{step}"
         )
     return np.ndarray((height, width, channels), np.uint8, data, strides=(step, channels, 1))
+
+
+def _rgb_of_yuv(pairs: Pixels, brightness: int, first_color: int) -> Pixels:
+    """RGB of bytes (H, W, 2), of which every other one is a brightness, the others U, V, U, V."""
+    if pairs.shape[1] % 2:
+        raise DataError(f"the image is {pairs.shape[1]} wide, expected pairs of pixels")
+    yuv = np.empty((*pairs.shape[:2], 3), np.float32)
+    yuv[:, :, 0] = pairs[:, :, brightness]
+    for channel in (0, 1):
+        yuv[:, :, 1 + channel] = pairs[:, channel::2, first_color].repeat(2, axis=1)
+    yuv -= np.array([16, 128, 128], np.float32)
+    # Not a matrix product: BLAS would wake all its threads for three columns.
+    rgb = np.einsum("ij,hwj->hwi", _RGB_FROM_YUV, yuv)
+    pixels: Pixels = np.clip(np.rint(rgb), 0, 255).astype(np.uint8)
+    return pixels
 
 
 def compressed_image_of(message: Any) -> Pixels:

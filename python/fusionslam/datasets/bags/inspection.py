@@ -15,7 +15,7 @@ from fusionslam.datasets.bags.pairing import IndexedBag, open_indexed
 from fusionslam.datasets.bags.reader import Topic
 from fusionslam.datasets.bags.topics import ROLES
 from fusionslam.errors import DataError, FusionSlamError
-from fusionslam.fusion import fuse
+from fusionslam.fusion import FusionConfig, fuse
 
 if TYPE_CHECKING:
     from fusionslam.datasets.base import Dataset
@@ -61,6 +61,8 @@ class Inspection:
         ]
         if "points" in self.source.roles and "left" in self.source.roles:
             missing += self._missing_link()
+        if dataset is not None and dataset.has_stereo and not dataset.has_points:
+            return self._stereo(dataset)
         if dataset is None or missing:
             return f"not possible: {'; '.join(missing) or 'no frames'}"
         try:
@@ -70,6 +72,13 @@ class Inspection:
         if not count:
             return "doubtful: no point of the first scan falls into its image"
         return f"possible: {count} points of the first scan get a colour"
+
+    def _stereo(self, dataset: "Dataset") -> str:
+        try:
+            count = len(fuse(dataset[0], FusionConfig(source="stereo")))
+        except FusionSlamError as error:
+            return f"not possible: {_line(error)}"
+        return f"possible: {count} points of the first stereo pair"
 
     def _topic(self, topic: Topic) -> str:
         about = f"{topic.type}, {topic.count} messages"

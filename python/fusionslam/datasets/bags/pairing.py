@@ -5,7 +5,8 @@
 import functools
 import logging
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -15,10 +16,16 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets.bags.index import STAMPS, BagIndex, Series, index_bag
 from fusionslam.datasets.bags.reader import Bag, open_bag
-from fusionslam.datasets.bags.topics import choose_topics
+from fusionslam.datasets.bags.topics import INFO_ROLES, choose_topics
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.messages import CameraInfo
-from fusionslam.synchronizer import NANOSECONDS, Pair, SyncConfig, Synchronizer
+from fusionslam.synchronizer import (
+    NANOSECONDS,
+    Pair,
+    SyncConfig,
+    Synchronizer,
+    stereo_synchronizer,
+)
 from fusionslam.transforms import TransformError
 
 logger = logging.getLogger(__name__)
@@ -47,18 +54,33 @@ class IndexedBag:
         """The messages of a sensor that the bag has."""
         return self.index.series[self.roles[sensor]]
 
-    def info_at(self, stamp_ns: int) -> CameraInfo | None:
+    def info_at(self, stamp_ns: int, camera: str = "left") -> CameraInfo | None:
         """The calibration in force when an image was taken; None if the bag has none."""
-        infos = self.index.infos.get(self.roles.get("camera_info", ""), [])
+        infos = self.index.infos.get(self.roles.get(INFO_ROLES[camera], ""), [])
         before = [info for info in infos if info.stamp_ns <= stamp_ns]
         return before[-1] if before else next(iter(infos), None)
 
     def optical_frame(self) -> str:
-        """The frame of the camera."""
+        """The frame of the camera, of a pair of the left one."""
         info = self.info_at(0)
         return (info.frame_id if info else "") or self.series("left").frame_id
 
-    def camera_from_points(self, image_ns: int, scan_ns: int) -> Matrix:
+    def points_frame(self, sensors: Sequence[str]) -> str:
+        """The frame of the points of frames with these sensors.
+
+        That of the scans, also for stereo pairs without scans if TF links the two; else that of
+        the left camera.
+        """
+        if "points" in sensors:
+            return self.series("points").frame_id
+        if "points" in self.roles:
+            scanner = self.series("points").frame_id
+            with suppress(DataError):
+                self.index.frames.tree.chain(self.optical_frame(), scanner)
+                return scanner
+        return self.optical_frame()
+
+    def camera_from_points(self, image_ns: int, points_frame: str, scan_ns: int) -> Matrix:
         """float64 (4, 4), for a scan and an image of these times.
 
         The robot is taken to stand in between where odometry does not say how it moved.
@@ -66,22 +88,21 @@ class IndexedBag:
         Raises:
             TransformError: nothing links the two.
         """
-        frames, scanner = self.index.frames, self.series("points").frame_id
+        frames, camera = self.index.frames, self.optical_frame()
+        if points_frame == camera and image_ns == scan_ns:
+            return np.eye(4)
         try:
-            return frames.camera_from_points(self.optical_frame(), image_ns, scanner, scan_ns)
+            return frames.camera_from_points(camera, image_ns, points_frame, scan_ns)
         except TransformError:
-            return frames.camera_from_points(
-                self.optical_frame(), image_ns, scanner, scan_ns, still=True
-            )
+            return frames.camera_from_points(camera, image_ns, points_frame, scan_ns, still=True)
 
     def odometry_at(self, stamp_ns: int) -> Matrix | None:
         """float64 (4, 4), odom_from_robot, or None where it is not known."""
         return _known(lambda: self.index.frames.odometry_from_robot(stamp_ns))
 
-    def points_in(self, body: str, stamp_ns: int) -> Matrix | None:
-        """float64 (4, 4), body_from_points, or None where it is not known."""
-        scanner = self.series("points").frame_id
-        return _known(lambda: self.index.frames.tree.lookup(body, scanner, stamp_ns))
+    def placed_in(self, body: str, frame: str, stamp_ns: int) -> Matrix | None:
+        """float64 (4, 4), body_from_frame, or None where it is not known."""
+        return _known(lambda: self.index.frames.tree.lookup(body, frame, stamp_ns))
 
 
 def _known(lookup: Callable[[], Matrix | None]) -> Matrix | None:
@@ -130,19 +151,24 @@ class Matched(NamedTuple):
 
     Attributes:
         rows: by sensor, which message of it belongs to each frame, int64 (N).
-        numbers: int64 (N), rank of each frame's scan (or image, without scans) among all.
+        numbers: int64 (N), rank of each frame's scan (or left image, without scans) among all.
         gaps: numbers that are in no frame.
-        cameras_from_points: float64 (N, 4, 4), or None without a camera or a scan.
+        points_frame: the frame of the scans, or of what is made of stereo pairs.
+        cameras_from_points: float64 (N, 4, 4), of the left camera; None where there is but one of
+            scans and images.
     """
 
     rows: dict[str, Rows]
     numbers: Rows
     gaps: list[int]
+    points_frame: str
     cameras_from_points: Matrix | None
 
 
 def match(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> Matched:
-    """Each scan with its image; those without, or whose camera's place is not known, are left out.
+    """Each scan with its images; those without, or whose camera's place is not known, are left out.
+
+    Without scans, each left image is a frame, with its right one if that is among the sensors.
 
     Raises:
         DataError: no scan has an image, or the place of the camera; a clock that jumps back.
@@ -150,13 +176,13 @@ def match(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> M
     for role in (*sensors, *(role for role in ("odometry", "truth") if role in source.roles)):
         _check_clock(source, role, config)
     rows = _paired(source, sensors, config)
-    places = None
-    if sensors == ("points", "left"):
-        places, rows = _placed(source, rows)
+    places, points_frame = None, source.points_frame(sensors)
+    if "left" in sensors and len(sensors) > 1:
+        places, rows = _placed(source, rows, sensors[0], points_frame)
     ranks = np.argsort(np.argsort(source.series(sensors[0]).stamps_ns, kind="stable"))
     numbers = ranks[rows[sensors[0]]].astype(np.int64)
     gaps = np.setdiff1d(ranks, numbers).tolist()
-    return Matched(rows, numbers, gaps, places)
+    return Matched(rows, numbers, gaps, points_frame, places)
 
 
 def _check_clock(source: IndexedBag, role: str, config: SyncConfig) -> None:
@@ -178,18 +204,39 @@ def _check_clock(source: IndexedBag, role: str, config: SyncConfig) -> None:
 
 
 def _paired(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> dict[str, Rows]:
-    """Which messages belong together, by rising stamp."""
+    """Which messages belong together, by rising stamp: first both sides of a pair, then scans."""
+    if "right" not in sensors:
+        sync = Synchronizer(config, cameras=sensors[1:], scans=sensors[0])
+        return _rows(source, sensors, sync, config.max_difference)
+    sides = stereo_synchronizer(config)
+    rows = _rows(source, ("left", "right"), sides, config.stereo_difference)
+    if "points" not in sensors:
+        return rows
+    right = dict(zip(rows["left"].tolist(), rows["right"].tolist(), strict=True))
+    sync = Synchronizer(config)
+    rows = _rows(source, ("points", "left"), sync, config.max_difference, right)
+    return rows | {"right": np.array([right[row] for row in rows["left"].tolist()], dtype=np.int64)}
+
+
+def _rows(
+    source: IndexedBag,
+    sensors: tuple[str, ...],
+    sync: Synchronizer,
+    reach: float,
+    left: Collection[int] | None = None,
+) -> dict[str, Rows]:
+    """Rows of the messages that belong together; of left images only some rows may count."""
     first, *others = sensors
-    sync = Synchronizer(config, cameras=others, scans=first)
     pairs: list[Pair] = []
     for sensor, row, stamp_ns in _arrivals(source, sensors):
-        pairs += sync.add(sensor, stamp_ns, row)
+        if sensor != "left" or left is None or row in left:
+            pairs += sync.add(sensor, stamp_ns, row)
     pairs += sync.flush()
     _say_dropped(source, sync.dropped)
     if not pairs:
         what = " and ".join(source.roles[sensor] for sensor in sensors)
         raise DataError(
-            f"{source.bag.path}: no messages of {what} lie within {config.max_difference:g} s of "
+            f"{source.bag.path}: no messages of {what} lie within {reach:g} s of "
             "each other; the clock offsets are in the output of info"
         )
     rows = {first: [pair.item for pair in pairs]}
@@ -220,20 +267,28 @@ def _say_dropped(source: IndexedBag, dropped: Counter[tuple[str, str]]) -> None:
         )
 
 
-def _placed(source: IndexedBag, rows: dict[str, Rows]) -> tuple[Matrix, dict[str, Rows]]:
-    """Where the camera was for each pair, and the pairs for which that is known."""
-    images, scans = (source.series(name).stamps_ns[rows[name]] for name in ("left", "points"))
+def _placed(
+    source: IndexedBag, rows: dict[str, Rows], lead: str, points_frame: str
+) -> tuple[Matrix, dict[str, Rows]]:
+    """Where the left camera was for each frame, and the frames for which that is known."""
+    images, leads = (source.series(name).stamps_ns[rows[name]] for name in ("left", lead))
     places: dict[int, Matrix] = {}
     unknown: list[TransformError] = []
-    for k, (image_ns, scan_ns) in enumerate(zip(images.tolist(), scans.tolist(), strict=True)):
+    for k, (image_ns, scan_ns) in enumerate(zip(images.tolist(), leads.tolist(), strict=True)):
         try:
-            places[k] = source.camera_from_points(image_ns, scan_ns)
+            places[k] = source.camera_from_points(image_ns, points_frame, scan_ns)
         except TransformError as error:
             unknown.append(error)
     if not places:
         raise DataError(f"{source.bag.path}: {unknown[0]}") from unknown[0]
     if unknown:
-        logger.warning("%s: %d scans left out: %s", source.bag.path, len(unknown), unknown[0])
+        logger.warning(
+            "%s: %d %s left out: %s",
+            source.bag.path,
+            len(unknown),
+            "scans" if lead == "points" else "stereo pairs",
+            unknown[0],
+        )
     kept = np.array(list(places), dtype=np.int64)
     return np.stack(list(places.values())), {name: values[kept] for name, values in rows.items()}
 

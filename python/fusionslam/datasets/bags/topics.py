@@ -10,14 +10,19 @@ from fusionslam.errors import ConfigError, DataError
 
 logger = logging.getLogger(__name__)
 
+_IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
 ROLES = {
     "points": ("sensor_msgs/PointCloud2",),
-    "left": ("sensor_msgs/Image", "sensor_msgs/CompressedImage"),
+    "left": _IMAGES,
     "camera_info": ("sensor_msgs/CameraInfo",),
+    "right": _IMAGES,
+    "right_camera_info": ("sensor_msgs/CameraInfo",),
     "odometry": ("nav_msgs/Odometry",),
     "truth": ("nav_msgs/Odometry",),
 }
 """What a topic can be to a dataset, and the types that it can then have."""
+INFO_ROLES = {"left": "camera_info", "right": "right_camera_info"}
+"""Which role has the calibration of a camera."""
 TRANSFORM_TYPES = ("tf2_msgs/TFMessage", "tf/tfMessage")
 
 # Parts of names that tell what a topic is not.
@@ -33,7 +38,11 @@ def choose_topics(
     Of several that have the type, the one with the most messages is taken, and of those the first
     by name. Images of a camera without CameraInfo beside them, and such as have "depth" or "right"
     in their name, come last. The CameraInfo is the one whose name shares most parts with that of
-    the images. Odometry with "truth" or "gt" in its name is the truth, other odometry is not.
+    the images, none of a right camera. The right images are named as the left ones but for "right"
+    in place of "left", or else have "right" in their name and the first part of it in common with
+    the left ones; their CameraInfo is named likewise, or shares more parts with the right images
+    than with the left ones. Odometry with "truth" or "gt" in its name is the truth, other odometry
+    is not.
 
     Args:
         topics: of the bag, by name.
@@ -81,13 +90,55 @@ def _candidates(topics: Mapping[str, Topic], role: str, chosen: Mapping[str, str
     names = sorted(_of_type(topics, role), key=lambda name: (-topics[name].count, name))
     if role == "left":
         infos = _of_type(topics, "camera_info")
+        names = [name for name in names if not any(_is_twin(name, other) for other in names)]
         return sorted(names, key=lambda name: (_has(name, _NOT_LEFT), not _near(name, infos)))
     if role == "camera_info":
         camera = chosen.get("left", "")
-        return sorted(names, key=lambda name: -_shared(name, camera))
+        own = [name for name in names if _is_right(camera) or not _is_right(name)]
+        return sorted(own, key=lambda name: -_shared(name, camera))
+    if role == "right":
+        return _right_images(names, chosen.get("left", ""))
+    if role == "right_camera_info":
+        return _right_infos(names, chosen)
     if role in ("odometry", "truth"):
         return [name for name in names if _has(name, _TRUTH) == (role == "truth")]
     return names
+
+
+def _right_images(names: Iterable[str], left: str) -> list[str]:
+    """The image topics that can be the right ones beside the left ones, best first."""
+    fitting = [
+        name
+        for name in names
+        if left
+        and name != left
+        and _is_right(name)
+        and not _has(name, ("depth",))
+        and (_is_twin(name, left) or _shared(name, left))
+    ]
+    return sorted(fitting, key=lambda name: (not _is_twin(name, left), -_shared(name, left)))
+
+
+def _right_infos(names: Iterable[str], chosen: Mapping[str, str]) -> list[str]:
+    """The CameraInfo topics that belong to the right images rather than to the left ones."""
+    right, left, taken = (chosen.get(role, "") for role in ("right", "left", "camera_info"))
+    fitting = [
+        name
+        for name in names
+        if right
+        and name != taken
+        and (_is_twin(name, taken) or _shared(name, right) > _shared(name, left))
+    ]
+    return sorted(fitting, key=lambda name: (not _is_twin(name, taken), -_shared(name, right)))
+
+
+def _is_right(name: str) -> bool:
+    return _has(name, ("right",))
+
+
+def _is_twin(right: str, left: str) -> bool:
+    """Whether the names differ in the side alone."""
+    return _is_right(right) and right.lower().replace("right", "left") == left.lower()
 
 
 def _has(name: str, parts: Iterable[str]) -> bool:
