@@ -200,9 +200,8 @@ def test_a_pair_of_other_names_can_be_named(bag: Callable[..., Path]) -> None:
     renamed = {TOPICS["right"]: "/infra2/image", INFOS["right"]: "/infra2/camera_info"}
     events = [Event(renamed.get(e.topic, e.topic), e.time_ns, e.message) for e in stereo_drive()]
     path = bag(events)
-    named = {"left": TOPICS["left"], "right": "/infra2/image"}
     assert open_dataset(path, topics={"left": TOPICS["left"]}).sensors == ("points", "left")
-    dataset = open_dataset(path, topics=named)
+    dataset = open_dataset(path, topics={"right": "/infra2/image"})
     assert dataset.source.roles["right_camera_info"] == "/infra2/camera_info"
     assert len(fuse(dataset[0], STEREO)) > 8000
     out = " ".join(
@@ -211,6 +210,16 @@ def test_a_pair_of_other_names_can_be_named(bag: Callable[..., Path]) -> None:
         ).stdout.split()
     )
     assert "right /infra2/image" in out and "baseline 0.400 m" in out
+
+
+def test_the_images_of_one_camera_are_no_pair(bag: Callable[..., Path]) -> None:
+    path, left = bag(stereo_drive()), TOPICS["left"]
+    with pytest.raises(DataError, match=f"{left} is left and right"):
+        open_dataset(path, topics={"left": left, "right": left})
+    # Named as the right one, the left camera is not taken for the left one.
+    swapped = open_dataset(path, topics={"right": left, "right_camera_info": INFOS["left"]})
+    assert swapped.source.roles["left"] == TOPICS["right"] and not swapped.has_stereo
+    assert "right" not in open_dataset(path, topics={"right": ""}).source.roles
 
 
 def of_info(**changes: Any) -> Iterable[Event]:
@@ -276,3 +285,7 @@ def test_info_and_bench_know_the_pair(bag: Callable[..., Path]) -> None:
     assert Recording.at(blind).sources() == ("stereo",)
     out = " ".join(succeeds("info", blind).stdout.split())
     assert "points of the first stereo pair" in out and "not possible" not in out
+    flat = np.full_like(seen("left"), 90)
+    dull = changed(without(stereo_drive(), "/points"), TOPICS["left"], image=flat)
+    out = " ".join(succeeds("info", write_bag(path.with_name("dull.bag"), dull)).stdout.split())
+    assert "doubtful: the images of the first stereo pair have nothing in common" in out

@@ -78,6 +78,8 @@ class Inspection:
             count = len(fuse(dataset[0], FusionConfig(source="stereo")))
         except FusionSlamError as error:
             return f"not possible: {_line(error)}"
+        if not count:
+            return "doubtful: the images of the first stereo pair have nothing in common"
         return f"possible: {count} points of the first stereo pair"
 
     def _topic(self, topic: Topic) -> str:

@@ -51,7 +51,7 @@ def choose_topics(
 
     Raises:
         ConfigError: an unknown role.
-        DataError: no topic of that name, or of another type.
+        DataError: no topic of that name, or of another type, or one for both sides of a pair.
     """
     chosen = dict(named or {})
     for role, name in chosen.items():
@@ -63,7 +63,10 @@ def choose_topics(
                 logger.warning(
                     "%s: %s is %s, chosen of %s", bag, role, candidates[0], ", ".join(candidates)
                 )
-    return {role: chosen[role] for role in ROLES if chosen.get(role)}
+    used = {role: chosen[role] for role in ROLES if chosen.get(role)}
+    if "right" in used and used["right"] == used.get("left"):
+        raise DataError(f"{bag}: {used['right']} is left and right: expected two topics of a pair")
+    return used
 
 
 def _check(topics: Mapping[str, Topic], role: str, name: str, bag: str) -> None:
@@ -90,11 +93,17 @@ def _candidates(topics: Mapping[str, Topic], role: str, chosen: Mapping[str, str
     names = sorted(_of_type(topics, role), key=lambda name: (-topics[name].count, name))
     if role == "left":
         infos = _of_type(topics, "camera_info")
-        names = [name for name in names if not any(_is_twin(name, other) for other in names)]
+        free = [name for name in names if name != chosen.get("right")]
+        names = [name for name in free if not any(_is_twin(name, other) for other in free)]
         return sorted(names, key=lambda name: (_has(name, _NOT_LEFT), not _near(name, infos)))
     if role == "camera_info":
         camera = chosen.get("left", "")
-        own = [name for name in names if _is_right(camera) or not _is_right(name)]
+        own = [
+            name
+            for name in names
+            if name != chosen.get("right_camera_info")
+            and (_is_right(camera) or not _is_right(name))
+        ]
         return sorted(own, key=lambda name: -_shared(name, camera))
     if role == "right":
         return _right_images(names, chosen.get("left", ""))
