@@ -105,6 +105,13 @@ def test_without_loops_it_says_why(kitti: Path, tmp_path: Path) -> None:
     assert "evaluation.window" not in better.stderr and "6 without candidates" in better.stdout
 
 
+def test_a_recording_without_revisits_is_not_judged(kitti: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    text = succeeds("bench", kitti, "-d", "m2dp", "-o", tmp_path / "out").stdout
+    assert "window 50: no frame is a revisit, so there is no\naccuracy to judge" in text
+    assert "top-1" not in text and "peak MiB" in text
+
+
 def test_a_second_threshold_uses_the_descriptors_of_the_first(
     kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
