@@ -62,7 +62,8 @@ def look_at(recording: "Recording") -> Overview:
         dataset = recording.open()
         whole = overview(dataset)
         return Overview([*whole.rows, ("fusion", first_cloud(dataset))], whole.gaps)
-    bag = Inspection.of(path, recording.topics, recording.stamps)
+    calibration = Path(recording.calibration) if recording.calibration else None
+    bag = Inspection.of(path, recording.topics, recording.stamps, calibration)
     rows = [*bag.rows()]
     try:
         dataset = recording.open()

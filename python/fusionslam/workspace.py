@@ -43,13 +43,15 @@ class Recording:
     topics: Mapping[str, str] = field(default_factory=dict)
     stamps: str = "header"
     sync: Mapping[str, Any] = field(default_factory=dict)
+    calibration: str | None = None
 
     @classmethod
     def at(cls, path: str | os.PathLike[str], **how: Any) -> "Recording":
         """The recording at a path, which may be relative here and is not in what is stored."""
-        poses = how.pop("poses", None)
-        truth = None if poses is None else str(Path(poses).expanduser().resolve())
-        return cls(str(Path(path).expanduser().resolve()), poses=truth, **how)
+        for name in ("poses", "calibration"):
+            if (file := how.get(name)) is not None:
+                how[name] = _absolute(file)
+        return cls(_absolute(path), **how)
 
     def open(self, source: str | None = None) -> "Dataset":
         """The dataset with the sensors that a source needs; None for all that it has.
@@ -89,6 +91,7 @@ class Recording:
             topics=self.topics,
             stamps=self.stamps,
             sync=SyncConfig(**self.sync),
+            calibration=self.calibration,
         )
 
     def _everything(self) -> "tuple[Dataset | None, DataError | None]":
@@ -119,6 +122,10 @@ class Recording:
         finally:
             reader.removeFilter(_nothing)
         return True
+
+
+def _absolute(path: str | os.PathLike[str]) -> str:
+    return str(Path(path).expanduser().resolve())
 
 
 def _nothing(record: logging.LogRecord) -> bool:

@@ -175,6 +175,17 @@ def test_true_poses_may_come_from_a_file(bag: Callable[..., Path], tmp_path: Pat
     np.testing.assert_allclose(open_dataset(path, poses=truth).poses, poses)
 
 
+def test_frames_from_before_the_odometry_are_left_out_and_counted(
+    bag: Callable[..., Path], caplog: pytest.LogCaptureFixture
+) -> None:
+    late = [e for e in drive() if e.topic != "/odom" or e.time_ns >= START + SECOND * 7 // 10]
+    dataset = open_dataset(bag(late))
+    assert dataset.numbers.tolist() == [2, 3, 4] and dataset.gaps == [0, 1]
+    assert dataset.poses is not None and len(dataset.poses) == 3
+    assert dataset.poses[0, 0, 3] == pytest.approx(SPEED * 1.0)
+    assert "2 of 5 frames left out, which have no pose by odometry" in caplog.text
+
+
 def test_times_of_arrival_can_stand_for_stamps(bag: Callable[..., Path]) -> None:
     events = list(changed(drive(), "/points", stamp_ns=0))
     path = bag(events)

@@ -85,6 +85,7 @@ def open_dataset(
     topics: Mapping[str, str] | None = None,
     stamps: str = "header",
     sync: SyncConfig | None = None,
+    calibration: str | os.PathLike[str] | None = None,
 ) -> Dataset:
     """Open a recording; scans and images are read only when they are asked for.
 
@@ -102,11 +103,14 @@ def open_dataset(
         stamps: when the messages of a bag were measured: as their "header" says, or when they
             arrived in the "bag".
         sync: which image of a bag belongs to which scan.
+        calibration: a calib.yaml to use instead of the one of a plain folder, or of what a bag
+            says of its cameras (CameraInfo and TF) or fails to say.
 
     Raises:
         DataError: nothing there, nothing recognised, no frames, or a file that is missing, too
             short or malformed; the message names it and what was expected.
-        ConfigError: an unknown kind, sensor or way to treat gaps; topics of what is no bag.
+        ConfigError: an unknown kind, sensor or way to treat gaps; topics of what is no bag, or
+            a calibration for KITTI, which has its own.
     """
     root = _root(path)
     _one_of("gaps", gaps, GAPS)
@@ -119,11 +123,17 @@ def open_dataset(
         topics or {},
         stamps,
         sync or SyncConfig(),
+        Path(calibration).expanduser().resolve() if calibration else None,
     )
     try:
         found = _kind(root, kind)
         if topics and found not in BAGS:
             raise ConfigError(f"topics are of bags, but {root} is of kind {found.name}")
+        if calibration and found not in (*BAGS, FOLDER):
+            raise ConfigError(
+                f"a calibration can be given for bags and plain folders, but {root} is of kind "
+                f"{found.name}, which has its own"
+            )
         return found.open(root, request)
     except PermissionError as error:
         raise DataError(f"{error.filename} cannot be read: {error.strerror}") from error

@@ -61,7 +61,7 @@ def open_folder(path: Path, request: Request) -> Dataset:
         pose_frame="points",
         body_from_points=np.eye(4),
         poses=match_poses(poses, numbers, stamps) if poses else None,
-        cameras=_cameras(root, chosen),
+        cameras=_cameras(request.calibration or _calibration(root), chosen),
         gaps=gaps,
     )
 
@@ -128,10 +128,14 @@ def _poses(root: Path) -> Path | None:
     return path if path.exists() else None
 
 
-def _cameras(root: Path, streams: dict[str, Stream]) -> dict[str, Camera]:
-    """calib.yaml, if there is one, which then has every camera in use."""
+def _calibration(root: Path) -> Path | None:
     path = root / "calib.yaml"
-    if not path.exists():
+    return path if path.exists() else None
+
+
+def _cameras(path: Path | None, streams: dict[str, Stream]) -> dict[str, Camera]:
+    """The calibration, if there is one, which then has every camera in use."""
+    if path is None:
         return {}
     cameras = read_calib_yaml(path)
     names = [name for name in streams if name != "points"]

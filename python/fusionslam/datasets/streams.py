@@ -64,6 +64,7 @@ class Request:
         topics: topics of a bag by what they are.
         stamps: when the messages of a bag were measured: "header" or "bag".
         sync: which image of a bag belongs to which scan.
+        calibration: calib.yaml in the place of what the recording says of its cameras.
     """
 
     sequence: str | None = None
@@ -73,6 +74,7 @@ class Request:
     topics: Mapping[str, str] = field(default_factory=dict)
     stamps: str = "header"
     sync: SyncConfig = field(default_factory=SyncConfig)
+    calibration: Path | None = None
 
 
 def scan(folder: Path, suffixes: Sequence[str]) -> Stream | None:

@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.camera_models import cameras_from, check_pair, rectified
-from fusionslam.datasets.bags.pairing import IndexedBag, Matched, match, motion, open_indexed
+from fusionslam.datasets.bags.pairing import (
+    IndexedBag,
+    Matched,
+    match,
+    motion,
+    open_indexed,
+    with_poses,
+)
 from fusionslam.datasets.bags.topics import INFO_ROLES
 from fusionslam.datasets.base import Dataset
 from fusionslam.datasets.streams import SENSORS, Request, itself
@@ -107,16 +114,19 @@ def open_bag_dataset(path: Path, request: Request) -> BagDataset:
         ConfigError: an unknown role or kind of stamps.
     """
     itself(path, request.sequence)
-    return dataset_of(open_indexed(path, request.topics, request.stamps), request)
+    source = open_indexed(path, request.topics, request.stamps, calibration=request.calibration)
+    return dataset_of(source, request)
 
 
 def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
     """The frames of a bag that is open. Raises as ``open_bag_dataset``."""
     path, sensors = source.bag.path, _sensors(source, request.sensors)
     matched = match(source, sensors, request.sync)
-    stamps_ns = _stamps(source, matched, sensors[0])
-    moved = motion(source, stamps_ns)
+    moved = motion(source, _stamps(source, matched, sensors[0]))
     poses, origin = moved.poses, moved.origin
+    if request.poses is None:
+        matched = with_poses(source, matched, moved)
+    stamps_ns = _stamps(source, matched, sensors[0])
     if request.poses is not None:
         poses, origin = match_poses(request.poses, matched.numbers, stamps_ns), "by a file"
     has_points = moved.body and ("points" in sensors or matched.cameras_from_points is not None)

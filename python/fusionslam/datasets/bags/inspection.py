@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.datasets.bags.calibrated import CALIBRATED
 from fusionslam.datasets.bags.index import Series
 from fusionslam.datasets.bags.pairing import IndexedBag, open_indexed
 from fusionslam.datasets.bags.reader import Topic
@@ -34,9 +35,15 @@ class Inspection:
     source: IndexedBag
 
     @classmethod
-    def of(cls, path: Path, topics: Mapping[str, str], stamps: str) -> "Inspection":
+    def of(
+        cls,
+        path: Path,
+        topics: Mapping[str, str],
+        stamps: str,
+        calibration: Path | None = None,
+    ) -> "Inspection":
         """Pass through a bag. Raises DataError and ConfigError as ``open_indexed``."""
-        return cls(open_indexed(path, topics, stamps, everything=True))
+        return cls(open_indexed(path, topics, stamps, calibration=calibration, everything=True))
 
     def rows(self) -> Iterator[tuple[str, str]]:
         """(what, value) of the bag itself."""
@@ -88,8 +95,10 @@ class Inspection:
         if not {"points", "left"} <= self.source.roles.keys():
             return "no camera and scanner to link"
         camera, scanner = self._ends()
+        origin = "the calibration" if camera == CALIBRATED else "TF"
         try:
-            return " <- ".join(self.source.index.frames.tree.chain(camera, scanner)) + ", from TF"
+            chain = self.source.index.frames.tree.chain(camera, scanner)
+            return f"{' <- '.join(chain)}, from {origin}"
         except DataError as error:
             return f"camera in '{camera}', scanner in '{scanner}': {one_line(error)}"
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.datasets.bags.calibrated import calibrated
 from fusionslam.datasets.bags.index import STAMPS, BagIndex, Series, index_bag
 from fusionslam.datasets.bags.reader import Bag, open_bag
 from fusionslam.datasets.bags.topics import INFO_ROLES, choose_topics
@@ -113,7 +114,12 @@ def _known(lookup: Callable[[], Matrix | None]) -> Matrix | None:
 
 
 def open_indexed(
-    path: Path, named: Mapping[str, str], stamps: str, *, everything: bool = False
+    path: Path,
+    named: Mapping[str, str],
+    stamps: str,
+    *,
+    calibration: Path | None = None,
+    everything: bool = False,
 ) -> IndexedBag:
     """Open a bag and pass through it, once for each state of its files.
 
@@ -121,29 +127,37 @@ def open_indexed(
         path: file or folder.
         named: topics by role, as ``choose_topics`` takes them.
         stamps: "header" or "bag".
+        calibration: calib.yaml in the place of CameraInfo and of the camera's place in TF.
         everything: index all topics, not only those in use.
 
     Raises:
-        DataError: the bag cannot be read, or a topic is not there.
+        DataError: the bag or the calibration cannot be read, or a topic is not there.
         ConfigError: an unknown role or kind of stamps.
     """
     if stamps not in STAMPS:
         raise ConfigError(f"stamps is '{stamps}', expected one of {', '.join(STAMPS)}")
     files = sorted(path.iterdir()) if path.is_dir() else [path]
+    files += [calibration] if calibration is not None and calibration.exists() else []
     state = tuple((str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
-    return _indexed(path, tuple(sorted(named.items())), stamps, everything, state)
+    return _indexed(path, tuple(sorted(named.items())), stamps, calibration, everything, state)
 
 
 # Commands open a recording once for each source of clouds.
 @functools.lru_cache(maxsize=2)
 def _indexed(
-    path: Path, named: tuple[tuple[str, str], ...], stamps: str, everything: bool, state: object
+    path: Path,
+    named: tuple[tuple[str, str], ...],
+    stamps: str,
+    calibration: Path | None,
+    everything: bool,
+    state: object,
 ) -> IndexedBag:
     bag = open_bag(path)
     roles = choose_topics(bag.topics, dict(named), str(path))
     known = [topic.name for topic in bag.topics.values() if topic.is_known]
     index = index_bag(bag, known if everything else roles.values(), roles, stamps)
-    return IndexedBag(bag, roles, index, stamps)
+    source = IndexedBag(bag, roles, index, stamps)
+    return source if calibration is None else calibrated(source, calibration)
 
 
 class Matched(NamedTuple):
@@ -294,37 +308,72 @@ def _placed(
 
 
 class Motion(NamedTuple):
-    """Poses of a body, float64 (N, 4, 4), or None; and where they are from, for people."""
+    """How a robot moved.
+
+    Attributes:
+        body: the frame that moved.
+        poses: float64 (K, 4, 4), or None where nothing tells them.
+        known: bool (N), the times that have a pose: K of them.
+        origin: where they are from, for people.
+    """
 
     body: str
     poses: Matrix | None
+    known: NDArray[np.bool_]
     origin: str
 
 
 def motion(source: IndexedBag, stamps_ns: NDArray[np.int64]) -> Motion:
-    """How the robot moved: the true motion if the bag has it, else odometry, else TF's."""
-    index = source.index
+    """The true motion if the bag has it, else that of odometry, else TF's; that which knows most.
+
+    Bags often begin before the odometry does: times without a pose are told apart.
+    """
+    index, found = source.index, []
     if index.truth_frames is not None:
         world, body = index.truth_frames
-        truth = index.truth
-        poses = _all_poses(source, stamps_ns, lambda stamp: truth.lookup(world, body, stamp))
-        if poses is not None:
-            return Motion(body, poses, f"by the truth in {source.roles['truth']}")
+        truth, origin = index.truth, f"by the truth in {source.roles['truth']}"
+        found.append(
+            _motion(body, origin, stamps_ns, lambda stamp: truth.lookup(world, body, stamp))
+        )
     robot = index.frames.robot or ""
-    if index.frames.odometry is None:
-        return Motion(robot, None, "")
-    poses = _all_poses(source, stamps_ns, index.frames.odometry_from_robot)
-    return Motion(robot, poses, f"by odometry in {source.roles.get('odometry', 'TF')}")
+    if index.frames.odometry is not None:
+        origin = f"by odometry in {source.roles.get('odometry', 'TF')}"
+        found.append(_motion(robot, origin, stamps_ns, index.frames.odometry_from_robot))
+    found.append(Motion(robot, None, np.ones(len(stamps_ns), dtype=bool), ""))
+    # Of those that know as much, the first.
+    return max(found, key=lambda moved: 0 if moved.poses is None else len(moved.poses))
 
 
-def _all_poses(
-    source: IndexedBag, stamps_ns: NDArray[np.int64], lookup: Callable[[int], Matrix | None]
-) -> Matrix | None:
-    """A pose for each time, or None, with the reason in the log."""
-    try:
-        found = [lookup(stamp_ns) for stamp_ns in stamps_ns.tolist()]
-    except TransformError as error:
-        logger.warning("%s: the frames have no poses of this kind: %s", source.bag.path, error)
-        return None
-    poses = [pose for pose in found if pose is not None]
-    return np.stack(poses) if len(poses) == len(found) else None
+def _motion(
+    body: str,
+    origin: str,
+    stamps_ns: NDArray[np.int64],
+    lookup: Callable[[int], Matrix | None],
+) -> Motion:
+    poses = [_known(functools.partial(lookup, stamp_ns)) for stamp_ns in stamps_ns.tolist()]
+    known = np.array([pose is not None for pose in poses])
+    found = [pose for pose in poses if pose is not None]
+    return Motion(body, np.stack(found) if found else None, known, origin)
+
+
+def with_poses(source: IndexedBag, matched: Matched, moved: Motion) -> Matched:
+    """The frames whose pose is known; the others are left out, and the log says so."""
+    if moved.poses is None or moved.known.all():
+        return matched
+    lost = matched.numbers[~moved.known]
+    logger.warning(
+        "%s: %d of %d frames left out, which have no pose %s: numbers %d to %d",
+        source.bag.path,
+        len(lost),
+        len(matched.numbers),
+        moved.origin,
+        lost[0],
+        lost[-1],
+    )
+    places = matched.cameras_from_points
+    return matched._replace(
+        rows={name: rows[moved.known] for name, rows in matched.rows.items()},
+        numbers=matched.numbers[moved.known],
+        gaps=sorted([*matched.gaps, *lost.tolist()]),
+        cameras_from_points=None if places is None else places[moved.known],
+    )
