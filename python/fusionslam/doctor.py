@@ -11,7 +11,16 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-_PACKAGES = ("numpy", "pydantic", "pillow", "pypcd4", "pyyaml", "rich", "trimesh", "typer")
+_PACKAGES = (
+    *("numpy", "pillow", "platformdirs", "pydantic", "pypcd4"),
+    *("pyyaml", "rich", "scipy", "trimesh", "typer"),
+)
+_EXTRAS = {
+    "sim": (("embreex", "pycollada"), "demo and sim"),
+    "bags": (("rosbags",), "bags, and sim where it records them"),
+    "report": (("jinja2", "matplotlib"), "demo, bench, report and fuse --pictures"),
+}
+"""By the name of an extra, its packages and what needs them."""
 
 
 @dataclass(frozen=True)
@@ -74,10 +83,18 @@ def _packages() -> Iterator[Finding]:
 
 
 def _extras(missing: Sequence[str]) -> Iterator[Finding]:
-    for extra, use in (("sim", "demo"), ("report", "demo, bench and report")):
+    for extra, (packages, use) in _EXTRAS.items():
         fine = extra not in missing
-        line = f"pip install 'fusionslam[{extra}]'"
-        yield Finding(f"extra {extra}", fine, f"for {use}" if fine else f"for {use}: {line}", True)
+        about = f"{', '.join(_installed(name) for name in packages)}, for {use}"
+        line = "" if fine else f": pip install 'fusionslam[{extra}]'"
+        yield Finding(f"extra {extra}", fine, about + line, True)
+
+
+def _installed(package: str) -> str:
+    try:
+        return f"{package} {metadata.version(package)}"
+    except metadata.PackageNotFoundError:
+        return f"no {package}"
 
 
 def _machine_cores() -> int:

@@ -47,7 +47,17 @@ class LoopReport:
         if self.best is not None:
             parts.append(f"best {self.best:.4g}")
         found = f"{len(self.loops)} loops in {len(self.run)} queries"
-        return f"{found}: {', '.join(parts)}"
+        return f"{found}: {', '.join(parts)}{self._remedy()}"
+
+    def _remedy(self) -> str:
+        """What to do where the run is too short for the window."""
+        queries, window = len(self.run), self.config.window
+        if self.without_candidates < queries or not 0 < queries <= window + 1:
+            return ""
+        return (
+            f"; frames are compared with those {window} and more before them, and there are "
+            f"{queries}: --set loop_closure.window={queries // 4}"
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV, one line a loop; frames by their number. Raises DataError."""

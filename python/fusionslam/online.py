@@ -54,6 +54,11 @@ class OnlineConfig(Section):
     odometry_frame: str = option(
         "", "the frame that odometry is measured in; empty: that of the odometry, else odom"
     )
+    truth_frame: str = option(
+        "world",
+        "odometry in this frame is the true pose of frames; empty: there is none, and in "
+        "odometry_frame it is odometry all the same",
+    )
     wait: float = option(
         0.5, "how long a scan waits for its transforms and CameraInfo", unit="s", ge=0
     )
@@ -70,6 +75,7 @@ def frame_from_pair(
     frames: RobotFrames,
     *,
     index: int = 0,
+    pose: Matrix | None = None,
     still: bool = False,
 ) -> Frame:
     """A scan and the images that belong to it as a frame.
@@ -82,6 +88,7 @@ def frame_from_pair(
         infos: calibration of each of them.
         frames: where sensors and robot were.
         index: number of the frame.
+        pose: float64 (4, 4), the true one, where it is known.
         still: leave odometry out of it.
 
     Raises:
@@ -97,6 +104,7 @@ def frame_from_pair(
         stamp_ns=lead.stamp_ns,
         points=points,
         colors=colors,
+        pose=pose,
         images={name: partial(rectified, p, infos[name], name) for name, p in pictures.items()},
         cameras=_placed_cameras(scan, pictures, infos, frames, still),
         odometry=None if still else frames.odometry_from_robot(lead.stamp_ns),
@@ -174,8 +182,8 @@ class FrameBuilder:
     """Makes frames of messages, in bounded memory and without ever stopping on bad ones.
 
     A scan is out once its images are decided (``Synchronizer``) and its transforms and CameraInfo
-    are there; it waits for those up to ``wait`` seconds of the newest stamp. For the sensor
-    ``sync.scans``, always: added = frames + dropped + waiting.
+    are there; it waits for those up to ``wait`` seconds of the sensors' and the odometry's newest
+    stamp. For the sensor ``sync.scans``, always: added = frames + dropped + waiting.
 
     Args:
         config: limits and names.
@@ -214,6 +222,7 @@ class FrameBuilder:
             extrapolation_s=self.config.extrapolation,
             robot=self.config.robot_frame,
             odometry=self.config.odometry_frame,
+            truth=self.config.truth_frame,
         )
         self.frames = self.still = 0
         self.refused: Counter[str] = Counter()
@@ -297,8 +306,9 @@ class FrameBuilder:
             self.refused[type(message).__name__] += 1
             self._say(type(message).__name__, str(error))
         else:
-            for stamp_ns in _moving_stamps(message):
-                self._see(stamp_ns)
+            # Transforms may be dated ahead, as a localiser's are: they tell no time.
+            if isinstance(message, Odometry):
+                self._see(message.stamp_ns)
 
     def _see(self, stamp_ns: int) -> None:
         self._newest_ns = stamp_ns if self._newest_ns is None else max(self._newest_ns, stamp_ns)
@@ -349,9 +359,9 @@ class FrameBuilder:
     def _placed(self, pair: Pair, late: bool) -> Frame:
         """Without odometry where that is all that is missing."""
         scan = pair.item if isinstance(pair.item, Scan) else None
-        make = partial(
-            frame_from_pair, scan, _pictures(pair), self._infos, self.robot, index=self.frames
-        )
+        pose = self._true_pose(pair.stamp_ns, late)
+        given = scan, _pictures(pair), self._infos, self.robot
+        make = partial(frame_from_pair, *given, index=self.frames, pose=pose)
         try:
             return make()
         except TransformError as error:
@@ -361,6 +371,15 @@ class FrameBuilder:
             self.still += 1
             self._say("odometry", str(error))
             return frame
+
+    def _true_pose(self, stamp_ns: int, late: bool) -> Matrix | None:
+        """None where the truth is not known. Raises TransformError if it may become known."""
+        try:
+            return self.robot.world_from_robot(stamp_ns)
+        except TransformError as error:
+            if error.may_come and not late:
+                raise
+            return None
 
     def _give_up(self, reason: str, why: str) -> None:
         self._given_up[self.sync.scans, reason] += 1
@@ -376,9 +395,3 @@ class FrameBuilder:
 
 class _NotYetError(Exception):
     """Something that a pair needs may still arrive."""
-
-
-def _moving_stamps(message: FrameTransforms | Odometry) -> list[int]:
-    if isinstance(message, Odometry):
-        return [message.stamp_ns]
-    return [each.stamp_ns for each in message.transforms if not each.static]

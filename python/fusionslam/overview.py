@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets.base import FileDataset
 from fusionslam.errors import DataError
+from fusionslam.first_cloud import first_cloud
 from fusionslam.sensors import Camera
 
 if TYPE_CHECKING:
@@ -45,7 +46,9 @@ def overview(dataset: "Dataset") -> Overview:
 
 
 def look_at(recording: "Recording") -> Overview:
-    """Look at a recording; of a bag say what is in it, and why it is no dataset if it is none.
+    """Look at a recording and fuse its first frame; of a bag say what is in it.
+
+    A bag that is no dataset is told with the reason.
 
     Raises:
         DataError: a file that cannot be read. ConfigError: as ``open_dataset``.
@@ -56,7 +59,9 @@ def look_at(recording: "Recording") -> Overview:
 
     path = Path(recording.path)
     if (recording.kind or bag_kind(path)) not in BAG_KINDS:
-        return overview(recording.open())
+        dataset = recording.open()
+        whole = overview(dataset)
+        return Overview([*whole.rows, ("fusion", first_cloud(dataset))], whole.gaps)
     calibration = Path(recording.calibration) if recording.calibration else None
     bag = Inspection.of(path, recording.topics, recording.stamps, calibration)
     rows = [*bag.rows()]
@@ -64,6 +69,8 @@ def look_at(recording: "Recording") -> Overview:
         dataset = recording.open()
     except DataError as error:
         return Overview([*rows, ("frames", f"none: {error}"), ("fusion", bag.fusion(None))], [])
+    if not dataset.cameras:
+        rows.append(("cameras", bag.cameras()))
     rows += [row for row in _rows(dataset) if row[0] not in dict(rows)]
     return Overview([*rows, ("fusion", bag.fusion(dataset))], list(dataset.gaps))
 
@@ -119,14 +126,16 @@ def _path(dataset: "Dataset") -> str:
     # What was driven where frames are missing is not known.
     known = np.diff(dataset.numbers) == 1
     gaps = "" if known.all() else f", {(~known).sum()} gaps not counted"
-    path = f"path of {steps[known].sum():.0f} m{gaps}"
+    metres = steps[known].sum()
+    # Of a metre or two, the digits matter.
+    path = f"path of {metres:.{0 if metres >= 100 else 1}f} m{gaps}"
     return f"{len(dataset.poses)} of {dataset.pose_frame}, {path}"
 
 
 def _no_cameras(dataset: "Dataset") -> str:
     if dataset.body_from_points is not None and dataset.kind.startswith("kitti"):
         return "no images; the calibration is there and places the scanner"
-    return "no calibration" if len(dataset.sensors) > 1 else "no images, no calibration"
+    return "no calibration" if {*dataset.sensors} - {"points"} else "no images, no calibration"
 
 
 def _gaps(dataset: "Dataset") -> str:
@@ -141,6 +150,8 @@ def _gaps(dataset: "Dataset") -> str:
 
 def _offsets(dataset: "Dataset") -> str:
     """Median time of each sensor relative to the first, where each has times of its own."""
+    if len(dataset.sensors) < 2:
+        return "none: one sensor"
     times = {sensor: dataset.sensor_stamps(sensor) for sensor in dataset.sensors}
     known = {sensor: stamps for sensor, stamps in times.items() if stamps is not None}
     if len(known) < 2:

@@ -29,6 +29,8 @@ class RobotFrames:
         extrapolation_s: as ``TransformTree``.
         robot: the robot's frame, and
         odometry: the frame that odometry is measured in; empty finds them out.
+        truth: odometry in this frame, unless it is ``odometry``, is no odometry but true poses;
+            empty where there are none.
 
     Attributes:
         tree: all of TF.
@@ -41,11 +43,14 @@ class RobotFrames:
         extrapolation_s: float = 0.0,
         robot: str = "",
         odometry: str = "",
+        truth: str = "",
     ) -> None:
         self.tree = TransformTree(history_s=history_s, extrapolation_s=extrapolation_s)
         self._moves = TransformTree(history_s=history_s, extrapolation_s=extrapolation_s)
-        self._robot, self._odometry = robot, odometry
+        self._true_moves = TransformTree(history_s=history_s, extrapolation_s=extrapolation_s)
+        self._robot, self._odometry, self._truth = robot, odometry, truth
         self._measured: tuple[str, str] | None = None
+        self._true: tuple[str, str] | None = None
 
     def add(self, message: FrameTransforms | Odometry) -> None:
         """Take transforms or odometry.
@@ -57,8 +62,13 @@ class RobotFrames:
         if isinstance(message, FrameTransforms):
             self._add_all(message.transforms)
             return
-        self._moves.add(_as_transform(message))
-        self._measured = message.frame_id, message.child_frame_id
+        ends = message.frame_id, message.child_frame_id
+        if self._is_true(message):
+            self._true_moves.add(_as_transform(message))
+            self._true = ends
+        else:
+            self._moves.add(_as_transform(message))
+            self._measured = ends
 
     def _add_all(self, transforms: Iterable[FrameTransform]) -> None:
         errors = []
@@ -74,11 +84,13 @@ class RobotFrames:
         """Drop all that moved: the clock went back."""
         self.tree.forget_moving()
         self._moves.forget_moving()
+        self._true_moves.forget_moving()
 
     def goes_back(self, message: FrameTransforms | Odometry, jump_ns: int) -> bool:
         """Whether something in it lies further before the newest of its frame than this."""
         if isinstance(message, Odometry):
-            newest = self._moves.newest(message.child_frame_id)
+            moves = self._true_moves if self._is_true(message) else self._moves
+            newest = moves.newest(message.child_frame_id)
             return newest is not None and newest - message.stamp_ns > jump_ns
         moving = [each for each in message.transforms if not each.static]
         newest_ones = [(self.tree.newest(each.child), each.stamp_ns) for each in moving]
@@ -87,8 +99,9 @@ class RobotFrames:
     @property
     def robot(self) -> str | None:
         """The name of the robot's frame, if it is known."""
-        found = self._measured[1] if self._measured else self._first(ROBOT_FRAMES)
-        return self._robot or found
+        # Some drivers leave the name in their odometry empty.
+        measured = self._measured[1] if self._measured else ""
+        return self._robot or measured or self._first(ROBOT_FRAMES)
 
     @property
     def odometry(self) -> str | None:
@@ -107,6 +120,14 @@ class RobotFrames:
         if self.odometry and self.robot:
             return self.tree.lookup(self.odometry, self.robot, stamp_ns)
         return None
+
+    def world_from_robot(self, stamp_ns: int) -> Matrix | None:
+        """float64 (4, 4), the true pose at a time, or None where nothing tells the truth.
+
+        Raises:
+            TransformError: it is not known for that time.
+        """
+        return self._true_moves.lookup(*self._true, stamp_ns) if self._true else None
 
     def robot_from(self, sensor: str, stamp_ns: int) -> Matrix | None:
         """float64 (4, 4), robot_from_sensor, or None where the robot's frame is not in TF.
@@ -138,6 +159,12 @@ class RobotFrames:
         robot_then = np.linalg.inv(poses[0]) @ poses[1] @ from_robot
         moved = self.tree.lookup(camera, self.robot or "", camera_ns) @ robot_then
         return np.asarray(moved, dtype=np.float64)
+
+    def _is_true(self, message: Odometry) -> bool:
+        frame, truth, odometry = (
+            name.removeprefix("/") for name in (message.frame_id, self._truth, self._odometry)
+        )
+        return bool(truth) and frame == truth != odometry
 
     def _first(self, names: Iterable[str]) -> str | None:
         frames = self.tree.frames

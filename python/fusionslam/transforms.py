@@ -138,21 +138,6 @@ class TransformTree:
         target_from_top = np.linalg.inv(self._climb(down, stamp_ns))
         return np.asarray(target_from_top @ self._climb(up, stamp_ns), dtype=np.float64)
 
-    def lookup_via(
-        self, target: str, target_ns: int, source: str, source_ns: int, fixed: str
-    ) -> Matrix:
-        """float64 (4, 4), from the source at one time to the target at another.
-
-        Both are looked up in a frame that stands still in between, such as "odom": a scan and an
-        image that were taken one after the other on a moving robot.
-
-        Raises:
-            TransformError: as ``lookup``.
-        """
-        fixed_from_target = self.lookup(fixed, target, target_ns)
-        fixed_from_source = self.lookup(fixed, source, source_ns)
-        return np.asarray(np.linalg.inv(fixed_from_target) @ fixed_from_source, dtype=np.float64)
-
     def chain(self, target: str, source: str) -> list[str]:
         """The frames on the way from target to source, both included.
 

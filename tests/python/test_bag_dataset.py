@@ -142,7 +142,10 @@ def test_topics_are_guessed_by_a_rule_that_is_logged_and_can_be_named(
     dataset = open_dataset(path)
     used = {"points": "/a_points", "left": "/camera/image", "camera_info": "/camera/camera_info"}
     assert dataset.source.roles == used | {"odometry": "/odom", "truth": "/truth"}
-    assert "points is /a_points, chosen of /a_points, /points" in caplog.text
+    assert (
+        "points is /a_points, chosen of /a_points, /points; name one with --topic points=..."
+        in caplog.text
+    )
     assert dataset.pose_frame == "base by the truth in /truth"
     named = open_dataset(path, topics={"points": "/points", "truth": ""})
     assert named.source.roles["points"] == "/points" and named.name != dataset.name
@@ -281,7 +284,7 @@ def test_info_tells_what_is_in_a_bag_and_that_it_can_be_fused(tmp_path: Path) ->
     out = " ".join(succeeds("info", path).stdout.split())
     for words in (
         "mcap",
-        "sensor_msgs/PointCloud2, 5 messages, 2.00 Hz (longest step 0.500 s",
+        "sensor_msgs/PointCloud2, 5 messages, 2.00 Hz, arrives +3.0 ms after its stamp",
         "nav_msgs/Odometry, 101 messages, 50.00 Hz",
         "arrives +3.0 ms after",
         "points /points, left /camera/image, camera_info /camera/camera_info, odometry /odom",

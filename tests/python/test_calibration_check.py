@@ -16,6 +16,8 @@ import fusionslam
 from command_line import succeeds
 from fusionslam.calibration.check import (
     CalibrationCheck,
+    Turn,
+    _verdict,
     check_calibration,
     frames_of,
     write_overlays,
@@ -100,6 +102,23 @@ def test_images_without_edges_say_nothing() -> None:
     ]
     found = check(Drive(frames))
     assert found.fits is None and found.verdict.startswith("cannot say")
+
+
+@pytest.mark.parametrize(
+    ("roll", "score", "words"),
+    [
+        (0.2, 0.021, "calibration fits (nothing can be said about roll)"),
+        (1.5, 0.015, "calibration fits (nothing can be said about roll)"),
+        (1.5, 0.020, "cannot say: roll +1.5 deg scores 0.0200 against 0.0138"),
+        (3.5, 0.014, "cannot say: the best roll lies at the edge of what was tried"),
+        (-3.0, 0.014, "cannot say: the best roll lies at the edge of what was tried"),
+    ],
+)
+def test_a_doubtful_best_is_not_said_to_fit(roll: float, score: float, words: str) -> None:
+    ranges = ((-3.5, 3.5), (-0.5, 0.5), (-0.5, 0.5))
+    turn = Turn(degrees=(roll, 0.0, 0.0), ranges=ranges, score=score, errors=1.5)
+    verdict, fits = _verdict(0.0138, turn, {}, CalibrationCheckConfig())
+    assert verdict.startswith(words) and fits is (True if "fits" in words else None)
 
 
 def test_the_same_data_give_the_same_answer(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@
 
 import csv
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -97,6 +98,18 @@ def test_without_loops_it_says_why(kitti: Path, tmp_path: Path) -> None:
     words = ("loops", kitti, "-o", tmp_path / "out", "--set", "loop_closure.window=18")
     text = succeeds(*words, "--threshold", "0").stdout
     assert "0 loops in 20 queries: 19 without candidates, 1 above threshold 0, best 0." in text
+    result = succeeds("loops", kitti, "-o", tmp_path / "short")
+    assert "20 without candidates" in result.stdout
+    (setting,) = re.findall(r"there are 20: --set (loop_closure.window=5)\n", result.stdout)
+    better = succeeds("loops", kitti, "-o", tmp_path / "short", "--set", setting)
+    assert "evaluation.window" not in better.stderr and "6 without candidates" in better.stdout
+
+
+def test_a_recording_without_revisits_is_not_judged(kitti: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    text = succeeds("bench", kitti, "-d", "m2dp", "-o", tmp_path / "out").stdout
+    assert "window 50: no frame is a revisit, so there is no\naccuracy to judge" in text
+    assert "top-1" not in text and "peak MiB" in text
 
 
 def test_a_second_threshold_uses_the_descriptors_of_the_first(

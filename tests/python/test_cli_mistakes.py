@@ -32,6 +32,10 @@ USAGE_ERRORS = [
     (("-d", "m3dp"), "unknown descriptor 'm3dp'"),
     (("--source", "sterio"), "did you mean 'stereo'?"),
     (("--kind", "kiti"), "kind is 'kiti'"),
+    (("--sync", "policy"), "--sync policy: expected KEY=VALUE"),
+    (("--sync", "polcy=nearest"), "--sync polcy=nearest: unknown configuration key 'polcy'"),
+    (("--topic", "point=/x"), "--topic point=/x: WHAT is 'point', expected one of points, left"),
+    (("--stamps", "arrival"), "--stamps is 'arrival', expected one of header, bag"),
 ]
 
 

@@ -90,18 +90,6 @@ def test_a_turn_at_constant_speed_is_met_between_the_samples() -> None:
     np.testing.assert_allclose(found, yaw_at(0.65, x=1.3), atol=1e-12)
 
 
-def test_a_scan_and_an_image_meet_through_the_frame_that_stands_still() -> None:
-    # Point at (5, 1) in odom; the scan is taken at 0.4 s, the image at 0.9 s.
-    point = np.array([5.0, 1, 0, 1])
-    in_lidar = np.linalg.inv(yaw_at(0.2, x=0.4) @ yaw_at(np.pi / 2, x=0.3)) @ point
-    in_camera = np.linalg.inv(yaw_at(0.45, x=0.9) @ yaw_at(0, y=0.2)) @ point
-    times = round(0.9 * S), round(0.4 * S)
-    moved = robot().lookup_via("camera", times[0], "lidar", times[1], "odom")
-    np.testing.assert_allclose(moved @ in_lidar, in_camera, atol=1e-12)
-    still = robot().lookup("camera", "lidar", times[0])
-    assert np.abs(still @ in_lidar - in_camera).max() > 0.5
-
-
 def test_a_little_beyond_the_samples_the_last_motion_goes_on() -> None:
     tree = robot(extrapolation_s=0.1)
     np.testing.assert_allclose(

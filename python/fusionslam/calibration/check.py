@@ -37,6 +37,8 @@ _FLAT = 0.7
 _NEAR = 0.7
 # A gain of this many standard errors deserves a mention.
 _PERHAPS = 2.5
+# So large a gain, in shares of the present score, leaves a doubt even where it may be chance.
+_MUCH = 0.25
 
 Floats = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -242,9 +244,38 @@ def _verdict(
     maybe = next((each for each in better if each.errors > _PERHAPS), None)
     if maybe:
         return f"cannot say: perhaps {maybe.words}, or that is chance; try more frames", None
+    if doubt := _doubt(present, turn, curves, config):
+        return f"cannot say: {doubt}", None
     wide += [name for name, curve in curves.items() if name == DELAY and curve.flat]
     about = f" (nothing can be said about {' and '.join(wide)})" if wide else ""
     return f"calibration fits{about}", True
+
+
+def _doubt(
+    present: float, turn: Turn, curves: dict[str, Curve], config: CalibrationCheckConfig
+) -> str:
+    """What speaks against a calibration though nothing is surely better; empty if nothing does."""
+    far = [
+        (name, angle)
+        for name, angle in zip(TURNS, turn.degrees, strict=True)
+        if abs(angle) > config.turn_tolerance
+    ]
+    edges = [name for name, angle in far if _or_more(abs(angle), config.turn)]
+    if edges:
+        return (
+            f"the best {' and '.join(edges)} lies at the edge of what was tried; "
+            "try more frames, or a larger calib_check.turn"
+        )
+    scores = [(turn.score, ", ".join(f"{n} {angle:+.1f} deg" for n, angle in far))]
+    scores += [
+        (float(curve.scores.max()), words)
+        for curve in curves.values()
+        if curve.name not in TURNS and not curve.flat and (words := _moved(curve, config))
+    ]
+    score, words = max((each for each in scores if each[1]), default=(present, ""))
+    if not words or score - present <= _MUCH * abs(present):
+        return ""
+    return f"{words} scores {score:.4f} against {present:.4f}, or that is chance; try more frames"
 
 
 def _undetermined(turn: Turn, config: CalibrationCheckConfig) -> list[str]:

@@ -231,7 +231,6 @@ def loops(
         chosen = merged(chosen, {"loop_closure": {"threshold": threshold}})
     chosen = for_source(chosen, opt.source_of(source, chosen, recording))
     dataset = recording.open(chosen.fusion.source)
-    opt.warn_of_windows(chosen)
     keep(ctx, output)
     bad = opt.bad_frames(skip_bad_frames)
     (run,) = _described(recording, dataset, output, [name], chosen, jobs, bad)

@@ -144,31 +144,53 @@ def recording_of(
     sync: list[str] | None = None,
 ) -> "Recording":
     """The recording that the options name."""
-    from fusionslam.config import with_settings
-    from fusionslam.synchronizer import SyncConfig
+    from fusionslam.datasets.bags.index import STAMPS
     from fusionslam.workspace import Recording
 
-    changes = with_settings(SyncConfig(), sync or []).model_dump(exclude_defaults=True)
+    one_of("--stamps", stamps, STAMPS)
     return Recording.at(
         data,
         kind=kind,
         sequence=sequence,
         gaps="skip" if skip_gaps else "error",
         poses=truth,
-        topics=_pairs("--topic", topics or []),
+        topics=_topics(topics or []),
         stamps=stamps,
-        sync=changes,
+        sync=_sync_changes(sync or []),
     )
 
 
-def _pairs(option: str, texts: list[str]) -> dict[str, str]:
+def _topics(texts: list[str]) -> dict[str, str]:
     """Texts such as points=/velodyne_points by what stands before the sign."""
+    if not texts:
+        return {}
+    from fusionslam.datasets.bags.topics import ROLES
+
+    _check_pairs("--topic", texts, "WHAT=/NAME")
+    for text in texts:
+        one_of(f"--topic {text}: WHAT", text.partition("=")[0], tuple(ROLES))
+    return dict(text.split("=", 1) for text in texts)
+
+
+def _sync_changes(texts: list[str]) -> dict[str, Any]:
+    """The values of SyncConfig that are not its defaults."""
+    from fusionslam.config import with_settings
+    from fusionslam.errors import ConfigError
+    from fusionslam.synchronizer import SyncConfig
+
+    _check_pairs("--sync", texts, "KEY=VALUE, such as policy=last_before")
+    try:
+        return with_settings(SyncConfig(), texts).model_dump(exclude_defaults=True)
+    except ConfigError as error:
+        raise ConfigError(f"--sync {', '.join(texts)}: {error}") from error
+
+
+def _check_pairs(option: str, texts: list[str], expected: str) -> None:
     from fusionslam.errors import ConfigError
 
     for text in texts:
         if "=" not in text:
-            raise ConfigError(f"{option} {text}: expected WHAT=/NAME")
-    return dict(text.split("=", 1) for text in texts)
+            raise ConfigError(f"{option} {text}: expected {expected}")
 
 
 def everything() -> "Section":

@@ -97,7 +97,8 @@ def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
 
     groups = by_rank(evaluations, protocol)
     ranked = [evaluation for group in groups.values() for evaluation in group]
-    judged = any(evaluation.curves for evaluation in ranked)
+    curves = [e.curves[protocol] for e in ranked if protocol in e.curves]
+    judged = any(curve.n_revisits for curve in curves)
     tables = [accuracy_table(ranked, protocol)] if judged else []
     if any(evaluation.published for evaluation in ranked):
         tables.append(published_table(ranked, protocol))
@@ -149,7 +150,10 @@ def _conditions(evaluations: "Sequence[Evaluation]", protocol: str) -> str:
     curve = next((e.curves[protocol] for e in evaluations if protocol in e.curves), None)
     if curve is None:
         return "no true poses: cost only (--gt names a file of poses)"
+    conditions = f"protocol {protocol}, radius {curve.radius:g} m, window {curve.window}: "
+    if curve.n_revisits:
+        return f"{conditions}{curve.n_revisits} of {curve.n_queries} frames are revisits"
     return (
-        f"protocol {protocol}, radius {curve.radius:g} m, window {curve.window}: "
-        f"{curve.n_revisits} of {curve.n_queries} frames are revisits"
+        f"{conditions}no frame is a revisit, so there is no\n"
+        "accuracy to judge; --set evaluation.window or evaluation.radius may change that"
     )

@@ -15,14 +15,16 @@ from fusionslam.datasets.bags.index import Series
 from fusionslam.datasets.bags.pairing import IndexedBag, open_indexed
 from fusionslam.datasets.bags.reader import Topic
 from fusionslam.datasets.bags.topics import ROLES
-from fusionslam.errors import DataError, FusionSlamError
-from fusionslam.fusion import FusionConfig, fuse
+from fusionslam.errors import DataError
+from fusionslam.first_cloud import first_cloud, one_line
 
 if TYPE_CHECKING:
     from fusionslam.datasets.base import Dataset
 
 # A step so much longer than the median is a gap.
 _GAP = 1.5
+# Whoever arrives within this time of the stamp is not late.
+_PROMPT_MS = 0.05
 _NEEDED = {"points": "PointCloud2", "left": "Image", "camera_info": "CameraInfo"}
 
 
@@ -57,7 +59,7 @@ class Inspection:
         yield "in use", ", ".join(f"{role} {roles[role]}" for role in ROLES if role in roles) or "-"
         yield "extrinsics", self._extrinsics()
         for reason, count in self.source.index.refused.items():
-            yield "refused", f"{count} messages: {reason}"
+            yield "refused", f"{_counted(count, 'message')}: {reason}"
 
     def fusion(self, dataset: "Dataset | None") -> str:
         """Whether the bag can be fused, and if not, all that is known to be missing."""
@@ -68,33 +70,26 @@ class Inspection:
         ]
         if "points" in self.source.roles and "left" in self.source.roles:
             missing += self._missing_link()
-        if dataset is not None and dataset.has_stereo and not dataset.has_points:
-            return self._stereo(dataset)
-        if dataset is None or missing:
+        has_pairs = dataset is not None and dataset.has_stereo and not dataset.has_points
+        if dataset is None or (missing and not has_pairs):
             return f"not possible: {'; '.join(missing) or 'no frames'}"
-        try:
-            count = len(fuse(dataset[0]))
-        except FusionSlamError as error:
-            return f"not possible: {_line(error)}"
-        if not count:
-            return "doubtful: no point of the first scan falls into its image"
-        return f"possible: {count} points of the first scan get a colour"
+        return first_cloud(dataset)
 
-    def _stereo(self, dataset: "Dataset") -> str:
-        try:
-            count = len(fuse(dataset[0], FusionConfig(source="stereo")))
-        except FusionSlamError as error:
-            return f"not possible: {_line(error)}"
-        if not count:
-            return "doubtful: the images of the first stereo pair have nothing in common"
-        return f"possible: {count} points of the first stereo pair"
+    def cameras(self) -> str:
+        """What there is of a camera that is not placed against a scan."""
+        roles = self.source.roles
+        images = f"images in {roles['left']}" if "left" in roles else "no images"
+        calibration = f"calibration in {roles['camera_info']}" if "camera_info" in roles else ""
+        scans = "" if "points" in roles else ", no scans to place the camera against"
+        return f"{images}, {calibration or 'no calibration'}{scans}"
 
     def _topic(self, topic: Topic) -> str:
-        about = f"{topic.type}, {topic.count} messages"
+        about = f"{topic.type}, {_counted(topic.count, 'message')}"
         if not topic.is_known:
             return f"{about}, of a type that is not read"
         series = self.source.index.series.get(topic.name)
-        return f"{about}, {_rate(series)}" if series else about
+        rate = _rate(series) if series else ""
+        return f"{about}, {rate}" if rate else about
 
     def _extrinsics(self) -> str:
         if not {"points", "left"} <= self.source.roles.keys():
@@ -105,14 +100,14 @@ class Inspection:
             chain = self.source.index.frames.tree.chain(camera, scanner)
             return f"{' <- '.join(chain)}, from {origin}"
         except DataError as error:
-            return f"camera in '{camera}', scanner in '{scanner}': {_line(error)}"
+            return f"camera in '{camera}', scanner in '{scanner}': {one_line(error)}"
 
     def _missing_link(self) -> list[str]:
         camera, scanner = self._ends()
         try:
             self.source.index.frames.tree.chain(camera, scanner)
         except DataError as error:
-            return [f"TF does not link '{camera}' and '{scanner}': {_line(error)}"]
+            return [f"TF does not link '{camera}' and '{scanner}': {one_line(error)}"]
         return []
 
     def _ends(self) -> tuple[str, str]:
@@ -120,13 +115,14 @@ class Inspection:
 
 
 def _rate(series: Series) -> str:
-    """Rate, the longest step and how late messages arrive."""
+    """Rate, and what is unusual: steps that are longer, messages that arrive late."""
     parts = [_steps(series.stamps_ns)] if len(series.times) > 1 else []
     delays = series.delays_ns / 1e6
-    parts.append(
-        f"arrives {np.median(delays):+.1f} ms after its stamp "
-        f"({delays.min():+.1f} to {delays.max():+.1f})"
-    )
+    if np.abs(delays).max() >= _PROMPT_MS:
+        parts.append(
+            f"arrives {np.median(delays):+.1f} ms after its stamp "
+            f"({delays.min():+.1f} to {delays.max():+.1f})"
+        )
     return ", ".join(parts)
 
 
@@ -135,12 +131,15 @@ def _steps(stamps_ns: NDArray[np.int64]) -> str:
     median = float(np.median(steps))
     if median <= 0:
         return "stamps that do not rise"
-    gaps = int((steps > _GAP * median).sum())
-    longest = f"longest step {steps.max():.3f} s, {steps.max() / median:.1f} x the median"
-    back = f", {(steps < 0).sum()} steps back" if (steps < 0).any() else ""
-    return f"{1 / median:.2f} Hz ({longest}; {gaps} gaps{back})"
+    gaps, back = int((steps > _GAP * median).sum()), int((steps < 0).sum())
+    unusual = []
+    if gaps:
+        longest = f"longest step {steps.max():.3f} s, {steps.max() / median:.1f} x the median"
+        unusual.append(f"{longest}; {_counted(gaps, 'gap')}")
+    if back:
+        unusual.append(_counted(back, "step") + " back")
+    return f"{1 / median:.2f} Hz" + (f" ({', '.join(unusual)})" if unusual else "")
 
 
-def _line(error: Exception) -> str:
-    """A message of several lines in one."""
-    return "; ".join(line.strip() for line in str(error).splitlines())
+def _counted(count: int, thing: str) -> str:
+    return f"{count} {thing}" + "s" * (count != 1)

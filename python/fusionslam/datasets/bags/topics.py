@@ -61,7 +61,12 @@ def choose_topics(
             chosen[role] = candidates[0]
             if len(candidates) > 1:
                 logger.warning(
-                    "%s: %s is %s, chosen of %s", bag, role, candidates[0], ", ".join(candidates)
+                    "%s: %s is %s, chosen of %s; name one with --topic %s=...",
+                    bag,
+                    role,
+                    candidates[0],
+                    ", ".join(candidates),
+                    role,
                 )
     used = {role: chosen[role] for role in ROLES if chosen.get(role)}
     if "right" in used and used["right"] == used.get("left"):
