@@ -3,7 +3,9 @@
 """Files are written whole or not at all."""
 
 import os
+import signal
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -45,3 +47,26 @@ def _reason(target: Path, error: OSError) -> str:
 
 def _why(error: OSError) -> str:
     return error.strerror or str(error)
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Hold back Ctrl-C and SIGTERM while a file that others wrote code for is half changed.
+
+    They take effect at the end of the block. Threads other than the main one are never interrupted.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held: list[int] = []
+    before = {
+        wanted: signal.signal(wanted, lambda number, _: held.append(number))
+        for wanted in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for wanted, handler in before.items():
+            signal.signal(wanted, handler)
+        for number in held:
+            signal.raise_signal(number)

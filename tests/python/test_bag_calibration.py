@@ -11,6 +11,7 @@ import yaml
 pytest.importorskip("rosbags", reason="bags are an extra")
 
 from bag_maker import drive, without, write_bag
+from command_line import fails, succeeds
 from fusionslam.datasets import open_dataset
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.overview import look_at
@@ -98,3 +99,12 @@ def test_kitti_has_its_own_calibration(kitti: Path, tmp_path: Path, camera: Came
     file = calib_yaml(tmp_path / "calib.yaml", camera)
     with pytest.raises(ConfigError, match="kitti-odometry, which has its own"):
         open_dataset(kitti, calibration=file)
+
+
+def test_commands_take_a_calibration(tmp_path: Path, camera: Camera) -> None:
+    bag = write_bag(tmp_path / "poor.bag", without(drive(), "/tf_static"))
+    file = calib_yaml(tmp_path / "calib.yaml", camera)
+    words = ("fuse", bag, "--source", "lidar", "-o")
+    assert "no frame" in fails(1, *words, tmp_path / "without")
+    succeeds(*words, tmp_path / "with", "--calib", file)
+    assert open_dataset(tmp_path / "with")[0].colors is not None

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import fusionslam
+from fusionslam._files import uninterrupted
 
 
 class Alarm(Exception):
@@ -68,3 +69,12 @@ def test_threads_of_a_call_end_with_it_too() -> None:
     signal.setitimer(signal.ITIMER_REAL, 0.02)
     with pytest.raises(Alarm):
         fusionslam.estimate_normals(CLOUD, radius=0.1, threads=3)
+
+
+def test_what_others_write_is_not_cut_in_the_middle() -> None:
+    done = []
+    with pytest.raises(KeyboardInterrupt), uninterrupted():
+        signal.raise_signal(signal.SIGINT)
+        done.append("the rest")
+    assert done == ["the rest"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

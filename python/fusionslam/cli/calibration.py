@@ -29,6 +29,7 @@ def calib_check(
     topic: opt.Topics = None,
     stamps: opt.StampsOption = "header",
     sync: opt.SyncOption = None,
+    calib: opt.Calibration = None,
     skip_gaps: opt.SkipGaps = False,
     gt: opt.Truth = None,
     settings: opt.Settings = None,
@@ -43,7 +44,7 @@ def calib_check(
 
     needs_extra("report")
     chosen = _config(config, settings)
-    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync)
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     dataset = recording.open("lidar")
     keep_parts(ctx, output)
     with progress() as step:

@@ -29,13 +29,14 @@ def info(
     topic: opt.Topics = None,
     stamps: opt.StampsOption = "header",
     sync: opt.SyncOption = None,
+    calib: opt.Calibration = None,
     gt: opt.Truth = None,
     verbose: opt.Verbose = False,
 ) -> None:
     """Say what is in DATA: frames, sensors, calibration, poses, gaps."""
     from fusionslam.overview import look_at
 
-    recording = opt.recording_of(data, kind, sequence, True, gt, topic, stamps, sync)
+    recording = opt.recording_of(data, kind, sequence, True, gt, topic, stamps, sync, calib)
     print_table(["what", "value"], look_at(recording).rows)
 
 
@@ -56,6 +57,7 @@ def fuse(
     topic: opt.Topics = None,
     stamps: opt.StampsOption = "header",
     sync: opt.SyncOption = None,
+    calib: opt.Calibration = None,
     skip_gaps: opt.SkipGaps = False,
     pictures: Annotated[
         int, typer.Option("--pictures", metavar="N", min=0, help="Draw the steps of N frames.")
@@ -73,7 +75,7 @@ def fuse(
     """
     from fusionslam.bench import for_source
 
-    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync)
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     chosen = opt.pipeline_config(config, settings)
     asked_for = source is not None or "source" in chosen.fusion.model_fields_set
     chosen = for_source(chosen, opt.source_of(source, chosen, recording))
@@ -167,6 +169,7 @@ def describe(
     topic: opt.Topics = None,
     stamps: opt.StampsOption = "header",
     sync: opt.SyncOption = None,
+    calib: opt.Calibration = None,
     skip_gaps: opt.SkipGaps = False,
     skip_bad_frames: opt.SkipBad = False,
     gt: opt.Truth = None,
@@ -183,7 +186,7 @@ def describe(
     from fusionslam.pipeline import run_path
 
     names = opt.names_of(descriptors)
-    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync)
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     chosen = opt.pipeline_config(config, settings)
     chosen = bench.for_source(chosen, opt.source_of(source, chosen, recording))
     dataset = recording.open(chosen.fusion.source)
@@ -210,6 +213,7 @@ def loops(
     topic: opt.Topics = None,
     stamps: opt.StampsOption = "header",
     sync: opt.SyncOption = None,
+    calib: opt.Calibration = None,
     skip_gaps: opt.SkipGaps = False,
     skip_bad_frames: opt.SkipBad = False,
     gt: opt.Truth = None,
@@ -225,7 +229,7 @@ def loops(
     from fusionslam.loop_report import find_loops
 
     name = descriptor_named(descriptor).name
-    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync)
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     chosen = opt.pipeline_config(config, settings)
     if threshold is not None:
         chosen = merged(chosen, {"loop_closure": {"threshold": threshold}})

@@ -79,6 +79,10 @@ SyncOption = Annotated[
         help="How a bag's images go with its scans: policy=last_before, max_difference=0.05, ...",
     ),
 ]
+Calibration = Annotated[
+    Path | None,
+    typer.Option("--calib", metavar="FILE", help="calib.yaml, of a bag or folder without one."),
+]
 Sequence = Annotated[
     str | None, typer.Option("--sequence", help="Which one, where DATA holds several.")
 ]
@@ -142,6 +146,7 @@ def recording_of(
     topics: list[str] | None = None,
     stamps: str = "header",
     sync: list[str] | None = None,
+    calibration: Path | None = None,
 ) -> "Recording":
     """The recording that the options name."""
     from fusionslam.datasets.bags.index import STAMPS
@@ -157,6 +162,7 @@ def recording_of(
         topics=_topics(topics or []),
         stamps=stamps,
         sync=_sync_changes(sync or []),
+        calibration=calibration,
     )
 
 

@@ -82,6 +82,7 @@ def bench(
     topic: opt.Topics = None,
     stamps: opt.StampsOption = "header",
     sync: opt.SyncOption = None,
+    calib: opt.Calibration = None,
     skip_gaps: opt.SkipGaps = False,
     skip_bad_frames: opt.SkipBad = False,
     gt: opt.Truth = None,
@@ -95,7 +96,7 @@ def bench(
     Every source of clouds that the data allow is compared.
     """
     needs_extra("report")
-    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync)
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     names = opt.names_of(descriptors)
     chosen = opt.pipeline_config(config, settings)
     given = source is not None or "source" in chosen.fusion.model_fields_set

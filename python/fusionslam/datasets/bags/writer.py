@@ -12,6 +12,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from fusionslam._files import uninterrupted
 from fusionslam.datasets.bags.conversions import MessageBuilder, is_static, ros_type
 from fusionslam.datasets.bags.images import STORED
 from fusionslam.datasets.bags.stores import KINDS, make_in, need_rosbags, type_store
@@ -67,7 +68,8 @@ def open_writer(
             yield writer
             writer._close()
         except BaseException as error:
-            kept = writer._keep()
+            with uninterrupted():
+                kept = writer._keep()
             if writer.broken:
                 raise DataError(f"{error}; {kept}") from error
             logger.warning("%s is not complete; %s", target, kept)
@@ -171,7 +173,8 @@ class BagWriter:
     def _guarded(self, action: Any, *arguments: Any) -> Any:
         """Do something with the file; what the system refuses becomes a DataError."""
         try:
-            return action(*arguments)
+            with uninterrupted():
+                return action(*arguments)
         except (OSError, sqlite3.Error) as error:
             self.broken = True
             reason = getattr(error, "strerror", None) or str(error)
