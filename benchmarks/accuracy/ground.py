@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 import fusionslam
 from benchmarks.accuracy.markdown import table, write_between
+from fusionslam.fusion import CloudFrame, FusionConfig, plane_of, segments_of
 from fusionslam.sim import SimConfig
 from fusionslam.sim.indoor import INDOOR_WORLDS, indoor_places
 from fusionslam.sim.lidar import LidarConfig, scan
@@ -44,7 +45,12 @@ Removal = Callable[[NDArray[np.float32]], NDArray[np.int64]]
 
 @dataclass(frozen=True)
 class Case:
-    """A LiDAR in a world. ``low`` is what its robot drives over or sees as ground, metres."""
+    """A LiDAR in a world.
+
+    Attributes:
+        low: what ``height`` takes for ground, metres above it.
+        frame: whose values plane and segments have: the scan's are a car's.
+    """
 
     world: str
     sensor: str
@@ -53,6 +59,7 @@ class Case:
     base_from_lidar: Poses
     poses: Poses
     low: float
+    frame: CloudFrame
 
 
 @dataclass
@@ -83,17 +90,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true", help="put the table into docs/fusion.md")
     arguments = parser.parse_args()
-    header = ["world", "sensor", "points", "ground", *removals(0.1)]
+    header = ["world", "sensor", "points", "ground", *removals("robot", 0.1)]
     text = table(header, [judged(case) for case in cases()])
     print(text)
     if arguments.write:
         write_between(PAGE, "ground", text)
 
 
-def removals(low: float) -> dict[str, Removal]:
-    """The three ways, each with the same idea of what is low."""
-    plane = fusionslam.GroundPlaneConfig(distance=low)
-    segments = fusionslam.GroundSegmentsConfig(distance=low, seed_height=2 * low)
+def removals(frame: CloudFrame, low: float) -> dict[str, Removal]:
+    """The three ways; plane and segments with the values that ``fuse`` has in this frame."""
+    config = FusionConfig(frame=frame)
+    plane, segments = plane_of(config), segments_of(config)
     return {
         "height": lambda points: fusionslam.above_height(points, low),
         "plane": lambda points: fusionslam.remove_ground_plane(points, config=plane)[0],
@@ -103,12 +110,12 @@ def removals(low: float) -> dict[str, Removal]:
 
 def judged(case: Case) -> list[object]:
     """A row of the table: precision, recall and time of each way."""
-    scores = {name: Score() for name in removals(case.low)}
+    scores = {name: Score() for name in removals(case.frame, case.low)}
     times: dict[str, list[float]] = {name: [] for name in scores}
     points_in_all = 0
     for points, is_ground in scans(case):
         points_in_all += len(points)
-        for name, remove in removals(case.low).items():
+        for name, remove in removals(case.frame, case.low).items():
             start = time.perf_counter()
             kept = remove(points)
             times[name].append(time.perf_counter() - start)
@@ -154,7 +161,8 @@ def town() -> Case:
     base_from_lidar[:3, 3] = lidar.position_m
     chosen = np.linspace(0, len(drive.poses) - 1, SCANS).astype(int)
     scene = make_town(config.town)
-    return Case("town", "car", scene, lidar, base_from_lidar, drive.poses[chosen], low=0.2)
+    poses = drive.poses[chosen]
+    return Case("town", "car", scene, lidar, base_from_lidar, poses, low=0.2, frame="scan")
 
 
 def indoor(world: World, poses: Poses) -> Iterator[Case]:
@@ -163,7 +171,8 @@ def indoor(world: World, poses: Poses) -> Iterator[Case]:
         (lidar,) = robot.lidars.values()
         scene = world.collision if lidar.shapes == "collision" else world.visual
         place = base_from(robot, lidar.frame_id)
-        yield Case(world.name, name.removeprefix("turtlebot3_"), scene, lidar, place, poses, 0.1)
+        sensor = name.removeprefix("turtlebot3_")
+        yield Case(world.name, sensor, scene, lidar, place, poses, low=0.1, frame="robot")
 
 
 def at_places(places: NDArray[np.float64]) -> Poses:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coloured clouds of a whole recording as a bag: ROS 1, ROS 2 SQLite or MCAP."""
 
+import logging
 import os
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.clouds import refuse_input
 from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.messages import Event, FrameTransform, FrameTransforms, Message, Odometry, Scan
@@ -23,10 +25,14 @@ from fusionslam.workspace import Recording
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
 
+logger = logging.getLogger(__name__)
+
 BAG_SUFFIXES = (".bag", ".db3", ".mcap")
 CLOUDS, ODOMETRY, TRUTH = "/rgb_cloud", "/odom", "/ground_truth"
 WORLD, ODOM, ROBOT, SCAN = "world", "odom", "base_footprint", "lidar"
 _FRAME_IDS = {"scan": SCAN, "camera": "camera", "robot": ROBOT, "odometry": ODOM}
+# How ``Dataset.pose_frame`` of a bag says that odometry is all that is known of its poses.
+_BY_ODOMETRY = "by odometry in"
 
 Matrix = NDArray[np.float64]
 
@@ -41,10 +47,10 @@ def write_cloud_bag(
 ) -> Path:
     """Write a bag of clouds on /rgb_cloud, with what is known of the robot's motion.
 
-    /odom holds the odometry of the frames; /ground_truth their poses in the world, where they
-    are known by more than odometry; /tf links world, odom, base_footprint, the scan's frame
-    (lidar) and camera as far as they are known. Stamps are those of the frames. Memory does not
-    grow with the recording.
+    /odom holds the odometry of the frames; /ground_truth their poses in the world, all of them,
+    if they are known by more than odometry; /tf links world, odom, base_footprint, the scan's frame
+    (lidar) and camera as far as they are known, /tf_static those of lidar and camera that are the
+    same in all frames. Stamps are those of the frames. Memory does not grow with the recording.
 
     Args:
         recording: the data.
@@ -54,13 +60,17 @@ def write_cloud_bag(
         progress: called with (frames done, frames in all).
 
     Raises:
-        DataError: a frame that cannot be read or fused, a bag that cannot be written; what was
-            written until then is kept, as ``open_writer`` says.
+        DataError: a frame that cannot be read or fused, a bag that cannot be written or is the
+            recording itself; what was written until then is kept, as ``open_writer`` says.
     """
     from fusionslam.datasets.bags import open_writer
 
-    dataset, target = recording.open(config.source), Path(path)
-    maker = _Maker(dataset, config)
+    target = Path(path).expanduser()
+    _refuse_own_input(recording, target)
+    dataset = recording.open(config.source)
+    if target.exists():
+        logger.warning("%s is there already and will be replaced", target)
+    maker = _Maker(dataset, config, _fixed_frames(dataset))
     with open_writer(target) as bag, ThreadPoolExecutor(max(jobs, 1)) as pool:
         for done, events in enumerate(_in_order(pool, maker, max(jobs, 1)), start=1):
             for event in events:
@@ -68,6 +78,17 @@ def write_cloud_bag(
             if progress is not None:
                 progress(done, len(dataset))
     return target
+
+
+def _refuse_own_input(recording: Recording, target: Path) -> None:
+    """Raise DataError if the bag, or what is kept of it after an error, would replace the data."""
+    for path in (target, target.with_name(f"{target.stem}.partial{target.suffix}")):
+        refuse_input(recording, path)
+        # A bag of ROS 2 is a folder, and either that or the file in it may be what is read.
+        source, there = Path(recording.path), path.resolve()
+        inside = there.exists() and source in there.parents and (source / "metadata.yaml").exists()
+        if there in source.parents or inside:
+            raise DataError(f"{target} is part of {source}, which is read: write to another place")
 
 
 def _in_order(pool: ThreadPoolExecutor, maker: "_Maker", ahead: int) -> Iterator[list[Event]]:
@@ -85,12 +106,37 @@ def _in_order(pool: ThreadPoolExecutor, maker: "_Maker", ahead: int) -> Iterator
             left.cancel()
 
 
+def _fixed_frames(dataset: "Dataset") -> frozenset[str]:
+    """The scan's frame and the camera's, as far as they are where they were in all frames.
+
+    A camera of a bag moves from frame to frame against the scan if both are taken at other times.
+    """
+    fixed = {SCAN: True, _FRAME_IDS["camera"]: True}
+    first = dataset[0]
+    for index in range(len(dataset)):
+        frame = dataset[index]
+        fixed[SCAN] &= _same(frame.robot_from_points, first.robot_from_points)
+        fixed[_FRAME_IDS["camera"]] &= _same(_camera_place(frame), _camera_place(first))
+        if not any(fixed.values()):
+            break
+    return frozenset(name for name, is_fixed in fixed.items() if is_fixed)
+
+
+def _camera_place(frame: Frame) -> Matrix | None:
+    return frame.cameras["left"].rectified_from_points if "left" in frame.cameras else None
+
+
+def _same(one: Matrix | None, other: Matrix | None) -> bool:
+    return one is not None and other is not None and np.allclose(one, other, rtol=0, atol=1e-9)
+
+
 @dataclass(frozen=True)
 class _Maker:
     """Makes the messages of single frames; shared by all threads."""
 
     dataset: "Dataset"
     config: FusionConfig
+    fixed: frozenset[str] = frozenset()
 
     def events(self, index: int) -> list[Event]:
         frame, stamp_ns = self.dataset[index], int(self.dataset.stamps_ns[index])
@@ -101,10 +147,13 @@ class _Maker:
             raise DataError(f"{self.dataset.name}, frame {number}: {error}") from error
         name = _FRAME_IDS[self.config.frame]
         scan = Scan(stamp_ns=stamp_ns, frame_id=name, points=cloud.points, colors=cloud.colors)
+        messages: list[tuple[str, Message]] = []
         links = self._links(frame, stamp_ns)
-        messages: list[tuple[str, Message]] = (
-            [("/tf", FrameTransforms(transforms=links))] if links else []
-        )
+        for topic, is_static in (("/tf_static", True), ("/tf", False)):
+            chosen = tuple(link for link in links if link.static is is_static)
+            # What is fixed is said once.
+            if chosen and (index == 0 or not is_static):
+                messages.append((topic, FrameTransforms(transforms=chosen)))
         messages += [(topic, odometry) for topic, odometry in self._motion(frame, stamp_ns)]
         messages.append((CLOUDS, scan))
         return [Event(topic, stamp_ns, message) for topic, message in messages]
@@ -140,6 +189,7 @@ class _Maker:
                 parent=parent,
                 child=child,
                 parent_from_child=parent_from_scan @ np.linalg.inv(child_from_scan),
+                static=child in self.fixed,
             )
             for (parent, parent_from_scan), (child, child_from_scan) in pairwise(chain)
         )
@@ -147,7 +197,9 @@ class _Maker:
     def _world_from_scan(self, frame: Frame) -> Matrix | None:
         if frame.pose is None:
             return None
-        if frame.odometry is not None and np.array_equal(frame.pose, frame.odometry):
+        # Whether odometry is all that is known is the recording's matter, not that of a frame, in
+        # which the truth may happen to be the same.
+        if frame.odometry is not None and _BY_ODOMETRY in self.dataset.pose_frame:
             return None
         body_from_points = self.dataset.body_from_points
         return frame.pose if body_from_points is None else frame.pose @ body_from_points

@@ -53,12 +53,15 @@ def write_clouds(
         progress: called with (frames done, frames in all).
 
     Raises:
-        DataError: a frame that cannot be read or fused, a folder that cannot be written or holds
-            other clouds. ConfigError: unknown format.
+        DataError: a frame that cannot be read or fused, a folder that cannot be written, holds
+            other clouds or is the recording itself. ConfigError: unknown format.
     """
     if format not in FORMATS:
         raise ConfigError(f"format is {format!r}, expected one of {', '.join(FORMATS)}")
-    dataset, root = recording.open(config.source), Path(folder)
+    root = Path(folder).expanduser()
+    refuse_input(recording, root)
+    _refuse_foreign(root)
+    dataset = recording.open(config.source)
     about = {
         "fusion": config.model_dump(mode="json"),
         "format": format,
@@ -78,6 +81,24 @@ def write_clouds(
             pool.shutdown(wait=True, cancel_futures=True)
             raise
     return root
+
+
+def refuse_input(recording: Recording, target: Path) -> None:
+    """Raise DataError if writing to ``target`` would replace what is read."""
+    source, there = Path(recording.path), target.resolve()
+    if there == source or (target.exists() and source.exists() and target.samefile(source)):
+        raise DataError(f"{target} is the recording that is read: write to another place")
+
+
+def _refuse_foreign(root: Path) -> None:
+    """Raise DataError where files that no earlier call wrote have the names of ours."""
+    if Work.load(root) is not None:
+        return
+    for name in ("clouds", "times.txt", "poses.txt"):
+        if (root / name).exists():
+            raise DataError(
+                f"{root} holds {name}, which no earlier fuse wrote: choose another folder"
+            )
 
 
 @dataclass(frozen=True)

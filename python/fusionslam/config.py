@@ -82,11 +82,20 @@ def _core_field(entry: Mapping[str, Any], optional: bool) -> tuple[Any, FieldInf
     )
 
 
-def merged(section: S, changes: Mapping[str, Any], where: str = "") -> S:
+def merged(
+    section: S, changes: Mapping[str, Any], where: str = "", *, new_names: bool = False
+) -> S:
     """The section with some values changed; sections in it may be changed in part.
 
+    Args:
+        section: with its values.
+        changes: values by key, in sections of their own where the section has them.
+        where: what messages put before the keys.
+        new_names: whether changes may add sections to those that are held by name.
+
     Raises:
-        ConfigError: unknown key (the message names the nearest), wrong type or out of range.
+        ConfigError: unknown key or name (the message names the nearest), wrong type or out of
+            range.
     """
     known = list(type(section).model_fields)
     values = {name: getattr(section, name) for name in section.model_fields_set}
@@ -96,10 +105,12 @@ def merged(section: S, changes: Mapping[str, Any], where: str = "") -> S:
             raise ConfigError(_unknown(path, key, known))
         current, kind = getattr(section, key), _named_sections(section, key)
         if isinstance(current, Section):
-            values[key] = _inner(current, value, path)
+            values[key] = _inner(current, value, path, new_names)
         elif kind is not None and isinstance(value, Mapping):
+            if not new_names:
+                _check_names(key, where, value, current)
             values[key] = current | {
-                name: _inner(current.get(name, kind()), inner, f"{path}.{name}")
+                name: _inner(current.get(name, kind()), inner, f"{path}.{name}", new_names)
                 for name, inner in value.items()
             }
         else:
@@ -110,10 +121,20 @@ def merged(section: S, changes: Mapping[str, Any], where: str = "") -> S:
         raise ConfigError(_first_problem(error, where)) from error
 
 
-def _inner(current: Section, value: Any, path: str) -> Section:
+def _inner(current: Section, value: Any, path: str, new_names: bool) -> Section:
     if not isinstance(value, Mapping):
         raise ConfigError(f"{path} is {value!r}, expected keys of its own: {_names(current)}")
-    return merged(current, value, f"{path}.")
+    return merged(current, value, f"{path}.", new_names=new_names)
+
+
+def _check_names(key: str, where: str, given: Mapping[str, Any], known: Collection[str]) -> None:
+    for name in given:
+        if name not in known:
+            what = key.removesuffix("s")
+            listed = ", ".join(known) or "none"
+            raise ConfigError(
+                f"{where}{key}: unknown {what} {name!r}; {_hint(name, known)}known: {listed}"
+            )
 
 
 def _named_sections(section: Section, key: str) -> type[Section] | None:
@@ -151,18 +172,32 @@ def _setting(text: str) -> tuple[list[str], Any]:
         raise ConfigError(f"--set {text}: the value is no YAML: {error}") from error
 
 
-def with_file(section: S, path: str | Path) -> S:
-    """The section changed by a YAML file. Raises ConfigError naming the file or the key."""
+def with_file(section: S, path: str | Path, *, new_names: bool = False) -> S:
+    """The section changed by a YAML file, as ``merged`` does.
+
+    Raises:
+        ConfigError: naming the file or the key.
+    """
     import yaml
 
     try:
         changes = yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f"{path}: cannot be read as YAML: {error}") from error
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f"{path}: cannot be read as YAML: {_yaml_problem(error)}") from error
     if not isinstance(changes, dict):
         found = type(changes).__name__
         raise ConfigError(f"{path}: expected stages with their keys, found {found}")
-    return merged(section, changes)
+    return merged(section, changes, new_names=new_names)
+
+
+def _yaml_problem(error: Exception) -> str:
+    """What PyYAML found and where, without its excerpt."""
+    mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
+    if mark is None or problem is None:
+        return str(error)
+    return f"line {mark.line + 1}, column {mark.column + 1}: {problem}"
 
 
 def walk(section: Section, where: str = "") -> Iterator[tuple[str, Any, FieldInfo]]:
@@ -188,8 +223,6 @@ def as_yaml(section: Section, only: Collection[str] | None = None) -> str:
 def _yaml_lines(
     values: Mapping[str, Any], section: Section, only: Collection[str] | None, indent: str
 ) -> Iterator[str]:
-    import yaml
-
     for name, definition in type(section).model_fields.items():
         if only is not None and name not in only:
             continue
@@ -197,12 +230,24 @@ def _yaml_lines(
         unit = extra.get("unit") if isinstance(extra, dict) else ""
         yield f"{indent}# {definition.description}{f' [{unit}]' if unit else ''}\n"
         inner = getattr(section, name)
-        if isinstance(inner, Section):
+        if isinstance(inner, Section) and type(inner).model_fields:
             yield f"{indent}{name}:\n"
             yield from _yaml_lines(values[name], inner, None, indent + "  ")
+        elif _named_sections(section, name) and inner:
+            yield f"{indent}{name}:\n"
+            for own, held in inner.items():
+                yield f"{indent}  {_yaml_text(own)}:\n"
+                yield from _yaml_lines(values[name][own], held, None, indent + "    ")
         else:
-            text = yaml.safe_dump(values[name], default_flow_style=True, width=10**6)
-            yield f"{indent}{name}: {text.removesuffix('...' + chr(10)).strip()}\n"
+            yield f"{indent}{name}: {_yaml_text(values[name])}\n"
+
+
+def _yaml_text(value: Any) -> str:
+    """A value on one line."""
+    import yaml
+
+    text = yaml.safe_dump(value, default_flow_style=True, width=10**6)
+    return text.removesuffix("...\n").strip()
 
 
 def _names(section: Section) -> str:
@@ -210,9 +255,14 @@ def _names(section: Section) -> str:
 
 
 def _unknown(path: str, key: str, known: list[str]) -> str:
-    near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    return f"unknown configuration key {path!r}; {hint}known: {', '.join(known)}"
+    if not known:
+        return f"unknown configuration key {path!r}: there is nothing to configure"
+    return f"unknown configuration key {path!r}; {_hint(key, known)}known: {', '.join(known)}"
+
+
+def _hint(name: str, known: Collection[str]) -> str:
+    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
+    return f"did you mean {near[0]!r}? " if near else ""
 
 
 def _first_problem(error: ValidationError, where: str) -> str:

@@ -11,11 +11,37 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import create_model
 
 from fusionslam import _core, meanings
-from fusionslam.config import Section, core_section, option
+from fusionslam.config import CoreConfig, Section, core_section, option
 from fusionslam.errors import DataError
 from fusionslam.sensors import Camera, Cloud, Frame
+
+# Beneath a car's LiDAR at 1.73 m (KITTI), and what Stastny's program takes for a robot's floor.
+_SCAN_GROUND_M, _ROBOT_GROUND_M = -1.4, 0.1
+# What the ground is found with in a robot's frame and in odometry's, where the core's values, a
+# car's, take furniture's feet for floor; docs/fusion.md says how well.
+_ROBOT_PLANE = {"distance": 0.05, "max_tilt": 5.0}
+_ROBOT_SEGMENTS = {"seed_height": 0.2, "distance": 0.1}
+
+
+def _ground_section(name: str, core: type[CoreConfig], robots: dict[str, float]) -> type[Section]:
+    """The section of a core's configuration of which some values are, unset, as the frame says."""
+    fields = {}
+    for entry in core.options():
+        if entry["name"] in robots:
+            help = (
+                f"{entry['help']}; null is {entry['default']} in the scan's frame (a car's), "
+                f"{robots[entry['name']]} in the robot's and in odometry's"
+            )
+            limits = {"ge": entry["minimum"], "le": entry["maximum"]}
+            fields[entry["name"]] = (
+                float | None,
+                option(None, help, unit=entry["unit"], **limits),
+            )
+    return create_model(name, __base__=core_section(name, core), **fields)  # type: ignore[call-overload, no-any-return]
+
 
 if TYPE_CHECKING:
 
@@ -27,8 +53,10 @@ if TYPE_CHECKING:
 
 else:
     StereoSection = core_section("StereoSection", _core.StereoConfig, optional=True)
-    PlaneSection = core_section("PlaneSection", _core.GroundPlaneConfig)
-    SegmentsSection = core_section("SegmentsSection", _core.GroundSegmentsConfig)
+    PlaneSection = _ground_section("PlaneSection", _core.GroundPlaneConfig, _ROBOT_PLANE)
+    SegmentsSection = _ground_section(
+        "SegmentsSection", _core.GroundSegmentsConfig, _ROBOT_SEGMENTS
+    )
 
 logger = logging.getLogger(__name__)
 
@@ -36,8 +64,6 @@ Source = Literal["lidar", "stereo", "cloud"]
 SOURCES: tuple[Source, ...] = ("lidar", "stereo", "cloud")
 
 CloudFrame = Literal["scan", "camera", "robot", "odometry"]
-# Beneath a car's LiDAR at 1.73 m (KITTI), and what Stastny's program takes for a robot's floor.
-_SCAN_GROUND_M, _ROBOT_GROUND_M = -1.4, 0.1
 
 
 class FusionConfig(Section):
@@ -205,14 +231,28 @@ def _above_ground(points: NDArray[np.float32], config: FusionConfig) -> NDArray[
     if config.ground == "height":
         height = config.ground_height
         if height is None:
-            in_scan = _ground_frame(config) == "scan"
-            height = _SCAN_GROUND_M if in_scan else _ROBOT_GROUND_M
+            height = _SCAN_GROUND_M if _is_cars(config) else _ROBOT_GROUND_M
         return _core.above_height(points, height, up=config.up)
     if config.ground == "plane":
-        plane = _core.GroundPlaneConfig(**config.plane.model_dump())
-        return _core.remove_ground_plane(points, up=config.up, config=plane)[0]
-    segments = _core.GroundSegmentsConfig(**config.segments.model_dump())
-    return _core.remove_ground_segments(points, up=config.up, config=segments)[0]
+        return _core.remove_ground_plane(points, up=config.up, config=plane_of(config))[0]
+    return _core.remove_ground_segments(points, up=config.up, config=segments_of(config))[0]
+
+
+def plane_of(config: FusionConfig) -> _core.GroundPlaneConfig:
+    """How the core is to look for the plane of the ground in the configured frame."""
+    robots = {} if _is_cars(config) else _ROBOT_PLANE
+    return _core.GroundPlaneConfig(**robots | config.plane.model_dump(exclude_none=True))
+
+
+def segments_of(config: FusionConfig) -> _core.GroundSegmentsConfig:
+    """How the core is to look for the segments of the ground in the configured frame."""
+    robots = {} if _is_cars(config) else _ROBOT_SEGMENTS
+    return _core.GroundSegmentsConfig(**robots | config.segments.model_dump(exclude_none=True))
+
+
+def _is_cars(config: FusionConfig) -> bool:
+    """Whether values that are not set are a car's; in the robot's frame they are a small one's."""
+    return _ground_frame(config) == "scan"
 
 
 def _moved(cloud: Cloud, a_from_b: NDArray[np.float64]) -> Cloud:

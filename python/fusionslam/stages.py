@@ -29,6 +29,7 @@ _EYE_BEHIND, _EYE_ABOVE = 0.25, 0.25
 _LOOKS_DOWN_DEG = 17.0
 _HALF_VIEW = 0.62  # tangent of half the horizontal angle of view
 _ASPECT = 4 / 3
+_MARGIN, _MOST_ZOOM = 1.1, 3.0
 
 
 def write_stages(
@@ -88,16 +89,17 @@ def draw_stages(frame: Frame, config: FusionConfig) -> "Figure":
         figure = new_figure(10.0, 7.9)
         axes = figure.subplots(2, 2).ravel()
         _draw_image(axes[0], frame)
-        _draw_cloud(axes[1], Cloud(scan), eye, f"scan, {len(scan):,} points, colour is height")
-        _draw_cloud(axes[2], cloud, eye, f"coloured cloud, {len(cloud):,} points")
-        _draw_cloud(axes[3], kept, eye, _title_of(kept, config))
+        of = "scan" if frame.points is not None else f"cloud ({config.source})"
+        _draw_cloud(axes[1], Cloud(scan), eye, f"{of}, {len(scan):,} points, colour is height")
+        kind = "coloured cloud" if cloud.colors is not None else "cloud without colours"
+        _draw_cloud(axes[2], cloud, eye, f"{kind}, {len(cloud):,} points")
+        if config.ground == "none":
+            axes[3].set_axis_off()
+            axes[3].set_title("ground left in (fusion.ground is none)")
+        else:
+            title = f"without ground ({config.ground}), {len(kept):,} points"
+            _draw_cloud(axes[3], kept, eye, title)
     return figure
-
-
-def _title_of(kept: Cloud, config: FusionConfig) -> str:
-    if config.ground == "none":
-        return "ground left in (fusion.ground is none)"
-    return f"without ground ({config.ground}), {len(kept):,} points"
 
 
 class _Eye:
@@ -121,6 +123,18 @@ class _Eye:
                 [np.cos(down), 0, -np.sin(down)],
             ]
         )
+        self._middle, self._zoom = 0.0, 1.0
+        self._zoom_in(self.look(points)[0])
+
+    def _zoom_in(self, at: NDArray[np.float64]) -> None:
+        """Let the cloud, seen at (M, 2), fill the picture; what is ahead stays in the middle."""
+        if len(at) < 2:
+            return
+        low, high = np.percentile(at[:, 1], [1, 99])
+        wide = _MARGIN * float(np.percentile(np.abs(at[:, 0]), 98))
+        half = max(wide, _MARGIN * (high - low) / 2 * _ASPECT, 1 / _MOST_ZOOM)
+        if half < 1:
+            self._middle, self._zoom = float(low + high) / 2, 1 / half
 
     def heights(self, points: NDArray[np.float32]) -> NDArray[np.float64]:
         """Metres along up, (N,)."""
@@ -135,6 +149,7 @@ class _Eye:
         ahead = np.flatnonzero(seen[:, 2] > 0.02 * self._reach)
         ahead = ahead[np.argsort(-seen[ahead, 2], kind="stable")]
         plane = seen[ahead, :2] / seen[ahead, 2:] / _HALF_VIEW * [1, -1]
+        plane = (plane - [0, self._middle]) * self._zoom
         inside = (np.abs(plane[:, 0]) < 1) & (np.abs(plane[:, 1]) < 1 / _ASPECT)
         return plane[inside], ahead[inside]
 
@@ -169,5 +184,5 @@ def _draw_cloud(axis: "Axes", cloud: Cloud, eye: _Eye, title: str) -> None:
         low, high = np.percentile(heights, [2, 95])
         how = {"c": heights[which], "cmap": "viridis", "vmin": low, "vmax": high}
     # Sparse scans get larger dots.
-    size = float(np.clip(20_000 / max(len(which), 1), 0.6, 7))
+    size = float(np.clip(30_000 / max(len(which), 1), 1, 12))
     axis.scatter(at[:, 0], at[:, 1], s=size, linewidths=0, **how)

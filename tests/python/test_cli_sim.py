@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from fusionslam.config import merged
 from fusionslam.datasets import open_dataset
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.messages import Event, Odometry, Picture, Scan
-from fusionslam.sim import catalogue, folder
+from fusionslam.sim import catalogue, folder, simulator
 from fusionslam.sim.catalogue import Entry
 from fusionslam.sim.folder import folder_writer
 from fusionslam.sim.motion.trajectory import write_trajectory
@@ -58,6 +59,10 @@ def events_of(path: Path) -> list[Event]:
     pytest.importorskip("rosbags", reason="bags are an extra")
     with bags.open_bag(path) as bag:
         return list(bag.events())
+
+
+def files_of(out: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(out)): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()}
 
 
 @pytest.mark.parametrize("name", ["out.bag", "out.mcap", "out.db3"])
@@ -109,6 +114,31 @@ def test_a_plain_folder_opens_as_frames_whose_points_lie_on_their_pixels(
     assert "points" in succeeds("info", out).stdout
 
 
+def test_a_folder_renders_only_the_pictures_that_its_scans_need(
+    tmp_path: Path, way: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rendered: list[int] = []
+    whole = simulator.photograph
+
+    def counted(*arguments: Any) -> Any:
+        rendered.append(1)
+        return whole(*arguments)
+
+    rates = ("--set", "robot.cameras.camera.rate_hz=30", "--set", "robot.lidars.velodyne.rate_hz=7")
+    words = ("--trajectory", way, *QUICK[:8], *rates)
+    monkeypatch.setattr(simulator, "photograph", counted)
+    said = succeeds("sim", "warehouse", "-o", tmp_path / "out", *words).stdout
+    assert said == f"{tmp_path / 'out'}: 5 frames\n" and len(rendered) == 5
+    monkeypatch.undo()
+    camera = {"width": 64, "height": 48}
+    changes = {"cameras": {"camera": camera}, "lidars": {"velodyne": {"rate_hz": 7.0}}}
+    robot = merged(robot_named("turtlebot3_waffle_pi"), changes)
+    with folder_writer(tmp_path / "all", robot) as writer:
+        for event in simulate(hall(), robot, straight(), SimulationConfig(seconds=0.6)):
+            writer.write(event)
+    assert files_of(tmp_path / "out") == files_of(tmp_path / "all")
+
+
 def test_the_car_writes_a_stereo_folder(tmp_path: Path, way: Path) -> None:
     out = tmp_path / "out"
     small = [f"robot.cameras.{side}.{key}" for side in ("left", "right") for key in ("width=64",)]
@@ -128,10 +158,7 @@ def test_same_seed_same_files_and_another_seed_others(tmp_path: Path, way: Path)
     for out, seed in zip(outs, (3, 3, 4), strict=True):
         words = ("--trajectory", way, *QUICK, "--seed", seed, "--obstacles", 1)
         succeeds("sim", "warehouse", "-o", out, *words)
-    contents = [
-        {str(p.relative_to(out)): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()}
-        for out in outs
-    ]
+    contents = [files_of(out) for out in outs]
     assert contents[0] == contents[1] != contents[2]
 
 
@@ -167,7 +194,9 @@ def test_a_file_configures_what_the_options_do_not(tmp_path: Path, way: Path) ->
         (2, ("warehouse", "--set", "robot.lidars.velodyne.ringz=1"), "did you mean 'rings'?"),
         (2, ("warehouse", "--set", "speed=1"), "unknown configuration key 'speed'"),
         (2, ("warehouse", "--seconds", "-3"), "seconds is -3.0"),
-        (2, ("warehouse", "--obstacles", "-1"), "obstacles.number is -1"),
+        (2, ("warehouse", "--obstacles", "-1"), "'--obstacles'"),
+        (2, ("warehouse", "--seed", "-1"), "'--seed'"),
+        (2, ("warehouse", "--set", "robot.lidars.velo.noise_m=1"), "did you mean 'velodyne'?"),
         (2, ("warehouse", "--set", "world.rows=99"), "world.rows is 99"),
         (1, ("warehouse", "--trajectory", "none.csv"), "none.csv"),
     ],

@@ -60,10 +60,14 @@ def test_a_section_has_the_defaults_help_and_units_of_the_core(
 ) -> None:
     name = option["name"]
     definition = section.model_fields[name]
-    # where there are presets, values come from these and none is set by default
-    expected = getattr(core(), name) if core is GroundPlaneConfig else None
-    assert getattr(section(), name) == expected
-    assert definition.description == option["help"]
+    # where there are presets, values come from these and none is set by default; some of the
+    # ground's depend on the frame, and say so
+    by_frame = core is GroundPlaneConfig and name in ("distance", "max_tilt")
+    is_set = core is GroundPlaneConfig and not by_frame
+    assert getattr(section(), name) == (getattr(core(), name) if is_set else None)
+    said = f"; null is {option['default']} in the scan's frame (a car's), " if by_frame else ""
+    assert definition.description and definition.description.startswith(option["help"] + said)
+    assert by_frame or definition.description == option["help"]
     assert definition.json_schema_extra == {"unit": option["unit"]}
 
 

@@ -13,8 +13,10 @@ from scipy.spatial.transform import Rotation
 import fusionslam
 from fusionslam import Camera, Frame, FusionConfig
 from fusionslam.clouds import write_clouds
+from fusionslam.config import merged
 from fusionslam.datasets import open_dataset
 from fusionslam.errors import DataError
+from fusionslam.fusion import plane_of, segments_of
 from fusionslam.workspace import Recording
 from tiny_kitti import write_sequence
 
@@ -107,6 +109,34 @@ def test_the_default_height_in_the_frame_of_the_scan_is_a_cars() -> None:
     points = np.array([[3, 0, -1.5], [3, 1, -1.41], [3, 2, -1.39]], np.float32)
     cloud = fusionslam.fuse(Frame(points=points), FusionConfig(source="cloud", ground="height"))
     assert np.array_equal(cloud.points, points[2:])
+
+
+@pytest.mark.parametrize("ground", ["plane", "segments"])
+def test_what_is_not_set_of_the_ground_is_a_cars_or_a_small_robots(ground: Any) -> None:
+    """A floor and low things 0.13 m above, which a car drives over and a small robot does not."""
+    points, is_floor = floor_and_boxes()
+    points[~is_floor, 2] = -0.17 + 0.13
+    given = frame(points=points)
+    for name, expected in (("scan", 0), ("camera", 0), ("robot", 1000), ("odometry", 1000)):
+        config = FusionConfig(source="cloud", frame=name, ground=ground)  # type: ignore[arg-type]
+        assert len(fusionslam.fuse(given, config)) == expected
+        # What is set counts in every frame, and the rest still follows the frame.
+        for distance, left in ((0.2, 0), (0.06, 1000)):
+            changed = merged(config, {ground: {"distance": distance}})
+            assert len(fusionslam.fuse(given, changed)) == left
+
+
+def test_values_of_the_ground_follow_the_frame_one_by_one() -> None:
+    robots = FusionConfig(frame="robot")
+    assert (plane_of(robots).distance, plane_of(robots).max_tilt) == (0.05, 5)
+    assert (segments_of(robots).distance, segments_of(robots).seed_height) == (0.1, 0.2)
+    for name in ("scan", "camera"):
+        config = FusionConfig(frame=name)  # type: ignore[arg-type]
+        core = fusionslam.GroundPlaneConfig(), fusionslam.GroundSegmentsConfig()
+        assert (repr(plane_of(config)), repr(segments_of(config))) == tuple(map(repr, core))
+    changed = merged(robots, {"plane": {"max_tilt": 9.0}, "segments": {"seed_height": 0.3}})
+    assert (plane_of(changed).distance, plane_of(changed).max_tilt) == (0.05, 9)
+    assert (segments_of(changed).distance, segments_of(changed).seed_height) == (0.1, 0.3)
 
 
 def test_segments_lie_along_the_robot_whatever_odometry_calls_forward() -> None:

@@ -135,7 +135,7 @@ def test_the_comparison_on_simulated_truth_counts_what_is_ground(
     lifted = np.eye(4)
     lifted[2, 3] = 1.0
     lidar = LidarConfig(rings=16, azimuths=180, noise_m=0.01)
-    case = ground.Case("made", "lidar", scene, lidar, lifted, np.eye(4)[None], low=0.2)
+    case = ground.Case("made", "lidar", scene, lidar, lifted, np.eye(4)[None], 0.2, "scan")
     (points, is_ground), *_ = ground.scans(case)
     assert np.array_equal(is_ground, points[:, 2] < 0.15) and 0 < is_ground.mean() < 1
     row = ground.judged(case)

@@ -11,8 +11,10 @@ pytest.importorskip("embreex", reason="the simulator is an extra")
 
 from fusionslam.config import merged, with_settings
 from fusionslam.errors import ConfigError
-from fusionslam.sim.camera import CameraMount, LensConfig
+from fusionslam.sim.camera import LensConfig
+from fusionslam.sim.catalogue import MADE, drive_through
 from fusionslam.sim.lidar import LidarConfig, LidarMount
+from fusionslam.sim.motion.planner import PlanConfig
 from fusionslam.sim.robot import (
     RobotConfig,
     base_from,
@@ -53,6 +55,12 @@ def test_the_car_has_the_sensors_of_the_embedded_drive() -> None:
             assert getattr(mount, key) == getattr(config, key), key
 
 
+def test_the_car_can_do_what_its_town_asks(caplog: pytest.LogCaptureFixture) -> None:
+    entry = MADE["town"]
+    drive_through(entry.make(entry.settings), robot_named("car"), PlanConfig())
+    assert "faster than the robot" not in caplog.text
+
+
 def test_the_right_camera_is_a_baseline_beside_the_left_one_in_its_frame() -> None:
     car = robot_named("car")
     left, right = (base_from_camera(car, car.cameras[side]) for side in ("left", "right"))
@@ -63,15 +71,19 @@ def test_the_right_camera_is_a_baseline_beside_the_left_one_in_its_frame() -> No
 
 
 def test_frames_are_chained_over_their_parents() -> None:
-    robot = with_settings(
+    robot = merged(
         RobotConfig(),
-        [
-            "frames.tower.position_m=[1,0,0]",
-            "frames.tower.tilt_deg=[0,0,90]",
-            "lidars.top.parent=tower",
-            "lidars.top.position_m=[0.5,0,2]",
-            "lidars.top.tilt_deg=[0,0,-30]",
-        ],
+        {
+            "frames": {"tower": {"position_m": (1.0, 0.0, 0.0), "tilt_deg": (0.0, 0.0, 90.0)}},
+            "lidars": {
+                "top": {
+                    "parent": "tower",
+                    "position_m": (0.5, 0.0, 2.0),
+                    "tilt_deg": (0.0, 0.0, -30.0),
+                }
+            },
+        },
+        new_names=True,
     )
     pose = base_from(robot, "lidar")
     assert np.allclose(pose[:3, 3], (1, 0.5, 2))
@@ -87,13 +99,21 @@ def test_a_robot_of_ones_own_is_a_file(tmp_path: Path) -> None:
     assert robot.radius_m == 0.1 and not robot.cameras
 
 
-def test_a_sensor_may_be_changed_or_added_by_its_name() -> None:
+def test_a_sensor_is_changed_by_its_name() -> None:
     waffle = robot_named("turtlebot3_waffle_pi")
-    changed = with_settings(waffle, [f"{SENSOR}.rate_hz=5", "cameras.rear.topic=/rear"])
+    changed = with_settings(waffle, [f"{SENSOR}.rate_hz=5"])
     assert changed.lidars["velodyne"].rate_hz == 5
     assert changed.lidars["velodyne"].rings == 18
-    assert changed.cameras["rear"] == CameraMount(topic="/rear")
-    assert changed.cameras["camera"] == waffle.cameras["camera"]
+    assert changed.cameras == waffle.cameras
+
+
+def test_a_setting_adds_no_sensor_by_mistake() -> None:
+    waffle = robot_named("turtlebot3_waffle_pi")
+    message = r"lidars: unknown lidar 'velo'; did you mean 'velodyne'\? known: velodyne"
+    with pytest.raises(ConfigError, match=message):
+        with_settings(waffle, ["lidars.velo.noise_m=0.1"])
+    with pytest.raises(ConfigError, match=r"lidars: unknown lidar 'top'; known: none"):
+        merged(RobotConfig(), {"lidars": {"top": {}}})
 
 
 @pytest.mark.parametrize(
@@ -134,7 +154,9 @@ def test_an_unknown_robot_is_told_the_known_ones() -> None:
         ("lidars: {low: {rings: many}}", r"mine.yaml: lidars.low.rings is 'many'"),
         ("wheels: 4", r"mine.yaml: unknown configuration key 'wheels'"),
         ("- a list", r"mine.yaml: expected stages with their keys"),
-        ("a: [", r"mine.yaml: cannot be read as YAML"),
+        ("a: [", r"mine.yaml: cannot be read as YAML: line 1, column 5: expected the node"),
+        ("", r"mine.yaml: the robot has no sensor: expected lidars, cameras or both"),
+        ("radius_m: 0.1", r"mine.yaml: the robot has no sensor"),
     ],
 )
 def test_a_wrong_description_is_an_error_that_names_file_and_key(
@@ -147,5 +169,5 @@ def test_a_wrong_description_is_an_error_that_names_file_and_key(
 
 
 def test_a_missing_description_is_an_error_that_names_it(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"none.yaml: cannot be read"):
+    with pytest.raises(ConfigError, match=r"none.yaml: cannot be read: No such file"):
         robot_named(tmp_path / "none.yaml")

@@ -32,7 +32,7 @@ def world() -> World:
 
 @pytest.fixture(scope="module")
 def robot() -> RobotConfig:
-    return merged(bare_robot(noise_m=0.01, dropout=0.1), SENSORS)
+    return merged(bare_robot(noise_m=0.01, dropout=0.1), SENSORS, new_names=True)
 
 
 def by_topic(events: list[Event] | Iterator[Event]) -> dict[str, list[Event]]:

@@ -41,7 +41,8 @@ def test_each_step_of_a_frame_has_its_picture(sequence: Path) -> None:
         f"coloured cloud, {len(whole)} points",
         f"without ground (height), {len(fused)} points",
     ]
-    assert "ground left in" in draw_stages(frame, FusionConfig()).axes[3].get_title(loc="left")
+    last = draw_stages(frame, FusionConfig()).axes[3]
+    assert "ground left in" in last.get_title(loc="left") and not last.collections
 
 
 def test_clouds_alone_and_empty_clouds_are_drawn_too() -> None:
@@ -66,6 +67,16 @@ def test_the_eye_sees_what_is_ahead_left_and_high_where_it_should(up: Any, drivi
     assert which[0] == 4  # what is far is drawn first
     seen = dict(zip(which.tolist(), at, strict=True))
     assert abs(seen[0][0]) < 1e-6 and seen[1][0] < -0.02 and seen[2][1] > seen[0][1] + 0.02
+
+
+def test_a_cloud_fills_its_picture() -> None:
+    """What a camera sees of a room: a few metres ahead, to both sides and low."""
+    rng = np.random.default_rng(3)
+    points = rng.uniform([3, -1, -0.2], [6, 1, 0.6], (500, 3)).astype(np.float32)
+    at, which = _Eye(points, FusionConfig()).look(points)
+    assert len(which) > 480
+    widths = np.ptp(at, axis=0) / [2, 2 * 3 / 4]
+    assert widths.max() > 0.8 and np.abs(at[:, 1].min() + at[:, 1].max()) < 0.15
 
 
 def test_pictures_are_spread_over_the_recording(sequence: Path, tmp_path: Path) -> None:
@@ -97,7 +108,7 @@ def test_clouds_in_a_bag_are_those_that_fuse_makes(
         assert cloud.stamp_ns == frame.stamp_ns and cloud.frame_id == "lidar"
         assert np.array_equal(cloud.points, expected.points)
         assert np.array_equal(cloud.colors, expected.colors)
-    assert {event.topic for event in events} == {"/rgb_cloud", "/ground_truth", "/tf"}
+    assert {event.topic for event in events} == {"/rgb_cloud", "/ground_truth", "/tf", "/tf_static"}
 
 
 def test_a_bag_of_clouds_knows_where_its_frames_were(sequence: Path, tmp_path: Path) -> None:
@@ -137,6 +148,7 @@ def test_odometry_and_the_robots_frame_are_written_where_they_are_known() -> Non
         stamps_ns = np.array([5])
         numbers = np.array([0])
         body_from_points = None
+        pose_frame = "base_footprint by the truth in /ground_truth"
 
         def __getitem__(self, index: int) -> Frame:
             return frame

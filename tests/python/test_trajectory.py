@@ -89,8 +89,8 @@ def test_no_place_is_made_up_beyond_the_ends(time: float) -> None:
         ("", "starts with nothing"),
         ("t,x,y\n0,0,0\n1,0,0\n", "starts with 't,x,y'"),
         ("0,0,0,0\n1,0,0,0\n", "starts with '0,0,0,0'"),
-        ("t,x,y,yaw\n", "0 places"),
-        ("t,x,y,yaw\n0,0,0,0\n", "1 places"),
+        ("t,x,y,yaw\n", "has no place, expected"),
+        ("t,x,y,yaw\n0,0,0,0\n", "has one place, expected"),
         ("t,x,y,yaw\n0,0,0,0\n1,0,0\n", "line 3: 3 values"),
         ("t,x,y,yaw\n0,0,0,0\n\n1,0,east,0\n", "line 4: could not convert .*east"),
         ("t,x,y,yaw\n0,0,0,0\n1,0,nan,0\n", "line 3: NaN"),
@@ -153,9 +153,15 @@ def test_a_wall_between_two_places_is_not_jumped() -> None:
         check_trajectory(through_the_door, walled(20), 0.3)
 
 
-def test_leaving_the_map_is_a_collision() -> None:
-    with pytest.raises(DataError, match=r"at \(4\.\d\d, 1\.00\)"):
+def test_leaving_the_map_is_told_as_such() -> None:
+    message = r"leaves the map at 2\.\d\d s at \(4\.\d\d, 1\.00\) m: it has x from 0\.00 to 4\.00 m"
+    with pytest.raises(DataError, match=message):
         check_trajectory(trajectory((0, 3, 1, 0), (5, 5, 1, 0)), walled(None), 0.0)
+
+
+def test_short_times_keep_their_digits() -> None:
+    with pytest.raises(DataError, match=r"at 0\.004\d* s at .* of 0\.009 s are blocked"):
+        check_trajectory(trajectory((0, 0.55, 1, 0), (0.009, 3.55, 1, 0)), walled(20), 0.0)
 
 
 @pytest.mark.parametrize("name", ["small_house", "warehouse"])

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands that read recordings: info, fuse, describe, loops."""
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from fusionslam.fusion import FusionConfig
     from fusionslam.pipeline import PipelineConfig
     from fusionslam.workspace import Recording
+
+logger = logging.getLogger(__name__)
 
 
 def info(
@@ -45,8 +48,9 @@ def fuse(
     ],
     source: opt.Source = None,
     format: Annotated[
-        str, typer.Option("--format", help="ply, pcd, or bin, which has no colours.")
-    ] = "ply",
+        str | None,
+        typer.Option("--format", help="Of a folder: ply (default), pcd, or bin, without colours."),
+    ] = None,
     kind: opt.KindOption = None,
     sequence: opt.Sequence = None,
     topic: opt.Topics = None,
@@ -71,14 +75,33 @@ def fuse(
 
     recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync)
     chosen = opt.pipeline_config(config, settings)
+    asked_for = source is not None or "source" in chosen.fusion.model_fields_set
     chosen = for_source(chosen, opt.source_of(source, chosen, recording))
+    if chosen.fusion.source == "cloud" and not asked_for:
+        _warn_of_missing_colors(recording)
     if pictures:
         needs_extra("report")
     with progress() as step:
-        _write_fused(ctx, recording, output, chosen.fusion, format, opt.cores(jobs), step)
+        count = _write_fused(ctx, recording, output, chosen.fusion, format, opt.cores(jobs), step)
         if pictures:
             _draw_stages(recording, output, chosen.fusion, pictures, step)
-    print(output)
+    print(f"{output}: {count} frames")
+
+
+def _warn_of_missing_colors(recording: "Recording") -> None:
+    """Say that clouds stay without colours where nobody has asked for that."""
+    from contextlib import suppress
+
+    from fusionslam.errors import DataError
+
+    # What is wrong with a frame is said when it is fused.
+    with suppress(DataError):
+        if recording.open("cloud")[0].colors is None:
+            logger.warning(
+                "%s has no images with a calibration (CameraInfo): clouds have no colours "
+                "(source cloud)",
+                recording.path,
+            )
 
 
 def _write_fused(
@@ -86,25 +109,39 @@ def _write_fused(
     recording: "Recording",
     output: Path,
     config: "FusionConfig",
-    format: str,
+    format: str | None,
     jobs: int,
     step: Step,
-) -> None:
+) -> int:
+    """The number of frames written."""
     from fusionslam.cloud_bags import BAG_SUFFIXES, write_cloud_bag
     from fusionslam.clouds import write_clouds
+    from fusionslam.errors import ConfigError
+
+    count = 0
 
     def show(done: int, total: int) -> None:
+        nonlocal count
+        count = done
         step("fusing", done, total)
 
     if output.suffix.lower() in BAG_SUFFIXES:
+        if format is not None:
+            raise ConfigError(f"--format {format} is for folders of clouds, {output} is a bag")
         needs_extra("bags")
         write_cloud_bag(recording, output, config, jobs=jobs, progress=show)
-        return
+        return count
     keep(ctx, output)
-    command = opt.command_line()
     write_clouds(
-        recording, output, config, format=format, jobs=jobs, command=command, progress=show
+        recording,
+        output,
+        config,
+        format=format or "ply",
+        jobs=jobs,
+        command=opt.command_line(),
+        progress=show,
     )
+    return count
 
 
 def _draw_stages(

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command that drives a robot through a world and records what it publishes."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,6 +11,7 @@ import typer
 from fusionslam.cli import options as opt
 from fusionslam.cli.guard import keep_partial, needs_extra
 from fusionslam.cli.screen import progress
+from fusionslam.errors import ConfigError
 
 if TYPE_CHECKING:
     from fusionslam.sim.motion.trajectory import Trajectory
@@ -29,9 +31,9 @@ def sim(
     ],
     ctx: typer.Context,
     output: Annotated[
-        Path,
+        Path | None,
         typer.Option("--output", "-o", help="X.bag, X.db3 (a folder), X.mcap, or a plain folder."),
-    ],
+    ] = None,
     robot: Annotated[
         str | None,
         typer.Option("--robot", metavar="R", help="Name or YAML file; else the world's."),
@@ -47,16 +49,28 @@ def sim(
         float | None, typer.Option("--seconds", help="How long; else the whole drive.")
     ] = None,
     seed: Annotated[
-        int | None, typer.Option("--seed", help="Decides noise, moving boxes and planned drives.")
+        int | None,
+        typer.Option("--seed", min=0, help="Decides noise, moving boxes and planned drives."),
     ] = None,
     obstacles: Annotated[
-        int | None, typer.Option("--obstacles", metavar="N", help="Moving boxes on the way.")
+        int | None,
+        typer.Option("--obstacles", metavar="N", min=0, help="Moving boxes on the way."),
     ] = None,
     lenient: Annotated[
         bool, typer.Option("--lenient", help="Go on without meshes and textures that are missing.")
     ] = False,
+    save_trajectory: Annotated[
+        Path | None,
+        typer.Option("--save-trajectory", metavar="FILE", help="Write the drive as CSV, too."),
+    ] = None,
+    print_config: Annotated[
+        bool, typer.Option("--print-config", help="Print all values as YAML and drive nowhere.")
+    ] = False,
     settings: opt.Settings = None,
-    config: opt.ConfigFile = None,
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", metavar="FILE", help="YAML, as --print-config prints."),
+    ] = None,
     jobs: opt.Jobs = None,
     verbose: opt.Verbose = False,
 ) -> None:
@@ -66,23 +80,31 @@ def sim(
     for worlds that are made, world.KEY.
     """
     needs_extra("sim")
-    kind = _kind(output, format)
-    if kind != "folder":
-        needs_extra("bags")
-    from fusionslam.sim.recording import write_recording
+    from fusionslam.config import as_yaml
+    from fusionslam.sim.catalogue import MADE, check_world, read_world
+    from fusionslam.sim.motion.trajectory import read_trajectory, write_trajectory
+    from fusionslam.sim.recording import check_output, check_parents, resolved, write_recording
 
-    # --seed means all that is random on the drive; the world has a seed of its own.
-    first: dict[str, Any] = {"seed": seed, "seconds": seconds}
-    changes = {key: value for key, value in first.items() if value is not None}
-    if seed is not None:
-        changes["plan"] = {"seed": seed}
-    if obstacles is not None:
-        changes["obstacles"] = {"number": obstacles}
+    check_world(world)
+    changes = _changes(seed, seconds, obstacles)
+    chosen = _chosen(world, robot, config, changes, settings)
+    if print_config:
+        print(as_yaml(resolved(chosen)), end="")
+        return
+    output, kind = _output(output, format)
+    check_output(output, kind, chosen.robot)
+    if save_trajectory is not None:
+        check_parents(save_trajectory)
+    way = None if trajectory is None else read_trajectory(trajectory)
     with progress() as step:
         step("preparing world and drive", 0, 1)
-        chosen, place = _chosen(world, robot, changes, config, settings, lenient)
-        place, drive = _drive(place, chosen, trajectory)
+        entry = MADE.get(world)
+        place = entry.make(chosen.world) if entry else read_world(world, lenient=lenient)
+        place, drive = _drive(place, chosen, way)
+        if save_trajectory is not None:
+            write_trajectory(save_trajectory, drive)
         step("preparing world and drive", 1, 1)
+        _announce(output, kind, drive, chosen)
         keep_partial(ctx, output)
         count = write_recording(
             place,
@@ -93,44 +115,77 @@ def sim(
             jobs=opt.cores(jobs),
             progress=lambda done, total: step("driving", done, total),
         )
-    print(f"{output}: {count} messages")
+    print(f"{output}: {_counted(count, kind)}")
 
 
-def _kind(output: Path, format: str | None) -> str:
+def _output(path: Path | None, format: str | None) -> tuple[Path, str]:
+    """Where to write, and the kind that format or suffix names, once it can be written here."""
     if format is not None:
         opt.one_of("--format", format, tuple(FORMATS))
-    return FORMATS.get(format or output.suffix.lower().lstrip("."), "folder")
+    if path is None:
+        raise ConfigError("--output is missing: expected a bag or a folder to write")
+    kind = FORMATS.get(format or path.suffix.lower().lstrip("."), "folder")
+    if kind != "folder":
+        needs_extra("bags")
+    return path, kind
+
+
+def _announce(output: Path, kind: str, drive: "Trajectory", config: "RecordingConfig") -> None:
+    """Say what will be written, where no bar shows it."""
+    from fusionslam.sim.recording import recording_size
+    from fusionslam.sim.simulator import recorded_seconds
+
+    if not sys.stderr.isatty():
+        size = _counted(recording_size(drive, config, kind), kind)
+        seconds = recorded_seconds(drive, config)
+        print(f"{output}: {size} of {seconds:.1f} s of driving to write", file=sys.stderr)
+
+
+def _counted(count: int, kind: str) -> str:
+    noun = "frame" if kind == "folder" else "message"
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
+def _changes(seed: int | None, seconds: float | None, obstacles: int | None) -> dict[str, Any]:
+    """What options change; --seed means all that is random but the world."""
+    options: dict[str, Any] = {"seed": seed, "seconds": seconds}
+    changes = {key: value for key, value in options.items() if value is not None}
+    if seed is not None:
+        changes["plan"] = {"seed": seed}
+    if obstacles is not None:
+        changes["obstacles"] = {"number": obstacles}
+    return changes
 
 
 def _chosen(
     name: str,
     robot: str | None,
-    changes: dict[str, Any],
     file: Path | None,
+    changes: dict[str, Any],
     settings: list[str] | None,
-    lenient: bool,
-) -> "tuple[RecordingConfig, World]":
-    """All settings, and the world they make or that was read."""
+) -> "RecordingConfig":
+    """The defaults, changed by the file, then by options, then by settings."""
     from fusionslam.config import merged, with_file, with_settings
-    from fusionslam.sim.catalogue import MADE, read_world
+    from fusionslam.sim.catalogue import MADE
     from fusionslam.sim.recording import recording_config
 
     entry = MADE.get(name)
-    config = merged(recording_config(entry, robot), changes)
+    own = [text for text in settings or [] if text.strip().startswith("world.")]
+    if own and entry is None:
+        raise ConfigError(f"--set {own[0]}: worlds from files have no settings")
+    config = recording_config(entry, robot)
     if file is not None:
         config = with_file(config, file)
-    config = with_settings(config, settings or [])
-    return config, entry.make(config.world) if entry else read_world(name, lenient=lenient)
+    return with_settings(merged(config, changes), settings or [])
 
 
 def _drive(
-    place: "World", config: "RecordingConfig", path: Path | None
+    place: "World", config: "RecordingConfig", way: "Trajectory | None"
 ) -> "tuple[World, Trajectory]":
     from dataclasses import replace
 
     from fusionslam.sim.catalogue import drive_through
-    from fusionslam.sim.motion.trajectory import read_trajectory
 
-    if path is not None:
-        place = replace(place, trajectory=read_trajectory(path))
+    if way is not None:
+        place = replace(place, trajectory=way)
     return drive_through(place, config.robot, config.plan)

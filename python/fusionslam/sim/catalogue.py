@@ -14,6 +14,7 @@ import numpy as np
 from fusionslam.config import Section, merged
 from fusionslam.errors import DataError
 from fusionslam.sim.indoor import INDOOR_WORLDS
+from fusionslam.sim.motion.driving import DriveLimits
 from fusionslam.sim.motion.occupancy import occupancy_of
 from fusionslam.sim.motion.planner import PlanConfig, plan_trajectory
 from fusionslam.sim.motion.trajectory import Trajectory
@@ -31,6 +32,8 @@ ROBOT = "turtlebot3_waffle_pi"
 """The robot where no other suits a world better."""
 _TOWN_CELL_M = 0.25
 _PLAN_ROOM_M = 0.05
+# Of a robot's limits: recorded drives have some noise.
+_TOLERANCE = 1.1
 
 
 class Entry(NamedTuple):
@@ -65,16 +68,21 @@ MADE: dict[str, Entry] = {
 """Worlds that need no data, by name."""
 
 
+def check_world(name: str) -> None:
+    """Raise DataError unless there is a world, made or on disk, of that name."""
+    if name not in MADE and not Path(name).exists():
+        near = get_close_matches(name, MADE, n=1, cutoff=0.5)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise DataError(f"{name}: no such world, expected {', '.join(MADE)} or a file{hint}")
+
+
 def read_world(path: str | Path, *, lenient: bool = False) -> World:
     """A world from a file or folder, as ``load_world`` reads it; its name is no world that is made.
 
     Raises:
         DataError: no such world, or one that cannot be read.
     """
-    if not Path(path).exists():
-        near = get_close_matches(str(path), MADE, n=1, cutoff=0.5)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise DataError(f"{path}: no such world, expected {', '.join(MADE)} or a file{hint}")
+    check_world(str(path))
     return load_world(path, lenient=lenient)
 
 
@@ -89,9 +97,36 @@ def drive_through(world: World, robot: RobotConfig, plan: PlanConfig) -> tuple[W
     grid = map_of(world, robot)
     whole = replace(world, map=grid)
     if world.trajectory is not None:
+        _warn_of_haste(world.name, world.trajectory, robot.drive)
         return whole, world.trajectory
-    own = {"limits": robot.drive.model_dump(), "clearance_m": robot.radius_m + _PLAN_ROOM_M}
-    changes = {key: value for key, value in own.items() if key not in plan.model_fields_set}
-    drive = plan_trajectory(grid, merged(plan, changes))
+    try:
+        drive = plan_trajectory(grid, merged(plan, limits_of(robot, plan)))
+    except DataError as error:
+        raise DataError(
+            f"{world.name}: no drive for a robot of radius {robot.radius_m} m: {error}"
+        ) from error
     logger.info("%s: planned %.1f m, %.1f s", world.name, drive.length_m, drive.duration_s)
     return whole, drive
+
+
+def _warn_of_haste(name: str, drive: Trajectory, limits: DriveLimits) -> None:
+    """Say so if a given drive needs more than the robot can do: it is driven all the same."""
+    gaps = np.diff(drive.seconds)
+    speeds = np.hypot(np.diff(drive.x), np.diff(drive.y)) / gaps
+    turns = np.abs(np.diff(drive.yaw)) / gaps
+    for values, limit, unit in (
+        (speeds, limits.max_speed_m_s, "m/s"),
+        (turns, limits.max_turn_rad_s, "rad/s"),
+    ):
+        worst = int(np.argmax(values))
+        if values[worst] > _TOLERANCE * limit:
+            logger.warning(
+                "%s: the drive is faster than the robot: %.2f %s at %.2f s, but its limit is %g %s",
+                *(name, values[worst], unit, drive.seconds[worst], limit, unit),
+            )
+
+
+def limits_of(robot: RobotConfig, plan: PlanConfig) -> dict[str, Any]:
+    """What a plan leaves to the robot, as changes of the plan."""
+    own = {"limits": robot.drive.model_dump(), "clearance_m": robot.radius_m + _PLAN_ROOM_M}
+    return {key: value for key, value in own.items() if key not in plan.model_fields_set}

@@ -5,7 +5,7 @@
 import io
 import logging
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from decimal import Decimal
 from pathlib import Path
@@ -20,8 +20,10 @@ from fusionslam.datasets import write_poses_tum
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.messages import Event, Odometry, Picture, Scan
 from fusionslam.sim.camera import CameraMount, projection
+from fusionslam.sim.lidar import LidarMount
 from fusionslam.sim.motion.trajectory import ground_poses
 from fusionslam.sim.robot import TRUTH_TOPIC, RobotConfig, base_from
+from fusionslam.sim.simulator import Task
 
 logger = logging.getLogger(__name__)
 
@@ -45,35 +47,59 @@ def folder_writer(path: str | os.PathLike[str], robot: RobotConfig) -> Iterator[
     """
     root = Path(path).expanduser()
     writer = FolderWriter(root, robot)
-    if root.exists() and (not root.is_dir() or any(root.iterdir())):
-        raise DataError(f"{root} exists and is no empty folder: choose another one")
+    check_folder(root)
     try:
         yield writer
     except BaseException:
         # A full disk may have no room for these either: what failed first is what is told.
         with suppress(DataError):
             writer.finish()
-            logger.warning("%s is not complete; its first %d frames are kept", root, len(writer))
+            logger.warning("%s is not complete; its first %d frames are kept", root, writer.count)
         raise
     writer.finish()
+
+
+def check_folder(root: Path) -> None:
+    """Raise DataError unless a folder is new or empty."""
+    if (root / "clouds").is_dir():
+        raise DataError(
+            f"{root} holds a recording, perhaps one that was interrupted: remove it, or choose "
+            "another folder"
+        )
+    if root.exists() and (not root.is_dir() or any(root.iterdir())):
+        raise DataError(f"{root} exists and is no empty folder: choose another one")
 
 
 class FolderWriter:
     """A folder that is being written; made by ``folder_writer``."""
 
     def __init__(self, root: Path, robot: RobotConfig) -> None:
-        if not robot.lidars:
-            raise ConfigError("lidars is empty: a folder of frames needs a LiDAR")
         self._root = root
-        self._lidar = next(iter(robot.lidars.values()))
+        self._lidar = first_lidar(robot)
         self._cameras = _chosen(robot)
         self._robot = robot
         self._pictures: dict[str, Picture] = {}
         self._truth: list[Odometry] = []
         self._stamps: list[int] = []
 
-    def __len__(self) -> int:
+    @property
+    def count(self) -> int:
+        """Frames written."""
         return len(self._stamps)
+
+    def needed(self, tasks: Iterable[Task]) -> Iterator[Task]:
+        """Of all messages those that a folder keeps: most pictures need not be rendered."""
+        sides = {camera.picture_topic() for camera in self._cameras.values()}
+        pictures: dict[str, Task] = {}
+        for task in tasks:
+            if task.topic in sides:
+                pictures[task.topic] = task
+            elif task.topic == TRUTH_TOPIC:
+                yield task
+            elif task.topic == self._lidar.topic:
+                yield from pictures.values()
+                yield task
+                pictures.clear()
 
     def write(self, event: Event) -> None:
         """Take a message in the order of its stamp; scans before the first picture are left out.
@@ -95,7 +121,7 @@ class FolderWriter:
         return len(self._pictures) == len(self._cameras)
 
     def _write_frame(self, scan: Scan) -> None:
-        name = f"{len(self):06d}"
+        name = f"{self.count:06d}"
         intensity = scan.fields.get("intensity", np.zeros(len(scan.points), np.float32))
         cloud = np.column_stack([scan.points, intensity]).astype("<f4")
         files = {self._root / "clouds" / f"{name}.bin": cloud.tobytes()}
@@ -154,6 +180,13 @@ class FolderWriter:
             }
             for side, camera in self._cameras.items()
         }
+
+
+def first_lidar(robot: RobotConfig) -> LidarMount:
+    """The LiDAR whose scans are the frames. Raises ConfigError if there is none."""
+    if not robot.lidars:
+        raise ConfigError("lidars is empty: a folder of frames needs a LiDAR")
+    return next(iter(robot.lidars.values()))
 
 
 def _chosen(robot: RobotConfig) -> Mapping[str, CameraMount]:

@@ -11,12 +11,20 @@ from typing import Any
 
 from fusionslam.config import Section, merged, option
 from fusionslam.datasets.bags import open_writer
-from fusionslam.sim.catalogue import MADE, ROBOT, Entry, drive_through
-from fusionslam.sim.folder import folder_writer
+from fusionslam.errors import DataError
+from fusionslam.sim.catalogue import MADE, ROBOT, Entry, drive_through, limits_of
+from fusionslam.sim.folder import FolderWriter, check_folder, first_lidar, folder_writer
 from fusionslam.sim.motion.planner import PlanConfig
 from fusionslam.sim.motion.trajectory import Trajectory
 from fusionslam.sim.robot import RobotConfig, robot_named
-from fusionslam.sim.simulator import SimulationConfig, event_count, simulate
+from fusionslam.sim.simulator import (
+    Select,
+    SimulationConfig,
+    event_count,
+    odometry_errors,
+    scan_count,
+    simulate,
+)
 from fusionslam.sim.town.recorder import cache_folder
 from fusionslam.sim.world import World
 
@@ -28,6 +36,8 @@ EMBEDDED = tuple(name for name, entry in MADE.items() if entry.robot == ROBOT)
 """Worlds of which a recording is kept in the user's cache."""
 # Part of the cache's key: raise it when the same configuration gives other bytes.
 _FORMAT = 1
+# A whole tour takes up to half an hour of driving, and hours to render.
+_LENGTH_M = 100.0
 # What the embedded recordings change: enough way to come back on, and one image a scan.
 _EMBEDDED: dict[str, Any] = {
     "plan": {"length_m": 120.0},
@@ -39,7 +49,7 @@ class RecordingConfig(SimulationConfig):
     """A drive through a world and what is recorded of it."""
 
     robot: RobotConfig = option(robot_named(ROBOT), "the robot")
-    plan: PlanConfig = option(PlanConfig(), "the drive, where it is planned")
+    plan: PlanConfig = option(PlanConfig(length_m=_LENGTH_M), "the drive, where it is planned")
     world: Section = option(Section(), "the world, if it is made")
 
 
@@ -64,6 +74,38 @@ def recording_config(entry: Entry | None = None, robot: str | None = None) -> Re
     return WorldRecordingConfig()
 
 
+def resolved(config: RecordingConfig) -> RecordingConfig:
+    """The configuration with what would follow from other values written out."""
+    seed = odometry_errors(config.robot, config).seed
+    own = limits_of(config.robot, config.plan)
+    return merged(config, {"plan": own, "robot": {"odometry": {"errors": {"seed": seed}}}})
+
+
+def check_output(output: Path, kind: str, robot: RobotConfig) -> None:
+    """Find out before a world is made what can be known of the output.
+
+    Raises:
+        DataError: something else is in its place.
+        ConfigError: the robot does not fit a folder.
+    """
+    target = output.expanduser()
+    check_parents(target)
+    if kind == FOLDER:
+        FolderWriter(target, robot)
+        check_folder(target)
+    elif kind == "rosbag2" and target.is_file():
+        raise DataError(f"{target} is a file, expected a folder to write")
+    elif kind != "rosbag2" and target.is_dir():
+        raise DataError(f"{target} is a folder, expected a file to write")
+
+
+def check_parents(path: Path) -> None:
+    """Raise DataError if a file is where a folder above the path should be."""
+    for folder in path.parents:
+        if folder.is_file():
+            raise DataError(f"cannot write {path}: {folder} is a file, expected a folder")
+
+
 def write_recording(
     world: World,
     drive: Trajectory,
@@ -74,7 +116,7 @@ def write_recording(
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> int:
-    """Write everything that the robot publishes, and return the number of messages.
+    """Write what the robot publishes, and return the number of messages, or of frames in a folder.
 
     Args:
         world: with its map.
@@ -83,20 +125,28 @@ def write_recording(
         output: bag or folder.
         kind: "rosbag1", "rosbag2", "mcap" or ``FOLDER``.
         jobs: threads that render ahead. The bytes do not depend on it.
-        progress: called with (messages written, messages in all).
+        progress: called with (messages or frames written, those in all).
 
     Raises:
         DataError: the drive meets an obstacle, or the output cannot be written; what is whole is
             kept as ``open_writer`` or ``folder_writer`` say.
     """
-    total = event_count(config.robot, drive, config)
-    events = simulate(world, config.robot, drive, config, jobs=jobs)
+    total = recording_size(drive, config, kind)
     with _writer(output, kind, config.robot) as writer:
-        for done, event in enumerate(events, start=1):
+        select: Select = writer.needed if isinstance(writer, FolderWriter) else iter
+        for event in simulate(world, config.robot, drive, config, jobs=jobs, select=select):
             writer.write(event)
             if progress is not None:
-                progress(done, total)
-    return total
+                progress(writer.count, total)
+    return int(writer.count)
+
+
+def recording_size(drive: Trajectory, config: RecordingConfig, kind: str) -> int:
+    """How many messages, or frames in a folder, ``write_recording`` writes."""
+    robot = config.robot
+    if kind != FOLDER:
+        return event_count(robot, drive, config)
+    return scan_count(first_lidar(robot), drive, config)
 
 
 def embedded_config(name: str) -> RecordingConfig:

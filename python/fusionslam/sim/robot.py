@@ -102,10 +102,13 @@ def robot_named(name: str | Path) -> RobotConfig:
     if path.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"robot {str(name)!r}: expected {', '.join(known)} or a .yaml file")
     try:
-        return with_file(RobotConfig(), path)
+        robot = with_file(RobotConfig(), path, new_names=True)
     except ConfigError as error:
         text = str(error)
         raise ConfigError(text if text.startswith(str(path)) else f"{path}: {text}") from error
+    if not (robot.lidars or robot.cameras):
+        raise ConfigError(f"{path}: the robot has no sensor: expected lidars, cameras or both")
+    return robot
 
 
 def static_transforms(robot: RobotConfig) -> tuple[FrameTransform, ...]:

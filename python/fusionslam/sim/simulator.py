@@ -41,10 +41,10 @@ from fusionslam.sim.robot import (
 )
 from fusionslam.sim.scene import RayCaster, Scene
 from fusionslam.sim.world import World
+from fusionslam.transforms import NANOSECONDS
 
 Array = NDArray[np.float64]
 
-_SECOND = 1_000_000_000
 # Events that may be under way for each thread: what is rendered ahead stays in memory.
 _AHEAD = 8
 
@@ -58,8 +58,11 @@ class SimulationConfig(Section):
     obstacles: ObstacleConfig = option(ObstacleConfig(), "moving boxes")
 
 
+Select = Callable[[Iterable["Task"]], Iterable["Task"]]
+
+
 @dataclass(frozen=True)
-class _Task:
+class Task:
     """A message to be made.
 
     Attributes:
@@ -75,6 +78,7 @@ class _Task:
     make: Callable[[], Message]
 
     def event(self) -> Event:
+        """Make it."""
         return Event(self.topic, self.stamp_ns, self.make())
 
 
@@ -85,6 +89,7 @@ def simulate(
     config: SimulationConfig | None = None,
     *,
     jobs: int = 1,
+    select: Select = iter,
 ) -> Iterator[Event]:
     """Drive a robot through a world and yield what it publishes, in the order of the stamps.
 
@@ -98,6 +103,7 @@ def simulate(
         trajectory: of the robot's base; its first time becomes ``config.start_s``.
         config: seed, length, moving boxes.
         jobs: threads that render ahead. The values do not depend on it.
+        select: picks, of all messages in their order, those that are made.
 
     Raises:
         DataError: the trajectory meets an obstacle, or there is no room for moving boxes.
@@ -106,7 +112,7 @@ def simulate(
     grid = map_of(world, robot)
     check_trajectory(trajectory, grid, robot.radius_m)
     simulation = _Simulation(world, robot, trajectory, chosen, grid)
-    return _made(simulation.tasks(), jobs)
+    return _made(select(simulation.tasks()), jobs)
 
 
 def map_of(world: World, robot: RobotConfig) -> OccupancyMap:
@@ -120,14 +126,20 @@ def map_of(world: World, robot: RobotConfig) -> OccupancyMap:
 
 def event_count(robot: RobotConfig, trajectory: Trajectory, config: SimulationConfig) -> int:
     """How many events ``simulate`` yields."""
-    seconds = _duration(trajectory, config)
+    seconds = recorded_seconds(trajectory, config)
     rates = [lidar.rate_hz for lidar in robot.lidars.values()]
     rates += [camera.rate_hz for camera in robot.cameras.values()] * 2
     rates += [robot.odometry.rate_hz] * 3
     return 1 + sum(_ticks(rate, seconds) for rate in rates)
 
 
-def _duration(trajectory: Trajectory, config: SimulationConfig) -> float:
+def scan_count(lidar: LidarMount, trajectory: Trajectory, config: SimulationConfig) -> int:
+    """How many scans of a LiDAR ``simulate`` yields."""
+    return _ticks(lidar.rate_hz, recorded_seconds(trajectory, config))
+
+
+def recorded_seconds(trajectory: Trajectory, config: SimulationConfig) -> float:
+    """How much of a drive is recorded."""
     whole = trajectory.duration_s
     return whole if config.seconds is None else min(config.seconds, whole)
 
@@ -149,24 +161,24 @@ class _Simulation:
         grid: OccupancyMap,
     ) -> None:
         self.robot, self.trajectory, self.config = robot, trajectory, config
-        self.start_ns = config.start_s * _SECOND
-        self.seconds = _duration(trajectory, config)
+        self.start_ns = config.start_s * NANOSECONDS
+        self.seconds = recorded_seconds(trajectory, config)
         self.scenes = {"visual": world.visual, "collision": world.collision}
         self.casters = _casters(world, robot)
         rate_hz = robot.odometry.rate_hz
         self.truth = simulate_odometry(trajectory, OdometryConfig(), rate_hz)
-        self.odometry = simulate_odometry(trajectory, _errors(robot, config), rate_hz)
+        self.odometry = simulate_odometry(trajectory, odometry_errors(robot, config), rate_hz)
         self.obstacles: tuple[Obstacle, ...] = plan_obstacles(
             config.obstacles, grid, trajectory, robot.radius_m, config.seed, self.seconds
         )
 
-    def tasks(self) -> Iterator[_Task]:
+    def tasks(self) -> Iterator[Task]:
         """All messages to be made, in the order of their times."""
         first = static_transforms(self.robot)
         fixed = FrameTransforms(
             transforms=tuple(replace(link, stamp_ns=self.start_ns) for link in first)
         )
-        yield _Task(self.start_ns, 0, TF_STATIC_TOPIC, lambda: fixed)
+        yield Task(self.start_ns, 0, TF_STATIC_TOPIC, lambda: fixed)
         streams = [self._every(*stream, rank) for rank, stream in enumerate(self._streams())]
         yield from heapq.merge(*streams, key=lambda task: (task.stamp_ns, task.rank))
 
@@ -186,13 +198,13 @@ class _Simulation:
 
     def _every(
         self, rate_hz: float, topic: str, make: Callable[[int, int], Message], rank: int
-    ) -> Iterator[_Task]:
+    ) -> Iterator[Task]:
         for number in range(_ticks(rate_hz, self.seconds)):
-            stamp = self.start_ns + round(number * _SECOND / rate_hz)
-            yield _Task(stamp, rank, topic, partial(make, number, stamp))
+            stamp = self.start_ns + round(number * NANOSECONDS / rate_hz)
+            yield Task(stamp, rank, topic, partial(make, number, stamp))
 
     def _drive_seconds(self, stamp_ns: int) -> float:
-        return float(self.trajectory.seconds[0]) + (stamp_ns - self.start_ns) / _SECOND
+        return float(self.trajectory.seconds[0]) + (stamp_ns - self.start_ns) / NANOSECONDS
 
     def _poses(self, seconds: Array) -> Array:
         """world_from_base, (M, 4, 4): the robot rests after the end of its drive."""
@@ -256,7 +268,7 @@ class _Simulation:
         return FrameTransforms(transforms=(link,))
 
 
-def _errors(robot: RobotConfig, config: SimulationConfig) -> OdometryConfig:
+def odometry_errors(robot: RobotConfig, config: SimulationConfig) -> OdometryConfig:
     """The robot's errors; their seed is the recording's where it is not set on its own."""
     errors = robot.odometry.errors
     return errors if "seed" in errors.model_fields_set else merged(errors, {"seed": config.seed})
@@ -274,7 +286,7 @@ def _casters(world: World, robot: RobotConfig) -> dict[str, RayCaster]:
     return {shapes: made[id(scene)] for shapes, scene in needed.items()}
 
 
-def _made(tasks: Iterable[_Task], jobs: int) -> Iterator[Event]:
+def _made(tasks: Iterable[Task], jobs: int) -> Iterator[Event]:
     """Events in the order of their tasks; threads work ahead, but not far."""
     if jobs <= 1:
         yield from (task.event() for task in tasks)

@@ -91,8 +91,9 @@ def _tour(
     cells, costs = spread_cells(finder, config.spacing_m, rng)
     if len(cells) < 2:
         raise DataError(
-            f"all of the map's reachable part is within {config.spacing_m} m of one place: "
-            "expected a smaller spacing or more room"
+            f"all that can be reached {config.clearance_m:.2f} m from obstacles is within "
+            f"{config.spacing_m} m of one place: expected a smaller robot, a smaller spacing or "
+            "more room"
         )
     share = 1 - config.again - config.back
     most = np.inf if config.length_m is None else share * config.length_m

@@ -121,7 +121,8 @@ def read_trajectory(path: PathLike) -> Trajectory:
         found = repr(",".join(lines[0][1])) if lines else "nothing"
         raise DataError(f"{path} starts with {found}: expected {_EXPECTED}")
     if len(lines) < 3:
-        raise DataError(f"{path} has {len(lines) - 1} places, expected at least two")
+        places = "no place" if len(lines) == 1 else "one place"
+        raise DataError(f"{path} has {places}, expected at least two")
     rows = np.array([_row(path, number, cells) for number, cells in lines[1:]])
     if (back := np.flatnonzero(np.diff(rows[:, 0]) <= 0)).size:
         number = lines[back[0] + 2][0]
@@ -159,16 +160,31 @@ def check_trajectory(trajectory: Trajectory, grid: OccupancyMap, radius_m: float
     """
     times = _dense_times(trajectory, grid.resolution_m / 2)
     x, y, _ = trajectory.places(times)
-    row, column, _ = grid.cells(x, y)
+    row, column, inside = grid.cells(x, y)
     blocked = ~grid.is_free(x, y) | grid.inflated(radius_m).occupied[row, column]
     if blocked.any():
         first = int(np.argmax(blocked))
         seconds = float(np.gradient(times)[blocked].sum())
-        raise DataError(
-            f"the trajectory meets an obstacle at {times[first]:.2f} s at ({x[first]:.2f}, "
-            f"{y[first]:.2f}) m: a robot of radius {radius_m} m has no room there; "
-            f"{seconds:.2f} s of {trajectory.duration_s:.2f} s are blocked"
+        what = "meets an obstacle" if inside[first] else "leaves the map"
+        why = (
+            f"a robot of radius {radius_m} m has no room there" if inside[first] else _extent(grid)
         )
+        raise DataError(
+            f"the trajectory {what} at {_digits(times[first])} s at ({x[first]:.2f}, "
+            f"{y[first]:.2f}) m: {why}; {_digits(seconds)} s of "
+            f"{_digits(trajectory.duration_s)} s are blocked"
+        )
+
+
+def _extent(grid: OccupancyMap) -> str:
+    (x, y), (rows, columns) = grid.origin, grid.occupied.shape
+    x_end, y_end = x + columns * grid.resolution_m, y + rows * grid.resolution_m
+    return f"it has x from {x:.2f} to {x_end:.2f} m and y from {y:.2f} to {y_end:.2f} m"
+
+
+def _digits(seconds: float) -> str:
+    """Hundredths, or as many digits as a short time needs."""
+    return f"{seconds:.2f}" if abs(seconds) >= 1 or seconds == 0 else f"{seconds:.3g}"
 
 
 def _dense_times(trajectory: Trajectory, step_m: float) -> Array:

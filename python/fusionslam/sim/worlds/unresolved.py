@@ -36,8 +36,8 @@ class Unresolved:
         """
         if self.items and not lenient:
             raise DataError(
-                f"{path}: {len(self.items)} missing or not supported (lenient loading skips "
-                f"them):\n{_listed(self.items)}"
+                f"{path}: {len(self.items)} missing or not supported, which lenient loading "
+                f"(--lenient) skips\n{_listed(self.items)}"
             )
         for item in self.items:
             log.warning("%s: skipped %s", path, item)
