@@ -26,7 +26,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
         os.close(handle)
     except OSError as error:
-        raise DataError(f"cannot write {target}: {_reason(target, error)}") from error
+        raise DataError(f"cannot write {target}: {why_not(target, error)}") from error
     temporary = Path(name)
     try:
         yield temporary
@@ -38,7 +38,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def _reason(target: Path, error: OSError) -> str:
+def why_not(target: Path, error: OSError) -> str:
+    """Why no file can be made at a path: what the system says, or that a folder is a file."""
     for folder in target.parents:
         if folder.exists():
             return f"{folder} is a file, expected a folder" if folder.is_file() else _why(error)

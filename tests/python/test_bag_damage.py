@@ -3,6 +3,7 @@
 """Bags that are cut, damaged, or written to disks that are full."""
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -48,6 +49,13 @@ def test_a_database_cut_in_half_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_bag_below_a_file_is_refused_with_the_files_name(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(DataError, match="file is a file, expected a folder"):
+        write_bag(tmp_path / "file" / f"drive.{suffix}", drive(0.1))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_files_that_are_no_bags_are_refused_by_name(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"drive.{suffix}"
     with pytest.raises(DataError, match="does not exist"):
@@ -56,7 +64,8 @@ def test_files_that_are_no_bags_are_refused_by_name(tmp_path: Path, suffix: str)
     with pytest.raises(DataError, match=r"drive\.\w+ is empty: expected a bag"):
         open_bag(path)
     path.write_bytes(b"what is this?" * 100)
-    with pytest.raises(DataError, match=f"drive.{suffix} cannot be read as a bag"):
+    begins = re.escape("it begins with b'what is this?wha', expected b'")
+    with pytest.raises(DataError, match=f"drive.{suffix} cannot be read as a bag: {begins}"):
         open_bag(path)
     (tmp_path / "empty").mkdir()
     with pytest.raises(DataError, match=r"empty is no bag: expected a \.db3 or \.mcap"):

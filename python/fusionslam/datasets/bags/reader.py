@@ -80,14 +80,18 @@ def bag_kind(path: Path) -> str | None:
     if storage is None:
         return None
     try:
-        with storage.open("rb") as file:
-            start = file.read(16)
+        start = _start(storage)
     except OSError:
         return None
     found = next((kind for magic, kind in _MAGIC.items() if start.startswith(magic)), None)
     # What is damaged, or compressed as a whole (.db3.zstd), is told by its name alone.
     kinds = {".bag": "rosbag1"} | _STORAGE
     return found or next((kinds[each] for each in storage.suffixes if each in kinds), None)
+
+
+def _start(storage: Path) -> bytes:
+    with storage.open("rb") as file:
+        return file.read(16)
 
 
 def _storage(path: Path) -> Path | None:
@@ -306,6 +310,11 @@ def _checked_kind(path: Path) -> str:
     kind = bag_kind(path)
     if kind is None:
         raise DataError(f"{path} is no bag: expected a ROS 1, ROS 2 SQLite or MCAP file")
+    start, magic = _start(storage), {kind: magic for magic, kind in _MAGIC.items()}[kind]
+    if not start.startswith(magic) and storage.suffix != ".zstd":
+        raise DataError(
+            f"{storage} cannot be read as a bag: it begins with {start!r}, expected {magic!r}"
+        )
     return kind
 
 

@@ -12,7 +12,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from fusionslam._files import uninterrupted
+from fusionslam._files import uninterrupted, why_not
 from fusionslam.datasets.bags.conversions import MessageBuilder, is_static, ros_type
 from fusionslam.datasets.bags.images import STORED
 from fusionslam.datasets.bags.stores import KINDS, make_in, need_rosbags, type_store
@@ -273,7 +273,7 @@ def _scratch_beside(target: Path) -> Iterator[Path]:
         target.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
     except OSError as error:
-        raise DataError(f"cannot write {target}: {error.strerror}") from error
+        raise DataError(f"cannot write {target}: {why_not(target, error)}") from error
     try:
         yield scratch
     finally:
