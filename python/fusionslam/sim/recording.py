@@ -38,11 +38,13 @@ EMBEDDED = tuple(name for name, entry in MADE.items() if entry.robot == ROBOT)
 _FORMAT = 1
 # A whole tour takes up to half an hour of driving, and hours to render.
 _LENGTH_M = 100.0
-# What the embedded recordings change: enough way to come back on, and one image a scan.
+# What the embedded recordings change: a short way through all of the world, parts of it again and
+# back, and one image a scan. All of the hospital would take twice this.
 _EMBEDDED: dict[str, Any] = {
-    "plan": {"length_m": 120.0},
+    "plan": {"length_m": None, "spacing_m": 8.0, "again": 0.2, "back": 0.2},
     "robot": {"cameras": {"camera": {"rate_hz": 2.0}}},
 }
+_HOSPITAL_M = 350.0
 
 
 class RecordingConfig(SimulationConfig):
@@ -151,7 +153,8 @@ def recording_size(drive: Trajectory, config: RecordingConfig, kind: str) -> int
 
 def embedded_config(name: str) -> RecordingConfig:
     """How the embedded recording of a world is made: one of ``EMBEDDED``."""
-    return merged(recording_config(MADE[name]), _EMBEDDED)
+    config = merged(recording_config(MADE[name]), _EMBEDDED)
+    return merged(config, {"plan": {"length_m": _HOSPITAL_M}}) if name == "hospital" else config
 
 
 def embedded_bag(
