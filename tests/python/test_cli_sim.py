@@ -280,11 +280,7 @@ def test_a_recording_that_is_stopped_keeps_what_is_whole(
     tmp_path: Path, number: signal.Signals
 ) -> None:
     pytest.importorskip("rosbags", reason="bags are an extra")
-    # Where tests run in the background, SIGINT is ignored, which processes inherit.
-    code = """import signal
-signal.signal(signal.SIGINT, signal.default_int_handler)
-from fusionslam.entry import main
-main()"""
+    code = "from fusionslam.entry import main; main()"
     words = ("sim", "house", "-o", str(tmp_path / "out.bag"), "--set", "plan.length_m=20")
     process = subprocess.Popen(
         [sys.executable, "-c", code, *words],
