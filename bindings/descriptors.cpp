@@ -1,6 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
 #include "common.hpp"
+#include "configuration.hpp"
 
 namespace fusionslam::bindings {
 namespace {

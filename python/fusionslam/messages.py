@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 Points = NDArray[np.float32]
 Matrix = NDArray[np.float64]
 
+NANOSECONDS = 1_000_000_000
+"""In a second."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scan:

@@ -19,13 +19,20 @@ from numpy.typing import NDArray
 from fusionslam.camera_models import camera_from, cameras_from, check_size, rectified
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.messages import CameraInfo, FrameTransforms, Message, Odometry, Picture, Scan
+from fusionslam.messages import (
+    NANOSECONDS,
+    CameraInfo,
+    FrameTransforms,
+    Message,
+    Odometry,
+    Picture,
+    Scan,
+)
 from fusionslam.robot_frames import RobotFrames
 from fusionslam.sensors import Camera, Frame
 from fusionslam.synchronizer import (
     BUFFER_FULL,
     CLOCK_JUMP,
-    NANOSECONDS,
     Pair,
     SyncConfig,
     Synchronizer,

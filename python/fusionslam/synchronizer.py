@@ -16,8 +16,7 @@ from pydantic import model_validator
 
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError
-
-NANOSECONDS = 1_000_000_000
+from fusionslam.messages import NANOSECONDS
 
 DUPLICATE = "duplicate"
 LATE = "late"

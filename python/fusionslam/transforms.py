@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fusionslam.errors import DataError
-from fusionslam.messages import FrameTransform
+from fusionslam.messages import NANOSECONDS, FrameTransform
 
-NANOSECONDS = 1_000_000_000
 # Quaternions of real robots are rounded: their matrices miss orthogonality by this or less.
 _ORTHOGONAL = 1e-3
 

@@ -14,7 +14,8 @@ from command_line import fails, succeeds
 from fusionslam.config import as_yaml, merged, with_file
 from fusionslam.sim import catalogue
 from fusionslam.sim.catalogue import MADE, Entry
-from fusionslam.sim.motion.trajectory import read_trajectory, write_trajectory
+from fusionslam.sim.motion.map_files import read_map
+from fusionslam.sim.motion.trajectory import check_trajectory, read_trajectory, write_trajectory
 from fusionslam.sim.recording import EMBEDDED, embedded_config, recording_config, resolved
 from fusionslam.sim.world import World
 
@@ -105,12 +106,17 @@ def test_planned_drives_have_a_length_unless_told_otherwise() -> None:
     assert lengths == {"warehouse": None, "house": None, "hospital": 350.0}
 
 
-def test_a_drive_is_saved_and_driven_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_drive_and_its_map_are_saved_and_driven_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     replace_warehouse(monkeypatch, lambda settings: hall())
+    room = tmp_path / "map.yaml"
     way, plan = tmp_path / "way.csv", ("--set", "plan.length_m=8", "--set", "plan.spacing_m=2")
     said = succeeds(
-        *("sim", "warehouse", "-o", tmp_path / "a", *SMALL, *plan, "--save-trajectory", way)
+        *("sim", "warehouse", "-o", tmp_path / "a", *SMALL, *plan, "--save-trajectory", way),
+        *("--save-map", room),
     )
+    check_trajectory(read_trajectory(way), read_map(room), 0.2)
     assert f"{tmp_path / 'a'}: 1 frame of 0.3 s of driving to write" in said.stderr
     assert said.stdout == f"{tmp_path / 'a'}: 1 frame\n"
     assert read_trajectory(way).length_m == pytest.approx(8, abs=0.2)

@@ -14,11 +14,10 @@ from scipy.spatial.transform import Rotation
 from fusionslam.calibration.edges import EdgeView, depth_edges, edge_map, in_view
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
-from fusionslam.messages import FrameTransform
+from fusionslam.messages import NANOSECONDS, FrameTransform
 from fusionslam.sensors import Camera, Frame
 from fusionslam.transforms import TransformTree
 
-NANOSECONDS = 1_000_000_000
 CAMERA = "left"
 TURNS = ("roll", "pitch", "yaw")
 SHIFTS = ("right", "down", "forward")

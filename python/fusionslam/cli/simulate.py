@@ -63,6 +63,12 @@ def sim(
         Path | None,
         typer.Option("--save-trajectory", metavar="FILE", help="Write the drive as CSV, too."),
     ] = None,
+    save_map: Annotated[
+        Path | None,
+        typer.Option(
+            "--save-map", metavar="FILE.yaml", help="Write the map as for ROS map_server, too."
+        ),
+    ] = None,
     print_config: Annotated[
         bool, typer.Option("--print-config", help="Print all values as YAML and drive nowhere.")
     ] = False,
@@ -82,7 +88,7 @@ def sim(
     needs_extra("sim")
     from fusionslam.config import as_yaml
     from fusionslam.sim.catalogue import MADE, check_world, read_world
-    from fusionslam.sim.motion.trajectory import read_trajectory, write_trajectory
+    from fusionslam.sim.motion.trajectory import read_trajectory
     from fusionslam.sim.recording import check_output, check_parents, resolved, write_recording
 
     check_world(world)
@@ -93,16 +99,15 @@ def sim(
         return
     output, kind = _output(output, format)
     check_output(output, kind, chosen.robot)
-    if save_trajectory is not None:
-        check_parents(save_trajectory)
+    for file in filter(None, (save_trajectory, save_map)):
+        check_parents(file)
     way = None if trajectory is None else read_trajectory(trajectory)
     with progress() as step:
         step("preparing world and drive", 0, 1)
         entry = MADE.get(world)
         place = entry.make(chosen.world) if entry else read_world(world, lenient=lenient)
         place, drive = _drive(place, chosen, way)
-        if save_trajectory is not None:
-            write_trajectory(save_trajectory, drive)
+        _save(place, save_map, drive, save_trajectory)
         step("preparing world and drive", 1, 1)
         _announce(output, kind, drive, chosen)
         keep_partial(ctx, output)
@@ -116,6 +121,19 @@ def sim(
             progress=lambda done, total: step("driving", done, total),
         )
     print(f"{output}: {_counted(count, kind)}")
+
+
+def _save(
+    place: "World", map_file: Path | None, drive: "Trajectory", drive_file: Path | None
+) -> None:
+    """Write map and drive where that was asked for."""
+    from fusionslam.sim.motion.map_files import write_map
+    from fusionslam.sim.motion.trajectory import write_trajectory
+
+    if map_file is not None and place.map is not None:
+        write_map(map_file, place.map)
+    if drive_file is not None:
+        write_trajectory(drive_file, drive)
 
 
 def _output(path: Path | None, format: str | None) -> tuple[Path, str]:

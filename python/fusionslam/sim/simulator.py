@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fusionslam.config import Section, merged, option
 from fusionslam.messages import (
+    NANOSECONDS,
     Event,
     FrameTransform,
     FrameTransforms,
@@ -41,7 +42,6 @@ from fusionslam.sim.robot import (
 )
 from fusionslam.sim.scene import RayCaster, Scene
 from fusionslam.sim.world import World
-from fusionslam.transforms import NANOSECONDS
 
 Array = NDArray[np.float64]
 

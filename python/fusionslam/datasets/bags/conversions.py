@@ -21,6 +21,7 @@ from fusionslam.datasets.bags.images import (
 from fusionslam.datasets.bags.pointcloud import cloud_parts, scan_from
 from fusionslam.errors import DataError
 from fusionslam.messages import (
+    NANOSECONDS,
     CameraInfo,
     FrameTransform,
     FrameTransforms,
@@ -33,8 +34,6 @@ from fusionslam.messages import (
 Matrix = NDArray[np.float64]
 Make = Callable[..., Any]
 """Builds a ROS message: ``make("std_msgs/msg/Header", stamp=..., frame_id=...)``."""
-
-_SECOND = 1_000_000_000
 
 
 def plain_type(name: str) -> str:
@@ -73,15 +72,15 @@ def _when(message: Any) -> str:
     """The stamp of a message that has one, for people."""
     if not hasattr(message, "header"):
         return ""
-    seconds, nanoseconds = divmod(stamp_of(message.header.stamp), _SECOND)
+    seconds, nanoseconds = divmod(stamp_of(message.header.stamp), NANOSECONDS)
     return f" at {seconds}.{nanoseconds:09d} s"
 
 
 def stamp_of(time: Any) -> int:
     """Nanoseconds of a time; its parts are called sec, nanosec or, in rospy, secs, nsecs."""
     if hasattr(time, "nanosec"):
-        return int(time.sec) * _SECOND + int(time.nanosec)
-    return int(time.secs) * _SECOND + int(time.nsecs)
+        return int(time.sec) * NANOSECONDS + int(time.nanosec)
+    return int(time.secs) * NANOSECONDS + int(time.nsecs)
 
 
 def _scan(message: Any) -> Scan:
@@ -233,9 +232,9 @@ class MessageBuilder:
 
     def _header(self, stamp_ns: int, frame_id: str) -> Any:
         # ROS 1 counts seconds in 32 bits without sign, ROS 2 with.
-        if not 0 <= stamp_ns < 2 ** (33 - self._ros) * _SECOND:
+        if not 0 <= stamp_ns < 2 ** (33 - self._ros) * NANOSECONDS:
             raise DataError(f"stamp {stamp_ns} ns is no time of ROS {self._ros}")
-        seconds, nanoseconds = divmod(int(stamp_ns), _SECOND)
+        seconds, nanoseconds = divmod(int(stamp_ns), NANOSECONDS)
         stamp = self._make("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
         sequence = {"seq": 0} if self._ros == 1 else {}
         return self._make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id, **sequence)

@@ -19,9 +19,8 @@ from fusionslam.datasets.bags.index import STAMPS, BagIndex, Series, index_bag
 from fusionslam.datasets.bags.reader import Bag, open_bag
 from fusionslam.datasets.bags.topics import INFO_ROLES, choose_topics
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.messages import CameraInfo
+from fusionslam.messages import NANOSECONDS, CameraInfo
 from fusionslam.synchronizer import (
-    NANOSECONDS,
     Pair,
     SyncConfig,
     Synchronizer,

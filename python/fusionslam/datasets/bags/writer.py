@@ -17,7 +17,7 @@ from fusionslam.datasets.bags.conversions import MessageBuilder, is_static, ros_
 from fusionslam.datasets.bags.images import STORED
 from fusionslam.datasets.bags.stores import KINDS, make_in, need_rosbags, type_store
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.messages import Event, FrameTransforms
+from fusionslam.messages import NANOSECONDS, Event, FrameTransforms
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos
@@ -236,7 +236,7 @@ def _check_images(images: Images) -> None:
 
 
 def _check(event: Event, kind: str) -> None:
-    limit = 2**32 * 1_000_000_000 if kind == "rosbag1" else 2**63
+    limit = 2**32 * NANOSECONDS if kind == "rosbag1" else 2**63
     if not 0 <= event.time_ns < limit:
         raise DataError(f"{event.topic}: time {event.time_ns} ns cannot be written")
     if not isinstance(event.message, FrameTransforms):

@@ -36,7 +36,6 @@ _CORRIDOR_M = 2.4
 _CORE_M = 4.4
 _DOOR_M = 1.15
 _PASSAGE_M = 1.9
-_DEPTH_M = 2 * (_WARD_M + _CORRIDOR_M) + _CORE_M
 _DOOR_TINT: Rgb = (0.88, 0.76, 0.58)
 _CURTAINS: tuple[Rgb, ...] = ((0.62, 0.80, 0.84), (0.74, 0.84, 0.62), (0.92, 0.80, 0.60))
 _BLANKETS: tuple[Rgb, ...] = ((0.66, 0.78, 0.88), (0.90, 0.82, 0.62), (0.70, 0.84, 0.72))

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shortest ways over an occupancy map, and round trips through many places."""
 
-from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -101,29 +99,6 @@ class RouteFinder:
         size = len(self.x)
         one_way = coo_matrix((np.concatenate(weights), pairs), (size, size)).tocsr()
         return one_way + one_way.T
-
-
-def plan_route(grid: OccupancyMap, waypoints: Sequence[Place], clearance_m: float) -> Array:
-    """The shortest way past places in order that keeps off walls, float64 (N, 2), metres.
-
-    It goes from middle to middle of neighbouring cells; within half a metre of what the clearance
-    forbids, a metre counts up to four.
-
-    Args:
-        grid: where there is room.
-        waypoints: two places x, y or more.
-        clearance_m: from obstacles, at least.
-
-    Raises:
-        DataError: fewer than two places, or one that is not reachable with this clearance.
-    """
-    if len(waypoints) < 2:
-        raise DataError(f"{len(waypoints)} way-points were given, expected at least two")
-    finder = RouteFinder(grid, clearance_m)
-    cells = [finder.cell(place) for place in waypoints]
-    legs = [finder.way(a, b) for a, b in pairwise(cells)]
-    chain = np.concatenate([legs[0][:1], *(leg[1:] for leg in legs)])
-    return np.stack([finder.x[chain], finder.y[chain]], axis=1)
 
 
 def spread_cells(
