@@ -9,7 +9,7 @@ cd "$(dirname "$0")/.."
 packages=(
   ca-certificates g++ cmake ninja-build git
   python3 python3-dev python3-venv
-  libpcl-dev libopencv-dev libeigen3-dev doctest-dev
+  libpcl-dev libopencv-dev libeigen3-dev libqhull-dev doctest-dev
 )
 
 missing=()
@@ -44,7 +44,7 @@ if [ ! -e "$stamp" ] || [ pyproject.toml -nt "$stamp" ]; then
   echo "Installing Python packages into .venv"
   # Build tools stay in .venv, so that a second build compiles only what changed.
   .venv/bin/python -m pip install --quiet --disable-pip-version-check \
-    "scikit-build-core==1.1.2" "pybind11==3.1.0"
+    "scikit-build-core==1.1.2" "pybind11==3.1.0" "torch==2.13.0"
   extras=".[all,dev]"
   rm -f "$stamp"
 fi

@@ -10,3 +10,4 @@
 #include "fusionslam/matching.hpp"
 #include "fusionslam/sensors.hpp"
 #include "fusionslam/simd.hpp"
+#include "fusionslam/views.hpp"

@@ -1,0 +1,117 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+// A coloured cloud becomes a scene: a handful of objects (Stastny 2022, 4.5), compared object by
+// object (4.6).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "fusionslam/config.hpp"
+#include "fusionslam/sensors.hpp"
+
+namespace fusionslam {
+
+/// What is clustered how: DBSCAN in (x, y, z, s r, s g, s b).
+struct DbscanConfig {
+  static constexpr const char* section = "dbscan";
+
+  double eps = 0.6;
+  int min_points = 10;
+  double color_scale = 0.001;
+  bool inclusive = false;
+
+  template <class Config, class Visitor>
+  static void visit(Config& config, Visitor&& visitor) {
+    visitor("eps", config.eps, OptionInfo{"radius of a neighbourhood", "m", 1e-6, 1e6});
+    visitor("min_points", config.min_points,
+            OptionInfo{"neighbours that make a point a core point, itself among them", "", 1, 1e9});
+    visitor("color_scale", config.color_scale,
+            OptionInfo{"length of one step of a colour channel", "m", 0, 1e3});
+    visitor("inclusive", config.inclusive,
+            OptionInfo{"whether a point exactly eps away is a neighbour"});
+  }
+};
+
+/// Cluster of each point, -1 for noise: clusters are numbered in the order of their first core
+/// point. A border point goes to the first cluster that reaches it. Memory is linear in the number
+/// of points. Without colours `colors` is empty and the distance is that of x, y, z.
+/// Throws DataError for NaN and infinity, ShapeError if there is not one colour a point,
+/// ConfigError for values out of range (Ester, Kriegel, Sander, Xu 1996).
+std::vector<std::int32_t> dbscan(PointsView points, ColorsView colors,
+                                 const DbscanConfig& config = {});
+
+/// A convex hull. Flat point sets have volume 0 and the area of the flat hull (counted once);
+/// points on a line, or equal ones, have neither.
+struct Hull {
+  double volume = 0;                 ///< m3
+  double area = 0;                   ///< m2
+  std::array<double, 3> centroid{};  ///< of the solid; of the flat hull; of the line
+};
+
+/// The convex hull of at least one point, by Qhull. Throws DataError for none, NaN or infinity.
+Hull convex_hull(PointsView points);
+
+enum class ObjectCenter { hull, box };
+
+template <>
+struct ChoiceNames<ObjectCenter> {
+  static constexpr std::array<std::string_view, 2> value{"hull", "box"};
+};
+
+enum class ObjectColor { mean, median };
+
+template <>
+struct ChoiceNames<ObjectColor> {
+  static constexpr std::array<std::string_view, 2> value{"mean", "median"};
+};
+
+/// How a coloured cloud becomes a scene; the defaults are those of the "robust" preset.
+struct SceneConfig {
+  static constexpr const char* section = "scene";
+
+  double eps = 0.6;
+  int min_points = 10;
+  double color_scale = 0.001;
+  bool inclusive = false;
+  int min_size = 10;
+  ObjectCenter center = ObjectCenter::hull;
+  ObjectColor color = ObjectColor::mean;
+
+  template <class Config, class Visitor>
+  static void visit(Config& config, Visitor&& visitor) {
+    visitor("eps", config.eps, OptionInfo{"radius of a neighbourhood", "m", 1e-6, 1e6});
+    visitor("min_points", config.min_points,
+            OptionInfo{"neighbours that make a point a core point, itself among them", "", 1, 1e9});
+    visitor("color_scale", config.color_scale,
+            OptionInfo{"length of one step of a colour channel", "m", 0, 1e3});
+    visitor("inclusive", config.inclusive,
+            OptionInfo{"whether a point exactly eps away is a neighbour"});
+    visitor("min_size", config.min_size,
+            OptionInfo{"points a cluster must have to be an object", "", 1, 1e9});
+    visitor("center", config.center, OptionInfo{"centre of an object: of its hull or of its box"});
+    visitor("color", config.color, OptionInfo{"colour of an object: of its points"});
+  }
+};
+
+/// One object of a scene: a cluster and its convex hull.
+struct SceneObject {
+  std::array<double, 3> center{};   ///< m, in the frame of the cloud: of the hull or of the box
+  double volume = 0;                ///< of the hull, m3
+  double area = 0;                  ///< of the hull, m2
+  std::array<double, 3> color{};    ///< RGB, 0 to 255: mean, or median
+  std::array<double, 3> extents{};  ///< m, along the cluster's own principal axes, longest first
+  std::array<double, 3> box_min{};  ///< m
+  std::array<double, 3> box_max{};  ///< m
+  std::int64_t points = 0;
+};
+
+/// The objects of a cloud, largest first.
+struct Scene {
+  std::vector<SceneObject> objects;
+};
+
+}  // namespace fusionslam
