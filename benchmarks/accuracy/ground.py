@@ -11,16 +11,15 @@ FUSIONSLAM_TEST_DATA does not name them.
 """
 
 import argparse
-import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 import fusionslam
+from benchmarks.accuracy.data import ROOT, world_files
 from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.fusion import CloudFrame, FusionConfig, plane_of, segments_of
 from fusionslam.sim import SimConfig
@@ -34,11 +33,9 @@ from fusionslam.sim.town.layout import make_town
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds import load_world
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "fusion.md"
 SCANS = 20
 ROBOTS = ("turtlebot3_waffle_pi", "turtlebot3_vlp16")
-DATA_WORLDS = ("small_house", "warehouse")
 Poses = NDArray[np.float64]
 Removal = Callable[[NDArray[np.float32]], NDArray[np.int64]]
 
@@ -146,11 +143,9 @@ def cases() -> Iterator[Case]:
         config = entry.config()
         places = np.array(list(indoor_places(config).values()))
         yield from indoor(replace(entry.make(config), name=f"{name} (made)"), at_places(places))
-    for name in DATA_WORLDS:
-        path = data_folder() / "worlds" / f"{name}.glb"
-        if path.is_file():
-            world = load_world(path)
-            yield from indoor(replace(world, name=f"{name} (data)"), along(world))
+    for name, path in world_files().items():
+        world = load_world(path)
+        yield from indoor(replace(world, name=f"{name} (data)"), along(world))
 
 
 def town() -> Case:
@@ -188,10 +183,6 @@ def along(world: World) -> Poses:
     assert drive is not None
     chosen = np.linspace(0, len(drive.x) - 1, SCANS).astype(int)
     return ground_poses(drive.x[chosen], drive.y[chosen], drive.yaw[chosen])
-
-
-def data_folder() -> Path:
-    return Path(os.environ.get("FUSIONSLAM_TEST_DATA", ROOT.parent / "shared" / "data"))
 
 
 if __name__ == "__main__":
