@@ -88,10 +88,11 @@ void bind_index(py::module_& module) {
                            R"(Many stored scenes, compared with one in a single call.
 
 They are numbered from 0 in the order in which they were added. Threads may share an index.)")
-      .def(py::init([](const std::string& preset, const OptionalConfig& config) {
+      .def(py::init([](const OptionalConfig& config, const std::string& preset) {
              return std::make_unique<SharedScenes>(SceneIndex(chosen(config, preset)));
            }),
-           py::kw_only(), "preset"_a = "robust", "config"_a = py::none())
+           "config"_a = py::none(), py::kw_only(), "preset"_a = "robust",
+           "Compares as the configuration says or, without one, as the preset.")
       .def(
           "add",
           [](SharedScenes& self, const Scene& scene) {

@@ -41,7 +41,7 @@ struct SimilarityConfig {
   double color_x0 = 3;
   double color_a = 1;
   double color_weight = 1;
-  double distance_x0 = 0.3;
+  double distance_x0 = 0.4;
   double distance_a = 8;
   double distance_weight = 2;
   double volume_x0 = 0.1;
@@ -53,7 +53,7 @@ struct SimilarityConfig {
   double extent_x0 = 0.3;
   double extent_a = 5;
   double extent_weight = 1;
-  double range_slack = 0.2;
+  double range_slack = 0.3;
   bool symmetric = true;
   bool normalized = true;
 
