@@ -23,6 +23,10 @@ from fusionslam.evaluation.protocols import (
 from fusionslam.evaluation.published import CITATION, kitti_sequence, published_figures
 from fusionslam.evaluation.runs import DescriptorRun
 from fusionslam.evaluation.sweep import RANKS, evaluate_matches, precision_recall
+from fusionslam.evaluation.view_baselines import always_new, baselines, every_kth
+from fusionslam.evaluation.view_report import ViewReport
+from fusionslam.evaluation.view_rules import VIEW_RULES, ViewRule
+from fusionslam.evaluation.views import ViewJudge, judge_views
 from fusionslam.evaluation.visits import DIRECTIONS, Visit, visits
 
 __all__ = [
@@ -31,6 +35,7 @@ __all__ = [
     "DIRECTIONS",
     "PROTOCOLS",
     "RANKS",
+    "VIEW_RULES",
     "Costs",
     "DescriptorRun",
     "Evaluation",
@@ -39,10 +44,17 @@ __all__ = [
     "PrecisionRecall",
     "Protocol",
     "StageCost",
+    "ViewJudge",
+    "ViewReport",
+    "ViewRule",
     "Visit",
+    "always_new",
+    "baselines",
     "evaluate",
     "evaluate_matches",
+    "every_kth",
     "find_matches",
+    "judge_views",
     "kitti_sequence",
     "precision_recall",
     "protocol_named",
