@@ -148,6 +148,7 @@ def test_the_numbering_of_ids_does_not_matter() -> None:
         ({"ids": [0, 1]}, ShapeError, r"ids: int64 \(2,\), expected integers \(3,\)"),
         ({"ids": [0.0, 1.0, 2.0]}, ShapeError, "ids: float64"),
         ({"ids": [True, False, True]}, ShapeError, "ids: bool"),
+        ({"ids": np.full(3, 2**64 - 1, "u8")}, DataError, "ids: 18446744073709551615"),
         ({"poses": np.zeros((3, 2))}, ShapeError, r"poses: \(3, 2\), expected \(n, 3\)"),
         ({"poses": [[0, 0, 0], [0, np.nan, 0], [0, 0, 0]]}, DataError, "poses: row 1"),
         ({"poses": "far"}, ShapeError, "poses: expected numbers"),

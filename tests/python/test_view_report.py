@@ -191,10 +191,11 @@ def test_scans_that_cannot_be_read_have_no_picture_and_the_page_says_why(tmp_pat
     assert not list(tmp_path.glob("views_false_*"))
 
 
-def test_an_image_is_shown_rather_than_the_cloud(tmp_path: Path) -> None:
+def test_an_image_is_shown_rather_than_the_cloud_or_an_older_picture(tmp_path: Path) -> None:
     def photo(number: int) -> NDArray[np.uint8]:
         return np.full((48, 64, 3), number, dtype=np.uint8)
 
+    write_view_report(some_run(clouds=some_cloud), tmp_path)
     write_view_report(some_run(images=photo, clouds=some_cloud), tmp_path)
     previews = load_previews(tmp_path / "views" / "warehouse.previews")
     assert len(previews) == 60

@@ -159,12 +159,14 @@ def first_scenes(ids: Ints) -> Ints:
 
 
 def checked_ids(ids: Any, count: int) -> Ints:
-    """Ids as int64 (count,). Raises ShapeError."""
+    """Ids as int64 (count,). Raises ShapeError, or DataError for what int64 cannot hold."""
     views = np.asarray(ids)
     if views.shape != (count,) or (views.dtype.kind not in "iu" and count):
         raise ShapeError(
             f"ids: {views.dtype} {views.shape}, expected integers ({count},): one id a pose"
         )
+    if views.dtype.kind == "u" and count and views.max() > np.iinfo(np.int64).max:
+        raise DataError(f"ids: {views.max()} is too large for int64")
     return views.astype(np.int64)
 
 

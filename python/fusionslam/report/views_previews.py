@@ -69,6 +69,8 @@ def previews_of(
 ) -> dict[int, bytes]:
     """JPEG by ``stamp_key`` of all that is shown of one drive's runs.
 
+    What the runs' images and clouds show now counts more than what was kept.
+
     Args:
         runs, reports: what is shown.
         path: where previews made earlier are; what is made is added there.
@@ -77,7 +79,7 @@ def previews_of(
     kept = load_previews(path) if path.exists() else {}
     made: dict[int, bytes] = {}
     for run, report in zip(runs, reports, strict=True):
-        made |= _made(run, needed_rows(run, report), {**kept, **made}, missed)
+        made |= _made(run, needed_rows(run, report), made, missed)
     if made:
         save_previews(path, kept | made)
     return kept | made

@@ -61,13 +61,14 @@ class WorldPart:
 
 
 def world_part(
-    folder: Path, stored: Path, world: str, judged: Judged, missed: dict[str, None]
+    folder: Path, stored: Path, id: str, world: str, judged: Judged, missed: dict[str, None]
 ) -> WorldPart:
     """Draw everything that is known of one drive.
 
     Args:
         folder: where pictures go.
         stored: folder of the previews.
+        id: that no other drive of the page has.
         world: its name.
         judged: its runs.
         missed: takes the reasons why scans have no picture.
@@ -77,7 +78,7 @@ def world_part(
     previews = previews_of(runs, reports, stored / f"{name}.previews", missed)
     return WorldPart(
         name=world,
-        id=name,
+        id=id,
         sentence=_sentence(runs[0], reports[0]),
         figures=accuracy_table(judged),
         costs=cost_table(judged),
