@@ -231,6 +231,7 @@ void bind_fusion(py::module_& module);
 void bind_matching(py::module_& module);
 void bind_views(py::module_& module);
 void bind_similarity(py::module_& module);
+void bind_alignment(py::module_& module);
 
 }  // namespace fusionslam::bindings
 

@@ -48,6 +48,7 @@ Raises:
   bind_matching(module);
   bind_views(module);
   bind_similarity(module);
+  bind_alignment(module);
 }
 
 }  // namespace fusionslam::bindings

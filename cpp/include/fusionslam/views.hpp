@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "fusionslam/config.hpp"
+#include "fusionslam/range_image.hpp"
 #include "fusionslam/sensors.hpp"
 
 namespace fusionslam {
@@ -70,12 +71,14 @@ struct ChoiceNames<ObjectColor> {
 };
 
 /// How a coloured cloud becomes a scene; the defaults are those of the "robust" preset.
-struct SceneConfig : DbscanConfig {
+struct SceneConfig : DbscanConfig, RangeImageConfig {
   static constexpr const char* section = "scene";
 
   int min_size = 10;
   ObjectCenter center = ObjectCenter::hull;
   ObjectColor color = ObjectColor::mean;
+  double floor = 0.1;
+  bool image = true;
 
   template <class Config, class Visitor>
   static void visit(Config& config, Visitor&& visitor) {
@@ -85,6 +88,13 @@ struct SceneConfig : DbscanConfig {
     visitor("center", config.center, OptionInfo{"centre of an object: of its hull or of its box"});
     visitor("color", config.color,
             OptionInfo{"colour of an object: mean of its points, or their median, truncated"});
+    visitor("floor", config.floor,
+            OptionInfo{"points no farther than this from z = 0, a robot's floor, are left out; 0 "
+                       "keeps all",
+                       "m", 0, 1e3});
+    visitor("image", config.image,
+            OptionInfo{"whether the scene keeps a range image, which alignment needs"});
+    RangeImageConfig::visit(config, visitor);
   }
 };
 
@@ -109,6 +119,7 @@ struct SceneObject {
 /// point comes first in the cloud.
 struct Scene {
   std::vector<SceneObject> objects;
+  RangeImage image;  ///< without cells if the configuration asks for none
 };
 
 /// The objects of a cloud (Stastny 2022, 4.5). A cloud without clusters, or without points, gives a

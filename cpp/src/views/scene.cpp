@@ -73,14 +73,30 @@ SceneObject object_of(const Cluster& cluster, const SceneConfig& config) {
   return object;
 }
 
+/// The points off the plane z = 0; what is not finite stays, to be refused by its check.
+ColoredCloud without_floor(PointsView points, ColorsView colors, double height) {
+  ColoredCloud cloud;
+  for (std::size_t i = 0; i < points.size; ++i) {
+    if (std::fabs(points[i][2]) <= height) continue;
+    cloud.points.insert(cloud.points.end(), points[i], points[i] + 3);
+    for (int channel = 0; channel < 3; ++channel) cloud.colors.push_back(colors.at(i, channel));
+    cloud.indices.push_back(static_cast<std::int64_t>(i));
+  }
+  return cloud;
+}
+
 }  // namespace
 
 SceneConfig scene_preset(std::string_view name) {
   SceneConfig config;  // "robust"
   if (name == "paper") {
     config.min_size = 20;
+    config.floor = 0;
+    config.image = false;
   } else if (name == "author") {
     config.min_size = 1;
+    config.floor = 0;
+    config.image = false;
     config.center = ObjectCenter::box;
     config.color = ObjectColor::median;
   } else if (name != "robust") {
@@ -93,6 +109,12 @@ SceneConfig scene_preset(std::string_view name) {
 Scene build_scene(PointsView points, ColorsView colors, const SceneConfig& config) {
   validate(config);
   detail::check_colors(points, colors);
+  if (config.floor > 0) {
+    SceneConfig rest = config;
+    rest.floor = 0;
+    const ColoredCloud cloud = without_floor(points, colors, config.floor);
+    return build_scene(cloud.points_view(), cloud.colors_view(), rest);
+  }
   Scene scene;
   for (const Cluster& cluster : clusters_of(points, colors, dbscan(points, colors, config))) {
     detail::check_interrupt();
@@ -101,6 +123,7 @@ Scene build_scene(PointsView points, ColorsView colors, const SceneConfig& confi
   }
   std::stable_sort(scene.objects.begin(), scene.objects.end(),
                    [](const auto& a, const auto& b) { return a.points > b.points; });
+  if (config.image) scene.image = range_image(points, colors, config);
   return scene;
 }
 

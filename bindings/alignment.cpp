@@ -1,0 +1,123 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+#include "common.hpp"
+#include "configuration.hpp"
+#include "shared.hpp"
+
+namespace fusionslam::bindings {
+namespace {
+
+using SharedScenes = Shared<AlignmentIndex>;
+
+py::dict evidence_of(const Alignment& alignment) {
+  py::dict evidence;
+  for (std::size_t i = 0; i < AlignmentEvidence::size; ++i) {
+    const std::string_view name = AlignmentEvidence::names[i];
+    evidence[py::str(name.data(), name.size())] = alignment.evidence.values[i];
+  }
+  return evidence;
+}
+
+void bind_result(py::module_& module) {
+  py::class_<Alignment>(module, "Alignment", "How one scene lies over another.")
+      .def_readonly("x", &Alignment::x, "Metres: the current robot in the frame of the stored one.")
+      .def_readonly("y", &Alignment::y, "Metres.")
+      .def_readonly("yaw", &Alignment::yaw, "Radians.")
+      .def_readonly("probability", &Alignment::probability,
+                    "That both scans were taken within 0.8 m and 22.9 deg of each other; 0 beyond "
+                    "reach and turn of the configuration.")
+      .def_property_readonly("evidence", &evidence_of,
+                             "What speaks for and against it, by name (docs/views.md).")
+      .def("__repr__", [](const Alignment& self) {
+        std::ostringstream text;
+        text << "<Alignment x " << self.x << " m, y " << self.y << " m, yaw " << self.yaw
+             << " rad, probability " << self.probability << '>';
+        return text.str();
+      });
+}
+
+void bind_functions(py::module_& module) {
+  using namespace py::literals;
+  module.def(
+      "align_scenes",
+      [](const Scene& current, const Scene& stored, const std::optional<AlignmentConfig>& config) {
+        return without_gil(
+            [&] { return align_scenes(current, stored, config.value_or(AlignmentConfig{})); });
+      },
+      "current"_a, "stored"_a, py::kw_only(), "config"_a = py::none(),
+      R"(Whether two scenes show one place, by laying one range image over the other.
+
+Point-to-plane ICP with projective data association, in the plane, from several starts. The
+probability is calibrated: docs/views.md says on what.
+
+Args:
+    config: an AlignmentConfig.
+
+Returns:
+    An Alignment; of probability 0 if a scene has no range image, or one of fewer than ten cells.)");
+}
+
+void bind_index(py::module_& module) {
+  using namespace py::literals;
+  py::class_<SharedScenes>(
+      module, "AlignmentIndex",
+      R"(Many stored scenes, of which those that look like the current one are aligned with it.
+
+They are numbered from 0 in the order in which they were added. Threads may share an index.)")
+      .def(py::init([](const std::optional<AlignmentConfig>& config) {
+             return std::make_unique<SharedScenes>(
+                 AlignmentIndex(config.value_or(AlignmentConfig{})));
+           }),
+           "config"_a = py::none())
+      .def(
+          "add",
+          [](SharedScenes& self, const Scene& scene) {
+            return self.write([&](AlignmentIndex& index) { return index.add(scene); });
+          },
+          "scene"_a, "Stores a scene and returns its number.")
+      .def(
+          "remove",
+          [](SharedScenes& self, std::size_t number) {
+            self.write([&](AlignmentIndex& index) { index.remove(number); });
+          },
+          "number"_a,
+          "Forgets a scene; the numbers of all later ones fall by one. Raises ConfigError if there "
+          "is none.")
+      .def(
+          "query",
+          [](const SharedScenes& self, const Scene& current, int threads) {
+            std::vector<std::pair<std::size_t, Alignment>> found;
+            for (AlignedScene& scene : self.read(
+                     [&](const AlignmentIndex& index) { return index.query(current, threads); }))
+              found.emplace_back(scene.number, scene.alignment);
+            return found;
+          },
+          "current"_a, py::kw_only(), "threads"_a = 1,
+          R"(The stored scenes that look most like the current one, each aligned with it.
+
+Args:
+    threads: of this call; 0 is one a core. The result does not depend on it.
+
+Returns:
+    list of (number, Alignment), most probable first, of equal ones the lowest number first.)")
+      .def("__len__",
+           [](const SharedScenes& self) {
+             return self.read([](const AlignmentIndex& index) { return index.size(); });
+           })
+      .def_property_readonly("config", [](const SharedScenes& self) {
+        return self.read([](const AlignmentIndex& index) { return index.config(); });
+      });
+}
+
+}  // namespace
+
+void bind_alignment(py::module_& module) {
+  bind_config<AlignmentConfig>(module, "AlignmentConfig", "How scenes are aligned.")
+      .def(py::init(
+          [](const Options& options) { return with_options(AlignmentConfig{}, options); }));
+  bind_result(module);
+  bind_functions(module);
+  bind_index(module);
+}
+
+}  // namespace fusionslam::bindings

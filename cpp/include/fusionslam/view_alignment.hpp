@@ -1,0 +1,116 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+// Whether two scenes show one place, by laying one range image over the other.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "fusionslam/views.hpp"
+
+namespace fusionslam {
+
+/// How scenes are aligned.
+struct AlignmentConfig {
+  static constexpr const char* section = "alignment";
+
+  int candidates = 24;
+  int iterations = 8;
+  int points = 150;
+  double first_scale = 0.5;
+  double last_scale = 0.1;
+  double tolerance = 0.08;
+  double reach = 0.6;
+  double turn = 20.0;
+
+  template <class Config, class Visitor>
+  static void visit(Config& config, Visitor&& visitor) {
+    visitor("candidates", config.candidates,
+            OptionInfo{"stored views that are aligned, those with the most similar thumbnails", "",
+                       1, 1e6});
+    visitor("iterations", config.iterations,
+            OptionInfo{"Gauss-Newton steps from each start", "", 1, 1000});
+    visitor("points", config.points,
+            OptionInfo{"cells of the current view that are laid over the stored one", "", 10, 1e5});
+    visitor("first_scale", config.first_scale,
+            OptionInfo{"distance that counts half in the first step", "m", 1e-3, 10});
+    visitor("last_scale", config.last_scale,
+            OptionInfo{"distance that counts half in the last step", "m", 1e-3, 10});
+    visitor(
+        "tolerance", config.tolerance,
+        OptionInfo{"distance up to which surfaces agree, plus 1 % of the range", "m", 1e-3, 10});
+    visitor("reach", config.reach,
+            OptionInfo{"a view farther from the stored one is another view", "m", 0.01, 100});
+    visitor("turn", config.turn,
+            OptionInfo{"a view turned by more against the stored one is another", "deg", 1, 180});
+  }
+};
+
+/// What speaks for and against two scenes showing one place; the probability follows from it.
+struct AlignmentEvidence {
+  static constexpr std::size_t size = 12;
+  static constexpr std::array<std::string_view, size> names{
+      "agreeing", "behind", "before", "empty",     "color", "tint",
+      "cells",    "error",  "grip",   "thumbnail", "shift", "turn"};
+  std::array<double, size> values{};
+};
+
+/// How one scene lies over another.
+struct Alignment {
+  double x = 0;    ///< m, of the current robot in the frame of the stored one
+  double y = 0;    ///< m
+  double yaw = 0;  ///< rad
+  /// That the two scans were taken within 0.8 m and 22.9 deg of each other (the thesis's bounds for
+  /// a correct match, Stastny 2022, 5.2); 0 where nothing could be aligned, or reach or turn is
+  /// exceeded.
+  double probability = 0;
+  AlignmentEvidence evidence;
+};
+
+/// Aligns the range images of two scenes. A scene without one, or with fewer than ten cells, gives
+/// probability 0.
+Alignment align_scenes(const Scene& current, const Scene& stored,
+                       const AlignmentConfig& config = {});
+
+/// A stored scene that may show the current place.
+struct AlignedScene {
+  std::size_t number = 0;
+  Alignment alignment;
+};
+
+namespace detail {
+struct AlignedScenes;
+}
+
+/// Many stored scenes, of which those that look like the current one are aligned with it. Numbered
+/// from 0 in the order in which they were added.
+class AlignmentIndex {
+ public:
+  explicit AlignmentIndex(const AlignmentConfig& config = {});
+  ~AlignmentIndex();
+  AlignmentIndex(AlignmentIndex&&) noexcept;
+  AlignmentIndex& operator=(AlignmentIndex&&) noexcept;
+
+  /// Stores a scene and returns its number.
+  std::size_t add(const Scene& scene);
+
+  /// Forgets a scene; the numbers of all later ones fall by one. Throws ConfigError if there is no
+  /// such number.
+  void remove(std::size_t number);
+
+  std::size_t size() const;
+  const AlignmentConfig& config() const;
+
+  /// The candidates, most probable first, of equal ones the lowest number first. The result does
+  /// not depend on the threads (0: one a core).
+  std::vector<AlignedScene> query(const Scene& current, int threads = 1) const;
+
+ private:
+  std::unique_ptr<detail::AlignedScenes> scenes_;
+};
+
+}  // namespace fusionslam

@@ -1,0 +1,73 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+// A range image unpacked for alignment: points, normals, and a table from direction to point.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <numbers>
+#include <vector>
+
+#include "fusionslam/range_image.hpp"
+
+namespace fusionslam::detail {
+
+/// atan2 to 1e-4 rad, a hundredth of the smallest cell worth looking at, in a fifth of its time.
+inline float quick_atan2(float y, float x) {
+  const float ax = std::fabs(x), ay = std::fabs(y);
+  const float longer = ax > ay ? ax : ay, shorter = ax > ay ? ay : ax;
+  if (longer == 0) return 0;
+  const float t = shorter / longer, s = t * t;
+  // Least-squares polynomial of atan on [0, 1].
+  float angle =
+      t * (0.99997726f +
+           s * (-0.33262347f +
+                s * (0.19354346f + s * (-0.11643287f + s * (0.05265332f - s * 0.01172120f)))));
+  if (ay > ax) angle = std::numbers::pi_v<float> / 2 - angle;
+  if (x < 0) angle = std::numbers::pi_v<float> - angle;
+  return y < 0 ? -angle : angle;
+}
+
+/// What the cells of one view hold, and where they are.
+struct PreparedView {
+  static constexpr int nothing = -1;  ///< in view, but no point there
+  static constexpr int outside = -2;  ///< not in view
+
+  std::vector<std::array<float, 3>> points;
+  std::vector<std::array<float, 3>> normals;  ///< NaN where a cell has no neighbours
+  std::vector<float> ranges;
+  std::vector<std::array<float, 3>> colors;
+  std::array<float, 3> sensor{};
+  float steps_per_rad_azimuth = 0, steps_per_rad_elevation = 0;
+  int circle = 0;                     ///< columns around
+  int first_column = 0, columns = 0;  ///< in view
+  int first_row = 0, rows = 0;
+  std::vector<int> table;  ///< rows x columns: number of the point, or nothing
+
+  std::size_t size() const { return points.size(); }
+  bool has_normal(std::size_t i) const { return normals[i][0] == normals[i][0]; }
+  int at(int row, int column) const {
+    if (row < 0 || row >= rows || column < 0 || column >= columns) return outside;
+    return table[static_cast<std::size_t>(row * columns + column)];
+  }
+  int column_of(int absolute) const {
+    const int relative = (absolute - first_column) % circle;
+    return relative < 0 ? relative + circle : relative;
+  }
+  /// Row, column and range of a point as the sensor of this view would see it.
+  void locate(const float point[3], int& row, int& column, float& range) const {
+    const float x = point[0] - sensor[0], y = point[1] - sensor[1], z = point[2] - sensor[2];
+    const float level = std::sqrt(x * x + y * y);
+    range = std::sqrt(level * level + z * z);
+    column =
+        column_of(static_cast<int>(std::floor(quick_atan2(y, x) * steps_per_rad_azimuth + 0.5f)));
+    row = static_cast<int>(std::floor(quick_atan2(z, level) * steps_per_rad_elevation + 0.5f)) -
+          first_row;
+  }
+};
+
+/// Throws nothing; an empty image gives a view of nothing.
+PreparedView prepare(const RangeImage& image);
+
+}  // namespace fusionslam::detail

@@ -1,0 +1,89 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+#include "fusionslam/range_image.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <tuple>
+
+#include "../detail/checks.hpp"
+
+namespace fusionslam {
+namespace {
+
+constexpr double degrees = 180 / std::numbers::pi;
+// Points this much farther than the nearest of their cell, and this share of its range, are of
+// another surface.
+constexpr double surface_depth = 0.1;
+constexpr double surface_share = 0.05;
+
+struct Sample {
+  std::int16_t row, column;
+  float range;
+  std::uint32_t point;
+};
+
+/// The cell and range of each point that lies in reach, nearest first in each cell.
+std::vector<Sample> samples_of(PointsView points, const RangeImageConfig& config) {
+  std::vector<Sample> samples;
+  samples.reserve(points.size);
+  for (std::size_t i = 0; i < points.size; ++i) {
+    const double x = points[i][0] - config.sensor_x, y = points[i][1] - config.sensor_y;
+    const double z = points[i][2] - config.sensor_z, level = std::hypot(x, y);
+    const double range = std::hypot(level, z);
+    if (range > config.longest_range || range < RangeImage::range_step) continue;
+    const double column = std::atan2(y, x) * degrees / config.azimuth_step;
+    const double row = std::atan2(z, level) * degrees / config.elevation_step;
+    samples.push_back({static_cast<std::int16_t>(std::lround(row)),
+                       static_cast<std::int16_t>(std::lround(column)), static_cast<float>(range),
+                       static_cast<std::uint32_t>(i)});
+  }
+  std::sort(samples.begin(), samples.end(), [](const Sample& a, const Sample& b) {
+    return std::tie(a.row, a.column, a.range, a.point) <
+           std::tie(b.row, b.column, b.range, b.point);
+  });
+  return samples;
+}
+
+/// Mean range and colour of the nearest surface among the samples of one cell.
+RangeImage::Cell cell_of(const Sample* first, const Sample* last, ColorsView colors) {
+  const double limit = first->range * (1 + surface_share) + surface_depth;
+  double range = 0;
+  std::array<double, 3> color{};
+  const Sample* sample = first;
+  for (; sample != last && sample->range <= limit; ++sample) {
+    range += sample->range;
+    for (std::size_t i = 0; i < 3; ++i) color[i] += colors.at(sample->point, static_cast<int>(i));
+  }
+  const auto count = static_cast<double>(sample - first);
+  RangeImage::Cell cell{first->column, first->row, 0, {}};
+  cell.range = static_cast<std::uint16_t>(std::lround(range / count / RangeImage::range_step));
+  for (std::size_t i = 0; i < 3; ++i)
+    cell.color[i] = static_cast<std::uint8_t>(std::lround(color[i] / count));
+  return cell;
+}
+
+}  // namespace
+
+RangeImage range_image(PointsView points, ColorsView colors, const RangeImageConfig& config) {
+  validate(config);
+  detail::check_colors(points, colors);
+  detail::check_points(points, 0, "a range image");
+  RangeImage image;
+  image.azimuth_step = static_cast<float>(config.azimuth_step);
+  image.elevation_step = static_cast<float>(config.elevation_step);
+  image.sensor = {static_cast<float>(config.sensor_x), static_cast<float>(config.sensor_y),
+                  static_cast<float>(config.sensor_z)};
+  const std::vector<Sample> samples = samples_of(points, config);
+  const Sample* const end = samples.data() + samples.size();
+  for (const Sample* first = samples.data(); first != end;) {
+    const Sample* last = first;
+    while (last != end && last->row == first->row && last->column == first->column) ++last;
+    image.cells.push_back(cell_of(first, last, colors));
+    first = last;
+  }
+  return image;
+}
+
+}  // namespace fusionslam
