@@ -18,6 +18,7 @@ from benchmarks.speed import (
     search_cases,
     settings,
     system_cases,
+    view_cases,
 )
 from benchmarks.speed.cases import Case, Result, measured
 from benchmarks.speed.curves import Curve
@@ -35,6 +36,7 @@ ROWS: dict[str, Rows] = {
     "colour": fusion_cases.colour_cases,
     "stereo": fusion_cases.stereo_cases,
     "search": search_cases.search_cases,
+    "views": view_cases.view_cases,
     "frame": system_cases.frame_cases,
     "describe": system_cases.describe_cases,
 }
