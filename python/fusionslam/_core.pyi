@@ -6,7 +6,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -307,9 +307,283 @@ class DescriptorIndex:
     @property
     def window_seconds(self) -> float:
         ...
+class SceneConfig:
+    """
+    How a coloured cloud becomes a scene.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __init__(self, *, preset: str = 'robust', **kwargs: typing.Any) -> None:
+        """
+        The preset's values, with the given options in their place.
+        """
+    def __repr__(self) -> str:
+        ...
+    @property
+    def center(self) -> str:
+        """
+        centre of an object: of its hull or of its box
+        """
+    @property
+    def color(self) -> str:
+        """
+        colour of an object: mean of its points, or their median, truncated
+        """
+    @property
+    def color_scale(self) -> float:
+        """
+        length of one step of a colour channel [m]
+        """
+    @property
+    def eps(self) -> float:
+        """
+        radius of a neighbourhood [m]
+        """
+    @property
+    def inclusive(self) -> bool:
+        """
+        whether a point exactly eps away is a neighbour
+        """
+    @property
+    def min_points(self) -> int:
+        """
+        neighbours that make a point a core point, itself among them
+        """
+    @property
+    def min_size(self) -> int:
+        """
+        points a cluster must have to be an object
+        """
+class Scene:
+    """
+    The objects of a cloud (Stastny 2022, 4.5).
+    
+    Scenes are values: they do not change, and are equal if all their objects are.
+    """
+    @staticmethod
+    def from_bytes(data: bytes) -> Scene:
+        """
+        The scene that to_bytes wrote.
+        
+        Raises:
+            DataError: bytes that are cut, damaged, foreign or of another version.
+        """
+    @staticmethod
+    def from_json(text: str) -> Scene:
+        """
+        The scene that to_json wrote.
+        
+        Raises:
+            DataError: no JSON, no scene, or one of another version.
+        """
+    def __eq__(self, arg0: typing.Any) -> bool:
+        ...
+    def __hash__(self) -> int:
+        ...
+    def __init__(self, objects: typing.Any) -> None:
+        """
+        A scene of given objects, in their order: an array like `objects`.
+        
+        Raises:
+            ShapeError: another kind of array. DataError: NaN, infinity or an object without points.
+        """
+    def __len__(self) -> int:
+        ...
+    def __reduce__(self) -> tuple[type, tuple[numpy.ndarray]]:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def to_bytes(self) -> bytes:
+        """
+        The scene in few bytes.
+        """
+    def to_json(self) -> str:
+        """
+        The scene as JSON, exact, one line an object.
+        """
+    @property
+    def objects(self) -> numpy.ndarray:
+        """
+        Read-only structured array, one row an object, those with most
+        points first; fields center (3) m, volume m3, area m2 (of the hull), color (3) RGB 0 to 255,
+        extents (3) m along the principal axes, box_min (3), box_max (3) m, points.
+        """
+class SimilarityConfig:
+    """
+    How scenes are compared.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __init__(self, *, preset: str = 'robust', **kwargs: typing.Any) -> None:
+        """
+        The preset's values, with the given options in their place.
+        """
+    def __repr__(self) -> str:
+        ...
+    @property
+    def color_a(self) -> float:
+        """
+        steepness of the colour term
+        """
+    @property
+    def color_difference(self) -> str:
+        """
+        how far colours are apart: of L*a*b*, of bytes, or of red alone
+        """
+    @property
+    def color_weight(self) -> float:
+        """
+        weight of the colour term
+        """
+    @property
+    def color_x0(self) -> float:
+        """
+        difference of colours that counts half
+        """
+    @property
+    def distance_a(self) -> float:
+        """
+        steepness of the distance term [1/m]
+        """
+    @property
+    def distance_weight(self) -> float:
+        """
+        weight of the distance term
+        """
+    @property
+    def distance_x0(self) -> float:
+        """
+        distance of centres that counts half [m]
+        """
+    @property
+    def extent_a(self) -> float:
+        """
+        steepness of the extent term [1/m]
+        """
+    @property
+    def extent_weight(self) -> float:
+        """
+        weight of the extent term
+        """
+    @property
+    def extent_x0(self) -> float:
+        """
+        difference of the extents along own axes that counts half [m]
+        """
+    @property
+    def normalized(self) -> bool:
+        """
+        whether each term is divided by its value at no difference, which makes a scene exactly like itself
+        """
+    @property
+    def range_slack(self) -> float:
+        """
+        how much more distances and extents may differ, as a share, per metre from the robot [1/m]
+        """
+    @property
+    def ratio_a(self) -> float:
+        """
+        steepness of the ratio term [1/m]
+        """
+    @property
+    def ratio_weight(self) -> float:
+        """
+        weight of the ratio term
+        """
+    @property
+    def ratio_x0(self) -> float:
+        """
+        difference of volume / area that counts half [m]
+        """
+    @property
+    def symmetric(self) -> bool:
+        """
+        whether both scenes look for their objects in the other
+        """
+    @property
+    def volume_a(self) -> float:
+        """
+        steepness of the volume term [1/m3]
+        """
+    @property
+    def volume_weight(self) -> float:
+        """
+        weight of the volume term
+        """
+    @property
+    def volume_x0(self) -> float:
+        """
+        difference of volumes that counts half [m3]
+        """
+class SceneIndex:
+    """
+    Many stored scenes, compared with one in a single call.
+    
+    They are numbered from 0 in the order in which they were added. Threads may share an index.
+    """
+    def __init__(self, config: SimilarityConfig | None = None, *, preset: str = 'robust') -> None:
+        """
+        Compares as the configuration says or, without one, as the preset.
+        """
+    def __len__(self) -> int:
+        ...
+    def add(self, scene: Scene) -> int:
+        """
+        Stores a scene and returns its number. Raises DataError if it holds NaN.
+        """
+    def remove(self, number: typing.SupportsInt | typing.SupportsIndex) -> None:
+        """
+        Forgets a scene; the numbers of all later ones fall by one. Raises ConfigError if there is none.
+        """
+    def replace(self, number: typing.SupportsInt | typing.SupportsIndex, scene: Scene) -> None:
+        """
+        Puts a scene in the place of a stored one. Raises ConfigError if there is none.
+        """
+    def similarities(self, current: Scene, *, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        scene_similarity(current, stored) of every stored scene, float64 (n,), to 1e-6.
+        
+        Args:
+            threads: of this call; 0 is one a core. The result does not depend on it.
+        
+        Raises:
+            DataError: an object that is not finite.
+        """
+    @property
+    def config(self) -> SimilarityConfig:
+        ...
 def above_height(points: numpy.typing.NDArray[numpy.float32], height: typing.SupportsFloat | typing.SupportsIndex, *, up: str = 'z') -> numpy.typing.NDArray[numpy.int64]:
     """
     Indices, int64 (M,), of the points above height metres along up (x, y, z, -x, -y, -z).
+    """
+def build_scene(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8] | None, *, preset: str = 'robust', config: SceneConfig | None = None) -> Scene:
+    """
+    The objects of a cloud: clusters, and the convex hull of each (Stastny 2022, 4.5).
+    
+    Args:
+        points: float32 (N, 3), metres, without ground.
+        colors: uint8 (N, 3), RGB.
+        preset: "robust" (default), "paper" (the thesis's text) or "author" (its program).
+        config: a SceneConfig, used instead of the preset.
+    
+    Returns:
+        Scene, without objects for a cloud without clusters or points.
+    
+    Raises:
+        DataError: NaN, infinity, no colours. ShapeError: wrong arrays. ConfigError: unknown preset.
+    """
+def ciede2000(a: typing.Any, b: typing.Any) -> float:
+    """
+    CIEDE2000 of two colours (L*, a*, b*), all factors 1 (Sharma, Wu, Dalal 2005).
+    
+    Raises:
+        DataError: NaN or infinity. ShapeError: not three numbers.
     """
 def cloud_from_disparity(disparity: numpy.typing.NDArray[numpy.float32], image: numpy.typing.NDArray[numpy.uint8], left_projection: numpy.typing.NDArray[numpy.float64], right_projection: numpy.typing.NDArray[numpy.float64], *, cloud_from_rectified: numpy.typing.NDArray[numpy.float64] | None = None, config: StereoConfig = ...) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64]]:
     """
@@ -352,6 +626,18 @@ def cm2dp_signature(points: numpy.typing.NDArray[numpy.float32], colors: numpy.t
     Signature matrix of c-M2DP: float64 (64, 512), counts / n: 128 shape bins, then
     8 rings x 16 bins for each colour channel. Arguments and errors as cm2dp.
     """
+def color_difference(a: typing.Any, b: typing.Any, kind: str = 'ciede2000') -> float:
+    """
+    How far two colours are apart.
+    
+    Args:
+        a, b: RGB, three numbers from 0 to 255.
+        kind: "ciede2000" or "cie76" (L*a*b* of sRGB with white D65), "rgb" (Euclidean distance) or
+            "author" (sqrt(3) times the difference of red, as the program of Stastny 2022 has it).
+    
+    Raises:
+        DataError: NaN, or channels outside. ShapeError: not three numbers. ConfigError: unknown kind.
+    """
 def colorize(points: numpy.typing.NDArray[numpy.float32], image: numpy.typing.NDArray[numpy.uint8], projection: numpy.typing.NDArray[numpy.float64], *, interpolation: str = 'nearest') -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64]]:
     """
     Colours points with the pixels they project to (Perdomo 2019, 3.3.1).
@@ -378,6 +664,25 @@ def cshot(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDAr
     
     Returns:
         float32 (1344,).
+    """
+def dbscan(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8] | None = None, *, eps: typing.SupportsFloat | typing.SupportsIndex, min_points: typing.SupportsInt | typing.SupportsIndex, color_scale: typing.SupportsFloat | typing.SupportsIndex = 0.001, inclusive: bool = False) -> numpy.typing.NDArray[numpy.int32]:
+    """
+    Clusters of points by density in (x, y, z, s r, s g, s b) (Ester et al. 1996).
+    
+    Args:
+        points: float32 (N, 3), metres, any frame.
+        colors: uint8 (N, 3), RGB; None clusters in x, y, z only.
+        eps: radius of a neighbourhood, metres.
+        min_points: neighbours that make a point a core point, itself among them.
+        color_scale: s, metres a step of a colour channel.
+        inclusive: whether a point exactly eps away is a neighbour (as in scikit-learn).
+    
+    Returns:
+        int32 (N,): clusters from 0 in the order of their first core points, -1 for noise. A border
+        point belongs to the first of the clusters that reach it.
+    
+    Raises:
+        DataError: NaN or infinity. ShapeError: wrong arrays. ConfigError: values out of range.
     """
 def demosaic(image: numpy.typing.NDArray[numpy.uint8], pattern: str) -> numpy.typing.NDArray[numpy.uint8]:
     """
@@ -524,6 +829,21 @@ def remove_ground_segments(points: numpy.typing.NDArray[numpy.float32], *, up: s
     
     Raises:
         ConfigError: the driving axis points up. DataError: NaN or infinity in a point.
+    """
+def scene_similarity(current: Scene, stored: Scene, *, preset: str = 'robust', config: SimilarityConfig | None = None) -> float:
+    """
+    How alike two scenes are, 0 to 1 (Stastny 2022, 4.6).
+    
+    Every object of the current scene takes its best similarity to an object of the stored one; the
+    mean of these, weighted by numbers of points, is the similarity. The robust preset takes the mean
+    with the same seen from the stored scene. Two empty scenes are alike (1), one empty one is not (0).
+    
+    Args:
+        preset: "robust" (default), "paper" or "author".
+        config: a SimilarityConfig, used instead of the preset.
+    
+    Raises:
+        ConfigError: unknown preset, all weights 0. DataError: an object that is not finite.
     """
 def shot(points: numpy.typing.NDArray[numpy.float32], *, normal_radius: typing.SupportsFloat | typing.SupportsIndex | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
     """
