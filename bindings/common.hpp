@@ -231,6 +231,8 @@ void bind_fusion(py::module_& module);
 void bind_matching(py::module_& module);
 void bind_views(py::module_& module);
 void bind_similarity(py::module_& module);
+void bind_similarity(py::module_& module);
+void bind_views(py::module_& module);
 
 }  // namespace fusionslam::bindings
 
