@@ -5,8 +5,26 @@
 scene = build_scene(points, colors)        # a coloured cloud without ground
 print(scene.objects["center"])
 stored = scene.to_bytes()
+print(scene_similarity(scene, Scene.from_bytes(stored)))  # nearly 1
 """
 
 from fusionslam.views.scenes import Scene, SceneConfig, build_scene, dbscan
+from fusionslam.views.similarity import (
+    SceneIndex,
+    SimilarityConfig,
+    ciede2000,
+    color_difference,
+    scene_similarity,
+)
 
-__all__ = ["Scene", "SceneConfig", "build_scene", "dbscan"]
+__all__ = [
+    "Scene",
+    "SceneConfig",
+    "SceneIndex",
+    "SimilarityConfig",
+    "build_scene",
+    "ciede2000",
+    "color_difference",
+    "dbscan",
+    "scene_similarity",
+]
