@@ -27,7 +27,7 @@ def without(names: list[str], statement: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("module", ["training", "pointnet", "runs", "export", "weights"])
+@pytest.mark.parametrize("module", ["training", "pointnet", "runs", "export", "weight_files"])
 def test_training_without_torch_names_the_extra(module: str) -> None:
     said = without(["torch"], f"import fusionslam.views.learning.{module}")
     assert "needs torch" in said and "pip install 'fusionslam[learn]'" in said

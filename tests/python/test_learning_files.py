@@ -23,7 +23,7 @@ pytest.importorskip("safetensors", reason="safetensors is not installed")
 
 from fusionslam.views.learning.export import export_comparison, export_pointnet  # noqa: E402
 from fusionslam.views.learning.pointnet import Comparison, PointNet  # noqa: E402
-from fusionslam.views.learning.weights import (  # noqa: E402
+from fusionslam.views.learning.weight_files import (  # noqa: E402
     load_comparison,
     load_pointnet,
     save_weights,

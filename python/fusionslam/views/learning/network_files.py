@@ -6,15 +6,14 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
-
-from pydantic import ValidationError
+from typing import Any, Literal
 
 from fusionslam.config import Section
 from fusionslam.errors import DataError
 from fusionslam.views.learning.architecture import ComparisonConfig, PointNetConfig
 
 FORMAT = "fusionslam.network.1"
+_KEY = "fusionslam"
 Kind = Literal["pointnet", "comparison"]
 _CONFIGS: Mapping[str, type[Section]] = {
     "pointnet": PointNetConfig,
@@ -48,15 +47,15 @@ class About:
     calibration: Calibration | None = None
 
     def metadata(self) -> dict[str, str]:
-        """As texts, which both kinds of file can hold."""
-        texts = {
+        """As one text, which both kinds of file can hold; the order of several is not kept."""
+        values: dict[str, Any] = {
             "format": FORMAT,
             "kind": self.kind,
-            "architecture": self.architecture.model_dump_json(),
+            "architecture": self.architecture.model_dump(mode="json"),
         }
         if self.calibration is not None:
-            texts["calibration"] = json.dumps(vars(self.calibration))
-        return texts
+            values["calibration"] = vars(self.calibration)
+        return {_KEY: json.dumps(values)}
 
 
 def read_about(path: Path, metadata: Mapping[str, str] | None, kind: Kind) -> About:
@@ -65,17 +64,21 @@ def read_about(path: Path, metadata: Mapping[str, str] | None, kind: Kind) -> Ab
     Raises:
         DataError: another format or kind of network, or sizes that make no sense.
     """
-    texts = metadata or {}
-    found = texts.get("format")
-    if found != FORMAT:
-        raise DataError(f"{path}: format is {found!r}, expected {FORMAT!r} with a {kind} network")
-    if texts.get("kind") != kind:
-        raise DataError(f"{path} holds a {texts.get('kind')} network, expected {kind}")
     try:
-        architecture = _CONFIGS[kind].model_validate_json(texts["architecture"])
-        stored = json.loads(texts.get("calibration", "null"))
+        values = json.loads((metadata or {}).get(_KEY, "{}"))
+        found = values.get("format")
+        if found != FORMAT:
+            raise DataError(
+                f"{path}: format is {found!r}, expected {FORMAT!r} with a {kind} network"
+            )
+        if values.get("kind") != kind:
+            raise DataError(f"{path} holds a {values.get('kind')} network, expected {kind}")
+        architecture = _CONFIGS[kind](**values["architecture"])
+        stored = values.get("calibration")
         calibration = None if stored is None else Calibration(**stored)
-    except (KeyError, TypeError, ValueError, ValidationError) as error:
+    except DataError:
+        raise
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise DataError(
             f"{path}: its metadata do not describe a {kind} network: {error}"
         ) from error

@@ -33,7 +33,7 @@ from fusionslam.views.learning.shape_sets import ShapeSet
 from fusionslam.views.learning.sources import SimulatedConfig
 from fusionslam.views.learning.torch_extra import torch
 from fusionslam.views.learning.training import Progress, Trained, train
-from fusionslam.views.learning.weights import load_pointnet, save_weights
+from fusionslam.views.learning.weight_files import load_pointnet, save_weights
 
 
 class PlacesTrainingConfig(MetricTrainingConfig):

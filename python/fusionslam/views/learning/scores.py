@@ -60,8 +60,8 @@ def calibrated(distances: ArrayLike, same: ArrayLike) -> tuple[float, float]:
         pull = -weight * sign / (1 + np.exp(margin.clip(-500, 500)))
         # A little pull to 0: where the kinds do not overlap, the slope would grow for ever.
         return (
-            float(weight @ np.logaddexp(0, -margin)) + 1e-5 * float(value @ value),
-            np.array([pull.sum(), -(pull * d).sum()]) + 2e-5 * value,
+            float(weight @ np.logaddexp(0, -margin)) + 1e-8 * float(value @ value),
+            np.array([pull.sum(), -(pull * d).sum()]) + 2e-8 * value,
         )
 
     offset, slope = minimize(loss, np.zeros(2), jac=True, method="BFGS").x
