@@ -14,6 +14,7 @@ from benchmarks.speed import (
     descriptor_cases,
     fusion_cases,
     inputs,
+    learning_cases,
     memory,
     search_cases,
     settings,
@@ -35,6 +36,7 @@ ROWS: dict[str, Rows] = {
     "colour": fusion_cases.colour_cases,
     "stereo": fusion_cases.stereo_cases,
     "search": search_cases.search_cases,
+    "learning": learning_cases.learning_cases,
     "frame": system_cases.frame_cases,
     "describe": system_cases.describe_cases,
 }
