@@ -46,6 +46,8 @@ Raises:
   bind_fusion(module);
   bind_descriptors(module);
   bind_matching(module);
+  bind_views(module);
+  bind_similarity(module);
 }
 
 }  // namespace fusionslam::bindings
