@@ -5,6 +5,7 @@
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from typer.testing import CliRunner, Result
 
 from fusionslam.cli.learning import app
 from fusionslam.errors import ConfigError, DataError
+from fusionslam.views.learning import SecondStage
+from learning_cases import cloud, world
 
 for module in ("torch", "safetensors", "onnx", "h5py", "onnxruntime"):
     pytest.importorskip(module, reason=f"{module} is not installed")
@@ -115,3 +118,70 @@ def test_all_values_are_printed_as_yaml_that_is_read_back(command: str, tmp_path
 def test_an_unknown_key_names_the_nearest(tmp_path: Path) -> None:
     result = run("shapes", "-o", tmp_path, "--set", "optimiser.epoch=3")
     assert isinstance(result.exception, ConfigError) and "epochs" in str(result.exception)
+
+
+def scene_set(path: Path, name: str, *, frame: str = "robot", truth: bool = True) -> Path:
+    """A scene set of a made-up world."""
+    from fusionslam.views.scene_sets import CloudArray, SceneSet
+
+    _, clouds, poses = world(name, 3)
+    count = len(clouds)
+    SceneSet(
+        name=name,
+        stamps_ns=np.arange(count) * 10**9,
+        numbers=np.arange(count),
+        empty=np.zeros(count, bool),
+        frame=frame,
+        poses=poses if truth else None,
+        clouds=CloudArray.of(clouds),
+    ).save(path)
+    return path
+
+
+def compared(features: Path, *paths: Path) -> list[object]:
+    weights = features / "features.safetensors"
+    small = settings("network.features=32", "network.hidden=8", "optimiser.epochs=2")
+    return ["comparison", *paths, "--features", weights, *small]
+
+
+def test_a_comparison_is_trained_on_scene_sets(features: Path, tmp_path: Path) -> None:
+    paths = [scene_set(tmp_path / f"{name}.npz", name) for name in ("hall", "shop")]
+    result = succeeds(*compared(features, *paths), "-o", tmp_path / "out")
+    assert "2 epochs" in result.stdout
+    card = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert card["data"] == "hall.npz, shop.npz"
+    stage = SecondStage(features / "features.onnx", tmp_path / "out" / "comparison.onnx")
+    row = stage.features(cloud(50, 1).points)
+    assert 0 <= stage.probability(row, row) <= 1
+
+
+@pytest.mark.parametrize(
+    ("how", "words"), [({"truth": False}, "no true poses"), ({"frame": "odometry"}, "odometry")]
+)
+def test_scene_sets_without_poses_or_in_another_frame_are_refused(
+    features: Path, tmp_path: Path, how: dict[str, Any], words: str
+) -> None:
+    path = scene_set(tmp_path / "hall.npz", "hall", **how)
+    result = run(*compared(features, path), "-o", tmp_path / "out")
+    assert isinstance(result.exception, DataError) and words in str(result.exception)
+
+
+def test_recordings_are_trained_on_as_they_are(features: Path, tmp_path: Path) -> None:
+    name, clouds, poses = world("hall", 4)
+    ranges = [np.linalg.norm(c.points, axis=1) for c in clouds]
+    rays = np.concatenate([c.points / r[:, None] for c, r in zip(clouds, ranges, strict=True)])
+    np.savez(
+        tmp_path / f"{name}.npz",
+        stamps=np.arange(len(clouds)) / 2,
+        poses=poses,
+        rays=rays,
+        lidar_xyz=np.zeros(3),
+        visual_range_mm=np.rint(1000 * np.concatenate(ranges)).astype(np.uint16),
+        visual_ray=np.arange(len(rays)).astype(np.uint16),
+        visual_rgb=np.concatenate([c.colors for c in clouds if c.colors is not None]),
+        visual_offsets=np.cumsum([0, *map(len, clouds)]),
+    )
+    path = tmp_path / f"{name}.npz"
+    succeeds(*compared(features, path), "--shapes", "visual", "-o", tmp_path / "out")
+    result = run(*compared(features, path), "--shapes", "collision", "-o", tmp_path / "out")
+    assert isinstance(result.exception, DataError) and "collision" in str(result.exception)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that train the second stage: views train shapes, places."""
+"""Commands that train the second stage: views train shapes, comparison, places."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from fusionslam.config import Section
     from fusionslam.views.learning.runs import Origin
     from fusionslam.views.learning.training import Progress, Trained
+    from fusionslam.views.scene_sets import SceneSet
 
 app = typer.Typer(
     help="Train the networks of the second stage; an interrupted training goes on.",
@@ -67,6 +68,40 @@ def shapes(
 
 
 @app.command()
+def comparison(
+    ctx: typer.Context,
+    scenes: Annotated[
+        list[Path], typer.Argument(metavar="SCENES...", help="Scene sets or .npz recordings.")
+    ],
+    output: Folder,
+    features: Annotated[
+        Path, typer.Option("--features", metavar="FILE", help="features.safetensors.")
+    ],
+    shapes: Annotated[
+        str | None,
+        typer.Option("--shapes", help="Of recordings: visual or collision; else what there is."),
+    ] = None,
+    print_config: Print = False,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Train the comparison of two feature vectors on what was recorded: writes comparison.*."""
+    _check_extras()
+    from fusionslam.views.learning.comparison import ComparisonTrainingConfig
+    from fusionslam.views.learning.runs import train_comparison
+    from fusionslam.views.learning.sources import recorded_places
+
+    chosen = _configured(ComparisonTrainingConfig(), config, settings, print_config)
+    places = recorded_places([_scene_set(path, shapes) for path in scenes])
+    words = ", ".join(path.name for path in scenes)
+    keep(ctx, output)
+    with progress() as step:
+        trained = train_comparison(places, features, chosen, output, _origin(words), _shown(step))
+    _report(output, trained)
+
+
+@app.command()
 def places(
     ctx: typer.Context,
     output: Folder,
@@ -114,6 +149,16 @@ def _configured(
         print(as_yaml(chosen), end="")
         raise typer.Exit
     return chosen
+
+
+def _scene_set(path: Path, shapes: str | None) -> "SceneSet":
+    from fusionslam.views.recorder import record_scenes
+    from fusionslam.views.recordings import RangeRecording, is_recording
+    from fusionslam.views.scene_sets import SceneSet
+
+    if path.is_file() and is_recording(path):
+        return record_scenes(RangeRecording.open(path, shapes))
+    return SceneSet.load(path)
 
 
 def _origin(words: str) -> "Origin":
