@@ -22,6 +22,7 @@ _EXTRAS = {
     "bags": ("rosbags",),
     "report": ("jinja2", "matplotlib"),
     "learn": ("torch", "safetensors", "onnx", "h5py"),
+    "tune": ("pymoo",),
 }
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, FusionSlamError, ShapeError
+from fusionslam.sensors import Cloud
 from fusionslam.views.learning.architecture import ComparisonConfig, PointNetConfig
 from fusionslam.views.learning.inputs import network_input
 from fusionslam.views.learning.network_files import SHIPPED, About, Kind, read_about
@@ -67,13 +68,14 @@ class SecondStage:
             raise DataError(f"{features} has no calibration: expected a comparison beside it")
 
     def features(
-        self, points: NDArray[np.float32], colors: NDArray[np.uint8] | None = None
+        self, cloud: Cloud | NDArray[np.float32], colors: NDArray[np.uint8] | None = None
     ) -> Features:
         """What is stored of a sight.
 
         Args:
-            points: float32 (N, 3), metres, the whole scene without ground in the robot's frame.
-            colors: uint8 (N, 3) RGB, for models that look at colours.
+            cloud: the whole scene without ground in the robot's frame, or its points alone,
+                float32 (N, 3), metres.
+            colors: uint8 (N, 3) RGB of points, for models that look at colours.
 
         Returns:
             float32 (256,), or as many as the model's ``config.features``.
@@ -83,6 +85,10 @@ class SecondStage:
             DataError: no points, points that are not finite, or no colours.
         """
         config = self.config
+        if isinstance(cloud, Cloud):
+            points, colors = cloud.points, cloud.colors
+        else:
+            points = cloud
         taken = network_input(points, colors, config.normalisation, config.range_m, config.colors)
         row: Features = self._session.run(None, {"points": taken})[0][0]
         return row

@@ -31,6 +31,14 @@ from fusionslam.views.learning.simulated import (
 )
 
 
+class Clouds(Protocol):
+    """Coloured clouds by number."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int, /) -> Cloud: ...
+
+
 class RecordedSights(Protocol):
     """What of a scene set is trained on: coloured clouds and where they were seen from."""
 
@@ -47,7 +55,7 @@ class RecordedSights(Protocol):
         """Float64 (n, 3): x, y, yaw; None without truth."""
 
     @property
-    def clouds(self) -> Sequence[Cloud] | None:
+    def clouds(self) -> Clouds | None:
         """n coloured clouds without ground; None where only scenes were kept."""
 
 
