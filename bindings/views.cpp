@@ -7,13 +7,14 @@
 
 #include "common.hpp"
 #include "configuration.hpp"
+#include "range_image.hpp"
 
 namespace fusionslam::bindings {
 namespace {
 
 constexpr int json_version = 1;
 
-using Reduced = py::typing::Tuple<py::type, py::typing::Tuple<py::array>>;
+using Reduced = py::typing::Tuple<py::type, py::typing::Tuple<py::array, RangeImage>>;
 
 /// Calls visit(name, value) with the parts of an object that JSON holds.
 template <class Object, class Visit>
@@ -32,7 +33,8 @@ bool same(const Scene& a, const Scene& b) {
   const auto parts = [](const SceneObject& o) {
     return std::tie(o.points, o.center, o.volume, o.area, o.color, o.extents, o.box_min, o.box_max);
   };
-  return std::equal(a.objects.begin(), a.objects.end(), b.objects.begin(), b.objects.end(),
+  return a.image == b.image &&
+         std::equal(a.objects.begin(), a.objects.end(), b.objects.begin(), b.objects.end(),
                     [&](const auto& x, const auto& y) { return parts(x) == parts(y); });
 }
 
@@ -69,14 +71,14 @@ Scene checked(Scene&& scene) {
   return std::move(scene);
 }
 
-Scene scene_from_array(const py::object& objects) {
+Scene scene_from_array(const py::object& objects, const std::optional<RangeImage>& image) {
   const py::array given = py::array::ensure(objects);
   if (!given || given.ndim() != 1 || !given.dtype().equal(py::dtype::of<SceneObject>()))
     throw ShapeError(
         "objects is no array like Scene.objects: one dimension, fields center, "
         "volume, area, color, extents, box_min, box_max, points");
   const auto array = py::array_t<SceneObject, py::array::c_style>::ensure(given);
-  return checked({std::vector<SceneObject>(array.data(), array.data() + array.size())});
+  return checked({{array.data(), array.data() + array.size()}, image.value_or(RangeImage{})});
 }
 
 std::string to_json(const Scene& scene) {
@@ -87,7 +89,10 @@ std::string to_json(const Scene& scene) {
     visit_parts(object, [&](const char* name, const auto& value) { entry[name] = value; });
     text += (&object == scene.objects.data() ? "\n  " : ",\n  ") + dumps(entry).cast<std::string>();
   }
-  return text + "\n]}\n";
+  text += "\n]";
+  if (!scene.image.cells.empty())
+    text += ",\n\"image\": " + dumps(image_to_dict(scene.image)).cast<std::string>();
+  return text + "}\n";
 }
 
 SceneObject object_from_entry(const py::dict& entry, std::size_t index) {
@@ -131,11 +136,16 @@ Scene from_json(const std::string& text) {
     scene.objects.push_back(
         object_from_entry(py::reinterpret_borrow<py::dict>(entry), scene.objects.size()));
   }
+  if (whole.contains("image")) {
+    if (!py::isinstance<py::dict>(whole["image"]))
+      throw DataError("JSON of a scene: its image is none");
+    scene.image = image_from_dict(whole["image"]);
+  }
   return checked(std::move(scene));
 }
 
-py::bytes to_bytes(const Scene& scene) {
-  const auto bytes = scene_to_bytes(scene);
+py::bytes to_bytes(const Scene& scene, bool image) {
+  const auto bytes = scene_to_bytes(scene, image);
   return py::bytes(reinterpret_cast<const char*>(bytes.data()), bytes.size());
 }
 
@@ -147,10 +157,11 @@ Scene from_bytes(const py::bytes& bytes) {
 void bind_scene(py::module_& module) {
   using namespace py::literals;
   PYBIND11_NUMPY_DTYPE(SceneObject, center, volume, area, color, extents, box_min, box_max, points);
+  bind_range_image(module);
   py::class_<Scene>(module, "Scene", R"(The objects of a cloud (Stastny 2022, 4.5).
 
 Scenes are values: they do not change, and are equal if all their objects are.)")
-      .def(py::init(&scene_from_array), "objects"_a,
+      .def(py::init(&scene_from_array), "objects"_a, "image"_a = py::none(),
            R"(A scene of given objects, in their order: an array like `objects`.
 
 Raises:
@@ -159,6 +170,8 @@ Raises:
                              R"(Read-only structured array, one row an object, those with most
 points first; fields center (3) m, volume m3, area m2 (of the hull), color (3) RGB 0 to 255,
 extents (3) m along the principal axes, box_min (3), box_max (3) m, points.)")
+      .def_readonly("image", &Scene::image,
+                    "The RangeImage, without cells if the configuration asked for none.")
       .def("__len__", [](const Scene& self) { return self.objects.size(); })
       .def("__eq__",
            [](const Scene& self, const py::object& other) {
@@ -173,7 +186,8 @@ extents (3) m along the principal axes, box_min (3), box_max (3) m, points.)")
 
 Raises:
     DataError: no JSON, no scene, or one of another version.)")
-      .def("to_bytes", &to_bytes, R"(The scene in few bytes: about 25 an object and 12 a scene.
+      .def("to_bytes", &to_bytes, py::kw_only(), "image"_a = true,
+           R"(The scene in few bytes: about 25 an object and 12 a scene.
 
 Similarities under every preset stay within 1e-4: centres and extents are kept to 0.05 mm, volumes
 to 0.01 dm3, areas to 1 cm2, colours to 1/2048 of a byte, numbers of points exactly. Boxes are not
@@ -195,7 +209,8 @@ Raises:
              return value;
            })
       .def("__reduce__", [](const py::object& self) -> Reduced {
-        return py::make_tuple(py::type::of(self), py::make_tuple(self.attr("objects")));
+        return py::make_tuple(py::type::of(self),
+                              py::make_tuple(self.attr("objects"), self.attr("image")));
       });
 }
 

@@ -42,14 +42,15 @@ struct RangeImageConfig {
 
 /// How far it is, and of which colour what is there, in each direction in which a cloud has points.
 struct RangeImage {
-  static constexpr double range_step = 0.002;  ///< m
+  static constexpr double range_step = 0.01;  ///< m, about the noise of a range
+  static constexpr int color_step = 8;        ///< of 256: colours are its multiples
 
   /// A direction: column and row count steps of azimuth and elevation from straight ahead.
   struct Cell {
     std::int16_t column = 0;              ///< azimuth, to the left
     std::int16_t row = 0;                 ///< elevation, up
     std::uint16_t range = 0;              ///< in steps of range_step: mean of the nearest surface
-    std::array<std::uint8_t, 3> color{};  ///< RGB: mean of the same points
+    std::array<std::uint8_t, 3> color{};  ///< RGB: mean of the same points, in whole color_steps
 
     bool operator==(const Cell&) const = default;
   };

@@ -46,6 +46,12 @@ std::vector<Sample> samples_of(PointsView points, const RangeImageConfig& config
   return samples;
 }
 
+/// The multiple of color_step about which the value lies.
+std::uint8_t in_steps(double value) {
+  const int steps = static_cast<int>(value) / RangeImage::color_step;
+  return static_cast<std::uint8_t>(steps * RangeImage::color_step);
+}
+
 /// Mean range and colour of the nearest surface among the samples of one cell.
 RangeImage::Cell cell_of(const Sample* first, const Sample* last, ColorsView colors) {
   const double limit = first->range * (1 + surface_share) + surface_depth;
@@ -59,8 +65,7 @@ RangeImage::Cell cell_of(const Sample* first, const Sample* last, ColorsView col
   const auto count = static_cast<double>(sample - first);
   RangeImage::Cell cell{first->column, first->row, 0, {}};
   cell.range = static_cast<std::uint16_t>(std::lround(range / count / RangeImage::range_step));
-  for (std::size_t i = 0; i < 3; ++i)
-    cell.color[i] = static_cast<std::uint8_t>(std::lround(color[i] / count));
+  for (std::size_t i = 0; i < 3; ++i) cell.color[i] = in_steps(color[i] / count);
   return cell;
 }
 

@@ -94,13 +94,13 @@ SceneConfig scene_preset(std::string_view name) {
     config.min_size = 20;
     config.floor = 0;
     config.image = false;
-    config.center = ObjectCenter::hull;
-    config.color = ObjectColor::mean;
   } else if (name == "author") {
     config.color_scale = DbscanConfig{}.color_scale;
     config.min_size = 1;
     config.floor = 0;
     config.image = false;
+    config.center = ObjectCenter::box;
+    config.color = ObjectColor::median;
   } else if (name != "robust") {
     throw ConfigError("preset is '" + std::string(name) +
                       "', expected one of robust, paper, author");

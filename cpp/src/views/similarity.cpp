@@ -149,8 +149,8 @@ SimilarityConfig similarity_preset(std::string_view name) {
 double object_similarity(const SceneObject& a, const SceneObject& b,
                          const SimilarityConfig& config) {
   const Terms terms = detail::terms_of(config);
-  const Objects first = detail::compared_objects({{a}}, config);
-  const Objects second = detail::compared_objects({{b}}, config);
+  const Objects first = detail::compared_objects({{a}, {}}, config);
+  const Objects second = detail::compared_objects({{b}, {}}, config);
   return std::min(1.0, similarity_of(first[0], second[0], terms, config.color_difference));
 }
 

@@ -1,0 +1,117 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+// Range images for Python and for JSON.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+
+#include "common.hpp"
+
+namespace fusionslam::bindings {
+
+/// Refuses what range_image() does not give.
+inline RangeImage checked_image(RangeImage&& image) {
+  const float numbers[] = {image.azimuth_step, image.elevation_step, image.sensor[0],
+                           image.sensor[1], image.sensor[2]};
+  for (const float value : numbers)
+    if (!std::isfinite(value)) throw DataError("range image: a value that is not finite");
+  if (!(image.azimuth_step > 0 && image.elevation_step > 0))
+    throw DataError("range image: steps of " + std::to_string(image.azimuth_step) + " and " +
+                    std::to_string(image.elevation_step) + " deg, expected more than 0");
+  for (std::size_t i = 0; i < image.cells.size(); ++i) {
+    const RangeImage::Cell& cell = image.cells[i];
+    const auto place = [](const RangeImage::Cell& c) { return std::tie(c.row, c.column); };
+    const bool in_order = i == 0 || place(image.cells[i - 1]) < place(cell);
+    if (!in_order || std::abs(cell.column) * image.azimuth_step > 360 ||
+        std::abs(cell.row) * image.elevation_step > 360 ||
+        std::any_of(cell.color.begin(), cell.color.end(),
+                    [](int value) { return value % RangeImage::color_step != 0; }))
+      throw DataError("range image, cell " + std::to_string(i) +
+                      ": out of order, out of range, or of a colour between the steps");
+  }
+  return std::move(image);
+}
+
+inline py::dict image_to_dict(const RangeImage& image) {
+  using namespace py::literals;
+  py::list cells;
+  for (const RangeImage::Cell& cell : image.cells)
+    cells.append(py::make_tuple(cell.column, cell.row, cell.range, cell.color[0], cell.color[1],
+                                cell.color[2]));
+  return py::dict("azimuth_step"_a = image.azimuth_step, "elevation_step"_a = image.elevation_step,
+                  "sensor"_a = image.sensor, "cells"_a = cells);
+}
+
+inline RangeImage image_from_dict(const py::dict& entry) {
+  RangeImage image;
+  try {
+    image.azimuth_step = entry["azimuth_step"].cast<float>();
+    image.elevation_step = entry["elevation_step"].cast<float>();
+    image.sensor = entry["sensor"].cast<std::array<float, 3>>();
+    using Row = std::tuple<std::int16_t, std::int16_t, std::uint16_t, std::uint8_t, std::uint8_t,
+                           std::uint8_t>;
+    for (const py::handle row : entry["cells"]) {
+      const auto [column, height, range, red, green, blue] = row.cast<Row>();
+      image.cells.push_back({column, height, range, {red, green, blue}});
+    }
+  } catch (const py::cast_error&) {
+    throw DataError("JSON of a scene: its image is none");
+  } catch (py::error_already_set& error) {
+    if (!error.matches(PyExc_KeyError) && !error.matches(PyExc_TypeError)) throw;
+    throw DataError("JSON of a scene: its image is none");
+  }
+  return checked_image(std::move(image));
+}
+
+inline void bind_range_image(py::module_& module) {
+  using namespace py::literals;
+  using Cell = RangeImage::Cell;
+  PYBIND11_NUMPY_DTYPE(Cell, column, row, range, color);
+  py::class_<RangeImage>(
+      module, "RangeImage",
+      R"(How far it is, and of which colour what is there, in each direction of a cloud.
+
+Immutable; equal if all cells are.)")
+      .def(py::init([](const py::array& cells, float azimuth_step, float elevation_step,
+                       const std::array<float, 3>& sensor) {
+             if (cells.ndim() != 1 || !cells.dtype().equal(py::dtype::of<Cell>()))
+               throw ShapeError(
+                   "cells is no array like RangeImage.cells: one dimension, fields "
+                   "column, row, range, color");
+             const auto array = py::array_t<Cell, py::array::c_style>::ensure(cells);
+             return checked_image({azimuth_step,
+                                   elevation_step,
+                                   sensor,
+                                   {array.data(), array.data() + array.size()}});
+           }),
+           "cells"_a, "azimuth_step"_a, "elevation_step"_a, "sensor"_a)
+      .def_property_readonly(
+          "cells",
+          [](const py::object& self) {
+            const auto& cells = self.cast<const RangeImage&>().cells;
+            py::array_t<Cell> array({static_cast<py::ssize_t>(cells.size())}, cells.data(), self);
+            array.attr("flags").attr("writeable") = false;
+            return array;
+          },
+          R"(Read-only structured array; fields column and row (steps of azimuth to the left and of
+elevation up, from straight ahead), range (cm), color (3) RGB.)")
+      .def_readonly("azimuth_step", &RangeImage::azimuth_step, "Degrees.")
+      .def_readonly("elevation_step", &RangeImage::elevation_step, "Degrees.")
+      .def_readonly("sensor", &RangeImage::sensor,
+                    "Metres: what the directions are taken from, in the frame of the cloud.")
+      .def("__len__", [](const RangeImage& self) { return self.cells.size(); })
+      .def("__eq__",
+           [](const RangeImage& self, const py::object& other) {
+             return py::isinstance<RangeImage>(other) && self == other.cast<const RangeImage&>();
+           })
+      .def("__hash__", [](const RangeImage& self) { return self.cells.size(); })
+      .def("__reduce__", [](const py::object& self) {
+        return py::make_tuple(py::type::of(self),
+                              py::make_tuple(self.attr("cells"), self.attr("azimuth_step"),
+                                             self.attr("elevation_step"), self.attr("sensor")));
+      });
+}
+
+}  // namespace fusionslam::bindings
