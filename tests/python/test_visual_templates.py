@@ -278,3 +278,13 @@ def test_files_of_another_version_or_with_values_that_do_not_fit_are_refused(
     np.savez(path, about=np.array(json.dumps(about)), templates=stored * np.float32(np.nan))
     with pytest.raises(DataError, match="not finite"):
         VisualTemplates.load(path)
+
+
+def test_what_is_kept_of_an_image_can_be_recognised_later():
+    whole, parts = VisualTemplates(**SMALL), VisualTemplates(**SMALL)
+    images = [picture(seed % 3) for seed in range(6)]
+    views = [parts.view(image) for image in images]
+    assert len(parts) == 0
+    assert [parts.recognise(view) for view in views] == [whole.process(i) for i in images]
+    with pytest.raises(ShapeError, match=r"float32 \(47,\), expected float32 \(48,\)"):
+        parts.recognise(views[0][1:])

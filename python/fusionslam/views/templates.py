@@ -124,7 +124,27 @@ class VisualTemplates:
             ShapeError: another shape or type, another size than the images before, or fewer
                 pixels than blocks or than the crop asks for.
         """
-        view = self._view(image)
+        return self.recognise(self.view(image))
+
+    def view(self, image: NDArray[np.uint8]) -> Floats:
+        """What is kept of an image, float32 (columns * rows,), column after column.
+
+        Args, raises: as for ``process``; images of a run must be of one size from here on.
+        """
+        pixels = _checked_image(image)
+        shape = (pixels.shape[0], pixels.shape[1])
+        if self._image_shape not in (None, shape):
+            before = _size(self._image_shape)
+            raise ShapeError(f"image: {_size(shape)}, expected {before} as before")
+        blocks = _blocks(_cropped(pixels, self.config), self.config)
+        self._image_shape = shape
+        return np.ascontiguousarray(_normalised(blocks, self.config).T, np.float32).reshape(-1)
+
+    def recognise(self, view: Floats) -> TemplateMatch:
+        """``process`` for what ``view`` kept of an image. Raises ShapeError for anything else."""
+        expected = self._stored.shape[1]
+        if view.shape != (expected,) or view.dtype != np.float32:
+            raise ShapeError(f"view: {view.dtype} {view.shape}, expected float32 ({expected},)")
         best, error, moved = self._nearest(view)
         if error <= self.config.threshold:
             return TemplateMatch(best, self._rotation(moved), is_new=False, error=error)
@@ -179,18 +199,6 @@ class VisualTemplates:
         templates._stored, templates._count = np.ascontiguousarray(stored), len(stored)
         templates._means = stored.mean(axis=1)
         return templates
-
-    def _view(self, image: NDArray[np.uint8]) -> Floats:
-        """The template of an image, float32 (columns * rows,), column after column."""
-        pixels = _checked_image(image)
-        shape = (pixels.shape[0], pixels.shape[1])
-        if self._image_shape not in (None, shape):
-            raise ShapeError(
-                f"image: {_size(shape)}, expected {_size(self._image_shape)} as before"
-            )
-        blocks = _blocks(_cropped(pixels, self.config), self.config)
-        self._image_shape = shape
-        return np.ascontiguousarray(_normalised(blocks, self.config).T, np.float32).reshape(-1)
 
     def _nearest(self, view: Floats) -> tuple[int, float, int]:
         """Id, error and shift of the template that comes nearest; of equal ones the first."""
@@ -278,9 +286,9 @@ def _blocks(pixels: NDArray[np.uint8], config: VisualTemplatesConfig) -> NDArray
     """Mean brightness of whole blocks, (rows, columns), 0 .. 1; what is left over is not used."""
     high, wide = pixels.shape[0] // config.rows, pixels.shape[1] // config.columns
     used = pixels[: high * config.rows, : wide * config.columns]
-    split = used.reshape(config.rows, high, config.columns, wide, -1)
-    # Integers: sums of bytes are exact, in whatever order they are added.
-    sums = split.sum(axis=(1, 3), dtype=np.uint32)
+    # Integers: sums of bytes are exact. Row by row first, which runs along the memory.
+    bands = used.reshape(config.rows, high, -1).sum(axis=1, dtype=np.uint32)
+    sums = bands.reshape(config.rows, config.columns, wide, -1).sum(axis=2, dtype=np.uint32)
     grey = sums[..., 0].astype(np.float64) if sums.shape[-1] == 1 else sums @ _LUMINANCE
     scaled: NDArray[np.float64] = grey / (255 * high * wide)
     return scaled
