@@ -50,6 +50,7 @@ from fusionslam.evaluation.view_published import (
 )
 from fusionslam.evaluation.view_report import ViewReport
 from fusionslam.evaluation.view_rules import VIEW_RULES, ViewRule
+from fusionslam.evaluation.view_runs import ViewRun
 from fusionslam.evaluation.views import ViewJudge, judge_views
 from fusionslam.evaluation.visits import DIRECTIONS, Visit, visits
 
@@ -81,6 +82,7 @@ __all__ = [
     "ViewJudge",
     "ViewReport",
     "ViewRule",
+    "ViewRun",
     "Visit",
     "always_new",
     "baselines",
