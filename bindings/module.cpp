@@ -46,6 +46,7 @@ Raises:
   bind_fusion(module);
   bind_descriptors(module);
   bind_matching(module);
+  bind_views(module);
 }
 
 }  // namespace fusionslam::bindings

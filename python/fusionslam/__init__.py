@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fusionslam import evaluation as evaluation
+    from fusionslam import views as views
     from fusionslam._core import DescriptorIndex as DescriptorIndex
     from fusionslam._core import GroundPlaneConfig as GroundPlaneConfig
     from fusionslam._core import GroundSegmentsConfig as GroundSegmentsConfig
@@ -96,12 +97,14 @@ _HOMES = {
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
 
-__all__ = sorted([*_HOME_OF, "evaluation"])
+_PACKAGES = ("evaluation", "views")
+
+__all__ = sorted([*_HOME_OF, *_PACKAGES])
 
 
 def __getattr__(name: str) -> Any:
-    if name == "evaluation":
-        return import_module("fusionslam.evaluation")
+    if name in _PACKAGES:
+        return import_module(f"fusionslam.{name}")
     if name not in _HOME_OF:
         raise AttributeError(f"module 'fusionslam' has no attribute {name!r}")
     value = getattr(import_module(f"fusionslam.{_HOME_OF[name]}"), name)

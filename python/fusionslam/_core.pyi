@@ -6,7 +6,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'StereoConfig', 'above_height', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'Scene', 'SceneConfig', 'StereoConfig', 'above_height', 'build_scene', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -307,9 +307,129 @@ class DescriptorIndex:
     @property
     def window_seconds(self) -> float:
         ...
+class SceneConfig:
+    """
+    How a coloured cloud becomes a scene.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __init__(self, *, preset: str = 'robust', **kwargs: typing.Any) -> None:
+        """
+        The preset's values, with the given options in their place.
+        """
+    def __repr__(self) -> str:
+        ...
+    @property
+    def center(self) -> str:
+        """
+        centre of an object: of its hull or of its box
+        """
+    @property
+    def color(self) -> str:
+        """
+        colour of an object: mean of its points, or their median, truncated
+        """
+    @property
+    def color_scale(self) -> float:
+        """
+        length of one step of a colour channel [m]
+        """
+    @property
+    def eps(self) -> float:
+        """
+        radius of a neighbourhood [m]
+        """
+    @property
+    def inclusive(self) -> bool:
+        """
+        whether a point exactly eps away is a neighbour
+        """
+    @property
+    def min_points(self) -> int:
+        """
+        neighbours that make a point a core point, itself among them
+        """
+    @property
+    def min_size(self) -> int:
+        """
+        points a cluster must have to be an object
+        """
+class Scene:
+    """
+    The objects of a cloud (Stastny 2022, 4.5).
+    
+    Scenes are values: they do not change, and are equal if all their objects are.
+    """
+    @staticmethod
+    def from_bytes(data: bytes) -> Scene:
+        """
+        The scene that to_bytes wrote.
+        
+        Raises:
+            DataError: bytes that are cut, damaged, foreign or of another version.
+        """
+    @staticmethod
+    def from_json(text: str) -> Scene:
+        """
+        The scene that to_json wrote.
+        
+        Raises:
+            DataError: no JSON, no scene, or one of another version.
+        """
+    def __eq__(self, arg0: typing.Any) -> bool:
+        ...
+    def __hash__(self) -> int:
+        ...
+    def __init__(self, objects: typing.Any) -> None:
+        """
+        A scene of given objects, in their order: an array like `objects`.
+        
+        Raises:
+            ShapeError: another kind of array. DataError: NaN, infinity or an object without points.
+        """
+    def __len__(self) -> int:
+        ...
+    def __reduce__(self) -> tuple[type, tuple[numpy.ndarray]]:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def to_bytes(self) -> bytes:
+        """
+        The scene in few bytes.
+        """
+    def to_json(self) -> str:
+        """
+        The scene as JSON, exact, one line an object.
+        """
+    @property
+    def objects(self) -> numpy.ndarray:
+        """
+        Read-only structured array, one row an object, those with most
+        points first; fields center (3) m, volume m3, area m2 (of the hull), color (3) RGB 0 to 255,
+        extents (3) m along the principal axes, box_min (3), box_max (3) m, points.
+        """
 def above_height(points: numpy.typing.NDArray[numpy.float32], height: typing.SupportsFloat | typing.SupportsIndex, *, up: str = 'z') -> numpy.typing.NDArray[numpy.int64]:
     """
     Indices, int64 (M,), of the points above height metres along up (x, y, z, -x, -y, -z).
+    """
+def build_scene(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8] | None, *, preset: str = 'robust', config: SceneConfig | None = None) -> Scene:
+    """
+    The objects of a cloud: clusters, and the convex hull of each (Stastny 2022, 4.5).
+    
+    Args:
+        points: float32 (N, 3), metres, without ground.
+        colors: uint8 (N, 3), RGB.
+        preset: "robust" (default), "paper" (the thesis's text) or "author" (its program).
+        config: a SceneConfig, used instead of the preset.
+    
+    Returns:
+        Scene, without objects for a cloud without clusters or points.
+    
+    Raises:
+        DataError: NaN, infinity, no colours. ShapeError: wrong arrays. ConfigError: unknown preset.
     """
 def cloud_from_disparity(disparity: numpy.typing.NDArray[numpy.float32], image: numpy.typing.NDArray[numpy.uint8], left_projection: numpy.typing.NDArray[numpy.float64], right_projection: numpy.typing.NDArray[numpy.float64], *, cloud_from_rectified: numpy.typing.NDArray[numpy.float64] | None = None, config: StereoConfig = ...) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64]]:
     """
@@ -378,6 +498,25 @@ def cshot(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDAr
     
     Returns:
         float32 (1344,).
+    """
+def dbscan(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8] | None = None, *, eps: typing.SupportsFloat | typing.SupportsIndex, min_points: typing.SupportsInt | typing.SupportsIndex, color_scale: typing.SupportsFloat | typing.SupportsIndex = 0.001, inclusive: bool = False) -> numpy.typing.NDArray[numpy.int32]:
+    """
+    Clusters of points by density in (x, y, z, s r, s g, s b) (Ester et al. 1996).
+    
+    Args:
+        points: float32 (N, 3), metres, any frame.
+        colors: uint8 (N, 3), RGB; None clusters in x, y, z only.
+        eps: radius of a neighbourhood, metres.
+        min_points: neighbours that make a point a core point, itself among them.
+        color_scale: s, metres a step of a colour channel.
+        inclusive: whether a point exactly eps away is a neighbour (as in scikit-learn).
+    
+    Returns:
+        int32 (N,): clusters from 0 in the order of their first core points, -1 for noise. A border
+        point belongs to the first of the clusters that reach it.
+    
+    Raises:
+        DataError: NaN or infinity. ShapeError: wrong arrays. ConfigError: values out of range.
     """
 def demosaic(image: numpy.typing.NDArray[numpy.uint8], pattern: str) -> numpy.typing.NDArray[numpy.uint8]:
     """

@@ -70,32 +70,28 @@ struct ChoiceNames<ObjectColor> {
 };
 
 /// How a coloured cloud becomes a scene; the defaults are those of the "robust" preset.
-struct SceneConfig {
+struct SceneConfig : DbscanConfig {
   static constexpr const char* section = "scene";
 
-  double eps = 0.6;
-  int min_points = 10;
-  double color_scale = 0.001;
-  bool inclusive = false;
   int min_size = 10;
   ObjectCenter center = ObjectCenter::hull;
   ObjectColor color = ObjectColor::mean;
 
   template <class Config, class Visitor>
   static void visit(Config& config, Visitor&& visitor) {
-    visitor("eps", config.eps, OptionInfo{"radius of a neighbourhood", "m", 1e-6, 1e6});
-    visitor("min_points", config.min_points,
-            OptionInfo{"neighbours that make a point a core point, itself among them", "", 1, 1e9});
-    visitor("color_scale", config.color_scale,
-            OptionInfo{"length of one step of a colour channel", "m", 0, 1e3});
-    visitor("inclusive", config.inclusive,
-            OptionInfo{"whether a point exactly eps away is a neighbour"});
+    DbscanConfig::visit(config, visitor);
     visitor("min_size", config.min_size,
             OptionInfo{"points a cluster must have to be an object", "", 1, 1e9});
     visitor("center", config.center, OptionInfo{"centre of an object: of its hull or of its box"});
-    visitor("color", config.color, OptionInfo{"colour of an object: of its points"});
+    visitor("color", config.color,
+            OptionInfo{"colour of an object: mean of its points, or their median, truncated"});
   }
 };
+
+/// "paper": the text of the thesis. "author": the program of its author, with centres of boxes,
+/// truncated medians and no size filter. "robust": the default. Throws ConfigError for any other
+/// name.
+SceneConfig scene_preset(std::string_view name);
 
 /// One object of a scene: a cluster and its convex hull.
 struct SceneObject {
@@ -109,9 +105,22 @@ struct SceneObject {
   std::int64_t points = 0;
 };
 
-/// The objects of a cloud, largest first.
+/// The objects of a cloud: those with most points first, of equally many the one whose first core
+/// point comes first in the cloud.
 struct Scene {
   std::vector<SceneObject> objects;
 };
+
+/// The objects of a cloud (Stastny 2022, 4.5). A cloud without clusters, or without points, gives a
+/// scene without objects. Throws DataError for NaN and infinity, ShapeError if there is not one
+/// colour a point, ConfigError for values out of range.
+Scene build_scene(PointsView points, ColorsView colors, const SceneConfig& config = {});
+
+/// The scene in few bytes.
+std::vector<std::uint8_t> scene_to_bytes(const Scene& scene);
+
+/// The scene that scene_to_bytes wrote. Throws DataError if the bytes are cut, damaged, foreign or
+/// of another version.
+Scene scene_from_bytes(std::span<const std::uint8_t> bytes);
 
 }  // namespace fusionslam

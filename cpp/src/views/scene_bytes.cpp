@@ -1,0 +1,214 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+// The bytes: magic, version, sections (kind, length, content), checksum. Readers pass over sections
+// they do not know. The objects are whole multiples of a step, column by column, each column in as
+// many bits as its greatest value needs.
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <sstream>
+#include <string>
+
+#include "fusionslam/errors.hpp"
+#include "fusionslam/views.hpp"
+
+namespace fusionslam {
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+constexpr std::uint8_t magic = 0x5c;
+constexpr std::uint8_t version = 1;
+constexpr std::uint64_t objects_section = 1;
+constexpr std::size_t checksum_size = 2;
+constexpr int width_bits = 6;
+constexpr double greatest_value = 9007199254740992.0;  // 2^53: whole numbers are exact up to here
+
+[[noreturn]] void refuse(const std::string& why) { throw DataError("bytes of a scene: " + why); }
+
+/// CRC-16/CCITT: finds damage, is not meant against forgery.
+std::uint16_t checksum(std::span<const std::uint8_t> bytes) {
+  unsigned value = 0xffff;
+  for (const std::uint8_t byte : bytes) {
+    value ^= static_cast<unsigned>(byte) << 8;
+    for (int bit = 0; bit < 8; ++bit) value = (value & 0x8000) ? (value << 1) ^ 0x1021 : value << 1;
+  }
+  return static_cast<std::uint16_t>(value);
+}
+
+void append_varint(Bytes& bytes, std::uint64_t value) {
+  for (; value >= 0x80; value >>= 7) bytes.push_back(static_cast<std::uint8_t>(value | 0x80));
+  bytes.push_back(static_cast<std::uint8_t>(value));
+}
+
+std::uint64_t take_varint(std::span<const std::uint8_t>& bytes) {
+  std::uint64_t value = 0;
+  for (int shift = 0; shift < 63; shift += 7) {
+    if (bytes.empty()) refuse("cut off");
+    const std::uint8_t byte = bytes.front();
+    bytes = bytes.subspan(1);
+    value |= static_cast<std::uint64_t>(byte & 0x7f) << shift;
+    if (byte < 0x80) return value;
+  }
+  refuse("damaged number");
+}
+
+class BitWriter {
+ public:
+  explicit BitWriter(Bytes& bytes) : bytes_(bytes) {}
+  void write(std::uint64_t value, int bits) {
+    for (int i = 0; i < bits; ++i, ++used_) {
+      if (used_ % 8 == 0) bytes_.push_back(0);
+      bytes_.back() |= static_cast<std::uint8_t>(((value >> i) & 1) << (used_ % 8));
+    }
+  }
+
+ private:
+  Bytes& bytes_;
+  std::size_t used_ = 0;
+};
+
+class BitReader {
+ public:
+  explicit BitReader(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
+  std::uint64_t read(int bits) {
+    std::uint64_t value = 0;
+    for (int i = 0; i < bits; ++i, ++used_) {
+      if (used_ / 8 >= bytes_.size()) refuse("too short for its objects");
+      value |= static_cast<std::uint64_t>((bytes_[used_ / 8] >> (used_ % 8)) & 1) << i;
+    }
+    return value;
+  }
+  std::size_t bytes_used() const { return (used_ + 7) / 8; }
+
+ private:
+  std::span<const std::uint8_t> bytes_;
+  std::size_t used_ = 0;
+};
+
+/// Numbers of an object that share a step and a width.
+struct Column {
+  const char* name;
+  double step;
+  bool is_signed;
+  std::span<double> (*values)(SceneObject&);
+};
+
+const Column columns[] = {
+    {"center", 1e-4, true, [](SceneObject& o) { return std::span<double>(o.center); }},
+    {"volume", 1e-5, false, [](SceneObject& o) { return std::span<double>(&o.volume, 1); }},
+    {"area", 1e-4, false, [](SceneObject& o) { return std::span<double>(&o.area, 1); }},
+    {"color", 1.0 / 256, false, [](SceneObject& o) { return std::span<double>(o.color); }},
+    {"extents", 1e-3, false, [](SceneObject& o) { return std::span<double>(o.extents); }},
+};
+
+std::uint64_t steps_of(const Column& column, double value) {
+  const double steps = std::round(value / column.step);
+  if (!(std::fabs(steps) <= greatest_value) || (steps < 0 && !column.is_signed)) {
+    std::ostringstream message;
+    message << "a scene whose " << column.name << " is " << value << " cannot be stored";
+    throw DataError(message.str());
+  }
+  const auto whole = static_cast<std::int64_t>(steps);
+  if (!column.is_signed) return static_cast<std::uint64_t>(whole);
+  return (static_cast<std::uint64_t>(whole) << 1) ^ static_cast<std::uint64_t>(whole >> 63);
+}
+
+double value_of(const Column& column, std::uint64_t steps) {
+  if (!column.is_signed) return static_cast<double>(steps) * column.step;
+  const auto whole = static_cast<std::int64_t>(steps >> 1) ^ -static_cast<std::int64_t>(steps & 1);
+  return static_cast<double>(whole) * column.step;
+}
+
+void write_column(BitWriter& writer, const std::vector<std::uint64_t>& values) {
+  const std::uint64_t greatest = *std::max_element(values.begin(), values.end());
+  const int width = std::bit_width(greatest);
+  writer.write(static_cast<std::uint64_t>(width), width_bits);
+  for (const std::uint64_t value : values) writer.write(value, width);
+}
+
+Bytes objects_to_bytes(std::vector<SceneObject> objects) {
+  Bytes bytes;
+  append_varint(bytes, objects.size());
+  if (objects.empty()) return bytes;
+  BitWriter writer(bytes);
+  std::vector<std::uint64_t> values;
+  for (const SceneObject& object : objects)
+    values.push_back(static_cast<std::uint64_t>(object.points));
+  write_column(writer, values);
+  for (const Column& column : columns) {
+    values.clear();
+    for (SceneObject& object : objects)
+      for (const double value : column.values(object)) values.push_back(steps_of(column, value));
+    write_column(writer, values);
+  }
+  return bytes;
+}
+
+int read_width(BitReader& reader) {
+  const auto width = static_cast<int>(reader.read(width_bits));
+  if (width > 55) refuse("damaged width");
+  return width;
+}
+
+std::vector<SceneObject> objects_from_bytes(std::span<const std::uint8_t> bytes) {
+  const std::uint64_t count = take_varint(bytes);
+  if (count > 8 * bytes.size()) refuse("too short for its objects");
+  std::vector<SceneObject> objects(count);
+  if (count == 0) return objects;
+  BitReader reader(bytes);
+  const int points_width = read_width(reader);
+  for (SceneObject& object : objects)
+    object.points = static_cast<std::int64_t>(reader.read(points_width));
+  for (const Column& column : columns) {
+    const int width = read_width(reader);
+    for (SceneObject& object : objects)
+      for (double& value : column.values(object)) value = value_of(column, reader.read(width));
+  }
+  if (reader.bytes_used() != bytes.size()) refuse("longer than its objects");
+  for (SceneObject& object : objects) object.box_min = object.box_max = object.center;
+  return objects;
+}
+
+std::span<const std::uint8_t> checked(std::span<const std::uint8_t> bytes) {
+  if (bytes.empty() || bytes[0] != magic) refuse("these are none");
+  if (bytes.size() >= 2 && bytes[1] != version)
+    refuse("version " + std::to_string(bytes[1]) + ", this program reads version " +
+           std::to_string(version));
+  if (bytes.size() < 2 + checksum_size) refuse("cut off");
+  const auto content = bytes.first(bytes.size() - checksum_size);
+  const std::uint16_t sum = checksum(content);
+  const auto stored = bytes.last(checksum_size);
+  if (stored[0] != (sum & 0xff) || stored[1] != sum >> 8)
+    refuse("damaged or cut off: the checksum does not fit");
+  return content.subspan(2);
+}
+
+}  // namespace
+
+Bytes scene_to_bytes(const Scene& scene) {
+  Bytes bytes{magic, version};
+  const Bytes objects = objects_to_bytes(scene.objects);
+  append_varint(bytes, objects_section);
+  append_varint(bytes, objects.size());
+  bytes.insert(bytes.end(), objects.begin(), objects.end());
+  const std::uint16_t sum = checksum(bytes);
+  bytes.push_back(static_cast<std::uint8_t>(sum & 0xff));
+  bytes.push_back(static_cast<std::uint8_t>(sum >> 8));
+  return bytes;
+}
+
+Scene scene_from_bytes(std::span<const std::uint8_t> bytes) {
+  std::span<const std::uint8_t> rest = checked(bytes);
+  Scene scene;
+  while (!rest.empty()) {
+    const std::uint64_t kind = take_varint(rest);
+    const std::uint64_t size = take_varint(rest);
+    if (size > rest.size()) refuse("cut off");
+    if (kind == objects_section) scene.objects = objects_from_bytes(rest.first(size));
+    rest = rest.subspan(size);
+  }
+  return scene;
+}
+
+}  // namespace fusionslam
