@@ -230,6 +230,7 @@ void bind_descriptors(py::module_& module);
 void bind_fusion(py::module_& module);
 void bind_matching(py::module_& module);
 void bind_views(py::module_& module);
+void bind_similarity(py::module_& module);
 
 }  // namespace fusionslam::bindings
 

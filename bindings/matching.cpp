@@ -2,66 +2,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cmath>
 #include <filesystem>
-#include <mutex>
-#include <shared_mutex>
 
 #include "common.hpp"
+#include "shared.hpp"
 
 namespace fusionslam::bindings {
 namespace {
 
+using SharedIndex = Shared<DescriptorIndex>;
 using MatchTuple = py::typing::Tuple<py::array_t<std::int64_t>, py::array_t<float>>;
-
-/// An index that Python threads may share: queries run without the GIL, so it cannot guard them.
-/// Ctrl-C ends long reads. Python's signal handlers run inside them, on the thread that holds the
-/// lock: what such a handler reads of the same index needs no lock, and it cannot write.
-class SharedIndex {
- public:
-  explicit SharedIndex(DescriptorIndex index) : index_(std::move(index)) {}
-
-  /// Calls work(index) without the GIL, while nobody writes.
-  template <class Work>
-  auto read(Work&& work) const {
-    return without_gil([&] {
-      std::shared_lock lock(mutex_, std::defer_lock);
-      if (!is_read_here()) lock.lock();
-      const Reading reading(this);
-      return work(index_);
-    });
-  }
-
-  /// Calls work(index) without the GIL, alone.
-  template <class Work>
-  auto write(Work&& work) {
-    if (is_read_here())
-      throw std::runtime_error("a signal handler cannot change the index whose use it interrupts");
-    const py::gil_scoped_release release;
-    const std::unique_lock lock(mutex_);
-    return work(index_);
-  }
-
- private:
-  /// While it lives, this thread reads an index; they form a list, the innermost first.
-  struct Reading {
-    explicit Reading(const SharedIndex* read) : index(read), outer(readings_) { readings_ = this; }
-    Reading(const Reading&) = delete;
-    Reading& operator=(const Reading&) = delete;
-    ~Reading() { readings_ = outer; }
-
-    const SharedIndex* index;
-    const Reading* outer;
-  };
-
-  bool is_read_here() const {
-    for (const Reading* reading = readings_; reading != nullptr; reading = reading->outer)
-      if (reading->index == this) return true;
-    return false;
-  }
-
-  static inline thread_local const Reading* readings_ = nullptr;
-  DescriptorIndex index_;
-  mutable std::shared_mutex mutex_;
-};
 
 ExclusionWindow window_of(py::ssize_t frames, double seconds) {
   if (frames < 0) throw ConfigError("window is " + std::to_string(frames) + ", expected >= 0");

@@ -47,6 +47,7 @@ Raises:
   bind_descriptors(module);
   bind_matching(module);
   bind_views(module);
+  bind_similarity(module);
 }
 
 }  // namespace fusionslam::bindings

@@ -3,6 +3,7 @@
 """Drives with view ids, and a judge of them that does everything by plain loops."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,3 +68,14 @@ def judged_by_loops(drive: Drive, rule: ViewRule) -> dict[str, int]:
         counts["revisits"] += back
         counts["found_revisits"] += back and right
     return counts | {"views": len(first)}
+
+
+def scans_above_floor(
+    test_data: Path, world: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Poses and stamps of a recording's scans that hold more than floor (z > 0.1 m)."""
+    with np.load(test_data / "recordings" / f"{world}.npz") as data:
+        heights = data["rays"][data["collision_ray"], 2] * (data["collision_range_mm"] / 1000)
+        above = np.append(0, np.cumsum(heights + data["lidar_xyz"][2] > 0.1))
+        kept = np.diff(above[data["collision_offsets"]]) > 0
+        return data["poses"][kept], data["stamps"][kept]

@@ -23,7 +23,7 @@ from fusionslam.evaluation import (
     every_kth,
     judge_views,
 )
-from judged_drives import judged_by_loops, random_drive
+from judged_drives import judged_by_loops, random_drive, scans_above_floor
 
 # Nothing in the random drives lies exactly on these limits, where rounding would decide.
 LIMITS = {"false_positive_distance": 0.81, "false_negative_distance": 0.21, "loop_distance": 0.81}
@@ -148,6 +148,7 @@ def test_the_numbering_of_ids_does_not_matter() -> None:
         ({"ids": [0, 1]}, ShapeError, r"ids: int64 \(2,\), expected integers \(3,\)"),
         ({"ids": [0.0, 1.0, 2.0]}, ShapeError, "ids: float64"),
         ({"ids": [True, False, True]}, ShapeError, "ids: bool"),
+        ({"ids": np.full(3, 2**64 - 1, "u8")}, DataError, "ids: 18446744073709551615"),
         ({"poses": np.zeros((3, 2))}, ShapeError, r"poses: \(3, 2\), expected \(n, 3\)"),
         ({"poses": [[0, 0, 0], [0, np.nan, 0], [0, 0, 0]]}, DataError, "poses: row 1"),
         ({"poses": "far"}, ShapeError, "poses: expected numbers"),
@@ -192,11 +193,7 @@ def test_a_program_without_a_sensor_scores_what_was_measured_elsewhere(
     test_data: Path, world: str, scans: int, accuracy: float
 ) -> None:
     """The author's scans: those of the collision shapes that hold more than floor."""
-    with np.load(test_data / "recordings" / f"{world}.npz") as data:
-        heights = data["rays"][data["collision_ray"], 2] * (data["collision_range_mm"] / 1000)
-        above = np.append(0, np.cumsum(heights + data["lidar_xyz"][2] > 0.1))
-        kept = np.diff(above[data["collision_offsets"]]) > 0
-        poses, stamps = data["poses"][kept], data["stamps"][kept]
+    poses, stamps = scans_above_floor(test_data, world)
     report = judge_views(every_kth(len(poses), 3), poses, stamps)
     assert report.n == scans
     assert 100 * report.accuracy == pytest.approx(accuracy, abs=0.05)  # type: ignore[operator]

@@ -10,4 +10,5 @@
 #include "fusionslam/matching.hpp"
 #include "fusionslam/sensors.hpp"
 #include "fusionslam/simd.hpp"
+#include "fusionslam/view_similarity.hpp"
 #include "fusionslam/views.hpp"

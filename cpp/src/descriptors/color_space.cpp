@@ -24,7 +24,18 @@ double srgb_to_linear(std::uint8_t value, double deciding) {
   return deciding > 0.04045 ? curve.high[value] : curve.low[value];
 }
 
+double srgb_to_linear(double value) {
+  return value > 0.04045 ? std::pow((value + 0.055) / 1.055, 2.4) : value / 12.92;
+}
+
 double lab_curve(double t) { return t > 0.008856 ? std::cbrt(t) : 7.787 * t + 16.0 / 116.0; }
+
+std::array<double, 3> lab_of_linear(double red, double green, double blue) {
+  const double x = lab_curve((red * 41.24 + green * 35.76 + blue * 18.05) / 95.047);
+  const double y = lab_curve((red * 21.26 + green * 71.52 + blue * 7.22) / 100.0);
+  const double z = lab_curve((red * 1.93 + green * 11.92 + blue * 95.05) / 108.883);
+  return {116 * y - 16, 500 * (x - y), 200 * (y - z)};
+}
 
 double hue_degrees(double r, double g, double b, double largest, double range) {
   if (range == 0) return 0;
@@ -80,10 +91,13 @@ std::array<double, 3> lab_from_rgb(std::uint8_t r, std::uint8_t g, std::uint8_t 
   const double red = srgb_to_linear(r, r / 255.0);
   const double green = srgb_to_linear(g, author_fault ? red : g / 255.0);
   const double blue = srgb_to_linear(b, author_fault ? red : b / 255.0);
-  const double x = lab_curve((red * 41.24 + green * 35.76 + blue * 18.05) / 95.047);
-  const double y = lab_curve((red * 21.26 + green * 71.52 + blue * 7.22) / 100.0);
-  const double z = lab_curve((red * 1.93 + green * 11.92 + blue * 95.05) / 108.883);
-  return {(116 * y - 16) / 100, (500 * (x - y) + 128) / 255, (200 * (y - z) + 128) / 255};
+  const auto [lightness, a, b_star] = lab_of_linear(red, green, blue);
+  return {lightness / 100, (a + 128) / 255, (b_star + 128) / 255};
+}
+
+std::array<double, 3> lab_from_rgb(const std::array<double, 3>& rgb) {
+  return lab_of_linear(srgb_to_linear(rgb[0] / 255), srgb_to_linear(rgb[1] / 255),
+                       srgb_to_linear(rgb[2] / 255));
 }
 
 ColorBinner::ColorBinner(ColorsView colors, ColorSpace space, const M2dpConfig& config)

@@ -36,4 +36,7 @@ std::array<double, 3> hsv_from_rgb(std::uint8_t r, std::uint8_t g, std::uint8_t 
 std::array<double, 3> lab_from_rgb(std::uint8_t r, std::uint8_t g, std::uint8_t b,
                                    bool author_fault);
 
+/// (L, a, b) of CIE 1976 with white D65, of channels from 0 to 255 between the bytes, too.
+std::array<double, 3> lab_from_rgb(const std::array<double, 3>& rgb);
+
 }  // namespace fusionslam::detail

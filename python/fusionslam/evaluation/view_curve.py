@@ -247,7 +247,7 @@ def _checked_thresholds(thresholds: Iterable[float]) -> Floats:
 
 
 def _columns(reports: list[ViewReport]) -> dict[str, Floats]:
-    """Figures as arrays; float(None) does not exist, so None becomes NaN."""
+    """Figures as arrays; NumPy makes NaN of None."""
     return {
         name: np.array([getattr(report, name) for report in reports], dtype=np.float64)
         for name in COLUMNS

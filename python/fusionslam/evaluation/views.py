@@ -126,10 +126,23 @@ class ViewJudge:
         for start in range(0, len(scans), step):
             rows = slice(start, start + step)
             most = int(counts[rows].max())
-            distances, angles = self._apart(scans[rows, None], others[None, :most])
-            near = (distances <= distance) & (angles <= angle)
-            found[rows] = (near & (np.arange(most) < counts[rows, None])).any(axis=1)
+            near = self._roughly_near(scans[rows], others[:most], distance)
+            near &= np.arange(most) < counts[rows, None]
+            row, other = np.nonzero(near)
+            distances, angles = self._apart(scans[rows][row], others[other])
+            found[start + row[(distances <= distance) & (angles <= angle)]] = True
         return found
+
+    def _roughly_near(self, scans: Ints, others: Ints, distance: float) -> Mask:
+        """Bool (n, m): whether positions are within a distance, or by rounding beyond it."""
+        x, y = self.poses[:, 0], self.poses[:, 1]
+        across = x[scans][:, None] - x[others]
+        along = y[scans][:, None] - y[others]
+        across *= across
+        along *= along
+        across += along
+        reach: Mask = across <= (distance * (1 + 1e-9)) ** 2
+        return reach
 
     def _apart(self, scans: Ints, others: Ints) -> tuple[Floats, Floats]:
         """Distances (m) and angles (degrees, 0 to 180) between scans, broadcast."""
@@ -146,12 +159,14 @@ def first_scenes(ids: Ints) -> Ints:
 
 
 def checked_ids(ids: Any, count: int) -> Ints:
-    """Ids as int64 (count,). Raises ShapeError."""
+    """Ids as int64 (count,). Raises ShapeError, or DataError for what int64 cannot hold."""
     views = np.asarray(ids)
     if views.shape != (count,) or (views.dtype.kind not in "iu" and count):
         raise ShapeError(
             f"ids: {views.dtype} {views.shape}, expected integers ({count},): one id a pose"
         )
+    if views.dtype.kind == "u" and count and views.max() > np.iinfo(np.int64).max:
+        raise DataError(f"ids: {views.max()} is too large for int64")
     return views.astype(np.int64)
 
 

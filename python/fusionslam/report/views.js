@@ -16,7 +16,7 @@ for (const root of document.querySelectorAll(".scrub")) {
     image.hidden = !data;
     none.hidden = Boolean(data);
     if (data) image.src = "data:image/jpeg;base64," + data;
-    none.textContent = place ? "no picture" : "a new view: nothing to compare with";
+    none.textContent = place ? "no picture" : "no view to show";
     part(side + "-text").textContent = place ? `scan ${place.n}, ${place.t.toFixed(1)} s` : "";
   }
 
@@ -34,7 +34,8 @@ for (const root of document.querySelectorAll(".scrub")) {
     const [left, right] = span(0), [bottom, top] = span(1);
     const wide = right - left || 1, high = top - bottom || 1;
     const scale = Math.min((map.width - 2 * edge) / wide, (map.height - 2 * edge) / high);
-    const at = ([x, y]) => [edge + (x - left) * scale, map.height - edge - (y - bottom) * scale];
+    const across = (map.width - wide * scale) / 2, down = (map.height + high * scale) / 2;
+    const at = ([x, y]) => [across + (x - left) * scale, down - (y - bottom) * scale];
     context.clearRect(0, 0, map.width, map.height);
     context.strokeStyle = "#b4b8bf";
     context.beginPath();
@@ -55,6 +56,7 @@ for (const root of document.querySelectorAll(".scrub")) {
     const frame = run.frames[slider.value], verdict = part("verdict");
     picture("now", run.places[frame.i]);
     picture("view", frame.v >= 0 ? run.places[frame.v] : null);
+    part("role").textContent = frame.w === "false negative" ? "should have matched" : "its view";
     verdict.textContent = frame.w + (frame.l ? ", " + frame.l : "");
     verdict.className = frame.w.startsWith("false") || frame.l.startsWith("wrong") ? "bad" : frame.l.startsWith("right") ? "good" : "";
     const words = [frame.id < 0 ? "no view" : `view ${frame.id}`];

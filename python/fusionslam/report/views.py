@@ -71,8 +71,8 @@ def write_view_report(
     missed: dict[str, None] = {}
     with styled():
         worlds = [
-            world_part(target, target / RUNS, world, group, missed)
-            for world, group in _by_world(judged).items()
+            world_part(target, target / RUNS, f"{number}", world, group, missed)
+            for number, (world, group) in enumerate(_by_world(judged).items())
         ]
     about = about_report(", ".join(part.name for part in worlds), command, _configs(runs))
     about |= {"title": title, "notes": list(notes), "rule": name}

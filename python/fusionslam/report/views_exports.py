@@ -14,7 +14,7 @@ import numpy as np
 from fusionslam._files import atomic_path
 from fusionslam.evaluation import ViewReport, ViewRun, baselines, judge_views
 from fusionslam.report.views_plots import path_pieces
-from fusionslam.report.views_previews import needed_rows, shown_rows, stamp_key
+from fusionslam.report.views_previews import counterparts, needed_rows, shown_rows, stamp_key
 
 Judged = Sequence[tuple[ViewRun, ViewReport]]
 COLUMNS = (
@@ -108,17 +108,21 @@ def _csv_rows(run: ViewRun, report: ViewReport) -> Iterator[tuple[object, ...]]:
 def scrub_data(run: ViewRun, report: ViewReport, previews: Mapping[int, bytes]) -> dict[str, Any]:
     """What the scrubbing view shows of one run, as JSON can hold it.
 
-    ``frames`` are the scans that the page can show; ``v`` of each is the place of its view in
-    ``places``, which lists every scan that has to be drawn, or -1.
+    ``frames`` are the scans that the page can show; ``i`` of each is its place in ``places``,
+    which lists every scan that has to be drawn, and ``v`` the place of what it is shown beside
+    (``counterparts``), or -1.
     """
-    rows = needed_rows(report)
+    rows = needed_rows(run, report)
     where = {row: place for place, row in enumerate(rows)}
-    shown = shown_rows(report)
+    beside = counterparts(run, report)
     return {
         "method": run.method,
         "path": [np.round(piece, 2).tolist() for piece in path_pieces(run)],
         "places": [_place(run, row, previews) for row in rows],
-        "frames": [_frame(run, report, row, where) for row in shown],
+        "frames": [
+            _frame(run, report, row, where[row], where.get(int(beside[row]), -1))
+            for row in shown_rows(report)
+        ],
     }
 
 
@@ -132,13 +136,12 @@ def _place(run: ViewRun, row: int, previews: Mapping[int, bytes]) -> dict[str, A
     }
 
 
-def _frame(run: ViewRun, report: ViewReport, row: int, where: Mapping[int, int]) -> dict[str, Any]:
-    matched = int(report.matched[row])
-    known = matched >= 0
+def _frame(run: ViewRun, report: ViewReport, row: int, place: int, beside: int) -> dict[str, Any]:
+    known = report.matched[row] >= 0
     similarity = None if run.similarities is None else run.similarities[row]
     return {
-        "i": where[row],
-        "v": where[matched] if known else -1,
+        "i": place,
+        "v": beside,
         "id": int(report.ids[row]),
         "s": _number(similarity, "{:.3f}"),
         "d": f"{report.distances[row]:.2f} m, {report.angles[row]:.0f}°" if known else None,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.evaluation import ViewCurve, ViewReport, ViewRun
+from fusionslam.evaluation import ViewCurve, ViewReport, ViewRun, baselines, judge_views
 from fusionslam.report.plots import CURVE_COLORS, FALSE, MISSED, PATH, TRUE, new_figure
 
 if TYPE_CHECKING:
@@ -34,9 +34,10 @@ def draw_view_curves(runs: Judged) -> "Figure | None":
         axis.set(xlabel=f"{kind}recall", ylabel=f"{kind}precision")
         axis.set(xlim=(-0.02, 1.02), ylim=(0, 1.04))
         axis.grid(alpha=0.25)
+    _without_sensor(panels[1], *swept[0][:2])
     panels[0].set_title("Loops: matches with views older than 20 s")
     panels[1].set_title("All positives, as in the thesis's figure 5.5")
-    handles, labels = panels[0].get_legend_handles_labels()
+    handles, labels = panels[1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(labels)))
     return figure
 
@@ -50,6 +51,15 @@ def _curve(
     here = (getattr(report, f"{name}recall"), getattr(report, f"{name}precision"))
     if None not in here:
         axis.plot(*here, "o", color=color, markeredgecolor="white", ms=8, zorder=5)
+
+
+def _without_sensor(axis: "Axes", run: ViewRun, report: ViewReport) -> None:
+    """The baselines, which have no loop recall but do have recall."""
+    for (name, ids), marker in zip(baselines(len(run)).items(), "+x*", strict=True):
+        own = judge_views(ids, run.poses, run.stamps, rule=report.rule)
+        if own.recall is not None and own.precision is not None:
+            label = f"no sensor: {name}"
+            axis.plot(own.recall, own.precision, marker, color="#666666", ms=8, label=label)
 
 
 def draw_errors(runs: Judged) -> "Figure | None":

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusionslam._files import atomic_path
 from fusionslam.errors import DataError
@@ -41,17 +42,34 @@ def shown_rows(report: ViewReport) -> list[int]:
     return sorted({*range(0, report.n, step), *wrong})
 
 
-def needed_rows(report: ViewReport) -> list[int]:
-    """The rows that are shown, and the first scenes of their views."""
+def counterparts(run: ViewRun, report: ViewReport) -> NDArray[np.int64]:
+    """Int64 (n,): the first scene of each positive's view; the nearest stored scene of a false
+    negative, which it should have matched; -1 for the rest."""
+    found = report.matched.copy()
+    stored = np.flatnonzero((report.matched < 0) & (report.ids >= 0))
+    for row in report.false_negative_indices.tolist():
+        earlier = stored[stored < row]
+        apart = run.poses[earlier] - run.poses[row]
+        turned = np.abs(np.degrees(np.angle(np.exp(1j * apart[:, 2]))))
+        metres = np.hypot(apart[:, 0], apart[:, 1])
+        turned_away = turned > report.rule.false_negative_angle
+        found[row] = earlier[np.argmin(np.where(turned_away, np.inf, metres))]
+    return found
+
+
+def needed_rows(run: ViewRun, report: ViewReport) -> list[int]:
+    """The rows that are shown, and what each is shown beside."""
     rows = shown_rows(report)
-    matched = report.matched[rows]
-    return sorted({*rows, *matched[matched >= 0].tolist()})
+    beside = counterparts(run, report)[rows]
+    return sorted({*rows, *beside[beside >= 0].tolist()})
 
 
 def previews_of(
     runs: Sequence[ViewRun], reports: Sequence[ViewReport], path: Path, missed: dict[str, None]
 ) -> dict[int, bytes]:
     """JPEG by ``stamp_key`` of all that is shown of one drive's runs.
+
+    What the runs' images and clouds show now counts more than what was kept.
 
     Args:
         runs, reports: what is shown.
@@ -61,7 +79,7 @@ def previews_of(
     kept = load_previews(path) if path.exists() else {}
     made: dict[int, bytes] = {}
     for run, report in zip(runs, reports, strict=True):
-        made |= _made(run, needed_rows(report), {**kept, **made}, missed)
+        made |= _made(run, needed_rows(run, report), made, missed)
     if made:
         save_previews(path, kept | made)
     return kept | made

@@ -23,7 +23,7 @@ from fusionslam.report.views_previews import (
     previews_of,
     stamp_key,
 )
-from fusionslam.report.views_tables import sweep_table, view_table
+from fusionslam.report.views_tables import accuracy_table, cost_table, rerun_table, sweep_table
 
 Judged = Sequence[tuple[ViewRun, ViewReport]]
 _PAIRS = 8
@@ -48,6 +48,8 @@ class WorldPart:
     id: str
     sentence: str
     figures: Table
+    costs: Table
+    rerun: Table | None
     published: str
     curves: Picture | None
     sweeps: list[tuple[str, Table]]
@@ -59,13 +61,14 @@ class WorldPart:
 
 
 def world_part(
-    folder: Path, stored: Path, world: str, judged: Judged, missed: dict[str, None]
+    folder: Path, stored: Path, id: str, world: str, judged: Judged, missed: dict[str, None]
 ) -> WorldPart:
     """Draw everything that is known of one drive.
 
     Args:
         folder: where pictures go.
         stored: folder of the previews.
+        id: that no other drive of the page has.
         world: its name.
         judged: its runs.
         missed: takes the reasons why scans have no picture.
@@ -75,9 +78,11 @@ def world_part(
     previews = previews_of(runs, reports, stored / f"{name}.previews", missed)
     return WorldPart(
         name=world,
-        id=name,
+        id=id,
         sentence=_sentence(runs[0], reports[0]),
-        figures=view_table(runs, reports),
+        figures=accuracy_table(judged),
+        costs=cost_table(judged),
+        rerun=rerun_table(judged),
         published=_cm2dp(world),
         curves=_curves(folder, name, judged),
         sweeps=[
@@ -118,7 +123,7 @@ def _curves(folder: Path, name: str, judged: Judged) -> Picture | None:
     caption = (
         "Precision over recall as the threshold changes; up and right is better. Dots: the "
         "thresholds in use. Which scenes are stored depends on the threshold, so curves may turn "
-        "back. Programs without a sensor have no loop recall: they lie on the left edge."
+        "back. Grey: programs without a sensor, which have recall but no loop recall."
     )
     return keep(folder, f"views_pr_{name}", figure, caption) if figure else None
 
@@ -198,7 +203,9 @@ def _pairs(
 
 
 def _scrub(judged: Judged, previews: Mapping[int, bytes]) -> dict[str, Any]:
-    shown = {stamp_key(run.stamps[row]) for run, report in judged for row in needed_rows(report)}
+    shown = {
+        stamp_key(run.stamps[row]) for run, report in judged for row in needed_rows(run, report)
+    }
     return {
         "runs": [scrub_data(run, report, previews) for run, report in judged],
         "previews": embedded({key: data for key, data in previews.items() if key in shown}),

@@ -20,19 +20,14 @@ from fusionslam.evaluation import (
 )
 from fusionslam.report.tables import Cell, Column, Table, filled
 
-_SWEPT = (
-    "accuracy",
-    "loop_recall",
-    "loop_precision",
-    "precision",
-    "recall",
-    "false_positives",
-    "false_negatives",
-    "mean_error",
-    "views",
-)
-"""The columns that a sweep knows."""
+_SHARES = ("accuracy", "loop_recall", "loop_precision", "precision", "recall")
+_FAULTS = ("false_positives", "false_negatives", "mean_error")
+_ACCURACY = (*_SHARES, *_FAULTS, "max_error", "views", "unplaced")
+_SWEPT = (*_SHARES, *_FAULTS, "views")
+_COSTS = ("views", "view_bytes", "all_bytes", "build_ms", "match_ms", "pair_ms")
+_RERUN = ("accuracy", "loop_recall", "best_loop_recall")
 
+Judged = Sequence[tuple[ViewRun, ViewReport]]
 Best = Callable[[Sequence[float]], float]
 
 
@@ -52,26 +47,60 @@ class ViewRow:
     max_error: float | None = None
     views: float | None = None
     unplaced: float | None = None
+    best_loop_recall: float | None = None
     view_bytes: float | None = None
     build_ms: float | None = None
     match_ms: float | None = None
     pair_ms: float | None = None
 
+    @property
+    def all_bytes(self) -> float | None:
+        """Of all views together."""
+        known = self.view_bytes is not None and self.views is not None
+        return self.view_bytes * self.views if known else None  # type: ignore[operator]
 
-def view_table(runs: Sequence[ViewRun], reports: Sequence[ViewReport]) -> Table:
-    """Runs over one drive, the baselines on that drive, and what others published of it."""
-    own = [_row(run.method, report, run) for run, report in zip(runs, reports, strict=True)]
-    first = runs[0]
-    without = baseline_rows(first, reports[0].rule)
-    others = _published(first.world) + _rerun(first.world)
-    table = filled(_columns(), [*own, *without], lambda row: row.label)
-    beside = filled(_columns(), others, lambda row: row.label)
-    # What was measured elsewhere is not in the race for the best of a column.
+
+def accuracy_table(judged: Judged) -> Table:
+    """Runs over one drive, the baselines on that drive, and what was published of it."""
+    return _beside(_columns(_ACCURACY), own_rows(judged), _published(judged[0][0].world))
+
+
+def cost_table(judged: Judged) -> Table:
+    """The same rows: how much is stored, and how long it takes."""
+    return _beside(_columns(_COSTS), own_rows(judged), _published(judged[0][0].world))
+
+
+def rerun_table(judged: Judged) -> Table | None:
+    """The same beside what was run again; None where nothing was run again in this world."""
+    again = [
+        ViewRow(
+            label=f"run again: {figures.input}",
+            accuracy=figures.accuracy,
+            loop_recall=figures.loop_recall,
+            best_loop_recall=figures.best_loop_recall,
+        )
+        for figures in rerun_views(judged[0][0].world)
+    ]
+    return _beside(_columns(_RERUN), own_rows(judged), again) if again else None
+
+
+def own_rows(judged: Judged) -> list[ViewRow]:
+    """The runs, then the baselines: what every table starts with."""
+    run, report = judged[0]
+    return [*(_row(each.method, own, each) for each, own in judged), *_baselines(run, report.rule)]
+
+
+def _beside(
+    columns: list[Column[ViewRow]], own: Sequence[ViewRow], others: Sequence[ViewRow]
+) -> Table:
+    """What was measured elsewhere is not in the race for the best of a column."""
+    table = filled(columns, own, lambda row: row.label)
+    beside = filled(columns, others, lambda row: row.label)
     plain = [(label, [Cell(cell.text) for cell in cells]) for label, cells in beside.rows]
     return Table(table.heads, table.rows + plain)
 
 
-def baseline_rows(run: ViewRun, rule: ViewRule) -> list[ViewRow]:
+def _baselines(run: ViewRun, rule: ViewRule) -> list[ViewRow]:
     """What programs without a sensor score on the drive of a run."""
     return [
         _row(f"no sensor: {name}", judge_views(ids, run.poses, run.stamps, rule=rule))
@@ -82,8 +111,7 @@ def baseline_rows(run: ViewRun, rule: ViewRule) -> list[ViewRow]:
 def sweep_table(run: ViewRun, curve: ViewCurve, rule: ViewRule) -> Table:
     """What becomes of a run at some thresholds, with the baselines."""
     rows = [_curve_row(curve, index, run.threshold) for index in _telling_rows(curve, run)]
-    columns = [column for name, column in _named_columns().items() if name in _SWEPT]
-    return filled(columns, [*rows, *baseline_rows(run, rule)], lambda row: row.label)
+    return filled(_columns(_SWEPT), [*rows, *_baselines(run, rule)], lambda row: row.label)
 
 
 def _telling_rows(curve: ViewCurve, run: ViewRun) -> list[int]:
@@ -156,19 +184,9 @@ def _published(world: str) -> list[ViewRow]:
     ]
 
 
-def _rerun(world: str) -> list[ViewRow]:
-    return [
-        ViewRow(
-            label=f"run again: {figures.input}",
-            accuracy=figures.accuracy,
-            loop_recall=figures.loop_recall,
-        )
-        for figures in rerun_views(world)
-    ]
-
-
-def _columns() -> list[Column[ViewRow]]:
-    return list(_named_columns().values())
+def _columns(names: Sequence[str]) -> list[Column[ViewRow]]:
+    known = _named_columns()
+    return [known[name] for name in names]
 
 
 def _named_columns() -> dict[str, Column[ViewRow]]:
@@ -205,7 +223,14 @@ def _named_columns() -> dict[str, Column[ViewRow]]:
         "unplaced": _column(
             "unplaced", "no view", "scans that held nothing to recognise", "{:.0f}"
         ),
-        "view_bytes": _column("view_bytes", "bytes", "of one view as stored", "{:,.0f}"),
+        "best_loop_recall": _column(
+            "best_loop_recall",
+            "loop recall, best threshold",
+            "at the best threshold of this very world, which no robot knows",
+            share,
+        ),
+        "view_bytes": _column("view_bytes", "bytes", "of one view as stored, mean", "{:,.0f}"),
+        "all_bytes": _column("all_bytes", "all bytes", "of all views together", "{:,.0f}"),
         "build_ms": _column("build_ms", "build ms", "to make a view, mean", "{:.2f}"),
         "match_ms": _column(
             "match_ms", "match ms", "to compare a scan with all stored views, mean", "{:.3f}"
