@@ -288,3 +288,28 @@ def test_what_is_kept_of_an_image_can_be_recognised_later():
     assert [parts.recognise(view) for view in views] == [whole.process(i) for i in images]
     with pytest.raises(ShapeError, match=r"float32 \(47,\), expected float32 \(48,\)"):
         parts.recognise(views[0][1:])
+
+
+@pytest.mark.parametrize("panoramic", [False, True])
+def test_comparing_only_what_may_be_nearest_finds_what_comparing_everything_finds(panoramic):
+    rng = np.random.default_rng(5)
+    base = [picture(seed) for seed in range(6)]
+    turned = [np.roll(base[rng.integers(6)], 4 * rng.integers(-3, 4), axis=1) for _ in range(60)]
+    images = [image + np.uint8(rng.integers(9)) for image in turned]
+    templates = VisualTemplates(**SMALL, panoramic=panoramic, mean_margin=1.0, threshold=0.02)
+    for image in images:
+        expected = nearest(templates.view(image), templates, panoramic)
+        assert templates.process(image).error == pytest.approx(expected, abs=1e-7)
+
+
+def nearest(view: np.ndarray, templates: VisualTemplates, panoramic: bool) -> float:
+    """The least error over all templates and shifts, each compared in full."""
+    current, best = view.reshape(12, 4).T, np.inf
+    for stored in templates.templates:
+        for moved in range(12) if panoramic else range(-2, 3):
+            if panoramic:
+                apart = np.roll(current, -moved, axis=1) - stored
+            else:
+                apart = current[:, 2:10] - stored[:, 2 - moved : 10 - moved]
+            best = min(best, np.abs(apart).mean())
+    return best

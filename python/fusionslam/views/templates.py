@@ -11,7 +11,6 @@ TemplateMatch(id=0, relative_rotation=0.0, is_new=True, error=inf)
 import json
 import os
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,11 +23,14 @@ from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, DataError, ShapeError
 
 Floats = NDArray[np.float32]
+Rows = NDArray[np.intp]
 
 FORMAT = "fusionslam.visual_templates.1"
 _LUMINANCE = np.array((0.299, 0.587, 0.114))
-# Templates compared at a time: their differences stay in the processor's cache.
-_PIECE = 32
+# Pairs compared at a time: their differences stay in the processor's cache.
+_PIECE = 24
+# Of sums in single precision.
+_ROUNDING = 1e-5
 
 
 class VisualTemplatesConfig(Section):
@@ -98,6 +100,8 @@ class VisualTemplates:
         # Column after column, so that what is compared at a shift lies in one piece.
         self._stored = np.empty((0, self.config.columns * self.config.rows), np.float32)
         self._means = np.empty(0, np.float32)
+        self._column_means = np.empty((0, self.config.columns), np.float32)
+        self._moves = _moves(self.config)
         self._count = 0
 
     def __len__(self) -> int:
@@ -198,44 +202,66 @@ class VisualTemplates:
             raise DataError(f"{path}: a template is not finite")
         templates._stored, templates._count = np.ascontiguousarray(stored), len(stored)
         templates._means = stored.mean(axis=1)
+        shape = (len(stored), templates.config.columns, templates.config.rows)
+        templates._column_means = stored.reshape(shape).mean(axis=2)
         return templates
 
     def _nearest(self, view: Floats) -> tuple[int, float, int]:
-        """Id, error and shift of the template that comes nearest; of equal ones the first."""
+        """Id, error and shift of the template that comes nearest; of equal ones the first.
+
+        No pair whose lower bound exceeds the error of another one is compared in full.
+        """
         reach = self.config.threshold + self.config.mean_margin
-        near = np.abs(self._means[: len(self)] - view.mean()) <= reach
-        best, error, moved = -1, np.inf, 0
-        candidates = np.flatnonzero(near)
-        for start in range(0, len(candidates), _PIECE):
-            ids = candidates[start : start + _PIECE]
-            errors, shifts = self._errors(view, ids)
-            if errors.min() < error:
-                row, column = np.unravel_index(np.argmin(errors), errors.shape)
-                best, error, moved = int(ids[row]), float(errors[row, column]), shifts[column]
-        return best, error, moved
+        near = np.flatnonzero(np.abs(self._means[: len(self)] - view.mean()) <= reach)
+        if not near.size:
+            return -1, np.inf, 0
+        bounds = self._bounds(view, near).ravel()
+        likely = self._compared(view, near, np.array([bounds.argmin()]))
+        left = np.flatnonzero(bounds <= likely[0] + _ROUNDING)
+        left = left[np.argsort(bounds[left], kind="stable")]
+        best = (np.inf, 0, 0)
+        for start in range(0, len(left), _PIECE):
+            if bounds[left[start]] > best[0] + _ROUNDING:
+                break
+            best = min(best, self._compared(view, near, left[start : start + _PIECE]))
+        error, id, place = best
+        return id, error, int(self._moves[place])
 
-    def _errors(self, view: Floats, ids: NDArray[np.intp]) -> tuple[Floats, list[int]]:
-        """Mean absolute differences of some templates at all shifts, (ids, shifts); the shifts."""
-        stored = self._stored[ids]
-        errors, shifts = [], []
-        for moved, current, window in self._windows(view):
-            difference = stored[:, window] - current
-            errors.append(np.abs(difference, out=difference).mean(axis=1))
-            shifts.append(moved)
-        return np.stack(errors, axis=1), shifts
+    def _bounds(self, view: Floats, ids: Rows) -> Floats:
+        """What errors are at least, (ids, shifts): differences of whole columns."""
+        rows, stored = self.config.rows, self._column_means[ids]
+        current = view.reshape(-1, rows).mean(axis=1)
+        bounds = np.empty((len(ids), len(self._moves)), np.float32)
+        for place, moved in enumerate(self._moves.tolist()):
+            window, part = self._window(moved, 1), self._moved(current, moved, 1)
+            bounds[:, place] = np.abs(stored[:, window] - part).mean(axis=1)
+        return bounds
 
-    def _windows(self, view: Floats) -> Iterator[tuple[int, Floats, slice]]:
-        """Of each shift: how far right the view is moved, what of it to compare, and with what."""
-        columns, rows = self.config.columns, self.config.rows
+    def _compared(self, view: Floats, ids: Rows, pairs: Rows) -> tuple[float, int, int]:
+        """The least error of some pairs of template and shift, its id, and the shift's place."""
+        rows, places = np.divmod(pairs, len(self._moves))
+        difference = np.empty((len(pairs), len(self._moved(view, 0, self.config.rows))), np.float32)
+        for place in np.unique(places).tolist():
+            moved, some = int(self._moves[place]), places == place
+            stored = self._stored[ids[rows[some]], self._window(moved, self.config.rows)]
+            difference[some] = stored - self._moved(view, moved, self.config.rows)
+        errors = np.abs(difference, out=difference).mean(axis=1)
+        first = np.lexsort((places, rows, errors))[0]
+        return float(errors[first]), int(ids[rows[first]]), int(places[first])
+
+    def _window(self, moved: int, each: int) -> slice:
+        """What of a template is compared with a view that is moved right; ``each``: a column."""
         if self.config.panoramic:
-            for moved in range(0, columns, self.config.step):
-                yield moved, np.roll(view, -moved * rows), slice(None)
-            return
+            return slice(None)
         shift = self.config.shift
-        middle = view[shift * rows : (columns - shift) * rows]
-        for moved in range(-shift, shift + 1, self.config.step):
-            first = (shift - moved) * rows
-            yield moved, middle, slice(first, first + len(middle))
+        return slice((shift - moved) * each, (self.config.columns - shift - moved) * each)
+
+    def _moved(self, view: Floats, moved: int, each: int) -> Floats:
+        """The part of a view that is compared: the middle, or all of it turned."""
+        if self.config.panoramic:
+            return np.roll(view, -moved * each)
+        shift = self.config.shift
+        return view[shift * each : (self.config.columns - shift) * each]
 
     def _rotation(self, moved: int) -> float:
         """Radians of a shift: what moves right in the image is seen by a robot that turned left."""
@@ -249,8 +275,18 @@ class VisualTemplates:
             room = max(64, 2 * len(self))
             self._stored = np.concatenate([self._stored, np.empty((room, len(view)), np.float32)])
             self._means = np.concatenate([self._means, np.empty(room, np.float32)])
+            more = np.empty((room, self.config.columns), np.float32)
+            self._column_means = np.concatenate([self._column_means, more])
         self._stored[len(self)], self._means[len(self)] = view, view.mean()
+        self._column_means[len(self)] = view.reshape(-1, self.config.rows).mean(axis=1)
         self._count += 1
+
+
+def _moves(config: VisualTemplatesConfig) -> NDArray[np.int64]:
+    """How many columns a view is moved right, in the order in which shifts are tried."""
+    if config.panoramic:
+        return np.arange(0, config.columns, config.step)
+    return np.arange(-config.shift, config.shift + 1, config.step)
 
 
 def _checked_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
