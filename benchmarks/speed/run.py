@@ -17,6 +17,7 @@ from benchmarks.speed import (
     memory,
     search_cases,
     settings,
+    similarity_cases,
     system_cases,
 )
 from benchmarks.speed.cases import Case, Result, measured
@@ -35,6 +36,7 @@ ROWS: dict[str, Rows] = {
     "colour": fusion_cases.colour_cases,
     "stereo": fusion_cases.stereo_cases,
     "search": search_cases.search_cases,
+    "similarity": similarity_cases.similarity_cases,
     "frame": system_cases.frame_cases,
     "describe": system_cases.describe_cases,
 }

@@ -6,7 +6,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'Scene', 'SceneConfig', 'StereoConfig', 'above_height', 'build_scene', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'colorize', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -411,6 +411,153 @@ class Scene:
         points first; fields center (3) m, volume m3, area m2 (of the hull), color (3) RGB 0 to 255,
         extents (3) m along the principal axes, box_min (3), box_max (3) m, points.
         """
+class SimilarityConfig:
+    """
+    How scenes are compared.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __init__(self, *, preset: str = 'robust', **kwargs: typing.Any) -> None:
+        """
+        The preset's values, with the given options in their place.
+        """
+    def __repr__(self) -> str:
+        ...
+    @property
+    def color_a(self) -> float:
+        """
+        steepness of the colour term
+        """
+    @property
+    def color_difference(self) -> str:
+        """
+        how far colours are apart: of L*a*b*, of bytes, or of red alone
+        """
+    @property
+    def color_weight(self) -> float:
+        """
+        weight of the colour term
+        """
+    @property
+    def color_x0(self) -> float:
+        """
+        difference of colours that counts half
+        """
+    @property
+    def distance_a(self) -> float:
+        """
+        steepness of the distance term [1/m]
+        """
+    @property
+    def distance_weight(self) -> float:
+        """
+        weight of the distance term
+        """
+    @property
+    def distance_x0(self) -> float:
+        """
+        distance of centres that counts half [m]
+        """
+    @property
+    def extent_a(self) -> float:
+        """
+        steepness of the extent term [1/m]
+        """
+    @property
+    def extent_weight(self) -> float:
+        """
+        weight of the extent term
+        """
+    @property
+    def extent_x0(self) -> float:
+        """
+        difference of the extents along own axes that counts half [m]
+        """
+    @property
+    def normalized(self) -> bool:
+        """
+        whether each term is divided by its value at no difference, which makes a scene exactly like itself
+        """
+    @property
+    def range_slack(self) -> float:
+        """
+        how much more distances and extents may differ, as a share, per metre from the robot [1/m]
+        """
+    @property
+    def ratio_a(self) -> float:
+        """
+        steepness of the ratio term [1/m]
+        """
+    @property
+    def ratio_weight(self) -> float:
+        """
+        weight of the ratio term
+        """
+    @property
+    def ratio_x0(self) -> float:
+        """
+        difference of volume / area that counts half [m]
+        """
+    @property
+    def symmetric(self) -> bool:
+        """
+        whether both scenes look for their objects in the other
+        """
+    @property
+    def volume_a(self) -> float:
+        """
+        steepness of the volume term [1/m3]
+        """
+    @property
+    def volume_weight(self) -> float:
+        """
+        weight of the volume term
+        """
+    @property
+    def volume_x0(self) -> float:
+        """
+        difference of volumes that counts half [m3]
+        """
+class SceneIndex:
+    """
+    Many stored scenes, compared with one in a single call.
+    
+    They are numbered from 0 in the order in which they were added. Threads may share an index.
+    """
+    def __init__(self, config: SimilarityConfig | None = None, *, preset: str = 'robust') -> None:
+        """
+        Compares as the configuration says or, without one, as the preset.
+        """
+    def __len__(self) -> int:
+        ...
+    def add(self, scene: Scene) -> int:
+        """
+        Stores a scene and returns its number. Raises DataError if it holds NaN.
+        """
+    def remove(self, number: typing.SupportsInt | typing.SupportsIndex) -> None:
+        """
+        Forgets a scene; the numbers of all later ones fall by one. Raises ConfigError if there is none.
+        """
+    def replace(self, number: typing.SupportsInt | typing.SupportsIndex, scene: Scene) -> None:
+        """
+        Puts a scene in the place of a stored one. Raises ConfigError if there is none.
+        """
+    def similarities(self, current: Scene, *, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        scene_similarity(current, stored) of every stored scene, float64 (n,), to 1e-6.
+        
+        Args:
+            threads: of this call; 0 is one a core. The result does not depend on it.
+        
+        Raises:
+            DataError: an object that is not finite.
+        """
+    @property
+    def config(self) -> SimilarityConfig:
+        ...
 def above_height(points: numpy.typing.NDArray[numpy.float32], height: typing.SupportsFloat | typing.SupportsIndex, *, up: str = 'z') -> numpy.typing.NDArray[numpy.int64]:
     """
     Indices, int64 (M,), of the points above height metres along up (x, y, z, -x, -y, -z).
@@ -430,6 +577,13 @@ def build_scene(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typin
     
     Raises:
         DataError: NaN, infinity, no colours. ShapeError: wrong arrays. ConfigError: unknown preset.
+    """
+def ciede2000(a: typing.Any, b: typing.Any) -> float:
+    """
+    CIEDE2000 of two colours (L*, a*, b*), all factors 1 (Sharma, Wu, Dalal 2005).
+    
+    Raises:
+        DataError: NaN or infinity. ShapeError: not three numbers.
     """
 def cloud_from_disparity(disparity: numpy.typing.NDArray[numpy.float32], image: numpy.typing.NDArray[numpy.uint8], left_projection: numpy.typing.NDArray[numpy.float64], right_projection: numpy.typing.NDArray[numpy.float64], *, cloud_from_rectified: numpy.typing.NDArray[numpy.float64] | None = None, config: StereoConfig = ...) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64]]:
     """
@@ -471,6 +625,18 @@ def cm2dp_signature(points: numpy.typing.NDArray[numpy.float32], colors: numpy.t
     """
     Signature matrix of c-M2DP: float64 (64, 512), counts / n: 128 shape bins, then
     8 rings x 16 bins for each colour channel. Arguments and errors as cm2dp.
+    """
+def color_difference(a: typing.Any, b: typing.Any, kind: str = 'ciede2000') -> float:
+    """
+    How far two colours are apart.
+    
+    Args:
+        a, b: RGB, three numbers from 0 to 255.
+        kind: "ciede2000" or "cie76" (L*a*b* of sRGB with white D65), "rgb" (Euclidean distance) or
+            "author" (sqrt(3) times the difference of red, as the program of Stastny 2022 has it).
+    
+    Raises:
+        DataError: NaN, or channels outside. ShapeError: not three numbers. ConfigError: unknown kind.
     """
 def colorize(points: numpy.typing.NDArray[numpy.float32], image: numpy.typing.NDArray[numpy.uint8], projection: numpy.typing.NDArray[numpy.float64], *, interpolation: str = 'nearest') -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64]]:
     """
@@ -663,6 +829,21 @@ def remove_ground_segments(points: numpy.typing.NDArray[numpy.float32], *, up: s
     
     Raises:
         ConfigError: the driving axis points up. DataError: NaN or infinity in a point.
+    """
+def scene_similarity(current: Scene, stored: Scene, *, preset: str = 'robust', config: SimilarityConfig | None = None) -> float:
+    """
+    How alike two scenes are, 0 to 1 (Stastny 2022, 4.6).
+    
+    Every object of the current scene takes its best similarity to an object of the stored one; the
+    mean of these, weighted by numbers of points, is the similarity. The robust preset takes the mean
+    with the same seen from the stored scene. Two empty scenes are alike (1), one empty one is not (0).
+    
+    Args:
+        preset: "robust" (default), "paper" or "author".
+        config: a SimilarityConfig, used instead of the preset.
+    
+    Raises:
+        ConfigError: unknown preset, all weights 0. DataError: an object that is not finite.
     """
 def shot(points: numpy.typing.NDArray[numpy.float32], *, normal_radius: typing.SupportsFloat | typing.SupportsIndex | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
     """

@@ -4,7 +4,7 @@
 
 import typer
 
-from fusionslam.cli import about, calibration, data, results, simulate
+from fusionslam.cli import about, calibration, data, results, simulate, views
 from fusionslam.cli.guard import Guarded
 
 app = typer.Typer(
@@ -29,8 +29,11 @@ for command in (
     results.evaluate,
     results.bench,
     results.report,
+    views.tune,
     about.config,
     about.doctor,
 ):
     names = {"evaluate": "eval"}
     app.command(names.get(command.__name__, command.__name__.replace("_", "-")))(command)
+
+app.add_typer(views.app, name="views")

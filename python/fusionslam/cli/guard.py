@@ -17,7 +17,12 @@ DATA, USAGE, INTERRUPTED = 1, 2, 130
 # Its module is private and another one in each version of typer.
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 _KEPT = "fusionslam.kept"
-_EXTRAS = {"sim": ("embreex", "collada"), "bags": ("rosbags",), "report": ("jinja2", "matplotlib")}
+_EXTRAS = {
+    "sim": ("embreex", "collada"),
+    "bags": ("rosbags",),
+    "report": ("jinja2", "matplotlib"),
+    "tune": ("pymoo",),
+}
 
 
 class Guarded(TyperGroup):

@@ -205,6 +205,9 @@ def everything() -> "Section":
     from fusionslam.config import Section, option
     from fusionslam.pipeline import PipelineConfig
     from fusionslam.sim import SimConfig
+    from fusionslam.views.matcher import ViewMatcherConfig
+    from fusionslam.views.recordings import RecordingConfig
+    from fusionslam.views.tuning import TuningConfig
 
     class SystemConfig(PipelineConfig):
         """All there is to configure."""
@@ -213,6 +216,11 @@ def everything() -> "Section":
         calib_check: CalibrationCheckConfig = option(
             CalibrationCheckConfig(), "what calib-check tries"
         )
+        views: ViewMatcherConfig = option(ViewMatcherConfig(), "scenes to views")
+        recording: RecordingConfig = option(
+            RecordingConfig(), "how scans of a .npz recording become clouds"
+        )
+        tuning: TuningConfig = option(TuningConfig(), "how parameters of views are looked for")
 
     whole: Section = SystemConfig()
     return whole

@@ -5,8 +5,44 @@
 scene = build_scene(points, colors)        # a coloured cloud without ground
 print(scene.objects["center"])
 stored = scene.to_bytes()
+print(scene_similarity(scene, Scene.from_bytes(stored)))  # nearly 1
+
+matcher = ViewMatcher()
+match = matcher.process(scene)             # or a Cloud, or a Frame
+print(match.id, match.is_new, match.reason)
 """
 
+from fusionslam.views.matcher import ViewMatch, ViewMatcher, ViewMatcherConfig
+from fusionslam.views.recorder import record_scenes
+from fusionslam.views.recordings import RangeRecording, RecordingConfig
+from fusionslam.views.runs import run_views, sweep_thresholds
+from fusionslam.views.scene_sets import SceneSet
 from fusionslam.views.scenes import Scene, SceneConfig, build_scene, dbscan
+from fusionslam.views.similarity import (
+    SceneIndex,
+    SimilarityConfig,
+    ciede2000,
+    color_difference,
+    scene_similarity,
+)
 
-__all__ = ["Scene", "SceneConfig", "build_scene", "dbscan"]
+__all__ = [
+    "RangeRecording",
+    "RecordingConfig",
+    "Scene",
+    "SceneConfig",
+    "SceneIndex",
+    "SceneSet",
+    "SimilarityConfig",
+    "ViewMatch",
+    "ViewMatcher",
+    "ViewMatcherConfig",
+    "build_scene",
+    "ciede2000",
+    "color_difference",
+    "dbscan",
+    "record_scenes",
+    "run_views",
+    "scene_similarity",
+    "sweep_thresholds",
+]

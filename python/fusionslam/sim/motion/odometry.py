@@ -75,13 +75,38 @@ def simulate_odometry(
     gap = np.diff(seconds)
     turn, way = _steps(x, y, yaw)
     if not config.neutral:
-        rng = np.random.default_rng([config.seed, 0x0D0])
-        noise = rng.standard_normal((2, len(gap))) * np.sqrt(gap)
-        turn = config.rotation_scale * turn + config.turn_noise * noise[1]
-        way = config.scale * way
-        way[0] += config.speed_noise * noise[0]
+        turn, way = _with_errors(turn, way, gap, config)
         x, y, yaw = _joined(x[0], y[0], yaw[0], turn, way)
     return OdometryTrack(stamps, ground_poses(x, y, yaw), _rates(way, gap), _turn_rates(turn, gap))
+
+
+def measured_places(places: Array, seconds: Array, config: OdometryConfig) -> Array:
+    """What odometry says at the places of a drive themselves.
+
+    Args:
+        places: float64 (N, 3), true x, y in metres and yaw in radians, wrapped or not.
+        seconds: float64 (N), increasing.
+        config: the errors.
+
+    Returns:
+        float64 (N, 3) in the frame whose first place is the true one; without errors ``places``.
+    """
+    if config.neutral or len(places) < 2:
+        return places
+    x, y, yaw = places[:, 0], places[:, 1], np.unwrap(places[:, 2])
+    turn, way = _with_errors(*_steps(x, y, yaw), np.diff(seconds), config)
+    return np.stack(_joined(x[0], y[0], yaw[0], turn, way), axis=1)
+
+
+def _with_errors(
+    turn: Array, way: Array, gap: Array, config: OdometryConfig
+) -> tuple[Array, Array]:
+    """Angles (N - 1) and ways (2, N - 1) of steps that take ``gap`` seconds, as measured."""
+    rng = np.random.default_rng([config.seed, 0x0D0])
+    noise = rng.standard_normal((2, len(gap))) * np.sqrt(gap)
+    way = config.scale * way
+    way[0] += config.speed_noise * noise[0]
+    return config.rotation_scale * turn + config.turn_noise * noise[1], way
 
 
 def _stamps(trajectory: Trajectory, rate_hz: float) -> NDArray[np.int64]:

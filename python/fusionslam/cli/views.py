@@ -1,0 +1,348 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Commands about views: views record, views match, views curve, and tune."""
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.guard import keep, needs_extra
+from fusionslam.cli.screen import Step, print_table, progress
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fusionslam.evaluation import ViewReport, ViewRun
+    from fusionslam.views.matcher import ViewMatcherConfig
+    from fusionslam.views.runs import MatchRun
+    from fusionslam.views.scene_sets import SceneSet
+
+logger = logging.getLogger(__name__)
+
+app = typer.Typer(
+    help="Recognise places by their objects.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+Scenes = Annotated[
+    Path,
+    typer.Argument(
+        metavar="DATA", help="A scene set, a .npz recording, or what the other commands call DATA."
+    ),
+]
+SceneSets = Annotated[
+    list[Path], typer.Argument(metavar="SCENES...", help="Scene sets or .npz recordings.")
+]
+Tuned = Annotated[
+    str | None,
+    typer.Option("--tuned", metavar="NAME", help="Values found by tune that come with fusionslam."),
+]
+SkipEmpty = Annotated[
+    bool, typer.Option("--skip-empty", help="Leave out scans of which nothing is left.")
+]
+Rule = Annotated[str, typer.Option("--rule", help="How views are judged: paper or author.")]
+Folder = Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")]
+
+
+@app.command()
+def record(
+    data: Scenes,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The scene set, a .npz.")],
+    features: Annotated[
+        str, typer.Option("--features", metavar="NAMES", help="Descriptors to keep, too.")
+    ] = "",
+    only_scenes: Annotated[
+        bool, typer.Option("--only-scenes", help="Keep scenes as configured, no clouds: small.")
+    ] = False,
+    kind: opt.KindOption = None,
+    sequence: opt.Sequence = None,
+    topic: opt.Topics = None,
+    stamps: opt.StampsOption = "header",
+    sync: opt.SyncOption = None,
+    calib: opt.Calibration = None,
+    skip_gaps: opt.SkipGaps = False,
+    gt: opt.Truth = None,
+    tuned: Tuned = None,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    jobs: opt.Jobs = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Write what a robot saw as a scene set: clouds without ground, true poses, descriptors."""
+    from dataclasses import replace
+
+    from fusionslam.views.matcher import scene_config
+
+    whole = _config(tuned, config, settings)
+    names = opt.names_of(features) if features else []
+    recording = (kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
+    target = output if output.suffix == ".npz" else output.with_name(f"{output.name}.npz")
+    with progress() as step:
+        scenes = _scene_set(data, whole, step, recording, jobs=opt.cores(jobs), features=names)
+        if only_scenes:
+            made = scene_config(whole.views)
+            scenes = scenes.with_scenes(made, _shown(step, "building")).without_clouds()
+    replace(scenes, source={**scenes.source, "command": opt.command_line()}).save(target)
+    print(f"{target}: {len(scenes)} scans, {int(scenes.empty.sum())} empty{_truth(scenes)}")
+
+
+@app.command()
+def match(
+    data: Scenes,
+    output: Folder,
+    skip_empty: SkipEmpty = False,
+    rule: Rule = "paper",
+    kind: opt.KindOption = None,
+    sequence: opt.Sequence = None,
+    gt: opt.Truth = None,
+    tuned: Tuned = None,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    jobs: opt.Jobs = None,
+    no_report: Annotated[
+        bool, typer.Option("--no-report", help="Write no page, which takes a while.")
+    ] = False,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Give each scan the id of its place, as on a robot; judge the ids where there is truth."""
+    from fusionslam.views.matcher import ViewMatcher
+    from fusionslam.views.runs import run_views
+
+    whole = _config(tuned, config, settings)
+    opt.one_of("--rule", rule, ("paper", "author"))
+    matcher = ViewMatcher(whole.views, fusion=whole.fusion, descriptors=whole.descriptors)
+    with progress() as step:
+        scenes = _scene_set(data, whole, step, (kind, sequence, False, gt), jobs=opt.cores(jobs))
+        scenes = scenes.without_empty() if skip_empty else scenes
+        run = run_views(scenes, matcher, _shown(step, "matching"))
+    values = whole.views.model_dump(mode="json")
+    judged = None if scenes.poses is None else run.with_truth(_method(whole.views), values)
+    run.save(output / "matches.csv")
+    matcher.save(output / "matcher.npz")
+    _save_figures(output / "matches.json", run, values)
+    _print_run(run, None if judged is None else judged.judged(rule))
+    if judged is None or no_report:
+        print(output / "matches.csv")
+    else:
+        print(_written_report(judged, output, rule))
+
+
+@app.command()
+def curve(
+    data: Scenes,
+    output: Folder,
+    skip_empty: SkipEmpty = False,
+    rule: Rule = "paper",
+    loop_precision: Annotated[
+        float, typer.Option("--loop-precision", min=0, max=1, help="Demanded of a threshold.")
+    ] = 0.97,
+    kind: opt.KindOption = None,
+    sequence: opt.Sequence = None,
+    gt: opt.Truth = None,
+    tuned: Tuned = None,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    jobs: opt.Jobs = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Judge the ids at a hundred thresholds, and name the best ones."""
+    from fusionslam.views.runs import sweep_thresholds
+
+    whole = _config(tuned, config, settings)
+    opt.one_of("--rule", rule, ("paper", "author"))
+    with progress() as step:
+        scenes = _scene_set(data, whole, step, (kind, sequence, False, gt), jobs=opt.cores(jobs))
+        scenes = scenes.without_empty() if skip_empty else scenes
+        found = sweep_thresholds(
+            scenes,
+            whole.views,
+            descriptors=whole.descriptors,
+            rule=rule,
+            progress=_shown(step, "matching"),
+        )
+    found.save(output / "curve.json")
+    best = {
+        "most accurate": found.most_accurate_threshold(),
+        f"loop precision {loop_precision:.0%}": found.best_threshold(loop_precision),
+    }
+    print_table(["", "threshold", *_HEADS], [_curve_row(found, *item) for item in best.items()])
+    print(output / "curve.json")
+
+
+def tune(
+    ctx: typer.Context,
+    scenes: SceneSets,
+    output: Annotated[Path, typer.Option("--output", "-o", help="YAML for --config.")],
+    skip_empty: SkipEmpty = False,
+    tuned: Tuned = None,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    jobs: opt.Jobs = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Look for the parameters of the similarity that judge recorded drives best.
+
+    A call that was interrupted goes on where it stopped, and comes to the same end.
+    """
+    from fusionslam.views.presets import write_tuned
+    from fusionslam.views.tuning import tune as find
+    from fusionslam.views.tuning_state import TuningState
+
+    needs_extra("tune")
+    whole = _config(tuned, config, settings)
+    state = output.with_name(f"{output.name}.state")
+    keep(ctx, state)
+    with progress() as step:
+        sets = [_scene_set(path, whole, step) for path in scenes]
+        sets = [each.without_empty() for each in sets] if skip_empty else sets
+
+        def show(done: int, total: int, best: float) -> None:
+            step(f"tuning, best {best:.4f}", done, total)
+            logger.info("generation %d of %d: best %.6f", done, total, best)
+
+        result = find(
+            sets,
+            whole.views,
+            whole.tuning,
+            state=TuningState(state),
+            jobs=opt.cores(jobs),
+            progress=show,
+        )
+    write_tuned(output, result, whole.tuning, sets, opt.command_line())
+    rows = [
+        [each.name, *_figures(report)] for each, report in zip(sets, result.reports, strict=True)
+    ]
+    print_table(["", *_HEADS], rows)
+    print(f"{output}: value {result.value:.4f}")
+
+
+_HEADS = ("accuracy", "loop recall", "loop precision", "views")
+
+
+def _config(tuned: str | None, file: Path | None, settings: list[str] | None) -> Any:
+    """All stages: clouds in the robot's frame without ground, then what was found by tuning, the
+    file, and the settings."""
+    from fusionslam.config import merged, with_file, with_settings
+    from fusionslam.views.presets import tuned_path
+    from fusionslam.views.recorder import ROBOT_FUSION
+
+    fusion = ROBOT_FUSION.model_dump(exclude_unset=True)
+    whole = merged(opt.everything(), {"fusion": fusion})
+    for path in ([tuned_path(tuned)] if tuned else []) + ([file] if file else []):
+        whole = with_file(whole, path)
+    return with_settings(whole, settings or [])
+
+
+def _shown(step: Step, label: str) -> Any:
+    return lambda done, total: step(label, done, total)
+
+
+def _scene_set(
+    data: Path,
+    whole: Any,
+    step: Step,
+    how: "Sequence[Any]" = (),
+    *,
+    jobs: int = 1,
+    features: "Sequence[str]" = (),
+) -> "SceneSet":
+    """A stored set, or one made of a recording."""
+    from fusionslam.views.recorder import record_scenes
+    from fusionslam.views.recordings import RangeRecording, is_recording
+    from fusionslam.views.scene_sets import SceneSet, is_scene_set
+
+    if data.is_file() and is_scene_set(data):
+        return SceneSet.load(data)
+    from_ranges = data.is_file() and is_recording(data)
+    opened: Any = (
+        RangeRecording.open(data, whole.recording.shapes)
+        if from_ranges
+        else opt.recording_of(data, *how).open(whole.fusion.source)
+    )
+    settings = whole.recording if from_ranges else whole.fusion
+    return record_scenes(
+        opened,
+        fusion=whole.fusion,
+        recording=whole.recording,
+        features=features,
+        descriptors=whole.descriptors,
+        jobs=jobs,
+        source={"path": str(data), "config": settings.model_dump(mode="json")},
+        progress=_shown(step, "reading" if from_ranges else "fusing"),
+    )
+
+
+def _truth(scenes: "SceneSet") -> str:
+    return ", no true poses" if scenes.poses is None else ""
+
+
+def _figures(report: "ViewReport") -> list[str]:
+    shares = (report.accuracy, report.loop_recall, report.loop_precision)
+    texts = ["none" if share is None else f"{100 * share:.1f} %" for share in shares]
+    return [*texts, str(report.views)]
+
+
+def _curve_row(curve: Any, name: str, threshold: float | None) -> list[str]:
+    if threshold is None:
+        return [name, "none", *("" for _ in _HEADS)]
+    row = curve.at(threshold)
+    names = ("accuracy", "loop_recall", "loop_precision")
+    texts = ["none" if row[key] is None else f"{100 * row[key]:.1f} %" for key in names]
+    return [name, f"{threshold:.4g}", *texts, f"{row['views']:.0f}"]
+
+
+def _print_run(run: "MatchRun", report: "ViewReport | None") -> None:
+    import numpy as np
+
+    from fusionslam.evaluation import ViewJudge, baselines
+
+    stats = run.stats
+    times = [
+        1000 * float(np.median(each)) if len(each) else 0.0
+        for each in (run.build_seconds, run.match_seconds)
+    ]
+    print(
+        f"{stats.processed} scans: {stats.matched} matched, {stats.new} places, {stats.nothing} "
+        f"with nothing to recognise, {stats.single} with a single object\n"
+        f"{stats.stored} views stored, {stats.bytes_per_view:.0f} bytes each, {stats.dropped} "
+        f"dropped; building {times[0]:.3f} ms, matching {times[1]:.3f} ms (medians)"
+    )
+    if report is None:
+        print("no true poses: the ids are not judged (--gt names a file of poses)")
+        return
+    judge = ViewJudge(run.scenes.true_poses(), run.scenes.seconds, rule=report.rule_name)
+    rows = [["this", *_figures(report)]]
+    rows += [[name, *_figures(judge.judge(ids))] for name, ids in baselines(report.n).items()]
+    print_table([f"rule {report.rule_name}", *_HEADS], rows)
+
+
+def _method(views: "ViewMatcherConfig") -> str:
+    """What gave the ids, in a word or two."""
+    return views.descriptor if views.method == "descriptor" else f"objects {views.preset}"
+
+
+def _written_report(judged: "ViewRun", output: Path, rule: str) -> Path:
+    from fusionslam.report.views import write_view_report
+
+    return write_view_report(judged, output, rule=rule, command=opt.command_line())
+
+
+def _save_figures(path: Path, run: "MatchRun", values: dict[str, Any]) -> None:
+    import json
+    from dataclasses import asdict
+
+    from fusionslam._files import atomic_path
+
+    figures = {
+        "scenes": run.scenes.name,
+        "command": opt.command_line(),
+        "threshold": run.threshold,
+        "stats": {**asdict(run.stats), "bytes_per_view": run.stats.bytes_per_view},
+        "views": values,
+    }
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(figures, indent=1), encoding="utf-8")

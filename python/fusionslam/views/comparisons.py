@@ -1,0 +1,385 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""By what views are compared: objects, objects and a second stage, or a descriptor."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam._core import DescriptorIndex
+from fusionslam.descriptors import DescriptorConfig, describe, descriptor_named, length_of
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.sensors import Cloud
+from fusionslam.views.scene_sets import packed, unpacked
+from fusionslam.views.scenes import Scene, SceneConfig, build_scene
+from fusionslam.views.similarity import SceneIndex, SimilarityConfig
+
+Arrays = Mapping[str, NDArray[Any]]
+Item = Cloud | Scene | NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What a comparison makes of a scan.
+
+    Attributes:
+        content: whatever the comparison compares.
+        objects: number of things that the place can be recognised by.
+    """
+
+    content: Any
+    objects: int
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A stored view that is like the current one.
+
+    Attributes:
+        slot: its place among those stored now.
+        similarity: in [0, 1].
+        relative_pose: x, y in metres and yaw in radians of the current view in the frame of the
+            stored one, where the comparison finds it.
+    """
+
+    slot: int
+    similarity: float
+    relative_pose: tuple[float, float, float] | None = None
+
+
+class Comparison(Protocol):
+    """Compares views with stored ones. Slots count those stored now, from the oldest on.
+
+    Attributes:
+        kind: its name in saved files.
+        threshold: the similarity from which views match, if the configuration names none.
+    """
+
+    kind: str
+    threshold: float
+
+    def view(self, item: Item) -> View:
+        """What is compared of a cloud, or of what was made of it.
+
+        Raises:
+            DataError: NaN, or what the comparison needs is missing. ShapeError: it cannot
+                compare what is given.
+        """
+
+    def compare(self, view: View, most: int) -> list[Candidate]:
+        """Up to ``most`` stored views, best first; equal ones in the order of storing."""
+
+    def add(self, view: View) -> int:
+        """Store a view; returns the bytes that it takes in a file."""
+
+    def remove(self, slot: int) -> None:
+        """Forget a stored view; those after it move up."""
+
+    def size_of(self, slot: int) -> int:
+        """Bytes that a stored view takes in a file."""
+
+    def explain(self, similarity: float, threshold: float) -> str:
+        """The two numbers that were compared, in words: "similarity 0.91 >= 0.74"."""
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """All stored views, as arrays that ``restore`` reads."""
+
+    def restore(self, state: Arrays) -> None:
+        """Go on from ``state``. Raises DataError or KeyError if it is none."""
+
+    def __len__(self) -> int:
+        """Number of stored views."""
+
+
+def in_words(what: str, similarity: float, threshold: float) -> str:
+    """A similarity and what it was compared with."""
+    sign = ">=" if similarity >= threshold else "<"
+    return f"{what} {similarity:.4g} {sign} {threshold:.4g}"
+
+
+class SceneComparison:
+    """Scenes by their objects (Stastny 2022, 4.6).
+
+    Scenes are stored as their bytes, so that what is saved and what is compared are the same.
+
+    Args:
+        scene: how clouds become scenes.
+        similarity: how scenes are compared.
+        threshold: as ``Comparison``.
+    """
+
+    kind = "scenes"
+
+    def __init__(self, scene: SceneConfig, similarity: SimilarityConfig, threshold: float) -> None:
+        self.threshold = threshold
+        self._scene, self._similarity = scene, similarity
+        self._bytes: list[bytes] = []
+        self._index = SceneIndex(similarity)
+
+    def __len__(self) -> int:
+        return len(self._bytes)
+
+    def view(self, item: Item) -> View:
+        """A scene, or the scene of a cloud."""
+        if isinstance(item, Cloud):
+            if item.colors is None:
+                raise DataError("scenes need colours and the cloud has none")
+            item = build_scene(item.points, item.colors, config=self._scene)
+        if not isinstance(item, Scene):
+            raise ShapeError(f"expected a Scene or a Cloud, got {type(item).__name__}")
+        return View(item, len(item))
+
+    def compare(self, view: View, most: int) -> list[Candidate]:
+        """The most similar scenes."""
+        found = self._index.similarities(view.content)
+        if most == 1 and len(found):
+            best = int(found.argmax())
+            return [Candidate(best, float(found[best]))]
+        order = np.argsort(-found, kind="stable")[:most]
+        return [Candidate(int(slot), float(found[slot])) for slot in order]
+
+    def add(self, view: View) -> int:
+        """Store the scene."""
+        self._append(view.content.to_bytes())
+        return len(self._bytes[-1])
+
+    def _append(self, stored: bytes) -> None:
+        self._index.add(Scene.from_bytes(stored))
+        self._bytes.append(stored)
+
+    def remove(self, slot: int) -> None:
+        """Forget a scene."""
+        self._index.remove(slot)
+        del self._bytes[slot]
+
+    def size_of(self, slot: int) -> int:
+        """Bytes of a scene."""
+        return len(self._bytes[slot])
+
+    def explain(self, similarity: float, threshold: float) -> str:
+        """As ``Comparison``."""
+        return in_words("similarity", similarity, threshold)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """The bytes of all scenes, and where each begins."""
+        joined, offsets = packed(self._bytes)
+        return {"scenes": joined, "offsets": offsets}
+
+    def restore(self, state: Arrays) -> None:
+        """As ``Comparison``."""
+        self._bytes, self._index = [], SceneIndex(self._similarity)
+        for stored in unpacked(state["scenes"], state["offsets"]):
+            self._append(stored)
+
+
+class DescriptorComparison:
+    """Any descriptor by its distance d (L2), as the similarity 1 / (1 + d).
+
+    A cloud that cannot be described, because it has too few points or all on one line, has
+    nothing to recognise.
+
+    Args:
+        name: "m2dp", "cm2dp", "shot" or "cshot".
+        config: how clouds are described.
+        max_distance: the largest distance of a match.
+    """
+
+    kind = "descriptor"
+
+    def __init__(self, name: str, config: DescriptorConfig, max_distance: float) -> None:
+        self._descriptor, self._config = descriptor_named(name), config
+        self.threshold = similarity_at(max_distance)
+        self._rows: list[NDArray[np.float32]] = []
+        self._length = length_of(name, config)
+        self._index = DescriptorIndex(self._length)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def view(self, item: Item) -> View:
+        """A descriptor, float32 (D,), or that of a cloud."""
+        if isinstance(item, Cloud):
+            return self._described(item)
+        if not isinstance(item, np.ndarray) or item.shape != (self._length,):
+            found = f"shape {item.shape}" if isinstance(item, np.ndarray) else type(item).__name__
+            raise ShapeError(
+                f"expected a Cloud or a descriptor {self._descriptor.name}, float32 "
+                f"({self._length},), got {found}"
+            )
+        if not np.isfinite(item).all():
+            raise DataError("the descriptor is not finite")
+        return View(item.astype(np.float32), 1)
+
+    def _described(self, cloud: Cloud) -> View:
+        name = self._descriptor.name
+        if not np.isfinite(cloud.points).all():
+            raise DataError(f"{name}: the cloud holds NaN or infinity")
+        if self._descriptor.needs_colors and cloud.colors is None:
+            raise DataError(f"{name} needs colours and the cloud has none")
+        try:
+            return View(describe(cloud, name, self._config), 1)
+        except DataError:
+            return View(None, 0)
+
+    def compare(self, view: View, most: int) -> list[Candidate]:
+        """The nearest descriptors."""
+        slots, distances = self._index.query(view.content, k=most)
+        pairs = zip(slots.tolist(), distances.tolist(), strict=True)
+        return [Candidate(slot, similarity_at(distance)) for slot, distance in pairs]
+
+    def add(self, view: View) -> int:
+        """Store the descriptor."""
+        self._index.add(view.content)
+        self._rows.append(view.content)
+        return int(view.content.nbytes)
+
+    def remove(self, slot: int) -> None:
+        """Forget a descriptor."""
+        self._fill([*self._rows[:slot], *self._rows[slot + 1 :]])
+
+    def size_of(self, slot: int) -> int:
+        """Bytes of a descriptor."""
+        return int(self._rows[slot].nbytes)
+
+    def explain(self, similarity: float, threshold: float) -> str:
+        """The distances behind the similarities."""
+        distance, most = 1 / similarity - 1, 1 / threshold - 1
+        return f"distance {distance:.4g} {'<=' if similarity >= threshold else '>'} {most:.4g}"
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """All descriptors."""
+        rows = np.array(self._rows, np.float32).reshape(len(self), self._length)
+        return {"descriptors": rows}
+
+    def restore(self, state: Arrays) -> None:
+        """As ``Comparison``."""
+        rows = state["descriptors"]
+        if rows.ndim != 2 or rows.shape[1] != self._length:
+            raise DataError(f"descriptors {rows.shape}, expected (n, {self._length})")
+        self._fill([np.asarray(row, np.float32) for row in rows])
+
+    def _fill(self, rows: Sequence[NDArray[np.float32]]) -> None:
+        self._rows, self._index = [], DescriptorIndex(self._length)
+        for row in rows:
+            self._index.add(row)
+            self._rows.append(row)
+
+
+def similarity_at(distance: float) -> float:
+    """The similarity that stands for a distance."""
+    return 1 / (1 + distance)
+
+
+class SecondStage(Protocol):
+    """Tells look-alikes apart, such as the network of ``fusionslam.views.learning``."""
+
+    def features(self, cloud: Cloud) -> NDArray[np.float32]:
+        """What is stored of a cloud, float32 (F,)."""
+
+    def probability(self, current: NDArray[np.float32], stored: NDArray[np.float32]) -> float:
+        """How likely two clouds show the same place, in [0, 1]."""
+
+
+class TwoStageComparison:
+    """A second stage that may only turn a match of the first one into a rejection (Stastny, 4.7).
+
+    Candidates are taken in the order of the first stage. One that the second stage rejects has
+    similarity 0, and the next one is looked at.
+
+    Args:
+        first: compares all stored views.
+        second: is asked about the best of them.
+        threshold: the probability from which the second stage agrees.
+        start: the first stage's similarity from which the second one is asked; None for the
+            threshold of the first: every match has to pass both.
+        most: of how many candidates the second stage is asked at most.
+
+    Raises:
+        ConfigError: a value out of range.
+    """
+
+    kind = "two_stage"
+
+    def __init__(
+        self,
+        first: Comparison,
+        second: SecondStage,
+        *,
+        threshold: float,
+        start: float | None = None,
+        most: int = 10,
+    ) -> None:
+        self.threshold = first.threshold
+        start = first.threshold if start is None else start
+        for name, value in (("threshold", threshold), ("start", start)):
+            if not 0 <= value <= 1:
+                raise ConfigError(f"second stage: {name} is {value}, expected 0 to 1")
+        if most < 1:
+            raise ConfigError(f"second stage: most is {most}, expected at least 1")
+        self._first, self._second = first, second
+        self._needed, self._start, self._most = threshold, start, most
+        self._features: list[NDArray[np.float32]] = []
+        self.kind = f"two_stage.{first.kind}"
+
+    def __len__(self) -> int:
+        return len(self._features)
+
+    def view(self, item: Item) -> View:
+        """What both stages compare of a cloud."""
+        if not isinstance(item, Cloud):
+            raise ShapeError(f"two stages need a Cloud, got {type(item).__name__}")
+        first = self._first.view(item)
+        features = self._second.features(item) if first.objects else None
+        return View((first, features), first.objects)
+
+    def compare(self, view: View, most: int) -> list[Candidate]:
+        """The best of the first stage that the second one does not reject, then those rejected."""
+        first, features = view.content
+        passed, rejected = [], []
+        for candidate in self._first.compare(first, max(self._most, most)):
+            if candidate.similarity >= self._start and not self._agrees(features, candidate.slot):
+                rejected.append(Candidate(candidate.slot, 0.0))
+            else:
+                passed.append(candidate)
+            if len(passed) == most:
+                break
+        return [*passed, *rejected][:most]
+
+    def _agrees(self, features: NDArray[np.float32], slot: int) -> bool:
+        return self._second.probability(features, self._features[slot]) >= self._needed
+
+    def add(self, view: View) -> int:
+        """Store what both stages compare."""
+        first, features = view.content
+        self._features.append(np.asarray(features, np.float32))
+        return self._first.add(first) + int(self._features[-1].nbytes)
+
+    def remove(self, slot: int) -> None:
+        """Forget a view."""
+        self._first.remove(slot)
+        del self._features[slot]
+
+    def size_of(self, slot: int) -> int:
+        """Bytes of both stages."""
+        return self._first.size_of(slot) + int(self._features[slot].nbytes)
+
+    def explain(self, similarity: float, threshold: float) -> str:
+        """As the first stage."""
+        if similarity == 0:
+            return "the second stage rejected the best ones"
+        return self._first.explain(similarity, threshold)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """The first stage's state and the features."""
+        return {**self._first.state(), "features": np.array(self._features, np.float32)}
+
+    def restore(self, state: Arrays) -> None:
+        """As ``Comparison``."""
+        self._first.restore(state)
+        features = [np.asarray(row, np.float32) for row in state["features"]]
+        if len(features) != len(self._first):
+            raise DataError(f"{len(features)} rows of features for {len(self._first)} views")
+        self._features = features

@@ -1,0 +1,383 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""``ViewMatcher``: which view is this? One ``process`` a scan (Stastny 2022, 4.4)."""
+
+import json
+import os
+import zipfile
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam._files import atomic_path
+from fusionslam.config import Section, core_section, merged, option
+from fusionslam.descriptors import DescriptorConfig
+from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.fusion import FusionConfig, fuse
+from fusionslam.sensors import Frame
+from fusionslam.views.comparisons import (
+    Candidate,
+    Comparison,
+    DescriptorComparison,
+    Item,
+    SceneComparison,
+    View,
+)
+from fusionslam.views.recorder import ROBOT_FUSION
+from fusionslam.views.scenes import SceneConfig
+from fusionslam.views.similarity import SimilarityConfig
+
+if TYPE_CHECKING:
+
+    class SceneSection(Section): ...
+
+    class SimilaritySection(Section): ...
+
+else:
+    SceneSection = core_section("SceneSection", SceneConfig, optional=True)
+    SimilaritySection = core_section("SimilaritySection", SimilarityConfig, optional=True)
+
+FORMAT = "fusionslam.view_matcher.1"
+NO_VIEW = -1
+"""The id of scans that hold nothing to recognise."""
+THRESHOLDS = {"robust": 0.737, "paper": 0.737, "author": 0.737}
+"""From what similarity scenes match, by preset."""
+_STATE = "state."
+
+
+class ViewMatcherConfig(Section):
+    """How views are compared, which of them are stored, and when two match."""
+
+    method: Literal["scenes", "descriptor"] = option(
+        "scenes", "what is compared: the objects of scenes, or a descriptor of the cloud"
+    )
+    preset: Literal["robust", "paper", "author"] = option(
+        "robust", "scenes: robust (ours), paper (Stastny 2022) or author (his program)"
+    )
+    threshold: float | None = option(
+        None,
+        "similarity from which two views match; null: the preset's, or max_distance",
+        ge=0,
+        le=1,
+    )
+    scene: SceneSection = option(SceneSection(), "scenes: single values instead of the preset's")
+    similarity: SimilaritySection = option(
+        SimilaritySection(), "scenes: single values instead of the preset's"
+    )
+    descriptor: Literal["m2dp", "cm2dp", "shot", "cshot"] = option("cm2dp", "descriptor: which one")
+    max_distance: float = option(
+        0.3, "descriptor: the largest distance of a match", ge=0, allow_inf_nan=False
+    )
+    min_objects: int = option(
+        1,
+        "a scan with fewer objects has nothing to recognise: its id is -1, it is not stored",
+        ge=0,
+    )
+    policy: Literal["first", "several"] = option(
+        "first", "what is stored of a place: its first view, or several that differ"
+    )
+    store_below: float = option(
+        0.85,
+        "several: a match less similar than this is stored as another view of the place",
+        ge=0,
+        le=1,
+    )
+    per_place: int = option(5, "several: views of one place at most", ge=1)
+    max_views: int = option(
+        0, "views stored at most; the one not matched for longest makes room; 0 is no bound", ge=0
+    )
+
+
+@dataclass(frozen=True)
+class ViewMatch:
+    """What a scan was recognised as.
+
+    Attributes:
+        id: of the place, counted from 0; -1 for a scan that holds nothing to recognise.
+        similarity: of the best stored view, in [0, 1]; 0 where there is none.
+        is_new: whether the id was given for the first time.
+        reason: why, in a sentence.
+        stored: whether this scan was stored.
+        matched: number of the scan whose stored view it matched, counted from 0; None for none.
+        relative_pose: x, y in metres and yaw in radians of this scan in the frame of that one,
+            where the comparison finds it.
+    """
+
+    id: int
+    similarity: float
+    is_new: bool
+    reason: str
+    stored: bool
+    matched: int | None = None
+    relative_pose: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class ViewStats:
+    """What a matcher did so far.
+
+    Attributes:
+        processed: scans.
+        matched: to a stored view.
+        new: places: ids given.
+        nothing: scans that hold nothing to recognise.
+        single: scans with a single object.
+        stored: views stored now.
+        dropped: views that made room for others.
+        bytes: of all stored views in a file.
+    """
+
+    processed: int = 0
+    matched: int = 0
+    new: int = 0
+    nothing: int = 0
+    single: int = 0
+    stored: int = 0
+    dropped: int = 0
+    bytes: int = 0
+
+    @property
+    def bytes_per_view(self) -> float:
+        """Bytes of a stored view, the mean; 0 where nothing is stored."""
+        return self.bytes / self.stored if self.stored else 0.0
+
+
+@dataclass
+class _Slot:
+    """A stored view: its place's id, the scan it was, and the last scan that needed it."""
+
+    id: int
+    number: int
+    used: int
+
+
+class ViewMatcher:
+    """Gives each scan the id of the place it shows, or a new one.
+
+    Args:
+        config: what is compared and stored.
+        fusion: how frames become clouds; without it in the robot's frame, without the ground.
+        descriptors: how clouds are described, for method "descriptor".
+        comparison: instead of the configured method, such as one with a second stage.
+
+    Raises:
+        ConfigError: a value out of range.
+    """
+
+    def __init__(
+        self,
+        config: ViewMatcherConfig | None = None,
+        *,
+        fusion: FusionConfig | None = None,
+        descriptors: DescriptorConfig | None = None,
+        comparison: Comparison | None = None,
+    ) -> None:
+        self.config = config or ViewMatcherConfig()
+        self.fusion_config = fusion or ROBOT_FUSION
+        self.descriptor_config = descriptors or DescriptorConfig()
+        if comparison is None:  # one without views is false
+            comparison = comparison_of(self.config, self.descriptor_config)
+        self.comparison = comparison
+        given = self.config.threshold
+        self.threshold = self.comparison.threshold if given is None else given
+        self._slots: list[_Slot] = []
+        self._stats = ViewStats()
+
+    @property
+    def stats(self) -> ViewStats:
+        """What was done so far."""
+        return self._stats
+
+    def __len__(self) -> int:
+        """Number of views stored now."""
+        return len(self._slots)
+
+    def view(self, item: Frame | Item | View) -> View:
+        """What will be compared of a frame, a cloud, or what was made of one.
+
+        Raises:
+            DataError: NaN, no colours, or a frame that cannot be fused. ShapeError: it cannot be
+                compared.
+        """
+        if isinstance(item, View):
+            return item
+        return self.comparison.view(
+            fuse(item, self.fusion_config) if isinstance(item, Frame) else item
+        )
+
+    def process(self, item: Frame | Item | View) -> ViewMatch:
+        """The place that a scan shows; stores the scan if it is the first of its place.
+
+        Raises:
+            DataError, ShapeError: as ``view``; nothing is counted or stored then.
+        """
+        view = self.view(item)
+        if view.objects < self.config.min_objects:
+            return self._nothing(view)
+        best = next(iter(self.comparison.compare(view, 1)), None) if self._slots else None
+        if best is not None and best.similarity >= self.threshold:
+            match = self._matched(view, best)
+        else:
+            match = self._new(view, best)
+        single = self._stats.single + (view.objects == 1)
+        self._stats = replace(self._stats, processed=self._stats.processed + 1, single=single)
+        return match
+
+    def _nothing(self, view: View) -> ViewMatch:
+        counts = self._stats
+        self._stats = replace(
+            counts,
+            processed=counts.processed + 1,
+            nothing=counts.nothing + 1,
+            single=counts.single + (view.objects == 1),
+        )
+        reason = f"nothing to recognise: {view.objects} objects, min_objects is "
+        return ViewMatch(NO_VIEW, 0.0, False, f"{reason}{self.config.min_objects}", False)
+
+    def _matched(self, view: View, best: Candidate) -> ViewMatch:
+        slot = self._slots[best.slot]
+        slot.used = self._stats.processed
+        stored = self._is_another_view_of(slot.id, best)
+        if stored:
+            self._store(view, slot.id)
+        self._stats = replace(self._stats, matched=self._stats.matched + 1)
+        why = self.comparison.explain(best.similarity, self.threshold)
+        return ViewMatch(
+            id=slot.id,
+            similarity=best.similarity,
+            is_new=False,
+            reason=f"matched view {slot.id}: {why}",
+            stored=stored,
+            matched=slot.number,
+            relative_pose=best.relative_pose,
+        )
+
+    def _is_another_view_of(self, id: int, best: Candidate) -> bool:
+        if self.config.policy == "first" or best.similarity >= self.config.store_below:
+            return False
+        return sum(slot.id == id for slot in self._slots) < self.config.per_place
+
+    def _new(self, view: View, best: Candidate | None) -> ViewMatch:
+        id = self._stats.new
+        reason = f"new view {id}: nothing is stored yet"
+        if best is not None:
+            why = self.comparison.explain(best.similarity, self.threshold)
+            reason = f"new view {id}: the best is view {self._slots[best.slot].id}, {why}"
+        self._store(view, id)
+        self._stats = replace(self._stats, new=id + 1)
+        return ViewMatch(id, 0.0 if best is None else best.similarity, True, reason, True)
+
+    def _store(self, view: View, id: int) -> None:
+        if 0 < self.config.max_views <= len(self._slots):
+            self._drop()
+        size = self.comparison.add(view)
+        number = self._stats.processed
+        self._slots.append(_Slot(id, number, number))
+        self._stats = replace(self._stats, stored=len(self._slots), bytes=self._stats.bytes + size)
+
+    def _drop(self) -> None:
+        """Make room: the view that no scan needed for longest goes, the oldest of equals."""
+        last = min(range(len(self._slots)), key=lambda slot: self._slots[slot].used)
+        size = self.comparison.size_of(last)
+        self.comparison.remove(last)
+        del self._slots[last]
+        counts = self._stats
+        self._stats = replace(counts, bytes=counts.bytes - size, dropped=counts.dropped + 1)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write one file, whole or not at all: ``load`` goes on exactly from here.
+
+        Raises:
+            DataError: it cannot be written.
+        """
+        about = {
+            "format": FORMAT,
+            "comparison": self.comparison.kind,
+            "threshold": self.threshold,
+            "views": self.config.model_dump(mode="json"),
+            "fusion": self.fusion_config.model_dump(mode="json"),
+            "descriptors": self.descriptor_config.model_dump(mode="json"),
+            "stats": asdict(self._stats),
+        }
+        slots = np.array([(s.id, s.number, s.used) for s in self._slots], np.int64).reshape(-1, 3)
+        state = {_STATE + name: array for name, array in self.comparison.state().items()}
+        with atomic_path(path) as temporary, temporary.open("wb") as stream:
+            np.savez(stream, about=np.array(json.dumps(about)), slots=slots, **state)  # type: ignore[arg-type]
+
+    @classmethod
+    def load(
+        cls, path: str | os.PathLike[str], *, comparison: Comparison | None = None
+    ) -> "ViewMatcher":
+        """Go on from what ``save`` wrote.
+
+        Args:
+            path: the file.
+            comparison: where the matcher was made with one: the like of it, without views.
+
+        Raises:
+            DataError: missing, cut short, damaged, of another version or of another comparison;
+                the message names the file.
+        """
+        try:
+            about, slots, state = _read(Path(path))
+            matcher = cls(
+                merged(ViewMatcherConfig(), about["views"]),
+                fusion=merged(FusionConfig(), about["fusion"]),
+                descriptors=merged(DescriptorConfig(), about["descriptors"]),
+                comparison=comparison,
+            )
+            matcher._restore(about, slots, state)
+        except OSError as error:
+            raise DataError(f"cannot read {path}: {error.strerror or error}") from error
+        except FusionSlamError as error:
+            raise DataError(f"{path}: {error}") from error
+        except (ValueError, KeyError, TypeError, EOFError, AttributeError, zipfile.BadZipFile) as e:
+            raise DataError(f"{path}: no stored view matcher, or cut short: {e}") from e
+        return matcher
+
+    def _restore(
+        self, about: dict[str, Any], slots: NDArray[np.int64], state: dict[str, NDArray[Any]]
+    ) -> None:
+        if about["comparison"] != self.comparison.kind:
+            raise DataError(
+                f"it compares {about['comparison']}, expected {self.comparison.kind}: name the "
+                "comparison it was made with (comparison=...)"
+            )
+        self.comparison.restore(state)
+        if slots.ndim != 2 or slots.shape[1] != 3 or len(slots) != len(self.comparison):
+            raise DataError(f"{len(self.comparison)} views, but slots {slots.shape}")
+        self.threshold = about["threshold"]
+        self._slots = [_Slot(*row) for row in slots.tolist()]
+        self._stats = ViewStats(**about["stats"])
+
+
+def comparison_of(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
+    """The comparison that a configuration names. Raises ConfigError."""
+    if config.method == "descriptor":
+        return DescriptorComparison(config.descriptor, descriptors, config.max_distance)
+    return SceneComparison(
+        scene_config(config), similarity_config(config), THRESHOLDS[config.preset]
+    )
+
+
+def scene_config(config: ViewMatcherConfig) -> SceneConfig:
+    """How clouds become scenes: the preset, and what is changed of it."""
+    return SceneConfig(preset=config.preset, **config.scene.model_dump(exclude_none=True))
+
+
+def similarity_config(config: ViewMatcherConfig) -> SimilarityConfig:
+    """How scenes are compared: the preset, and what is changed of it."""
+    return SimilarityConfig(preset=config.preset, **config.similarity.model_dump(exclude_none=True))
+
+
+def _read(path: Path) -> tuple[dict[str, Any], NDArray[np.int64], dict[str, NDArray[Any]]]:
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+        about = json.loads(str(stored["about"]))
+        if about.get("format") != FORMAT:
+            raise DataError(f"is of format {about.get('format')}, expected {FORMAT}")
+        names = [name for name in stored.files if name.startswith(_STATE)]
+        state = {name.removeprefix(_STATE): stored[name] for name in names}
+        return about, stored["slots"], state

@@ -1,0 +1,233 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Similarity of scenes: against the original program, and one scene against many."""
+
+import json
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusionslam import views
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.views import Scene, SceneIndex, SimilarityConfig, scene_similarity
+from object_scenes import NOTHING, many_scenes, random_scene
+
+PRESETS = ("robust", "paper", "author")
+
+
+@pytest.fixture(scope="module")
+def author(test_data: Path) -> Any:
+    """What the original program says of ten scenes."""
+    text = (test_data / "reference" / "views" / "author_scenes.json").read_text(encoding="utf-8")
+    return json.loads(text)
+
+
+def described(description: list[dict[str, Any]]) -> Scene:
+    """The author's description of a scene: its colours are 0xRRGGBB."""
+    objects = np.zeros(len(description), NOTHING.objects.dtype)
+    for row, entry in zip(objects, description, strict=True):
+        row["center"], row["points"] = entry["center"], entry["cluster_size"]
+        row["volume"], row["area"] = entry["volume"], entry["area"]
+        row["color"] = list(int(entry["color"], 16).to_bytes(3, "big"))
+    return Scene(objects)
+
+
+def test_the_author_preset_gives_the_similarities_of_his_program(author: Any) -> None:
+    scenes = [described(scene["description"]) for scene in author["scenes"]]
+    found = [[scene_similarity(a, b, preset="author") for b in scenes] for a in scenes]
+    np.testing.assert_allclose(found, author["similarity"], rtol=0, atol=1e-6)
+
+
+def test_the_author_preset_holds_his_parameters(author: Any) -> None:
+    config = SimilarityConfig(preset="author")
+    terms = ("color", "distance", "volume", "ratio")
+    held = [getattr(config, f"{t}_{part}") for t in terms for part in ("x0", "a", "weight")]
+    assert held == author["params"]
+
+
+def test_the_author_s_scenes_are_built_and_compared_as_he_did(author: Any, test_data: Path) -> None:
+    clouds = np.load(test_data / "reference" / "views" / "author_scenes.npz")
+    scenes = [
+        views.build_scene(
+            clouds[name][:, :3].astype(np.float32),
+            clouds[name][:, 3:].astype(np.uint8),
+            preset="author",
+        )
+        for name in sorted(clouds.files)
+    ]
+    found = [[scene_similarity(a, b, preset="author") for b in scenes] for a in scenes]
+    np.testing.assert_allclose(found, author["similarity"], rtol=0, atol=1e-6)
+
+
+def test_the_same_place_is_more_like_itself_than_others_under_every_preset(author: Any) -> None:
+    places = np.array([scene["place"] for scene in author["scenes"]])
+    scenes = [described(scene["description"]) for scene in author["scenes"]]
+    same = places[:, None] == places
+    for preset in PRESETS:
+        config = SimilarityConfig(preset=preset, extent_weight=0)  # he gives no extents
+        found = np.array([[scene_similarity(a, b, config=config) for b in scenes] for a in scenes])
+        assert found[same].min() > found[~same].max()
+
+
+def test_our_scenes_are_exactly_like_themselves_and_published_ones_are_not() -> None:
+    for scene in many_scenes(20, 8):
+        if len(scene):
+            assert scene_similarity(scene, scene) == pytest.approx(1, abs=1e-14)
+            assert scene_similarity(scene, scene, preset="author") == pytest.approx(
+                0.8614, abs=1e-4
+            )
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_one_against_many_is_what_pairs_give(preset: str) -> None:
+    scenes = many_scenes(80, 14)
+    index = SceneIndex(preset=preset)
+    assert [index.add(scene) for scene in scenes] == list(range(80))
+    for current in scenes[::9]:
+        pairs = [scene_similarity(current, stored, preset=preset) for stored in scenes]
+        np.testing.assert_allclose(index.similarities(current), pairs, rtol=0, atol=1e-6)
+
+
+def test_similarities_do_not_depend_on_the_number_of_threads() -> None:
+    index = SceneIndex()
+    scenes = many_scenes(1500, 5)
+    for scene in scenes:
+        index.add(scene)
+    alone = index.similarities(scenes[3])
+    for threads in (0, 2, 5):
+        np.testing.assert_array_equal(index.similarities(scenes[3], threads=threads), alone)
+
+
+def test_an_index_without_scenes_answers_with_nothing() -> None:
+    found = SceneIndex().similarities(many_scenes(1, 3, seed=2)[0])
+    assert found.shape == (0,)
+    assert found.dtype == np.float64
+
+
+def test_an_empty_scene_is_like_an_empty_one_only() -> None:
+    scene = random_scene(np.random.default_rng(0), 3)
+    for preset in PRESETS:
+        index = SceneIndex(preset=preset)
+        index.add(NOTHING)
+        index.add(scene)
+        assert index.similarities(NOTHING).tolist() == [1, 0]
+        assert index.similarities(scene)[0] == 0
+        assert scene_similarity(NOTHING, NOTHING, preset=preset) == 1
+        assert scene_similarity(scene, NOTHING, preset=preset) == 0
+
+
+def test_replaced_and_removed_scenes_are_gone() -> None:
+    first, second, third = (random_scene(np.random.default_rng(seed), 4) for seed in range(3))
+    index = SceneIndex()
+    for scene in (first, second):
+        index.add(scene)
+    index.replace(0, third)
+    assert index.similarities(third)[0] == pytest.approx(1, abs=1e-6)
+    index.remove(0)
+    assert len(index) == 1
+    assert index.similarities(second) == pytest.approx([1], abs=1e-6)
+
+
+@pytest.mark.parametrize("number", [-1, 2])
+def test_scenes_that_are_not_stored_cannot_be_replaced_or_removed(number: int) -> None:
+    index = SceneIndex()
+    for scene in many_scenes(2, 3):
+        index.add(scene)
+    for change in (lambda: index.remove(number), lambda: index.replace(number, NOTHING)):
+        with pytest.raises(ConfigError, match=f"scene {number} is not stored"):
+            change()
+
+
+def test_threads_may_share_an_index() -> None:
+    scenes = many_scenes(300, 6)
+    index = SceneIndex()
+    for scene in scenes[:100]:
+        index.add(scene)
+    found: list[Any] = []
+
+    def ask() -> None:
+        for _ in range(50):
+            found.append(index.similarities(scenes[0]))
+
+    readers = [threading.Thread(target=ask) for _ in range(3)]
+    for reader in readers:
+        reader.start()
+    for scene in scenes[100:]:
+        index.add(scene)
+    for reader in readers:
+        reader.join()
+    whole = index.similarities(scenes[0])
+    assert len(found) == 150
+    for part in found:
+        np.testing.assert_array_equal(part, whole[: len(part)])
+
+
+def test_a_similar_colour_matters_more_under_ours_than_under_the_published_weights() -> None:
+    scene = random_scene(np.random.default_rng(4), 1)
+    objects = scene.objects.copy()
+    objects["color"] = 255 - objects["color"]
+    recoloured = Scene(objects)
+    lost = {p: scene_similarity(scene, scene, preset=p) for p in PRESETS}
+    for preset in PRESETS:
+        lost[preset] -= scene_similarity(scene, recoloured, preset=preset)
+    assert lost["robust"] > 0.2
+    assert max(lost["paper"], lost["author"]) < 0.03
+
+
+def test_the_same_shift_weighs_less_far_away_than_near() -> None:
+    objects = random_scene(np.random.default_rng(5), 1).objects.copy()
+    found = []
+    for x in (1.0, 8.0):
+        objects["center"] = [x, 0, 1]
+        stored = Scene(objects)
+        objects["center"] += [0, 0.5, 0]
+        found.append(scene_similarity(Scene(objects), stored))
+    assert found[0] + 0.1 < found[1] < 1
+
+
+def test_weights_that_are_all_0_are_refused() -> None:
+    config = SimilarityConfig(color_weight=0, distance_weight=0, extent_weight=0)
+    for use in (
+        lambda: scene_similarity(NOTHING, NOTHING, config=config),
+        lambda: SceneIndex(config),
+    ):
+        with pytest.raises(ConfigError, match=r"color_weight.*are all 0"):
+            use()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"color_weight": -1}, "color_weight is -1"),
+        ({"distance_a": float("nan")}, "distance_a is nan"),
+        ({"color_difference": "cie94"}, "cie76, ciede2000, rgb, author"),
+        ({"weight": 1}, "no option 'weight'"),
+        ({"preset": "best"}, "paper, author, robust"),
+    ],
+)
+def test_configurations_out_of_range_are_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        SimilarityConfig(**options)
+
+
+def test_objects_of_impossible_colour_are_refused() -> None:
+    objects = random_scene(np.random.default_rng(6), 2).objects.copy()
+    objects["color"][1] = [0, 300, 0]
+    scene, index = Scene(objects), SceneIndex()
+    for use in (
+        lambda: scene_similarity(scene, NOTHING),
+        lambda: index.add(scene),
+        lambda: index.similarities(scene),
+    ):
+        with pytest.raises(DataError, match="object 1 of the scene: color"):
+            use()
+
+
+def test_objects_that_are_not_finite_make_no_scene() -> None:
+    objects = random_scene(np.random.default_rng(7), 2).objects.copy()
+    objects["center"][0] = np.nan
+    with pytest.raises(DataError, match="center"):
+        scene_similarity(Scene(objects), NOTHING)

@@ -1,0 +1,78 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The first stage as the author's program does it, against what that program gave.
+
+The figures are those of his program, run again on the same recordings: published parameters,
+threshold 0.737, paper's rule; scans left empty are skipped.
+"""
+
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from fusionslam.evaluation import ViewReport
+from fusionslam.sim.motion.odometry import OdometryConfig
+from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig
+from fusionslam.views.recorder import record_scenes
+from fusionslam.views.recordings import RangeRecording, RecordingConfig
+from fusionslam.views.runs import run_views
+from fusionslam.views.scene_sets import SceneSet
+
+DRIFT = OdometryConfig(scale=1.02, rotation_scale=1.01)
+FRAMES = {
+    "robot": RecordingConfig(frame="robot"),
+    "odometry": RecordingConfig(frame="odometry"),
+    "drift": RecordingConfig(frame="odometry", odometry=DRIFT),
+}
+
+
+@cache
+def recording(path: Path) -> RangeRecording:
+    return RangeRecording.open(path, "collision")
+
+
+def scenes_of(test_data: Path, world: str, frame: str) -> SceneSet:
+    path = test_data / "recordings" / f"{world}.npz"
+    if not path.is_file():
+        pytest.skip(f"no recording {path}")
+    return record_scenes(recording(path), recording=FRAMES[frame])
+
+
+def judged(scenes: SceneSet) -> ViewReport:
+    matcher = ViewMatcher(ViewMatcherConfig(preset="author", threshold=0.737))
+    return run_views(scenes.without_empty(), matcher).with_truth("objects author").judged("paper")
+
+
+@pytest.mark.parametrize(
+    ("world", "frame", "accuracy", "loop_recall"),
+    [
+        ("warehouse", "odometry", 85.8, 74),
+        ("small_house", "odometry", 89.0, 84),
+        ("warehouse", "robot", 75.8, 55),
+        ("small_house", "robot", 76.6, 65),
+    ],
+)
+def test_the_authors_first_stage_scores_as_his_program_does(
+    test_data: Path, world: str, frame: str, accuracy: float, loop_recall: float
+) -> None:
+    report = judged(scenes_of(test_data, world, frame))
+    assert report.accuracy is not None and report.loop_recall is not None
+    assert abs(100 * report.accuracy - accuracy) < 0.5
+    assert abs(100 * report.loop_recall - loop_recall) < 1
+
+
+@pytest.mark.parametrize(("world", "accuracy"), [("warehouse", 72.3), ("small_house", 74.7)])
+def test_drift_takes_the_loops_of_the_world_frame_and_none_of_the_robots(
+    test_data: Path, world: str, accuracy: float
+) -> None:
+    drifted = judged(scenes_of(test_data, world, "drift"))
+    assert drifted.accuracy is not None and drifted.loop_recall is not None
+    assert abs(100 * drifted.accuracy - accuracy) < 3
+    assert drifted.loop_recall < 0.2
+
+
+def test_forty_three_scans_of_the_warehouse_hold_only_floor(test_data: Path) -> None:
+    scenes = scenes_of(test_data, "warehouse", "robot")
+    assert (len(scenes), int(scenes.empty.sum())) == (509, 43)
+    assert len(scenes.without_empty()) == 466
