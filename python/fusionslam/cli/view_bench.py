@@ -25,7 +25,7 @@ def bench_views(
     data: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[DATA]...",
+            metavar="DATA",
             help="Recordings (.npz), bags, folders, scene sets, or warehouse, house, hospital.",
         ),
     ] = None,
