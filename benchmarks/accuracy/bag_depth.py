@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fusionslam
-from benchmarks.accuracy.kitti_pairs import data_folder
+from benchmarks.accuracy.data import data_folder
 from fusionslam.datasets import open_dataset
 from fusionslam.sensors import Frame
 from fusionslam.sim.scene import RayCaster

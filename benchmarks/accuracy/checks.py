@@ -19,7 +19,8 @@ from scipy.ndimage import minimum_filter
 
 import fusionslam
 from benchmarks.accuracy.bag_depth import FULL_CIRCLE, SECTOR, depth_agreement
-from benchmarks.accuracy.kitti_pairs import PAGE, data_folder
+from benchmarks.accuracy.data import data_folder
+from benchmarks.accuracy.kitti_pairs import PAGE
 from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.datasets import open_dataset, read_poses_kitti
 from fusionslam.evaluation import precision_recall

@@ -11,8 +11,6 @@ reflectance as a grey colour.
 """
 
 import argparse
-import os
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fusionslam
+from benchmarks.accuracy.data import ROOT, data_folder
 from benchmarks.accuracy.markdown import table, write_between
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "checks.md"
 Vector = NDArray[np.float32]
 Describe = Callable[[fusionslam.Cloud], Vector]
@@ -44,13 +42,6 @@ def main() -> None:
     print(text)
     if arguments.write:
         write_between(PAGE, "pairs", text)
-
-
-def data_folder() -> Path:
-    folder = Path(os.environ.get("FUSIONSLAM_TEST_DATA", ROOT.parent / "shared" / "data"))
-    if not (folder / "kitti").is_dir():
-        sys.exit(f"{folder} holds no kitti/: FUSIONSLAM_TEST_DATA must name the test data")
-    return folder
 
 
 def pairs_table(data: Path) -> str:

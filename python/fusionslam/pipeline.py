@@ -276,10 +276,15 @@ def run_path(folder: str | os.PathLike[str], source: str, descriptor: str) -> Pa
 
 def load_runs(folder: str | os.PathLike[str]) -> list[DescriptorRun]:
     """All runs in a folder. Raises DataError if there is none."""
-    paths = sorted(Path(folder).glob("*-*.npz"))
+    paths = run_files(folder)
     if not paths:
         raise DataError(f"{folder} holds no descriptor runs: make some with fusionslam describe")
     return [DescriptorRun.load(path) for path in paths]
+
+
+def run_files(folder: str | os.PathLike[str]) -> list[Path]:
+    """The files of all descriptor runs in a folder, by name."""
+    return sorted(Path(folder).glob("*-*.npz"))
 
 
 def peak_memory(work: Callable[[], object]) -> int:

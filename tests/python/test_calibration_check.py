@@ -3,7 +3,6 @@
 """Wrong turns, shifts and delays put in on purpose are found; right calibrations are left alone."""
 
 import json
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import fusionslam
+from benchmarks.accuracy.calibration import Turned
 from command_line import succeeds
 from fusionslam.calibration.check import (
     CalibrationCheck,
@@ -183,33 +183,6 @@ def test_pictures_have_the_images_size_and_colour_near_and_far(tmp_path: Path) -
     assert path.name == "overlay_000000.png" and picture.shape == (200, 320, 3)
     red, blue = picture[..., 0] - picture[..., 2], picture[..., 2] - picture[..., 0]
     assert (red > 100).sum() > 50 and (blue > 100).sum() > 50
-
-
-@dataclass(frozen=True, eq=False)
-class Turned:
-    """A recording whose calibration is wrong by a turn: roll, pitch, yaw in degrees."""
-
-    recording: Recording
-    degrees: tuple[float, float, float]
-
-    @property
-    def name(self) -> str:
-        return self.recording.name
-
-    @property
-    def body_from_points(self) -> NDArray[np.float64] | None:
-        return self.recording.body_from_points
-
-    def __len__(self) -> int:
-        return len(self.recording)
-
-    def __getitem__(self, index: int) -> Frame:
-        frame = self.recording[index]
-        wrong = np.linalg.inv(turned(np.array([self.degrees]))[0])
-        left = frame.cameras["left"]
-        moved = replace(left, rectified_from_points=wrong @ left.rectified_from_points)
-        frame.cameras = {"left": moved}
-        return frame
 
 
 @pytest.mark.parametrize("data", ["kitti/raw_2011_09_26", "bags/small_house_20s.bag"])

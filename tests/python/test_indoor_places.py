@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
+from benchmarks.accuracy.indoor import aisles_unlike, directions, ward_yaws, wards_unlike
 from fusionslam.sim.indoor import (
     INDOOR_WORLDS,
     HospitalConfig,
@@ -28,7 +29,6 @@ from fusionslam.sim.world import World
 
 HOSPITAL = HospitalConfig()
 WAREHOUSE = WarehouseConfig()
-AZIMUTHS = 180
 
 
 @pytest.fixture(scope="module")
@@ -39,27 +39,6 @@ def hospital() -> World:
 @pytest.fixture(scope="module")
 def warehouse() -> World:
     return make_indoor(WAREHOUSE)
-
-
-def directions(yaw: float = 0.0) -> np.ndarray:
-    """Five rings all round, (5 * AZIMUTHS, 3), turned by yaw."""
-    around = yaw + np.arange(AZIMUTHS) * 2 * np.pi / AZIMUTHS
-    rings = np.tan(np.radians(np.linspace(-12, 12, 5)))
-    rays = [(np.cos(a), np.sin(a), slope) for slope in rings for a in around]
-    return np.array(rays, np.float32)
-
-
-def ranges(caster: RayCaster, place: tuple[float, float], yaw: float = 0.0) -> np.ndarray:
-    """Distances, metres, from 0.17 m above the floor."""
-    rays = directions(yaw)
-    return caster.cast(np.array((*place, 0.17), np.float32), rays).distance * np.linalg.norm(
-        rays, axis=1
-    )
-
-
-def unlike(first: np.ndarray, second: np.ndarray) -> float:
-    """Share of rays whose ranges differ by more than 0.2 m."""
-    return float(np.mean(np.abs(first - second) > 0.2))
 
 
 @cache
@@ -90,19 +69,8 @@ def test_nothing_reaches_through_the_outer_walls(name: str, seed: int) -> None:
 
 
 def test_wards_on_both_sides_of_the_corridors_look_alike_to_a_lidar(hospital: World) -> None:
-    caster = RayCaster(hospital.collision)
-    places = indoor_places(HOSPITAL)
-    wards = [
-        ranges(caster, place, yaw=np.pi if "north" in name else 0.0)
-        for name, place in places.items()
-        if name.startswith("ward")
-    ]
-    assert len(wards) == 2 * HOSPITAL.wards
-    others = [
-        ranges(caster, place) for name, place in places.items() if not name.startswith("ward")
-    ]
-    among = [unlike(a, b) for a, b in itertools.combinations(wards, 2)]
-    apart = [unlike(a, b) for a in wards for b in others]
+    assert len(ward_yaws(HOSPITAL)) == 2 * HOSPITAL.wards
+    among, apart = wards_unlike(hospital, HOSPITAL)
     assert np.median(among) < 0.1 and max(among) < 0.25
     assert min(apart) > 2 * max(among)
 
@@ -110,25 +78,17 @@ def test_wards_on_both_sides_of_the_corridors_look_alike_to_a_lidar(hospital: Wo
 def test_no_two_wards_are_the_same_to_lidar_and_camera_together(hospital: World) -> None:
     caster = RayCaster(hospital.visual)
     seen = []
-    for name, place in indoor_places(HOSPITAL).items():
-        if name.startswith("ward"):
-            rays = directions(np.pi if "north" in name else 0.0)
-            hits = caster.cast(np.array((*place, 0.3), np.float32), rays)
-            # Without light: wards on the two sides are lit from other directions.
-            seen.append(caster.brightness(hits))
+    for name, yaw in ward_yaws(HOSPITAL).items():
+        rays = directions(yaw)
+        hits = caster.cast(np.array((*indoor_places(HOSPITAL)[name], 0.3), np.float32), rays)
+        # Without light: wards on the two sides are lit from other directions.
+        seen.append(caster.brightness(hits))
     for first, second in itertools.combinations(seen, 2):
         assert np.mean(np.abs(first - second) > 0.05) > 0.02
 
 
 def test_aisles_of_the_warehouse_repeat(warehouse: World) -> None:
-    caster = RayCaster(warehouse.collision)
-    places = indoor_places(WAREHOUSE)
-    inner = [
-        f"aisle_{k}_{half}" for k in range(2, WAREHOUSE.rows + 1) for half in ("south", "north")
-    ]
-    scans = {name: ranges(caster, places[name]) for name in inner}
-    south = [unlike(scans[a], scans[b]) for a, b in itertools.combinations(inner[::2], 2)]
-    yard = [unlike(scans[name], ranges(caster, places["yard"])) for name in inner]
+    south, yard = aisles_unlike(warehouse, WAREHOUSE)
     assert min(south) < 0.35
     assert np.median(south) < 0.75 * np.median(yard)
 

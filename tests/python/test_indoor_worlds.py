@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
+from benchmarks.accuracy.indoor import collision_follows, drivable, fan
 from fusionslam.errors import ConfigError
 from fusionslam.sim.canvas import SIDE, Canvas
 from fusionslam.sim.indoor import (
@@ -50,22 +51,6 @@ def arrays(scene: Scene) -> list[np.ndarray]:
 def same(first: Scene, second: Scene) -> bool:
     pairs = zip(arrays(first), arrays(second), strict=True)
     return first.names == second.names and all(np.array_equal(a, b) for a, b in pairs)
-
-
-def drivable(world: World, count: int, seed: int = 0) -> np.ndarray:
-    """x, y of reachable cells a robot's radius away from everything, (count, 2)."""
-    assert world.map is not None
-    room = world.map.inflated(0.25)
-    cells = np.argwhere(room.reachable)
-    chosen = cells[np.random.default_rng(seed).integers(len(cells), size=count)]
-    return np.column_stack(room.centres(chosen[:, 0], chosen[:, 1]))
-
-
-def fan(rings: np.ndarray, azimuths: int) -> np.ndarray:
-    """Unit vectors of a full circle at the given elevations, radians."""
-    up, around = np.meshgrid(rings, np.arange(azimuths) * 2 * np.pi / azimuths, indexing="ij")
-    rays = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], -1)
-    return rays.reshape(-1, 3).astype(np.float32)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -154,16 +139,9 @@ def test_a_ray_in_any_direction_from_inside_hits_something(
 
 @pytest.mark.parametrize("name", NAMES)
 def test_simple_and_detailed_shapes_give_nearly_the_same_ranges(
-    name: str, worlds: dict[str, World], casters: dict[str, tuple[RayCaster, RayCaster]]
+    name: str, worlds: dict[str, World]
 ) -> None:
-    rays = fan(np.radians(np.linspace(-15, 15, 16)), 360)
-    seen, simple = casters[name]
-    differences = []
-    for x, y in drivable(worlds[name], 40):
-        origin = np.array((x, y, 0.17), np.float32)
-        pair = [caster.cast(origin, rays).distance for caster in (seen, simple)]
-        differences.append(np.abs(pair[0] - pair[1]))
-    assert np.mean(np.concatenate(differences) < 0.05) > 0.93
+    assert collision_follows(worlds[name]) > 0.93
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -3,6 +3,7 @@
 """The simulated LiDAR: where its rays go, what comes back, and when."""
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -10,12 +11,12 @@ from pydantic import ValidationError
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
+from benchmarks.accuracy.recordings import SHAPES, range_errors, rays_apart
 from box_worlds import hall
 from fusionslam.sim.lidar import LidarMount, Sweep, column_seconds, lidar_rays, point_fields, scan
 from fusionslam.sim.motion.trajectory import ground_poses
 from fusionslam.sim.robot import base_from, robot_named
 from fusionslam.sim.scene import RayCaster
-from fusionslam.sim.worlds import load_world
 
 CALM = {"noise_m": 0.0, "dropout": 0.0, "grazing_dropout": 0.0, "far_dropout": 0.0}
 
@@ -66,10 +67,8 @@ def test_the_sector_is_that_of_the_independent_recordings(test_data: Path) -> No
     robot = robot_named("turtlebot3_waffle_pi")
     (config,) = robot.lidars.values()
     with np.load(test_data / "recordings" / "warehouse.npz") as recorded:
-        theirs, place = recorded["rays"], recorded["lidar_xyz"]
-    # There the lowest ring is the first.
-    ours = lidar_rays(config).reshape(18, 120, 3)[::-1].reshape(-1, 3)
-    assert np.abs(ours - theirs).max() < 1e-6
+        place = recorded["lidar_xyz"]
+    assert rays_apart(test_data, "warehouse") < 1e-6
     assert np.allclose(base_from(robot, config.frame_id)[:3, 3], place, atol=1e-9)
 
 
@@ -188,32 +187,11 @@ def test_a_lidar_that_cannot_be_is_refused(values: dict[str, object], message: s
 
 
 @pytest.mark.parametrize("name", ["warehouse", "small_house"])
-@pytest.mark.parametrize("shapes", ["collision", "visual"])
+@pytest.mark.parametrize("shapes", SHAPES)
 def test_ranges_agree_with_an_independent_simulator(
-    test_data: Path, name: str, shapes: str
+    test_data: Path, name: str, shapes: Literal["collision", "visual"]
 ) -> None:
-    world = load_world(test_data / "worlds" / f"{name}.glb")
-    caster = RayCaster(world.collision if shapes == "collision" else world.visual)
-    robot = robot_named("turtlebot3_waffle_pi")
-    config = robot.lidars["velodyne"].model_copy(update={"noise_m": 0.0})
-    theirs = np.arange(18 * 120).reshape(18, 120)[::-1].ravel()  # lowest ring first
-    errors = []
-    with np.load(test_data / "recordings" / f"{name}.npz") as recorded:
-        poses, offsets = recorded["poses"], recorded[f"{shapes}_offsets"]
-        rays, ranges = recorded[f"{shapes}_ray"], recorded[f"{shapes}_range_mm"] / 1000
-    for number in range(0, len(poses), 25):
-        x, y, yaw = poses[number]
-        sweep = scan(
-            caster,
-            config,
-            pose(x, y, yaw, 0) @ base_from(robot, config.frame_id),
-            np.random.default_rng(0),
-        )
-        ours = np.full(18 * 120, np.inf)
-        ours[theirs[sweep.ray]] = np.linalg.norm(sweep.points, axis=1)
-        part = slice(*offsets[number : number + 2])
-        errors.append(ours[rays[part]] - ranges[part])
-    error = np.concatenate(errors)
+    error = range_errors(test_data, name, shapes, every=25)
     # Theirs have noise of 0.008 m, of which 99.7 % lies within three deviations.
     assert len(error) > 20_000
     assert np.mean(np.abs(error) < 0.024) > 0.995

@@ -14,6 +14,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from PIL import Image
 
+from benchmarks.accuracy.maps import off_borders, overlay
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.sim.mesh import Mesh, Paint, box, joined, panels
 from fusionslam.sim.motion.map_files import read_map, write_map
@@ -293,13 +294,8 @@ def test_the_map_of_a_world_is_that_of_another_program_but_for_borders(
     made = occupancy_of(
         world_scene(folder / f"{name}.collision.glb"), world_scene(folder / f"{name}.glb")
     )
-    row, column = np.indices(given_map.occupied.shape)
-    row, column, inside = made.cells(*given_map.centres(row, column))
-    occupied, reachable = made.occupied[row, column], made.reachable[row, column]
-    agree = (occupied == given_map.occupied) & (reachable == given_map.reachable)
-    assert agree[inside].mean() > 0.98
+    over = overlay(made, given_map)
+    assert over.agree[over.inside].mean() > 0.98
     # What differs lies beside an obstacle of the other map: on a cell's border, or rounded.
-    for one, other in ((occupied, given_map.occupied), (given_map.occupied, occupied)):
-        grown = np.pad(other, 1)
-        near = np.lib.stride_tricks.sliding_window_view(grown, (3, 3)).any(axis=(2, 3))
-        assert not (one & ~near & inside).any()
+    for one, other in ((over.occupied, given_map.occupied), (given_map.occupied, over.occupied)):
+        assert not (off_borders(one, other) & over.inside).any()

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.spatial import cKDTree
 
+from benchmarks.accuracy.drives import covered, exceeds, revisits
 from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.sim.motion.driving import DriveLimits, drive
@@ -41,21 +41,6 @@ def two_rooms() -> OccupancyMap:
     return grid_of(occupied)
 
 
-def exceeds(trajectory: Trajectory, limits: DriveLimits) -> dict[str, float]:
-    """How far finite differences go beyond the limits, as factors."""
-    gap = np.diff(trajectory.seconds)
-    speed = np.hypot(np.diff(trajectory.x), np.diff(trajectory.y)) / gap
-    turn = np.diff(trajectory.yaw) / gap
-    between = (gap[1:] + gap[:-1]) / 2
-    return {
-        "speed": speed.max() / limits.max_speed_m_s,
-        "turn": np.abs(turn).max() / limits.max_turn_rad_s,
-        "acceleration": np.abs(np.diff(speed) / between).max() / limits.max_acceleration_m_s2,
-        "turn acceleration": np.abs(np.diff(turn) / between).max()
-        / limits.max_turn_acceleration_rad_s2,
-    }
-
-
 def sideways(trajectory: Trajectory) -> Array:
     """Metres of each step across the heading in its middle, and forwards, (2, N - 1)."""
     yaw = (trajectory.yaw[1:] + trajectory.yaw[:-1]) / 2
@@ -64,20 +49,6 @@ def sideways(trajectory: Trajectory) -> Array:
         [np.cos(yaw) * dy - np.sin(yaw) * dx, np.cos(yaw) * dx + np.sin(yaw) * dy]
     )
     return across
-
-
-def revisits(trajectory: Trajectory) -> tuple[float, float]:
-    """Shares of places within 0.5 m of one more than 20 s before: same heading, opposite."""
-    places = np.stack([trajectory.x, trajectory.y], axis=1)
-    tree = cKDTree(places)
-    same, opposite = [], []
-    for k in range(0, len(places), 10):
-        near = np.array(tree.query_ball_point(places[k], 0.5))
-        near = near[trajectory.seconds[near] < trajectory.seconds[k] - 20]
-        alike = np.cos(trajectory.yaw[near] - trajectory.yaw[k])
-        same.append((alike > 0.7).any())
-        opposite.append((alike < -0.7).any())
-    return float(np.mean(same)), float(np.mean(opposite))
 
 
 @given(
@@ -228,9 +199,7 @@ def test_a_planned_drive_sees_all_rooms_and_comes_back_in_both_directions(seed: 
     found = plan_trajectory(grid, config)
     check_trajectory(found, grid, config.clearance_m)
     assert max(exceeds(found, config.limits).values()) < 1 + 1e-6
-    x, y = grid.centres(*np.nonzero(grid.inflated(config.clearance_m).reachable))
-    apart, _ = cKDTree(np.stack([found.x, found.y], axis=1)).query(np.stack([x, y], axis=1))
-    assert (apart < 1.5).mean() > 0.9
+    assert covered(found, grid.inflated(config.clearance_m), within_m=1.5) > 0.9
     assert min(revisits(found)) > 0.25
 
 

@@ -213,6 +213,8 @@ def test_a_sequence_without_revisits_is_reported(tmp_path: Path, count: int) -> 
     page = report([evaluate(some_run(count=count, poses=poses), window=3)], tmp_path)
     assert "No query is a revisit" in page.text
     assert "no threshold accepts a correct match" in page.text
+    assert "nothing that a map of the loops or a distance matrix could show" in page.text
+    assert not list(tmp_path.glob("trajectory_*")) and not list(tmp_path.glob("distances_*"))
     assert "NaN" not in (tmp_path / "metrics.json").read_text()
 
 

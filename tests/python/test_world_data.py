@@ -11,7 +11,8 @@ import pytest
 pytest.importorskip("embreex", reason="the simulator is an extra")
 pytest.importorskip("collada", reason="the simulator is an extra")
 
-from fusionslam.sim.scene import Hits, RayCaster, Scene
+from benchmarks.accuracy.worlds import eyes, pictures, same_ranges
+from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds import load_world
 
@@ -44,52 +45,6 @@ def caster(test_data: Path, name: str, form: int, kind: str) -> RayCaster:
     return RayCaster(getattr(loaded(test_data, name)[form], kind))
 
 
-def places(world: World, height: float) -> list[tuple[np.ndarray, float]]:
-    """Eyes spread along the trajectory: position and yaw."""
-    drive = world.trajectory
-    assert drive is not None
-    chosen = np.linspace(0, len(drive) - 1, PLACES).astype(int)
-    return [
-        (np.array([drive.x[i], drive.y[i], height], np.float32), float(drive.yaw[i]))
-        for i in chosen
-    ]
-
-
-def rings() -> np.ndarray:
-    """16 rings of 900 rays."""
-    elevation, azimuth = np.meshgrid(
-        np.deg2rad(np.linspace(-15, 15, 16)), np.arange(900) * 2 * np.pi / 900, indexing="ij"
-    )
-    level = np.cos(elevation)
-    rays = [level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)]
-    return np.stack(rays, axis=-1).reshape(-1, 3).astype(np.float32)
-
-
-def pixels(yaw: float) -> np.ndarray:
-    """Rays of a picture of 160 x 120 pixels, field of view 1 rad."""
-    focal = 80 / np.tan(0.5)
-    x, y = np.meshgrid((np.arange(160) - 79.5) / focal, (np.arange(120) - 59.5) / focal)
-    forward, left = (
-        np.array([np.cos(yaw), np.sin(yaw), 0]),
-        np.array([-np.sin(yaw), np.cos(yaw), 0]),
-    )
-    rays = forward - x[..., None] * left - y[..., None] * np.array([0, 0, 1])
-    return rays.reshape(-1, 3).astype(np.float32)
-
-
-def beyond_the_cut(origin: np.ndarray, rays: np.ndarray, hits: Hits, scene: Scene) -> np.ndarray:
-    """Rays that hit the ground outside of all that the scene holds.
-
-    SDF's ground plane of the warehouse is 100 m wide; the glTF files cut it a metre around
-    everything else.
-    """
-    held = scene.mesh.triangles[..., :2].reshape(-1, 2)
-    low, high = held.min(axis=0), held.max(axis=0)
-    met = np.isfinite(hits.distance)
-    at = origin[:2] + rays[:, :2] * np.where(met, hits.distance, 0)[:, None]
-    return np.asarray(met & ((at < low) | (at > high)).any(axis=1))
-
-
 def test_triangles_are_all_there(pair: tuple[World, World], name: str) -> None:
     for world in pair:
         assert (len(world.visual.mesh), len(world.collision.mesh)) == COUNTS[name]
@@ -111,27 +66,17 @@ def test_both_files_give_the_same_ranges(
     pair: tuple[World, World], test_data: Path, name: str, kind: str
 ) -> None:
     first, second = (caster(test_data, name, form, kind) for form in range(2))
-    rays = rings()
-    same, total = 0, 0
-    for origin, _ in places(pair[0], 0.17):
-        a, b = first.cast(origin, rays), second.cast(origin, rays)
-        met = np.isfinite(a.distance) & np.isfinite(b.distance)
-        gap = np.abs(np.where(met, a.distance, 0) - np.where(met, b.distance, 0))
-        equal = np.isfinite(a.distance) == np.isfinite(b.distance)
-        counted = ~beyond_the_cut(origin, rays, b, getattr(pair[0], kind))
-        same += int((equal & (gap <= 1e-3))[counted].sum())
-        total += int(counted.sum())
-    assert total > 0.98 * PLACES * len(rays)
-    assert same >= 0.999 * total
+    found = same_ranges(first, second, getattr(pair[0], kind), eyes(pair[0], 0.17, PLACES))
+    assert found.counted.mean() > 0.98
+    assert found.same[found.counted].mean() >= 0.999
 
 
 def test_both_files_give_pictures_that_look_alike(
     pair: tuple[World, World], test_data: Path, name: str
 ) -> None:
-    first, second = (caster(test_data, name, form, "visual") for form in range(2))
-    for origin, yaw in places(pair[0], 0.103):
-        rays = pixels(yaw)
-        a, b = (c.colors(c.cast(origin, rays), rays, 0.007) * 255 for c in (first, second))
+    casters = [caster(test_data, name, form, "visual") for form in range(2)]
+    for eye in eyes(pair[0], 0.103, PLACES):
+        a, b = pictures(casters, eye)
         assert np.abs(a - b).mean() < 3  # the glTF files hold JPEG pictures, the models PNG
         np.testing.assert_allclose(a.mean(axis=0), b.mean(axis=0), atol=2)
         assert a.std() > 10  # there is something to be seen

@@ -2,10 +2,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace fusionslam::detail {
@@ -37,25 +39,53 @@ class CellTable {
 
   std::size_t size() const { return cells_.size(); }
 
-  /// Calls visit(number) for the cell and those of its 26 neighbours that were met.
-  template <class Visit>
-  void for_neighborhood(std::size_t number, Visit&& visit) const {
-    const Cell center = cells_[number];
-    for (int x = -1; x <= 1; ++x)
-      for (int y = -1; y <= 1; ++y)
-        for (int z = -1; z <= 1; ++z) {
-          const Cell cell{center.x + x, center.y + y, center.z + z};
-          if ((x != 0 && cell.x == center.x) || (y != 0 && cell.y == center.y) ||
-              (z != 0 && cell.z == center.z))
-            continue;
-          const std::uint32_t found = slots_[slot_of(cell)];
-          if (found != none) visit(found);
-        }
+  /// Looks up which cells touch, once all are there.
+  void link() {
+    std::vector<std::array<std::uint32_t, 2>> pairs;
+    first_neighbors_.assign(size() + 1, 0);
+    for (std::uint32_t number = 0; number < size(); ++number) {
+      for_later_half(number, [&](std::uint32_t other) {
+        pairs.push_back({number, other});
+        ++first_neighbors_[number];
+        ++first_neighbors_[other];
+      });
+      ++first_neighbors_[number];
+    }
+    for (std::size_t i = 1; i < first_neighbors_.size(); ++i)
+      first_neighbors_[i] += first_neighbors_[i - 1];
+    neighbors_.resize(first_neighbors_.back());
+    for (std::uint32_t number = 0; number < size(); ++number)
+      neighbors_[--first_neighbors_[number]] = number;
+    for (const auto& [a, b] : pairs) {
+      neighbors_[--first_neighbors_[a]] = b;
+      neighbors_[--first_neighbors_[b]] = a;
+    }
+  }
+
+  /// The cell itself and those of its 26 neighbours that were met.
+  std::span<const std::uint32_t> neighborhood(std::size_t number) const {
+    return {neighbors_.data() + first_neighbors_[number],
+            neighbors_.data() + first_neighbors_[number + 1]};
   }
 
  private:
   double index(float coordinate) const {
     return std::floor(static_cast<double>(coordinate) / side_) + 0.0;  // no negative zero
+  }
+
+  /// Calls visit(other) for those of 13 neighbours that were met; the other 13 have this one.
+  template <class Visit>
+  void for_later_half(std::size_t number, Visit&& visit) const {
+    const Cell center = cells_[number];
+    for (int offset = 14; offset < 27; ++offset) {
+      const int x = offset / 9 - 1, y = offset / 3 % 3 - 1, z = offset % 3 - 1;
+      const Cell cell{center.x + x, center.y + y, center.z + z};
+      if ((x != 0 && cell.x == center.x) || (y != 0 && cell.y == center.y) ||
+          (z != 0 && cell.z == center.z))
+        continue;
+      const std::uint32_t found = slots_[slot_of(cell)];
+      if (found != none) visit(found);
+    }
   }
 
   /// Where the cell is, or would be.
@@ -66,21 +96,19 @@ class CellTable {
     return slot;
   }
 
-  static std::uint64_t mix(std::uint64_t bits) {
-    bits *= 0x9e3779b97f4a7c15ULL;
-    bits ^= bits >> 29;
-    bits *= 0xbf58476d1ce4e5b9ULL;
-    return bits ^ (bits >> 32);
-  }
   static std::size_t hash(const Cell& cell) {
-    std::uint64_t bits = mix(std::bit_cast<std::uint64_t>(cell.x));
-    bits = mix(bits + std::bit_cast<std::uint64_t>(cell.y));
-    return mix(bits + std::bit_cast<std::uint64_t>(cell.z));
+    std::uint64_t bits = std::bit_cast<std::uint64_t>(cell.x) * 0x9e3779b97f4a7c15ULL;
+    bits = (bits ^ (bits >> 32)) + std::bit_cast<std::uint64_t>(cell.y) * 0xbf58476d1ce4e5b9ULL;
+    bits = (bits ^ (bits >> 32)) + std::bit_cast<std::uint64_t>(cell.z) * 0x94d049bb133111ebULL;
+    bits = (bits ^ (bits >> 29)) * 0xff51afd7ed558ccdULL;
+    return bits ^ (bits >> 32);
   }
 
   double side_;
   std::vector<std::uint32_t> slots_;
   std::vector<Cell> cells_;
+  std::vector<std::uint32_t> first_neighbors_;  // of each cell, in neighbors_
+  std::vector<std::uint32_t> neighbors_;
 };
 
 }  // namespace fusionslam::detail

@@ -50,27 +50,51 @@ class Clustering {
         sets_(groups_.size()) {}
 
   std::vector<std::int32_t> run() {
-    for_groups([&](std::uint32_t group) { find_core(group); });
+    const auto enough_points = [&](std::size_t cell) { return near_points(cell) >= min_points_; };
+    const auto has_core = [&](std::size_t cell) { return groups_.kept_in(cell) > 0; };
+    const auto has_border = [&](std::size_t cell) {
+      return groups_.kept_in(cell) < groups_.size_of(cell) && near_points(cell) > 0;
+    };
+    for_groups(enough_points, [&](std::uint32_t group) { find_core(group); });
     groups_.keep_only(core_);
-    for_groups([&](std::uint32_t group) { join_close(group); });
-    for_groups([&](std::uint32_t group) { join_touching(group); });
+    for_groups(has_core, [&](std::uint32_t group) { join_close(group); });
+    for_groups(has_core, [&](std::uint32_t group) { join_touching(group); });
     number_clusters();
-    for_groups([&](std::uint32_t group) { label_border(group); });
+    for_groups(has_border, [&](std::uint32_t group) { label_border(group); });
     return std::move(labels_);
   }
 
  private:
   using Node = detail::BoxNode<D>;
 
-  /// Calls work(group) with the groups that may hold neighbours of its points in candidates_.
-  template <class Work>
-  void for_groups(Work&& work) {
+  /// Points that count in the cell and around it.
+  std::size_t near_points(std::size_t cell) const {
+    std::size_t sum = 0;
+    for (const std::uint32_t near : groups_.neighborhood(cell)) sum += groups_.kept_in(near);
+    return sum;
+  }
+
+  /// Calls work(group) for the groups of the wanted cells; candidates_ then has the groups with
+  /// points that count which may hold neighbours of its points.
+  template <class Wanted, class Work>
+  void for_groups(Wanted&& wanted, Work&& work) {
     for (std::size_t cell = 0; cell < groups_.cell_count(); ++cell) {
       detail::check_interrupt();
-      groups_.candidates(cell, candidates_);
+      if (!wanted(cell)) continue;
+      find_candidates(cell);
       for (std::uint32_t group = groups_.first_group(cell); group < groups_.end_group(cell);
            ++group)
         work(group);
+    }
+  }
+
+  void find_candidates(std::size_t cell) {
+    candidates_.clear();
+    for (const std::uint32_t near : groups_.neighborhood(cell)) {
+      if (groups_.kept_in(near) == 0) continue;
+      for (std::uint32_t group = groups_.first_group(near); group < groups_.end_group(near);
+           ++group)
+        if (groups_.group(group).kept > 0) candidates_.push_back(group);
     }
   }
 
@@ -107,8 +131,7 @@ class Clustering {
     if (node.kept == 0) return;
     for (const std::uint32_t other : candidates_) {
       const Node& second = groups_.group(other);
-      if (other > group && second.kept > 0 && node.box.greatest(second.box) <= bound_)
-        sets_.join(group, other);
+      if (other > group && node.box.greatest(second.box) <= bound_) sets_.join(group, other);
     }
   }
 
@@ -152,7 +175,6 @@ class Clustering {
     std::int32_t first = noise;
     for (const std::uint32_t other : near_) {
       const Node& node = groups_.group(other);
-      if (node.kept == 0) continue;
       const std::int32_t number = numbers_[sets_.find(other)];
       if ((first == noise || number < first) && groups_.count(node, query.data(), 1) > 0)
         first = number;

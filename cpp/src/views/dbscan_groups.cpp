@@ -34,12 +34,14 @@ Groups<D>::Groups(PointsView points, ColorsView colors, double eps, double color
       cells_(eps * cell_margin, points.size),
       kernel_(count_within(D, simd_level())) {
   sort_by_cell(points);
+  cells_.link();
   copy_rows(points, colors, color_scale);
   nodes_.emplace_back();  // the 0 of leaves
   for (std::size_t cell = 0; cell < cells_.size(); ++cell) {
     check_interrupt();
     first_groups_.push_back(static_cast<std::uint32_t>(roots_.size()));
     build(first_points_[cell], first_points_[cell + 1], false);
+    kept_in_cells_.push_back(size_of(cell));
   }
   first_groups_.push_back(static_cast<std::uint32_t>(roots_.size()));
   copy_columns();
@@ -162,6 +164,8 @@ void Groups<D>::keep_only(const std::vector<std::uint8_t>& keep) {
     if (keep[i] == 0) columns_[i] = std::numeric_limits<double>::infinity();
   }
   for (BoxNode<D>& node : nodes_) node.kept = kept_before[node.end] - kept_before[node.begin];
+  for (std::size_t cell = 0; cell < cell_count(); ++cell)
+    kept_in_cells_[cell] = kept_before[first_points_[cell + 1]] - kept_before[first_points_[cell]];
 }
 
 template class Groups<3>;

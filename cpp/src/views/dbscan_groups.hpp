@@ -8,6 +8,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "cell_table.hpp"
@@ -81,6 +82,12 @@ class Groups {
   std::size_t cell_count() const { return cells_.size(); }
   std::uint32_t first_group(std::size_t cell) const { return first_groups_[cell]; }
   std::uint32_t end_group(std::size_t cell) const { return first_groups_[cell + 1]; }
+
+  /// How many points of the cell count, and how many there are.
+  std::uint32_t kept_in(std::size_t cell) const { return kept_in_cells_[cell]; }
+  std::uint32_t size_of(std::size_t cell) const {
+    return first_points_[cell + 1] - first_points_[cell];
+  }
   const std::vector<std::uint32_t>& order() const { return order_; }  ///< input index of each point
 
   std::array<double, D> point(std::size_t position) const {
@@ -96,12 +103,9 @@ class Groups {
     return result;
   }
 
-  /// The groups in the cell and its neighbours, which hold every neighbour of the cell's points.
-  void candidates(std::size_t cell, std::vector<std::uint32_t>& groups) const {
-    groups.clear();
-    cells_.for_neighborhood(cell, [&](std::uint32_t near) {
-      for (std::uint32_t g = first_group(near); g < end_group(near); ++g) groups.push_back(g);
-    });
+  /// The cell and its neighbours, which hold every neighbour of the cell's points.
+  std::span<const std::uint32_t> neighborhood(std::size_t cell) const {
+    return cells_.neighborhood(cell);
   }
 
   /// How many points of the node that count are neighbours of `query`; stops once there are
@@ -128,7 +132,8 @@ class Groups {
   CellTable cells_;
   CountWithin* kernel_;
   std::vector<std::uint32_t> order_;
-  std::vector<std::uint32_t> first_points_;  // of each cell, while the groups are made
+  std::vector<std::uint32_t> first_points_;  // of each cell
+  std::vector<std::uint32_t> kept_in_cells_;
   std::vector<std::uint32_t> first_groups_;
   std::vector<std::uint32_t> roots_;
   std::vector<BoxNode<D>> nodes_;

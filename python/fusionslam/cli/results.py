@@ -147,14 +147,22 @@ def report(
     protocol: opt.Protocol = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Write report.html for the runs in OUT.
+    """Write report.html for the runs in OUT, and views.html for runs of views.
 
     It has pictures of frames if the recording is still there.
     """
     from fusionslam.bench import stored_evaluations, write_stored_report
+    from fusionslam.pipeline import run_files
+    from fusionslam.report import has_view_runs, write_stored_view_report
+    from fusionslam.workspace import runs_folder
 
     needs_extra("report")
     _check_protocol(protocol)
+    if has_view_runs(folder):
+        keep_parts(ctx, output or folder)
+        print(write_stored_view_report(folder, output))
+        if not run_files(runs_folder(folder)):
+            return
     with progress() as step:
         evaluations, config = stored_evaluations(folder, step=step)
         protocol = protocol or config.protocol

@@ -7,6 +7,10 @@
     curve.save("curve.json")
 
 ``Evaluation`` joins such curves with what the run cost; the report shows them.
+
+    print(judge_views(ids, poses, stamps))
+
+judges the view ids of a place recognition that stores scenes as it goes.
 """
 
 from fusionslam.evaluation.costs import Costs, StageCost, summarise_costs
@@ -23,6 +27,31 @@ from fusionslam.evaluation.protocols import (
 from fusionslam.evaluation.published import CITATION, kitti_sequence, published_figures
 from fusionslam.evaluation.runs import DescriptorRun
 from fusionslam.evaluation.sweep import RANKS, evaluate_matches, precision_recall
+from fusionslam.evaluation.view_baselines import always_new, baselines, every_kth
+from fusionslam.evaluation.view_curve import (
+    THRESHOLDS,
+    ViewCurve,
+    ids_from_pairs,
+    sweep_pairs,
+    sweep_views,
+)
+from fusionslam.evaluation.view_published import (
+    PUBLISHED_VIEWS,
+    RERUN_CITATION,
+    RERUN_DESCRIPTORS,
+    RERUN_VIEWS,
+    VIEW_CITATION,
+    PublishedViews,
+    RerunDescriptor,
+    RerunViews,
+    published_views,
+    rerun_descriptors,
+    rerun_views,
+)
+from fusionslam.evaluation.view_report import ViewReport
+from fusionslam.evaluation.view_rules import VIEW_RULES, ViewRule
+from fusionslam.evaluation.view_runs import ViewRun
+from fusionslam.evaluation.views import ViewJudge, judge_views
 from fusionslam.evaluation.visits import DIRECTIONS, Visit, visits
 
 __all__ = [
@@ -30,7 +59,14 @@ __all__ = [
     "COMMON_RULES",
     "DIRECTIONS",
     "PROTOCOLS",
+    "PUBLISHED_VIEWS",
     "RANKS",
+    "RERUN_CITATION",
+    "RERUN_DESCRIPTORS",
+    "RERUN_VIEWS",
+    "THRESHOLDS",
+    "VIEW_CITATION",
+    "VIEW_RULES",
     "Costs",
     "DescriptorRun",
     "Evaluation",
@@ -38,15 +74,33 @@ __all__ = [
     "Matches",
     "PrecisionRecall",
     "Protocol",
+    "PublishedViews",
+    "RerunDescriptor",
+    "RerunViews",
     "StageCost",
+    "ViewCurve",
+    "ViewJudge",
+    "ViewReport",
+    "ViewRule",
+    "ViewRun",
     "Visit",
+    "always_new",
+    "baselines",
     "evaluate",
     "evaluate_matches",
+    "every_kth",
     "find_matches",
+    "ids_from_pairs",
+    "judge_views",
     "kitti_sequence",
     "precision_recall",
     "protocol_named",
     "published_figures",
+    "published_views",
+    "rerun_descriptors",
+    "rerun_views",
     "summarise_costs",
+    "sweep_pairs",
+    "sweep_views",
     "visits",
 ]

@@ -1,7 +1,19 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""One HTML file that says how well places were recognised, and the figures behind it."""
+"""HTML files that say how well places were recognised, and the figures behind them."""
 
 from fusionslam.report.assembly import write_report
+from fusionslam.report.views import (
+    has_view_runs,
+    load_view_runs,
+    write_stored_view_report,
+    write_view_report,
+)
 
-__all__ = ["write_report"]
+__all__ = [
+    "has_view_runs",
+    "load_view_runs",
+    "write_report",
+    "write_stored_view_report",
+    "write_view_report",
+]

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fusionslam._files import atomic_path
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
@@ -21,6 +21,9 @@ from fusionslam.report.plots import styled
 from fusionslam.report.sections import Context, SourcePart, source_part
 from fusionslam.report.tables import summary_table
 from fusionslam.report.words import by_rank, winner
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 
 def write_report(
@@ -58,14 +61,14 @@ def write_report(
         ConfigError: no evaluation was made under this protocol.
         FusionSlamError: matplotlib or jinja2 is not installed.
     """
-    _check_extra()
+    check_extra()
     _check(evaluations, protocol)
     target = Path(folder)
     groups = by_rank(evaluations, protocol)
     evaluations = [evaluation for group in groups.values() for evaluation in group]
     missed: dict[str, None] = {}
     context = Context(target, protocol, forgiving(clouds, missed), forgiving(images, missed))
-    about = _about(dataset_name, command, config)
+    about = about_report(dataset_name, command, config)
     with styled():
         sources = [source_part(context, name, group) for name, group in groups.items()]
     write_metrics(target / "metrics.json", evaluations, about)
@@ -85,7 +88,8 @@ def write_report(
     return target / "report.html"
 
 
-def _check_extra() -> None:
+def check_extra() -> None:
+    """Raise FusionSlamError if what reports need is not installed."""
     for module in ("jinja2", "matplotlib"):
         if find_spec(module) is None:
             raise FusionSlamError("the report needs: pip install 'fusionslam[report]'")
@@ -104,7 +108,8 @@ def _check(evaluations: Sequence[Evaluation], protocol: str) -> None:
         raise ConfigError(f"report: nothing was judged under {protocol!r}, only under {names}")
 
 
-def _about(dataset: str, command: str, config: Mapping[str, Any]) -> dict[str, Any]:
+def about_report(dataset: str, command: str, config: Mapping[str, Any]) -> dict[str, Any]:
+    """What every report says of itself: data, command, date, versions, machine."""
     return {
         "dataset": dataset,
         "command": command,
@@ -130,6 +135,19 @@ def _with_poses(evaluations: Sequence[Evaluation]) -> Evaluation:
     return next((e for e in evaluations if e.run.poses is not None), evaluations[0])
 
 
+def environment() -> "Environment":
+    """The templates of reports; an unknown name in one is an error."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=PackageLoader("fusionslam", "report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
 def _page(
     evaluations: Sequence[Evaluation],
     protocol: str,
@@ -138,27 +156,22 @@ def _page(
     title: str,
     notes: Sequence[str],
 ) -> str:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("fusionslam", "report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     curves = (e.curves.get(protocol) for e in evaluations)
-    return environment.get_template("template.html.j2").render(
-        title=title,
-        winner=winner(evaluations, protocol),
-        notes=notes,
-        about=about,
-        config=json.dumps(about["config"], indent=2),
-        summary=summary_table(evaluations, protocol),
-        sources=sources,
-        judged=next((curve for curve in curves if curve), None),
-        rules=COMMON_RULES,
-        protocols=PROTOCOLS.values(),
-        citation=CITATION if any(e.published for e in evaluations) else None,
-        frames=max(len(e.run) for e in evaluations),
+    return (
+        environment()
+        .get_template("template.html.j2")
+        .render(
+            title=title,
+            winner=winner(evaluations, protocol),
+            notes=notes,
+            about=about,
+            config=json.dumps(about["config"], indent=2),
+            summary=summary_table(evaluations, protocol),
+            sources=sources,
+            judged=next((curve for curve in curves if curve), None),
+            rules=COMMON_RULES,
+            protocols=PROTOCOLS.values(),
+            citation=CITATION if any(e.published for e in evaluations) else None,
+            frames=max(len(e.run) for e in evaluations),
+        )
     )

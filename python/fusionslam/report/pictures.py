@@ -59,7 +59,16 @@ def keep(
         DataError: the folder cannot be written.
     """
     encode, end = (_jpeg, ".jpg") if photo else (_png, ".png")
-    picture = Picture(re.sub(r"[^\w.-]+", "-", name) + end, caption, encode(_rendered(figure)))
+    return _kept(folder, name + end, encode(_rendered(figure)), caption)
+
+
+def keep_photo(folder: Path, name: str, image: Image.Image, caption: str) -> Picture:
+    """Write a picture that is drawn already as JPEG, and return it. Arguments as for ``keep``."""
+    return _kept(folder, name + ".jpg", _jpeg(image), caption)
+
+
+def _kept(folder: Path, name: str, data: bytes, caption: str) -> Picture:
+    picture = Picture(re.sub(r"[^\w.-]+", "-", name), caption, data)
     with atomic_path(folder / picture.name) as temporary:
         temporary.write_bytes(picture.data)
     return picture

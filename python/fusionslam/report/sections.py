@@ -46,7 +46,7 @@ class DescriptorPart:
     best: bool
     loops: str
     trajectory: Picture | None
-    distances: Picture
+    distances: Picture | None
     pairs: list[Picture] = field(default_factory=list)
 
 
@@ -89,12 +89,14 @@ def _curves(context: Context, source: str, evaluations: Sequence[Evaluation]) ->
 
 def _descriptor_part(context: Context, evaluation: Evaluation, *, best: bool) -> DescriptorPart:
     run, curve = evaluation.run, evaluation.curves.get(context.protocol)
+    # Where no frame is a revisit, neither picture has anything to show.
+    empty = curve is not None and not curve.n_revisits
     return DescriptorPart(
         name=run_label(run),
         best=best,
         loops=_loops_line(evaluation, curve, context.protocol),
-        trajectory=_trajectory(context, evaluation, curve) if curve else None,
-        distances=_distances(context, evaluation, curve),
+        trajectory=_trajectory(context, evaluation, curve) if curve and not empty else None,
+        distances=None if empty else _distances(context, evaluation, curve),
         pairs=_pairs(context, evaluation, curve) if curve else [],
     )
 

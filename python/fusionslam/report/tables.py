@@ -4,28 +4,30 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 from fusionslam.evaluation import Costs, Evaluation, summarise_costs
 from fusionslam.report.words import run_label, source_name
 
+T = TypeVar("T")
 Value = Callable[[Evaluation], float | None]
 PUBLISHED_PROTOCOL = "perdomo2019"
 
 
 @dataclass(frozen=True)
-class Column:
-    """A column of the summary: how its value is found, shown, and judged.
+class Column(Generic[T]):
+    """A column of a table: how its value is found, shown, and judged.
 
     Attributes:
         title, hint: heading, and what it means.
-        value: of one evaluation; None is shown as a dash.
+        value: of one row's thing; None is shown as a dash.
         show: format of the value.
         best: max, min, or None where no value is better than another.
     """
 
     title: str
     hint: str
-    value: Value
+    value: Callable[[T], float | None]
     show: str
     best: Callable[[Sequence[float]], float] | None = None
 
@@ -51,7 +53,7 @@ def summary_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
     accuracy = _accuracy_columns(protocol) if any(e.curves for e in evaluations) else []
     columns = accuracy + _published_columns(evaluations, protocol) + _cost_columns(evaluations)
     sources = {e.run.source for e in evaluations}
-    return _filled(
+    return filled(
         columns, evaluations, lambda e: f"{source_name(e.run.source, sources)}, {run_label(e.run)}"
     )
 
@@ -59,12 +61,12 @@ def summary_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
 def accuracy_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
     """One row per run: what decides between them, in few columns."""
     columns = [column for column in _accuracy_columns(protocol) if column.title != "recall@5"]
-    return _filled(columns, evaluations, lambda e: run_label(e.run))
+    return filled(columns, evaluations, lambda e: run_label(e.run))
 
 
 def published_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
     """One row per run: recall at 100 % precision beside the published one."""
-    return _filled(
+    return filled(
         _published_columns(evaluations, protocol), evaluations, lambda e: run_label(e.run)
     )
 
@@ -73,7 +75,7 @@ def cost_table(evaluations: Sequence[Evaluation]) -> Table:
     """One row per run: median times and memory, in few columns."""
     columns = [column for column in _cost_columns(evaluations) if column.title != "p95"]
     columns[0] = replace(columns[0], title="frame")
-    return _filled(columns, evaluations, lambda e: run_label(e.run))
+    return filled(columns, evaluations, lambda e: run_label(e.run))
 
 
 def time_table(evaluations: Sequence[Evaluation]) -> Table:
@@ -86,18 +88,17 @@ def time_table(evaluations: Sequence[Evaluation]) -> Table:
     columns.append(_cost_column("points", "median of a cloud", lambda c: c.median_points, ",.0f"))
     if any("describe_seconds" in (e.published or {}) for e in evaluations):
         columns.append(_published("describe_seconds", "published: describe", "{:.1f}", 1e3))
-    return _filled(columns, evaluations, lambda e: run_label(e.run))
+    return filled(columns, evaluations, lambda e: run_label(e.run))
 
 
-def _filled(
-    columns: Sequence[Column], evaluations: Sequence[Evaluation], label: Callable[[Evaluation], str]
-) -> Table:
-    cells = [_cells(column, [column.value(e) for e in evaluations]) for column in columns]
-    rows = [(label(e), [column[row] for column in cells]) for row, e in enumerate(evaluations)]
+def filled(columns: Sequence[Column[T]], things: Sequence[T], label: Callable[[T], str]) -> Table:
+    """One row a thing, with what each column says of it."""
+    cells = [_cells(column, [column.value(thing) for thing in things]) for column in columns]
+    rows = [(label(thing), [column[row] for column in cells]) for row, thing in enumerate(things)]
     return Table([(column.title, column.hint) for column in columns], rows)
 
 
-def _cells(column: Column, values: Sequence[float | None]) -> list[Cell]:
+def _cells(column: Column[T], values: Sequence[float | None]) -> list[Cell]:
     texts = ["\N{EN DASH}" if value is None else column.show.format(value) for value in values]
     known = [value for value in values if value is not None]
     if column.best is None or len(known) < 2:
@@ -107,7 +108,7 @@ def _cells(column: Column, values: Sequence[float | None]) -> list[Cell]:
     return [Cell(text, best=text == best) for text in texts]
 
 
-def _accuracy_columns(protocol: str) -> list[Column]:
+def _accuracy_columns(protocol: str) -> list[Column[Evaluation]]:
     def of(name: str) -> Value:
         return lambda e: getattr(e.curves[protocol], name) if protocol in e.curves else None
 
@@ -137,7 +138,9 @@ def _accuracy_columns(protocol: str) -> list[Column]:
     ]
 
 
-def _published_columns(evaluations: Sequence[Evaluation], protocol: str) -> list[Column]:
+def _published_columns(
+    evaluations: Sequence[Evaluation], protocol: str
+) -> list[Column[Evaluation]]:
     if not any(e.published for e in evaluations):
         return []
     name = PUBLISHED_PROTOCOL
@@ -152,7 +155,7 @@ def _published_columns(evaluations: Sequence[Evaluation], protocol: str) -> list
     return [Column(f"R@100P, {name}", hint, ours, "{:.3f}", max), found]
 
 
-def _published(figure: str, title: str, show: str, scale: float = 1.0) -> Column:
+def _published(figure: str, title: str, show: str, scale: float = 1.0) -> Column[Evaluation]:
     def value(e: Evaluation) -> float | None:
         found = (e.published or {}).get(figure)
         return None if found is None else found * scale
@@ -160,7 +163,7 @@ def _published(figure: str, title: str, show: str, scale: float = 1.0) -> Column
     return Column(title, f"as published, protocol {PUBLISHED_PROTOCOL}", value, show)
 
 
-def _cost_columns(evaluations: Sequence[Evaluation]) -> list[Column]:
+def _cost_columns(evaluations: Sequence[Evaluation]) -> list[Column[Evaluation]]:
     return [
         _frame_column("median_ms", "ms a frame"),
         _frame_column("p95_ms", "p95"),
@@ -180,7 +183,7 @@ def _stages(evaluations: Sequence[Evaluation]) -> list[str]:
     return list(dict.fromkeys(stage for e in evaluations for stage in e.run.seconds))
 
 
-def _frame_column(figure: str, title: str) -> Column:
+def _frame_column(figure: str, title: str) -> Column[Evaluation]:
     def value(costs: Costs) -> float | None:
         return getattr(costs.frame, figure, None)
 
@@ -188,7 +191,7 @@ def _frame_column(figure: str, title: str) -> Column:
     return _cost_column(title, f"{hint} of all stages of a frame together, ms", value, ".1f", min)
 
 
-def _stage_column(stage: str, figure: str, title: str) -> Column:
+def _stage_column(stage: str, figure: str, title: str) -> Column[Evaluation]:
     def value(costs: Costs) -> float | None:
         return getattr(costs.stages.get(stage), figure, None)
 
@@ -202,5 +205,5 @@ def _cost_column(
     value: Callable[[Costs], float | None],
     show: str,
     best: Callable[[Sequence[float]], float] | None = None,
-) -> Column:
+) -> Column[Evaluation]:
     return Column(title, hint, lambda e: value(summarise_costs(e.run)), f"{{:{show}}}", best)

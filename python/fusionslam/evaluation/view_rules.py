@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""By what distances, angles and ages views are judged (Stastny 2022, 5.2)."""
+
+import difflib
+from typing import Any
+
+from fusionslam.config import Section, option
+from fusionslam.errors import ConfigError
+
+
+def _limit(default: float, unit: str, help: str) -> Any:
+    return option(default, help, unit=unit, ge=0, allow_inf_nan=False)
+
+
+class ViewRule(Section):
+    """What counts as one place. All limits are inclusive; angles are differences of yaw.
+
+    The first four are the thesis's, the others those of loop recall and loop precision.
+    """
+
+    false_positive_distance: float = _limit(
+        0.8, "m", "a known view is wrong if its first scene lies farther than this"
+    )
+    false_positive_angle: float = _limit(
+        22.9183, "deg", "a known view is wrong if its first scene is turned by more than this"
+    )
+    false_negative_distance: float = _limit(
+        0.2, "m", "a new view is wrong if a stored scene lies within this"
+    )
+    false_negative_angle: float = _limit(
+        12.0, "deg", "a new view is wrong if that stored scene is turned by at most this"
+    )
+    loop_age: float = _limit(
+        20.0, "s", "a match is a loop, and a scan comes back, after more than this"
+    )
+    revisit_distance: float = _limit(
+        0.5, "m", "a scan comes back if an older true pose lies within this"
+    )
+    revisit_angle: float = _limit(
+        30.0, "deg", "a scan comes back if that older pose is turned by at most this"
+    )
+    loop_distance: float = _limit(
+        0.8, "m", "a loop is right if the first scene of its view lies within this"
+    )
+    loop_angle: float = _limit(
+        22.9183, "deg", "a loop is right if that first scene is turned by at most this"
+    )
+
+
+VIEW_RULES = {
+    "paper": ViewRule(),
+    # His program compares yaw / pi: its 0.4 and 0.04 are these angles.
+    "author": ViewRule(false_positive_angle=72.0, false_negative_angle=7.2),
+}
+"""Rules by name: the thesis's text, and its author's program. Loops are judged alike by both."""
+
+
+def view_rule(rule: str | ViewRule) -> tuple[str, ViewRule]:
+    """Name ("custom" for a rule of one's own) and values of a rule.
+
+    Raises:
+        ConfigError: there is no rule of that name.
+    """
+    if isinstance(rule, ViewRule):
+        known = (name for name, preset in VIEW_RULES.items() if preset == rule)
+        return next(known, "custom"), rule
+    if rule in VIEW_RULES:
+        return rule, VIEW_RULES[rule]
+    near = difflib.get_close_matches(str(rule), VIEW_RULES, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    raise ConfigError(f"unknown view rule {rule!r}; {hint}known: {', '.join(VIEW_RULES)}")
