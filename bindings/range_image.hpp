@@ -13,6 +13,7 @@ namespace fusionslam::bindings {
 
 /// Refuses what range_image() does not give.
 inline RangeImage checked_image(RangeImage&& image) {
+  if (image.cells.empty()) return {};
   const float numbers[] = {image.azimuth_step, image.elevation_step, image.sensor[0],
                            image.sensor[1], image.sensor[2]};
   for (const float value : numbers)

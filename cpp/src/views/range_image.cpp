@@ -75,12 +75,13 @@ RangeImage range_image(PointsView points, ColorsView colors, const RangeImageCon
   validate(config);
   detail::check_colors(points, colors);
   detail::check_points(points, 0, "a range image");
+  const std::vector<Sample> samples = samples_of(points, config);
   RangeImage image;
+  if (samples.empty()) return image;
   image.azimuth_step = static_cast<float>(config.azimuth_step);
   image.elevation_step = static_cast<float>(config.elevation_step);
   image.sensor = {static_cast<float>(config.sensor_x), static_cast<float>(config.sensor_y),
                   static_cast<float>(config.sensor_z)};
-  const std::vector<Sample> samples = samples_of(points, config);
   const Sample* const end = samples.data() + samples.size();
   for (const Sample* first = samples.data(); first != end;) {
     const Sample* last = first;
