@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fusionslam.cli import learning
 from fusionslam.cli import options as opt
 from fusionslam.cli.guard import keep, needs_extra
 from fusionslam.cli.screen import Step, print_table, progress
@@ -27,6 +28,7 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
+app.add_typer(learning.app, name="train")
 
 Scenes = Annotated[
     Path,

@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sizes of the networks: what a weights file has to say about itself."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from fusionslam.config import Section, option
+
+Sizes = tuple[Annotated[int, Field(ge=1, le=65536)], ...]
+
+
+class PointNetConfig(Section):
+    """A small PointNet (Qi et al. 2016; sizes of Stastny 2022, 4.6.1)."""
+
+    transform_points: Sizes = option(
+        (64, 128, 256), "input transform: layers a point", min_length=1
+    )
+    transform_head: Sizes = option((128, 64), "input transform: layers after pooling")
+    points: Sizes = option((64, 128, 256), "layers a point; the last is pooled", min_length=1)
+    embedding: int | None = option(
+        None,
+        "size of a linear layer after pooling, whose output gets length 1; null for none",
+        ge=1,
+    )
+    colors: bool = option(False, "whether points have colours")
+    normalisation: Literal["sphere", "robot"] = option(
+        "sphere", "clouds are fitted into the unit sphere, or stay in the robot's frame"
+    )
+    range_m: float = option(5.0, "normalisation robot: length that becomes 1", unit="m", gt=0)
+
+    @property
+    def channels(self) -> int:
+        """Values of a point."""
+        return 6 if self.colors else 3
+
+    @property
+    def features(self) -> int:
+        """Length of what comes out."""
+        return self.embedding or self.points[-1]
+
+
+class HeadConfig(Section):
+    """The classifier, which only training needs."""
+
+    layers: Sizes = option((128, 64), "hidden layers")
+    dropout: float = option(0.3, "of the last hidden layer, in training", ge=0, lt=1)
+
+
+class ComparisonConfig(Section):
+    """Two feature vectors to the probability that they are one place (Stastny 2022, 4.6.1)."""
+
+    features: int = option(256, "length of a feature vector", ge=1)
+    hidden: int = option(256, "neurons of the hidden layer", ge=1)
+    activation: Literal["relu", "none"] = option(
+        "relu", "between the layers; none is the thesis's program, whose two layers are one"
+    )
+    standardise: bool = option(
+        True, "features are shifted and scaled as those trained on; false is the thesis's way"
+    )

@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""How well scores tell pairs of the same place from others, and what probability they mean."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fusionslam.errors import DataError
+
+Array = NDArray[np.float64]
+
+
+def area_under_curve(scores: ArrayLike, same: ArrayLike) -> float:
+    """Chance that a pair of the same place scores higher than another pair; ties count half.
+
+    Args:
+        scores: (n,), higher means the same place.
+        same: bool (n,).
+
+    Raises:
+        DataError: there are not both kinds of pair.
+    """
+    from scipy.stats import rankdata
+
+    truth = np.asarray(same, bool)
+    alike, unlike = int(truth.sum()), int((~truth).sum())
+    if not alike or not unlike:
+        raise DataError(
+            f"{alike} pairs of the same place, {unlike} of others: expected some of both"
+        )
+    ranks = rankdata(np.asarray(scores, np.float64))
+    return float((ranks[truth].sum() - alike * (alike + 1) / 2) / (alike * unlike))
+
+
+def calibrated(distances: ArrayLike, same: ArrayLike) -> tuple[float, float]:
+    """Offset a and slope b with which 1 / (1 + exp(b d - a)) is the chance of the same place.
+
+    Logistic regression in which both kinds of pair weigh the same in all (Platt 1999).
+
+    Args:
+        distances: (n,), of two feature vectors.
+        same: bool (n,).
+
+    Raises:
+        DataError: there are not both kinds of pair.
+    """
+    from scipy.optimize import minimize
+
+    truth, d = np.asarray(same, bool), np.asarray(distances, np.float64)
+    alike, unlike = int(truth.sum()), int((~truth).sum())
+    if not alike or not unlike:
+        raise DataError(
+            f"{alike} pairs of the same place, {unlike} of others: expected some of both"
+        )
+    weight = np.where(truth, 0.5 / alike, 0.5 / unlike)
+    sign = np.where(truth, 1.0, -1.0)
+
+    def loss(value: Array) -> tuple[float, Array]:
+        margin = sign * (value[0] - value[1] * d)
+        pull = -weight * sign / (1 + np.exp(margin.clip(-500, 500)))
+        # A little pull to 0: where the kinds do not overlap, the slope would grow for ever.
+        return (
+            float(weight @ np.logaddexp(0, -margin)) + 1e-8 * float(value @ value),
+            np.array([pull.sum(), -(pull * d).sum()]) + 2e-8 * value,
+        )
+
+    offset, slope = minimize(loss, np.zeros(2), jac=True, method="BFGS").x
+    return float(offset), float(slope)
+
+
+def probability_of(distances: ArrayLike, offset: float, slope: float) -> Array:
+    """The chance of the same place that calibrated distances mean."""
+    margin = offset - slope * np.asarray(distances, np.float64)
+    chance: Array = 1 / (1 + np.exp(-margin.clip(-500, 500)))
+    return chance
