@@ -3,6 +3,7 @@
 """Ways to recognise views side by side, on small recordings."""
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -296,3 +297,24 @@ def test_costs_have_the_thesis_beside_them(drive: Drive) -> None:
     texts = [cell.text for cell in cells]
     assert label == "first stage" and texts[0].isdigit()
     assert (texts[1], texts[3]) == ("194", "78")
+
+
+def test_a_second_stage_costs_bytes_and_only_rejects(drive: Drive) -> None:
+    pytest.importorskip("onnxruntime")
+    first, both = bench_views([drive], ["first_stage", "both_stages"])
+    assert first.run is not None and both.run is not None
+    assert first.run.bytes_per_view is not None and both.run.bytes_per_view is not None
+    assert both.run.bytes_per_view > first.run.bytes_per_view + 1000
+    # Up to its first rejection it gives the same ids.
+    same = first.run.ids == both.run.ids
+    rejected = int(np.argmin(same)) if not same.all() else len(same)
+    assert rejected == len(same) or both.run.ids[rejected] > first.run.ids[rejected]
+
+
+def test_what_is_not_installed_is_told_in_its_row(
+    drive: Drive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    first, both = bench_views([drive], ["first_stage", "both_stages"])
+    assert first.run is not None
+    assert both.run is None and "pip install 'fusionslam[onnx]'" in both.note
