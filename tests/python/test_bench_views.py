@@ -229,6 +229,19 @@ def test_a_saved_scene_set_is_a_drive(drive: Drive, tmp_path: Path) -> None:
     assert again.with_ground is None
 
 
+def test_a_scene_set_in_another_frame_is_refused(drive: Drive, tmp_path: Path) -> None:
+    moved(drive.scenes, "odometry").save(tmp_path / "scenes.npz")
+    with pytest.raises(DataError, match="scenes in the frame 'odometry', expected 'robot'"):
+        open_drive(tmp_path / "scenes.npz")
+
+
+def test_a_recording_that_is_cut_short_is_refused(path: Path, tmp_path: Path) -> None:
+    whole = path.read_bytes()
+    (tmp_path / "cut.npz").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(DataError, match=r"cut\.npz"):
+        open_drive(tmp_path / "cut.npz")
+
+
 def test_without_data_the_recordings_of_the_test_data_are_taken(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
