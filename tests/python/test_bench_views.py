@@ -3,6 +3,7 @@
 """Ways to recognise views side by side, on small recordings."""
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -228,6 +229,19 @@ def test_a_saved_scene_set_is_a_drive(drive: Drive, tmp_path: Path) -> None:
     assert again.with_ground is None
 
 
+def test_a_scene_set_in_another_frame_is_refused(drive: Drive, tmp_path: Path) -> None:
+    moved(drive.scenes, "odometry").save(tmp_path / "scenes.npz")
+    with pytest.raises(DataError, match="scenes in the frame 'odometry', expected 'robot'"):
+        open_drive(tmp_path / "scenes.npz")
+
+
+def test_a_recording_that_is_cut_short_is_refused(path: Path, tmp_path: Path) -> None:
+    whole = path.read_bytes()
+    (tmp_path / "cut.npz").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(DataError, match=r"cut\.npz"):
+        open_drive(tmp_path / "cut.npz")
+
+
 def test_without_data_the_recordings_of_the_test_data_are_taken(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -296,3 +310,24 @@ def test_costs_have_the_thesis_beside_them(drive: Drive) -> None:
     texts = [cell.text for cell in cells]
     assert label == "first stage" and texts[0].isdigit()
     assert (texts[1], texts[3]) == ("194", "78")
+
+
+def test_a_second_stage_costs_bytes_and_only_rejects(drive: Drive) -> None:
+    pytest.importorskip("onnxruntime")
+    first, both = bench_views([drive], ["first_stage", "both_stages"])
+    assert first.run is not None and both.run is not None
+    assert first.run.bytes_per_view is not None and both.run.bytes_per_view is not None
+    assert both.run.bytes_per_view > first.run.bytes_per_view + 1000
+    # Up to its first rejection it gives the same ids.
+    same = first.run.ids == both.run.ids
+    rejected = int(np.argmin(same)) if not same.all() else len(same)
+    assert rejected == len(same) or both.run.ids[rejected] > first.run.ids[rejected]
+
+
+def test_what_is_not_installed_is_told_in_its_row(
+    drive: Drive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    first, both = bench_views([drive], ["first_stage", "both_stages"])
+    assert first.run is not None
+    assert both.run is None and "pip install 'fusionslam[onnx]'" in both.note

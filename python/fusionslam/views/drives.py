@@ -93,7 +93,8 @@ def open_drive(
         step: told about progress.
 
     Raises:
-        DataError: nothing there, nothing recognised, no true poses, or nothing above the floor.
+        DataError: nothing there, nothing recognised, no true poses, nothing above the floor, or
+            a scene set in another frame than the robot's.
         FusionSlamError: an extra that is needed is not installed.
     """
     path, made = Path(source).expanduser(), None
@@ -201,6 +202,8 @@ def _pictures(dataset: "Dataset") -> Callable[[int], Image] | None:
 
 def _drive(whole: SceneSet, **known: Any) -> Drive:
     whole.true_poses()
+    if whole.frame != "robot":
+        raise DataError(f"{whole.name}: scenes in the frame {whole.frame!r}, expected 'robot'")
     scenes = whole.without_empty()
     if not len(scenes):
         raise DataError(f"{whole.name}: none of {len(whole)} scans holds anything above the floor")
