@@ -229,8 +229,8 @@ auto without_gil(Work&& work) {
 void bind_descriptors(py::module_& module);
 void bind_fusion(py::module_& module);
 void bind_matching(py::module_& module);
-void bind_views(py::module_& module);
 void bind_similarity(py::module_& module);
+void bind_views(py::module_& module);
 
 }  // namespace fusionslam::bindings
 

@@ -173,8 +173,17 @@ extents (3) m along the principal axes, box_min (3), box_max (3) m, points.)")
 
 Raises:
     DataError: no JSON, no scene, or one of another version.)")
-      .def("to_bytes", &to_bytes, "The scene in few bytes.")
-      .def_static("from_bytes", &from_bytes, "data"_a, R"(The scene that to_bytes wrote.
+      .def("to_bytes", &to_bytes, R"(The scene in few bytes: about 25 an object and 12 a scene.
+
+Similarities under every preset stay within 1e-4: centres and extents are kept to 0.05 mm, volumes
+to 0.01 dm3, areas to 1 cm2, colours to 1/2048 of a byte, numbers of points exactly. Boxes are not
+kept.
+
+Raises:
+    DataError: what does not fit, such as centres beyond 4e11 m.)")
+      .def_static(
+          "from_bytes", &from_bytes, "data"_a,
+          R"(The scene that to_bytes wrote; box_min and box_max of its objects are their centres.
 
 Raises:
     DataError: bytes that are cut, damaged, foreign or of another version.)")

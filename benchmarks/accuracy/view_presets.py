@@ -15,7 +15,7 @@ import itertools
 import os
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,7 @@ GROUND_M, OLDER_S = 0.1, 20.0
 REVISIT = (0.5, np.radians(30))
 CORRECT = (0.8, 0.4)
 PRECISION = 0.97
+EXPOSURES = (0.0, 0.05, 0.1, 0.2)
 
 Flags = NDArray[np.bool_]
 ROBUST = SimilarityConfig()
@@ -83,10 +84,11 @@ def main() -> None:
     parser.add_argument("recordings", nargs="*", type=Path, help="further recordings (.npz)")
     parser.add_argument("--write", action="store_true", help=f"put the table into {PAGE.name}")
     arguments = parser.parse_args()
-    text = presets_table([*recordings(), *arguments.recordings])
-    print(text)
-    if arguments.write:
-        write_between(PAGE, "presets", text)
+    drives = [Drive.of(path) for path in [*recordings(), *arguments.recordings]]
+    for name, text in (("presets", presets_table(drives)), ("exposure", exposure_table(drives))):
+        print(f"{text}\n")
+        if arguments.write:
+            write_between(PAGE, name, text)
 
 
 def recordings() -> list[Path]:
@@ -99,23 +101,37 @@ def recordings() -> list[Path]:
     return paths
 
 
-def presets_table(paths: list[Path]) -> str:
+def presets_table(drives: list["Drive"]) -> str:
     """Top-1 correctness and loop recall of every variant in every recording."""
-    drives = [Drive.of(path) for path in paths]
     rows = [
         [name, *(cell for drive in drives for cell in drive.judged(preset, config))]
         for name, (preset, config) in VARIANTS.items()
     ]
-    header = ["similarity"]
-    for drive in drives:
-        header += [f"{drive.name}: top-1", f"loop recall at {PRECISION:.0%} precision"]
     counts = ", ".join(
         f"{d.name} {d.revisits.sum()} revisits of {len(d.stamps)} scans" for d in drives
     )
-    return (
-        f"{table(header, rows)}\n\nPercent of the revisits ({counts}); in brackets the threshold. "
-        "The small house was only looked at."
-    )
+    words = f"Percent of the revisits ({counts}); in brackets the threshold."
+    return f"{table(header('similarity', drives), rows)}\n\n{words} The small house is test only."
+
+
+def exposure_table(drives: list["Drive"]) -> str:
+    """The same for colours whose brightness changes from scan to scan."""
+    rows = []
+    for spread in EXPOSURES:
+        exposed = [drive.exposed(spread) for drive in drives]
+        for x0 in (ROBUST.color_x0, 4 * ROBUST.color_x0):
+            config = SimilarityConfig(color_x0=x0, color_a=ROBUST.color_a * ROBUST.color_x0 / x0)
+            name = f"+-{spread:.0%}, color_x0 {x0:g}"
+            rows.append(
+                [name, *(cell for drive in exposed for cell in drive.judged("robust", config))]
+            )
+    return table(header("brightness", drives), rows)
+
+
+def header(first: str, drives: list["Drive"]) -> list[str]:
+    """Of both tables."""
+    names = [[f"{d.name}: top-1", f"loop recall at {PRECISION:.0%} precision"] for d in drives]
+    return [first, *(name for pair in names for name in pair)]
 
 
 @dataclass(frozen=True)
@@ -153,6 +169,17 @@ class Drive:
         older = stamps[:, None] - stamps > OLDER_S
         revisits = (older & within(poses, *REVISIT)).any(axis=1)
         return cls(path.stem, stamps, scenes, older, within(poses, *CORRECT), revisits)
+
+    def exposed(self, spread: float) -> "Drive":
+        """The colours of every scan times a number of its own between 1 - spread and 1 + spread."""
+        random = np.random.default_rng(0)
+        scenes = []
+        for scene in self.scenes["robust"]:
+            objects = scene.objects.copy()
+            gain = 1 + random.uniform(-spread, spread)
+            objects["color"] = np.clip(objects["color"] * gain, 0, 255)
+            scenes.append(Scene(objects))
+        return replace(self, scenes={"robust": scenes})
 
     def judged(self, preset: str, config: SimilarityConfig) -> tuple[str, str]:
         """Top-1 and loop recall, in percent of the revisits, with the threshold of the latter."""

@@ -20,6 +20,7 @@ from benchmarks.speed import (
     settings,
     similarity_cases,
     system_cases,
+    view_cases,
 )
 from benchmarks.speed.cases import Case, Result, measured
 from benchmarks.speed.curves import Curve
@@ -37,6 +38,7 @@ ROWS: dict[str, Rows] = {
     "colour": fusion_cases.colour_cases,
     "stereo": fusion_cases.stereo_cases,
     "search": search_cases.search_cases,
+    "views": view_cases.view_cases,
     "learning": learning_cases.learning_cases,
     "similarity": similarity_cases.similarity_cases,
     "frame": system_cases.frame_cases,

@@ -15,6 +15,7 @@ class Settings:
         small, large: points of the two clouds of most rows.
         tables: rows and width of the descriptor tables that are searched.
         batch: rows of the table whose rows are all compared with each other.
+        clusters: sizes of the clouds that are clustered.
         scenes: numbers of stored scenes that one is compared with.
         clouds, searches: sizes of the curves.
         memory, index: sizes for the peak memory of descriptors and of the index.
@@ -28,6 +29,7 @@ class Settings:
     large: int
     tables: tuple[tuple[int, int], ...]
     batch: int
+    clusters: tuple[int, ...]
     scenes: tuple[int, int]
     clouds: tuple[int, ...]
     searches: tuple[int, ...]
@@ -46,6 +48,7 @@ FULL = Settings(
     large=150_000,
     tables=((4541, 576), (100_000, 192)),
     batch=4541,
+    clusters=(2_000, 20_000, 100_000),
     scenes=(1_000, 100_000),
     clouds=(2_000, 5_000, 10_000, 25_000, 50_000, 100_000, 200_000, 500_000),
     searches=(1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000),
@@ -64,6 +67,7 @@ QUICK = Settings(
     large=4_000,
     tables=((300, 576), (1_000, 192)),
     batch=300,
+    clusters=(500, 1_000),
     scenes=(50, 200),
     clouds=(500, 1_000, 2_000),
     searches=(200, 500, 1_000),

@@ -366,7 +366,7 @@ class Scene:
     @staticmethod
     def from_bytes(data: bytes) -> Scene:
         """
-        The scene that to_bytes wrote.
+        The scene that to_bytes wrote; box_min and box_max of its objects are their centres.
         
         Raises:
             DataError: bytes that are cut, damaged, foreign or of another version.
@@ -398,7 +398,14 @@ class Scene:
         ...
     def to_bytes(self) -> bytes:
         """
-        The scene in few bytes.
+        The scene in few bytes: about 25 an object and 12 a scene.
+        
+        Similarities under every preset stay within 1e-4: centres and extents are kept to 0.05 mm, volumes
+        to 0.01 dm3, areas to 1 cm2, colours to 1/2048 of a byte, numbers of points exactly. Boxes are not
+        kept.
+        
+        Raises:
+            DataError: what does not fit, such as centres beyond 4e11 m.
         """
     def to_json(self) -> str:
         """

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull, Delaunay
 from fusionslam.views import SceneConfig, build_scene
 
 Points = NDArray[np.float32]
-ONE_CLUSTER = SceneConfig(eps=1e6, min_points=1, min_size=1)
+ONE_CLUSTER = SceneConfig(preset="paper", eps=1e6, min_points=1, min_size=1)
 
 
 def hull_of(points: ArrayLike) -> np.void:

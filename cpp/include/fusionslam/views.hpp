@@ -74,8 +74,12 @@ struct SceneConfig : DbscanConfig {
   static constexpr const char* section = "scene";
 
   int min_size = 10;
-  ObjectCenter center = ObjectCenter::hull;
-  ObjectColor color = ObjectColor::mean;
+  ObjectCenter center = ObjectCenter::box;
+  ObjectColor color = ObjectColor::median;
+
+  /// Of the sizes measured in the warehouse, the greatest that costs no repeatability: colours 200
+  /// bytes apart separate objects that touch.
+  SceneConfig() { color_scale = 0.003; }
 
   template <class Config, class Visitor>
   static void visit(Config& config, Visitor&& visitor) {
@@ -88,9 +92,10 @@ struct SceneConfig : DbscanConfig {
   }
 };
 
-/// "paper": the text of the thesis. "author": the program of its author, with centres of boxes,
-/// truncated medians and no size filter. "robust": the default. Throws ConfigError for any other
-/// name.
+/// "paper": the text of the thesis, with centres of hulls and mean colours; it names no smallest
+/// size, here 20 points. "author": its program, with centres of boxes, truncated medians and no
+/// size filter. "robust", the default: a colour scale that separates touching objects, and centres
+/// of boxes, which found the most revisits. Throws ConfigError for any other name.
 SceneConfig scene_preset(std::string_view name);
 
 /// One object of a scene: a cluster and its convex hull.
@@ -116,7 +121,10 @@ struct Scene {
 /// colour a point, ConfigError for values out of range.
 Scene build_scene(PointsView points, ColorsView colors, const SceneConfig& config = {});
 
-/// The scene in few bytes.
+/// The scene in few bytes: about 25 an object and 12 a scene. Similarities under every preset stay
+/// within 1e-4: centres and extents are kept to 0.05 mm, volumes to 0.01 dm3, areas to 1 cm2,
+/// colours to 1/2048 of a byte, numbers of points exactly. Boxes are not kept. Throws DataError for
+/// what does not fit, such as centres beyond 4e11 m.
 std::vector<std::uint8_t> scene_to_bytes(const Scene& scene);
 
 /// The scene that scene_to_bytes wrote. Throws DataError if the bytes are cut, damaged, foreign or

@@ -78,11 +78,13 @@ SceneObject object_of(const Cluster& cluster, const SceneConfig& config) {
 SceneConfig scene_preset(std::string_view name) {
   SceneConfig config;  // "robust"
   if (name == "paper") {
+    config.color_scale = DbscanConfig{}.color_scale;
     config.min_size = 20;
+    config.center = ObjectCenter::hull;
+    config.color = ObjectColor::mean;
   } else if (name == "author") {
+    config.color_scale = DbscanConfig{}.color_scale;
     config.min_size = 1;
-    config.center = ObjectCenter::box;
-    config.color = ObjectColor::median;
   } else if (name != "robust") {
     throw ConfigError("preset is '" + std::string(name) +
                       "', expected one of robust, paper, author");

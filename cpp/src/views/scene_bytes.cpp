@@ -96,10 +96,10 @@ struct Column {
 
 const Column columns[] = {
     {"center", 1e-4, true, [](SceneObject& o) { return std::span<double>(o.center); }},
-    {"volume", 1e-5, false, [](SceneObject& o) { return std::span<double>(&o.volume, 1); }},
-    {"area", 1e-4, false, [](SceneObject& o) { return std::span<double>(&o.area, 1); }},
-    {"color", 1.0 / 256, false, [](SceneObject& o) { return std::span<double>(o.color); }},
-    {"extents", 1e-3, false, [](SceneObject& o) { return std::span<double>(o.extents); }},
+    {"volume", 2e-5, false, [](SceneObject& o) { return std::span<double>(&o.volume, 1); }},
+    {"area", 2e-4, false, [](SceneObject& o) { return std::span<double>(&o.area, 1); }},
+    {"color", 1.0 / 1024, false, [](SceneObject& o) { return std::span<double>(o.color); }},
+    {"extents", 1e-4, false, [](SceneObject& o) { return std::span<double>(o.extents); }},
 };
 
 std::uint64_t steps_of(const Column& column, double value) {

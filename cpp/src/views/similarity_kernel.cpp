@@ -31,9 +31,8 @@ FUSIONSLAM_INLINE float exponential(float x) {
   return std::bit_cast<float>(std::bit_cast<std::uint32_t>(power) + exponent);
 }
 
-/// Cut off where it is 0 for all purposes and still no denormal number, which would be slow.
 FUSIONSLAM_INLINE float sigmoid(float difference, const KernelTerm& term) {
-  const float t = std::min(std::max(term.a * (difference - term.x0), -80.0F), 80.0F);
+  const float t = std::min(std::max(term.a * (difference - term.x0), -term.limit), term.limit);
   return term.factor / (1.0F + exponential(t));
 }
 

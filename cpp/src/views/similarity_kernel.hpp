@@ -13,6 +13,9 @@ namespace fusionslam::detail {
 /// One sigmoid, factor / (1 + exp(a (x - x0))), in single precision.
 struct KernelTerm {
   float x0, a, factor;
+  /// Of a (x - x0), beyond which the sigmoid is its end for all purposes. No constant of the loops:
+  /// there compilers take the exponential of both sides first, whose denormal numbers are slow.
+  float limit = 80;
 };
 
 /// One row of stored objects, and the result for each.

@@ -4,7 +4,7 @@
 
 import typer
 
-from fusionslam.cli import about, calibration, data, results, simulate, views
+from fusionslam.cli import about, calibration, data, results, simulate, view_bench, views
 from fusionslam.cli.guard import Guarded
 
 app = typer.Typer(
@@ -28,12 +28,13 @@ for command in (
     calibration.calib_check,
     results.evaluate,
     results.bench,
+    view_bench.bench_views,
     results.report,
     views.tune,
     about.config,
     about.doctor,
 ):
-    names = {"evaluate": "eval"}
+    names = {"evaluate": "eval", "bench_views": "bench views"}
     app.command(names.get(command.__name__, command.__name__.replace("_", "-")))(command)
 
 app.add_typer(views.app, name="views")

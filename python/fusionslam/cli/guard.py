@@ -36,6 +36,13 @@ class Guarded(TyperGroup):
         except UsageError as error:
             raise _misused(error) from error
 
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Names of commands may have two words: "bench views" stands beside "bench"."""
+        two = " ".join(args[:2])
+        if two in self.commands:
+            return two, self.commands[two], args[2:]
+        return super().resolve_command(ctx, args)
+
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
         try:

@@ -78,12 +78,24 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     stdout().print(table)
 
 
-def _table(heads: Sequence[str], *, right: bool) -> "RichTable":
+def print_figures(title: str, table: "Table") -> None:
+    """A table of figures under its title, as narrow as it can be."""
+    from rich.text import Text
+
+    shown = _table(["", *(head for head, _ in table.heads)], right=True, space=0)
+    for label, cells in table.rows:
+        shown.add_row(label, *(Text(c.text, style="bold" if c.best else "") for c in cells))
+    console = stdout()
+    console.print(Text(title, style="bold"))
+    console.print(shown)
+
+
+def _table(heads: Sequence[str], *, right: bool, space: int = 1) -> "RichTable":
     """A table without lines; ``right`` aligns all columns but the first."""
     from rich import box
     from rich.table import Table
 
-    table = Table(box=box.SIMPLE, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
+    table = Table(box=box.SIMPLE, show_edge=False, pad_edge=False, padding=(0, space, 0, 0))
     for place, head in enumerate(heads):
         aside = right and place > 0
         table.add_column(head, justify="right" if aside else "left", no_wrap=right or place == 0)

@@ -8,7 +8,13 @@ for (const root of document.querySelectorAll(".scrub")) {
   const slider = part("slider"), choice = part("run"), map = part("map");
   let run = runs[0], timer = null;
 
-  const interesting = (frame) => frame.w.startsWith("false") || frame.l.endsWith("loop") || frame.l.startsWith("missed");
+  const isFalse = (frame) => frame.w.startsWith("false");
+  const interesting = (frame) => isFalse(frame) || frame.l !== "";
+
+  function colorOf(frame) {
+    if (isFalse(frame) || frame.l.startsWith("wrong")) return "bad";
+    return frame.l.startsWith("right") ? "good" : "";
+  }
 
   function picture(side, place) {
     const image = part(side), none = part(side + "-none");
@@ -39,16 +45,21 @@ for (const root of document.querySelectorAll(".scrub")) {
     context.clearRect(0, 0, map.width, map.height);
     context.strokeStyle = "#b4b8bf";
     context.beginPath();
-    for (const piece of run.path) piece.forEach((p, i) => (i ? context.lineTo(...at(p)) : context.moveTo(...at(p))));
+    for (const piece of run.path) {
+      context.moveTo(...at(piece[0]));
+      for (const place of piece.slice(1)) context.lineTo(...at(place));
+    }
     context.stroke();
     const arrow = (pose, color) => {
       const [x, y] = at(pose), a = -pose[2];
       context.fillStyle = color;
       context.beginPath();
-      for (const [r, turn] of [[10, 0], [6, 2.5], [6, -2.5]]) context.lineTo(x + r * Math.cos(a + turn), y + r * Math.sin(a + turn));
+      for (const [r, turn] of [[10, 0], [6, 2.5], [6, -2.5]]) {
+        context.lineTo(x + r * Math.cos(a + turn), y + r * Math.sin(a + turn));
+      }
       context.fill();
     };
-    if (frame.v >= 0) arrow(run.places[frame.v].p, frame.w.startsWith("false") ? "#d73027" : "#1a9850");
+    if (frame.v >= 0) arrow(run.places[frame.v].p, isFalse(frame) ? "#d73027" : "#1a9850");
     arrow(run.places[frame.i].p, "#0b62a8");
   }
 
@@ -58,7 +69,7 @@ for (const root of document.querySelectorAll(".scrub")) {
     picture("view", frame.v >= 0 ? run.places[frame.v] : null);
     part("role").textContent = frame.w === "false negative" ? "should have matched" : "its view";
     verdict.textContent = frame.w + (frame.l ? ", " + frame.l : "");
-    verdict.className = frame.w.startsWith("false") || frame.l.startsWith("wrong") ? "bad" : frame.l.startsWith("right") ? "good" : "";
+    verdict.className = colorOf(frame);
     const words = [frame.id < 0 ? "no view" : `view ${frame.id}`];
     if (frame.s !== null) words.push(`similarity ${frame.s}`);
     if (frame.d) words.push(`${frame.d} from it`);

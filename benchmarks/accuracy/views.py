@@ -1,0 +1,41 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compares ways to recognise views in every frame, as fusionslam bench views does.
+
+python -m benchmarks.accuracy.views                # recordings below FUSIONSLAM_TEST_DATA
+python -m benchmarks.accuracy.views DATA ...       # others
+python -m benchmarks.accuracy.views --write        # and put the tables into docs/view_results.md
+python -m benchmarks.accuracy.views -m robust,cm2dp
+"""
+
+import argparse
+import os
+from pathlib import Path
+
+from benchmarks.accuracy.markdown import write_between
+from fusionslam.report.views_bench import markdown
+from fusionslam.views.bench import bench_views, known_recordings
+from fusionslam.views.drives import FRAMES, open_drive
+from fusionslam.views.entrants import ENTRANTS
+
+PAGE = Path(__file__).parents[2] / "docs" / "view_results.md"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", nargs="*")
+    parser.add_argument("-m", "--methods", default=",".join(ENTRANTS))
+    parser.add_argument("--write", action="store_true")
+    arguments = parser.parse_args()
+    drives = [open_drive(source) for source in arguments.data or known_recordings()]
+    results = bench_views(
+        drives, arguments.methods.split(","), frames=list(FRAMES), jobs=os.cpu_count() or 1
+    )
+    text = markdown(results, {drive.name: drive.dropped for drive in drives})
+    print(text)
+    if arguments.write:
+        write_between(PAGE, "views", text.strip())
+
+
+if __name__ == "__main__":
+    main()
