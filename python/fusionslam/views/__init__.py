@@ -12,6 +12,13 @@ match = matcher.process(scene)             # or a Cloud, or a Frame
 print(match.id, match.is_new, match.reason)
 """
 
+from fusionslam.views.alignment import (
+    Alignment,
+    AlignmentConfig,
+    AlignmentIndex,
+    RangeImage,
+    align_scenes,
+)
 from fusionslam.views.matcher import ViewMatch, ViewMatcher, ViewMatcherConfig
 from fusionslam.views.recorder import record_scenes
 from fusionslam.views.recordings import RangeRecording, RecordingConfig
@@ -27,6 +34,10 @@ from fusionslam.views.similarity import (
 )
 
 __all__ = [
+    "Alignment",
+    "AlignmentConfig",
+    "AlignmentIndex",
+    "RangeImage",
     "RangeRecording",
     "RecordingConfig",
     "Scene",
@@ -37,6 +48,7 @@ __all__ = [
     "ViewMatch",
     "ViewMatcher",
     "ViewMatcherConfig",
+    "align_scenes",
     "build_scene",
     "ciede2000",
     "color_difference",

@@ -101,26 +101,31 @@ def in_words(what: str, similarity: float, threshold: float) -> str:
 
 
 class SceneComparison:
-    """Scenes by their objects (Stastny 2022, 4.6).
-
-    Scenes are stored as their bytes, so that what is saved and what is compared are the same.
+    """Scenes, stored as their bytes: what is saved and what is compared are the same.
 
     Args:
         scene: how clouds become scenes.
-        similarity: how scenes are compared.
         threshold: as ``Comparison``.
     """
 
-    kind = "scenes"
+    kind: str
 
-    def __init__(self, scene: SceneConfig, similarity: SimilarityConfig, threshold: float) -> None:
+    def __init__(self, scene: SceneConfig, threshold: float) -> None:
         self.threshold = threshold
-        self._scene, self._similarity = scene, similarity
+        self._scene = scene
         self._bytes: list[bytes] = []
-        self._index = SceneIndex(similarity)
+        self._index = self._empty_index()
 
     def __len__(self) -> int:
         return len(self._bytes)
+
+    def _empty_index(self) -> Any:
+        """What compares scenes: it has add(scene) and remove(number)."""
+        raise NotImplementedError
+
+    def _stored(self, scene: Scene) -> bytes:
+        """What is kept of a scene."""
+        raise NotImplementedError
 
     def view(self, item: Item) -> View:
         """A scene, or the scene of a cloud."""
@@ -132,18 +137,9 @@ class SceneComparison:
             raise ShapeError(f"expected a Scene or a Cloud, got {type(item).__name__}")
         return View(item, len(item))
 
-    def compare(self, view: View, most: int) -> list[Candidate]:
-        """The most similar scenes."""
-        found = self._index.similarities(view.content)
-        if most == 1 and len(found):
-            best = int(found.argmax())
-            return [Candidate(best, float(found[best]))]
-        order = np.argsort(-found, kind="stable")[:most]
-        return [Candidate(int(slot), float(found[slot])) for slot in order]
-
     def add(self, view: View) -> int:
         """Store the scene."""
-        self._append(view.content.to_bytes())
+        self._append(self._stored(view.content))
         return len(self._bytes[-1])
 
     def _append(self, stored: bytes) -> None:
@@ -159,10 +155,6 @@ class SceneComparison:
         """Bytes of a scene."""
         return len(self._bytes[slot])
 
-    def explain(self, similarity: float, threshold: float) -> str:
-        """As ``Comparison``."""
-        return in_words("similarity", similarity, threshold)
-
     def state(self) -> dict[str, NDArray[Any]]:
         """The bytes of all scenes, and where each begins."""
         joined, offsets = packed(self._bytes)
@@ -170,9 +162,43 @@ class SceneComparison:
 
     def restore(self, state: Arrays) -> None:
         """As ``Comparison``."""
-        self._bytes, self._index = [], SceneIndex(self._similarity)
+        self._bytes, self._index = [], self._empty_index()
         for stored in unpacked(state["scenes"], state["offsets"]):
             self._append(stored)
+
+
+class ObjectComparison(SceneComparison):
+    """Scenes by their objects (Stastny 2022, 4.6).
+
+    Args:
+        scene, threshold: as ``SceneComparison``.
+        similarity: how scenes are compared.
+    """
+
+    kind = "scenes"
+
+    def __init__(self, scene: SceneConfig, similarity: SimilarityConfig, threshold: float) -> None:
+        self._similarity = similarity
+        super().__init__(scene, threshold)
+
+    def _empty_index(self) -> SceneIndex:
+        return SceneIndex(self._similarity)
+
+    def _stored(self, scene: Scene) -> bytes:
+        return scene.to_bytes(image=False)
+
+    def compare(self, view: View, most: int) -> list[Candidate]:
+        """The most similar scenes."""
+        found = self._index.similarities(view.content)
+        if most == 1 and len(found):
+            best = int(found.argmax())
+            return [Candidate(best, float(found[best]))]
+        order = np.argsort(-found, kind="stable")[:most]
+        return [Candidate(int(slot), float(found[slot])) for slot in order]
+
+    def explain(self, similarity: float, threshold: float) -> str:
+        """As ``Comparison``."""
+        return in_words("similarity", similarity, threshold)
 
 
 class DescriptorComparison:

@@ -18,12 +18,13 @@ from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.sensors import Frame
+from fusionslam.views.alignment import AlignmentComparison, AlignmentConfig
 from fusionslam.views.comparisons import (
     Candidate,
     Comparison,
     DescriptorComparison,
     Item,
-    SceneComparison,
+    ObjectComparison,
     View,
 )
 from fusionslam.views.recorder import ROBOT_FUSION
@@ -36,9 +37,12 @@ if TYPE_CHECKING:
 
     class SimilaritySection(Section): ...
 
+    class AlignmentSection(Section): ...
+
 else:
     SceneSection = core_section("SceneSection", SceneConfig, optional=True)
     SimilaritySection = core_section("SimilaritySection", SimilarityConfig, optional=True)
+    AlignmentSection = core_section("AlignmentSection", AlignmentConfig)
 
 FORMAT = "fusionslam.view_matcher.1"
 NO_VIEW = -1
@@ -46,21 +50,26 @@ NO_VIEW = -1
 THRESHOLDS = {"robust": 0.74, "paper": 0.737, "author": 0.737}
 """From what similarity scenes match, by preset: as published; ours is where accuracy and loop
 precision meet in the warehouse and a made house."""
+PROBABILITY = 0.9
+"""From what probability aligned views match: docs/views.md says what it gives."""
 _STATE = "state."
 
 
 class ViewMatcherConfig(Section):
     """How views are compared, which of them are stored, and when two match."""
 
-    method: Literal["scenes", "descriptor"] = option(
-        "scenes", "what is compared: the objects of scenes, or a descriptor of the cloud"
+    method: Literal["alignment", "scenes", "descriptor"] | None = option(
+        None,
+        "how views are compared: alignment lays one over the other, scenes compares objects, "
+        "descriptor vectors; null is alignment for the robust preset, scenes for the others",
     )
     preset: Literal["robust", "paper", "author"] = option(
         "robust", "scenes: robust (ours), paper (Stastny 2022) or author (his program)"
     )
     threshold: float | None = option(
         None,
-        "similarity from which two views match; null: the preset's, or max_distance",
+        "similarity, of alignments the probability, from which two views match; null: the "
+        "method's and preset's, or max_distance",
         ge=0,
         le=1,
     )
@@ -68,6 +77,7 @@ class ViewMatcherConfig(Section):
     similarity: SimilaritySection = option(
         SimilaritySection(), "scenes: single values instead of the preset's"
     )
+    alignment: AlignmentSection = option(AlignmentSection(), "alignment: how")
     descriptor: Literal["m2dp", "cm2dp", "shot", "cshot"] = option("cm2dp", "descriptor: which one")
     max_distance: float = option(
         0.24, "descriptor: the largest distance of a match", ge=0, allow_inf_nan=False
@@ -359,9 +369,16 @@ def comparison_of(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> C
     """The comparison that a configuration names. Raises ConfigError."""
     if config.method == "descriptor":
         return DescriptorComparison(config.descriptor, descriptors, config.max_distance)
-    return SceneComparison(
-        scene_config(config), similarity_config(config), THRESHOLDS[config.preset]
-    )
+    scene = scene_config(config)
+    if method_of(config) == "alignment":
+        alignment = AlignmentConfig(**config.alignment.model_dump())
+        return AlignmentComparison(scene, alignment, PROBABILITY)
+    return ObjectComparison(scene, similarity_config(config), THRESHOLDS[config.preset])
+
+
+def method_of(config: ViewMatcherConfig) -> str:
+    """How views are compared."""
+    return config.method or ("alignment" if config.preset == "robust" else "scenes")
 
 
 def scene_config(config: ViewMatcherConfig) -> SceneConfig:
