@@ -96,3 +96,20 @@ def test_places_of_a_world_never_trained_on_are_told_apart(
     scores = np.stack([stage.probabilities(row, rows) for row in rows])[first, second]
     same = (distance < 0.5) & (angle < np.deg2rad(36))
     assert area_under_curve(scores, same) > least
+
+
+def test_the_matcher_takes_it_as_its_second_stage() -> None:
+    from fusionslam.views import SceneConfig, SimilarityConfig, ViewMatcher
+    from fusionslam.views.comparisons import SceneComparison, TwoStageComparison
+
+    def ids(threshold: float) -> list[int]:
+        # Every scene is like every other one to this first stage.
+        first = SceneComparison(SceneConfig(), SimilarityConfig(), 0.0)
+        second = SecondStage("places")
+        matcher = ViewMatcher(comparison=TwoStageComparison(first, second, threshold=threshold))
+        matcher.threshold = 1e-9
+        return [matcher.process(seen).id for seen in (near, far, near, far)]
+
+    near, far = cloud(400, 1, (2.0, 0.0)), cloud(400, 2, (6.0, -2.0))
+    assert ids(0.0) == [0, 0, 0, 0]
+    assert ids(0.9) == [0, 1, 0, 1]

@@ -25,7 +25,7 @@ from fusionslam.views.runs import run_views
 from fusionslam.views.scenes import build_scene
 from object_places import LAPS, NOTHING, drive, place
 
-DESCRIPTOR = {"method": "descriptor", "descriptor": "cm2dp", "max_distance": 0.25}
+DESCRIPTOR = {"method": "descriptor", "descriptor": "cm2dp", "max_distance": 0.24}
 
 
 def config(**values: Any) -> ViewMatcherConfig:
@@ -77,8 +77,8 @@ def test_a_distance_is_compared_with_the_largest_allowed_one() -> None:
     one = matcher(**DESCRIPTOR)
     one.process(place(0))
     found = one.process(place(0))
-    assert found.similarity == 1.0 and found.reason == "matched view 0: distance 0 <= 0.25"
-    assert one.threshold == similarity_at(0.25) and "> 0.25" in one.process(place(1)).reason
+    assert found.similarity == 1.0 and found.reason == "matched view 0: distance 0 <= 0.24"
+    assert one.threshold == similarity_at(0.24) and "> 0.24" in one.process(place(1)).reason
 
 
 def test_scans_with_nothing_to_recognise_have_no_view_and_are_not_stored() -> None:

@@ -100,6 +100,8 @@ def match(
     rule: Rule = "paper",
     kind: opt.KindOption = None,
     sequence: opt.Sequence = None,
+    topic: opt.Topics = None,
+    skip_gaps: opt.SkipGaps = False,
     gt: opt.Truth = None,
     tuned: Tuned = None,
     settings: opt.Settings = None,
@@ -118,7 +120,9 @@ def match(
     opt.one_of("--rule", rule, ("paper", "author"))
     matcher = ViewMatcher(whole.views, fusion=whole.fusion, descriptors=whole.descriptors)
     with progress() as step:
-        scenes = _scene_set(data, whole, step, (kind, sequence, False, gt), jobs=opt.cores(jobs))
+        scenes = _scene_set(
+            data, whole, step, (kind, sequence, skip_gaps, gt, topic), jobs=opt.cores(jobs)
+        )
         scenes = scenes.without_empty() if skip_empty else scenes
         run = run_views(scenes, matcher, _shown(step, "matching"))
     values = whole.views.model_dump(mode="json")
@@ -144,6 +148,8 @@ def curve(
     ] = 0.97,
     kind: opt.KindOption = None,
     sequence: opt.Sequence = None,
+    topic: opt.Topics = None,
+    skip_gaps: opt.SkipGaps = False,
     gt: opt.Truth = None,
     tuned: Tuned = None,
     settings: opt.Settings = None,
@@ -157,7 +163,9 @@ def curve(
     whole = _config(tuned, config, settings)
     opt.one_of("--rule", rule, ("paper", "author"))
     with progress() as step:
-        scenes = _scene_set(data, whole, step, (kind, sequence, False, gt), jobs=opt.cores(jobs))
+        scenes = _scene_set(
+            data, whole, step, (kind, sequence, skip_gaps, gt, topic), jobs=opt.cores(jobs)
+        )
         scenes = scenes.without_empty() if skip_empty else scenes
         found = sweep_thresholds(
             scenes,

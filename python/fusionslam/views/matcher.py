@@ -70,7 +70,7 @@ class ViewMatcherConfig(Section):
     )
     descriptor: Literal["m2dp", "cm2dp", "shot", "cshot"] = option("cm2dp", "descriptor: which one")
     max_distance: float = option(
-        0.3, "descriptor: the largest distance of a match", ge=0, allow_inf_nan=False
+        0.24, "descriptor: the largest distance of a match", ge=0, allow_inf_nan=False
     )
     min_objects: int = option(
         1,

@@ -159,7 +159,7 @@ def _grids(path: Path) -> NDArray[np.bool_]:
         with opened(path, "rb") as stream:
             values = np.load(stream, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
-        raise DataError(f"{path}: not an array of voxels, or cut short: {error}") from error
+        raise DataError(f"{path}: cannot be read as an array of voxels, or cut short") from error
     if values.ndim == 5 and values.shape[1] == 1:
         values = values[:, 0]
     if values.ndim != 4 or 0 in values.shape:
