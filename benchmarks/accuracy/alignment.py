@@ -114,7 +114,7 @@ def _terms(values: Floats) -> Floats:
 
 
 def fit(pairs: Sequence[Pairs]) -> Fit:
-    """The ridge-regularised maximum of the likelihood; in each world both answers weigh the same."""
+    """The ridge-regularised maximum of the likelihood; both answers weigh the same in a world."""
     rows, answers, weights = [], [], []
     for one in pairs:
         same = (one.distance_m < _SAME[0]) & (one.angle_deg < _SAME[1])
