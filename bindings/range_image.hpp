@@ -11,6 +11,9 @@
 
 namespace fusionslam::bindings {
 
+using ReducedImage =
+    py::typing::Tuple<py::type, py::typing::Tuple<py::array, float, float, py::object>>;
+
 /// Refuses what range_image() does not give.
 inline RangeImage checked_image(RangeImage&& image) {
   if (image.cells.empty()) return {};
@@ -108,7 +111,7 @@ elevation up, from straight ahead), range (cm), color (3) RGB.)")
              return py::isinstance<RangeImage>(other) && self == other.cast<const RangeImage&>();
            })
       .def("__hash__", [](const RangeImage& self) { return self.cells.size(); })
-      .def("__reduce__", [](const py::object& self) -> py::tuple {
+      .def("__reduce__", [](const py::object& self) -> ReducedImage {
         const py::tuple parts = py::make_tuple(
             py::object(self.attr("cells")), py::object(self.attr("azimuth_step")),
             py::object(self.attr("elevation_step")), py::object(self.attr("sensor")));

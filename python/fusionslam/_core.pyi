@@ -412,7 +412,7 @@ class RangeImage:
         ...
     def __len__(self) -> int:
         ...
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[type, tuple[numpy.ndarray, float, float, typing.Any]]:
         ...
     @property
     def azimuth_step(self) -> float:
@@ -708,7 +708,7 @@ class Alignment:
     def __repr__(self) -> str:
         ...
     @property
-    def evidence(self) -> dict:
+    def evidence(self) -> dict[str, float]:
         """
         What speaks for and against it, by name (docs/views_alignment.md).
         """
