@@ -99,12 +99,11 @@ float read_float(BitReader& reader) {
   return value;
 }
 
-void check_box(const Box& box, const RangeImage& image) {
-  // Rows and columns are degrees apart: more than these would go round more than twice.
-  const auto most = [](float step) { return step > 0 ? 720 / step + 2 : 0; };
-  if (static_cast<float>(box.rows) > most(image.elevation_step) ||
-      static_cast<float>(box.columns) > most(image.azimuth_step) ||
-      std::abs(box.first_row) > 10000 || std::abs(box.first_column) > 10000)
+void check_box(const Box& box) {
+  // With the smallest step: more rows and columns than these would go round more than twice.
+  constexpr int most = 14402;
+  if (box.rows < 1 || box.columns < 1 || box.rows > most || box.columns > most ||
+      std::abs(box.first_row) > most || std::abs(box.first_column) > most)
     refuse_bytes("a range image of impossible size");
 }
 
@@ -137,10 +136,11 @@ RangeImage image_from_bytes(std::span<const std::uint8_t> bytes) {
   box.first_column = static_cast<int>(unfolded(reader.read_small(6)));
   box.rows = static_cast<int>(reader.read_small(4));
   box.columns = static_cast<int>(reader.read_small(6));
-  check_box(box, image);
+  check_box(box);
   image.cells = read_runs(reader, box);
   read_values(reader, image.cells);
   if (reader.bytes_used() != bytes.size()) refuse_bytes("longer than its range image");
+  check_range_image(image);
   return image;
 }
 
