@@ -50,7 +50,7 @@ NO_VIEW = -1
 THRESHOLDS = {"robust": 0.74, "paper": 0.737, "author": 0.737}
 """From what similarity scenes match, by preset: as published; ours is where accuracy and loop
 precision meet in the warehouse and a made house."""
-PROBABILITY = 0.9
+PROBABILITY = 0.95
 """From what probability aligned views match: docs/views.md says what it gives."""
 _STATE = "state."
 

@@ -1,0 +1,201 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fits the probability of an alignment, on the warehouse and on made worlds only.
+
+python -m benchmarks.accuracy.alignment            # fit, and print how well the fit does
+python -m benchmarks.accuracy.alignment --write    # and put the weights into the core
+
+Every scan is aligned with its candidates among all older ones. Two that were taken within 0.75 m
+and 21 deg are one place, two farther apart than 0.9 m or 25 deg are not, those in between are left
+out. The recordings of FUSIONSLAM_TEST_DATA are used where they are: warehouse to fit, small_house
+only to look.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import expit
+
+from benchmarks.accuracy.data import data_folder
+from benchmarks.accuracy.markdown import table
+from fusionslam.evaluation import judge_views
+from fusionslam.views import AlignmentConfig, AlignmentIndex, build_scene
+from fusionslam.views.drives import Drive, open_drive
+
+WEIGHTS = Path(__file__).parents[2] / "cpp" / "src" / "views" / "alignment_weights.inc"
+MADE = ("house", "warehouse", "hospital")
+RECORDED = (("warehouse", "collision"), ("warehouse", "visual"))
+UNSEEN = (("small_house", "collision"), ("small_house", "visual"))
+THRESHOLDS = (0.8, 0.85, 0.9, 0.95)
+REACH_M, TURN_DEG = AlignmentConfig().reach, AlignmentConfig().turn
+
+_SAME = (0.75, 21.0)
+_OTHER = (0.9, 25.0)
+# Wrong matches with places far away do more harm than those just too far.
+_FAR_M, _FAR_WEIGHT = 2.0, 3.0
+_RIDGE = 100.0
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Each scan of a drive with its candidates.
+
+    Attributes:
+        drive: whose scans they are.
+        current, older: rows of its scans, (n,).
+        evidence: what alignment found, (n, 12); zeros where nothing could be aligned.
+        distance_m, angle_deg: how far apart they truly are, (n,).
+    """
+
+    drive: Drive
+    current: NDArray[np.intp]
+    older: NDArray[np.intp]
+    evidence: Floats
+    distance_m: Floats
+    angle_deg: Floats
+
+
+def aligned_pairs(drive: Drive) -> Pairs:
+    """Every scan with the candidates among all older ones, aligned without limits."""
+    index = AlignmentIndex(AlignmentConfig(reach=100.0, turn=180.0))
+    rows, evidence = [], []
+    for current in range(len(drive.scenes)):
+        cloud = drive.scenes.clouds[current]  # type: ignore[index]
+        scene = build_scene(cloud.points, cloud.colors)
+        for older, alignment in index.query(scene, threads=0):
+            rows.append((current, older))
+            evidence.append(list(alignment.evidence.values()))
+        index.add(scene)
+    pairs, poses = np.array(rows), drive.scenes.true_poses()
+    apart = poses[pairs[:, 0]] - poses[pairs[:, 1]]
+    angle = np.abs((apart[:, 2] + np.pi) % (2 * np.pi) - np.pi)
+    return Pairs(
+        drive,
+        *(pairs[:, 0], pairs[:, 1], np.array(evidence)),
+        *(np.hypot(apart[:, 0], apart[:, 1]), np.rad2deg(angle)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A logistic function of the evidence and its products."""
+
+    mean: Floats
+    scale: Floats
+    weights: Floats
+
+    def probability(self, evidence: Floats) -> Floats:
+        """Of each row, (n,)."""
+        found: Floats = expit(_terms((evidence - self.mean) / self.scale) @ self.weights)
+        return found
+
+    def code(self) -> str:
+        """As the core reads it."""
+        rows = [self.mean, self.scale, self.weights]
+        texts = ["{" + ", ".join(f"{value:.9g}" for value in row) + "}" for row in rows]
+        return "constexpr Weights fitted = {\n    " + ",\n    ".join(texts) + "};\n"
+
+
+def _terms(values: Floats) -> Floats:
+    """A constant, the values, and their products i <= j."""
+    i, j = np.triu_indices(values.shape[1])
+    return np.hstack([np.ones((len(values), 1)), values, values[:, i] * values[:, j]])
+
+
+def fit(pairs: Sequence[Pairs]) -> Fit:
+    """The ridge-regularised maximum of the likelihood; both answers weigh the same in each world."""
+    rows, answers, weights = [], [], []
+    for one in pairs:
+        same = (one.distance_m < _SAME[0]) & (one.angle_deg < _SAME[1])
+        other = (one.distance_m > _OTHER[0]) | (one.angle_deg > _OTHER[1])
+        used = (same | other) & one.evidence.any(axis=1)
+        harm = np.where(one.distance_m > _FAR_M, _FAR_WEIGHT, 1.0)
+        harm = np.where(same, 0.5 / (same & used).sum(), harm / (harm * (other & used)).sum() * 0.5)
+        rows.append(one.evidence[used])
+        answers.append(same[used])
+        weights.append(harm[used] * 1e4)
+    evidence, answer, weight = map(np.concatenate, (rows, answers, weights))
+    mean, scale = evidence.mean(axis=0), evidence.std(axis=0)
+    terms, sign = _terms((evidence - mean) / scale), np.where(answer, 1.0, -1.0)
+
+    def loss(values: Floats) -> tuple[float, Floats]:
+        margin = sign * (terms @ values)
+        slope = -weight * sign * expit(-margin)
+        ridge = np.r_[0.0, values[1:]]
+        value = (weight * np.logaddexp(0, -margin)).sum() + _RIDGE / 2 * ridge @ ridge
+        return float(value), terms.T @ slope + _RIDGE * ridge
+
+    found = minimize(loss, np.zeros(terms.shape[1]), jac=True, method="L-BFGS-B")
+    return Fit(mean, scale, found.x)
+
+
+def recognised(pairs: Pairs, probability: Floats, threshold: float) -> NDArray[np.int64]:
+    """The ids that a matcher gives that stores the first scan of each place."""
+    near = (pairs.evidence[:, 10] <= REACH_M) & (pairs.evidence[:, 11] <= np.deg2rad(TURN_DEG))
+    likely = np.where(near & pairs.evidence.any(axis=1), probability, 0)
+    count = len(pairs.drive.scenes)
+    ids, stored, bounds = np.empty(count, np.int64), np.zeros(count, bool), range(count + 1)
+    begins = np.searchsorted(pairs.current, list(bounds))
+    new = 0
+    for row in range(count):
+        among = slice(begins[row], begins[row + 1])
+        values = np.where(stored[pairs.older[among]], likely[among], 0)
+        if values.size and values.max() >= threshold:
+            ids[row] = ids[pairs.older[among][values.argmax()]]
+        else:
+            ids[row], stored[row], new = new, True, new + 1
+    return ids
+
+
+def rows_of(pairs: Pairs, fitted: Fit) -> Iterator[list[str]]:
+    """Lines of the table."""
+    probability = fitted.probability(pairs.evidence)
+    scenes = pairs.drive.scenes
+    for threshold in THRESHOLDS:
+        ids = recognised(pairs, probability, threshold)
+        report = judge_views(ids, scenes.true_poses(), scenes.seconds)
+        shares = (report.accuracy, report.loop_recall, report.loop_precision)
+        yield [
+            f"{pairs.drive.name}, {pairs.drive.shapes}",
+            f"{threshold}",
+            *("none" if share is None else f"{100 * share:.1f}" for share in shares),
+            f"{report.false_positives}",
+            f"{report.mean_false_positive_distance or 0:.2f}",
+            f"{report.views}",
+        ]
+
+
+def drives(names: Sequence[str]) -> Iterator[tuple[Drive, bool]]:
+    """Each drive, and whether it may be fitted to."""
+    folder = data_folder()
+    for name, shapes in (*RECORDED, *UNSEEN):
+        path = folder / "recordings" / f"{name}.npz"
+        if path.exists():
+            yield open_drive(path, shapes=shapes), (name, shapes) in RECORDED
+    for name in names:
+        yield open_drive(name), True
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--made", default=",".join(MADE), help="made worlds to fit to")
+    parser.add_argument("--write", action="store_true")
+    arguments = parser.parse_args()
+    known = [(aligned_pairs(drive), may) for drive, may in drives(arguments.made.split(","))]
+    fitted = fit([pairs for pairs, may_fit in known if may_fit])
+    lines = [line for pairs, _ in known for line in rows_of(pairs, fitted)]
+    head = ["drive", "p >=", "acc. %", "loop R %", "loop P %", "FP", "FP m", "views"]
+    print(table(head, lines))
+    if arguments.write:
+        WEIGHTS.write_text(fitted.code())
+
+
+if __name__ == "__main__":
+    main()
