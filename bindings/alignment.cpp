@@ -9,8 +9,8 @@ namespace {
 
 using SharedScenes = Shared<AlignmentIndex>;
 
-py::dict evidence_of(const Alignment& alignment) {
-  py::dict evidence;
+py::typing::Dict<py::str, py::float_> evidence_of(const Alignment& alignment) {
+  py::typing::Dict<py::str, py::float_> evidence;
   for (std::size_t i = 0; i < AlignmentEvidence::size; ++i) {
     const std::string_view name = AlignmentEvidence::names[i];
     evidence[py::str(name.data(), name.size())] = alignment.evidence.values[i];
@@ -27,7 +27,7 @@ void bind_result(py::module_& module) {
                     "That both scans were taken within 0.8 m and 22.9 deg of each other; 0 beyond "
                     "reach and turn of the configuration.")
       .def_property_readonly("evidence", &evidence_of,
-                             "What speaks for and against it, by name (docs/views.md).")
+                             "What speaks for and against it, by name (docs/views_alignment.md).")
       .def("__repr__", [](const Alignment& self) {
         std::ostringstream text;
         text << "<Alignment x " << self.x << " m, y " << self.y << " m, yaw " << self.yaw
@@ -48,7 +48,7 @@ void bind_functions(py::module_& module) {
       R"(Whether two scenes show one place, by laying one range image over the other.
 
 Point-to-plane ICP with projective data association, in the plane, from several starts. The
-probability is calibrated: docs/views.md says on what.
+probability is calibrated: docs/views_alignment.md says on what.
 
 Args:
     config: an AlignmentConfig.

@@ -100,11 +100,11 @@ def test_places_of_a_world_never_trained_on_are_told_apart(
 
 def test_the_matcher_takes_it_as_its_second_stage() -> None:
     from fusionslam.views import SceneConfig, SimilarityConfig, ViewMatcher
-    from fusionslam.views.comparisons import SceneComparison, TwoStageComparison
+    from fusionslam.views.comparisons import ObjectComparison, TwoStageComparison
 
     def ids(threshold: float) -> list[int]:
         # Every scene is like every other one to this first stage.
-        first = SceneComparison(SceneConfig(), SimilarityConfig(), 0.0)
+        first = ObjectComparison(SceneConfig(), SimilarityConfig(), 0.0)
         second = SecondStage("places")
         matcher = ViewMatcher(comparison=TwoStageComparison(first, second, threshold=threshold))
         matcher.threshold = 1e-9

@@ -12,7 +12,7 @@ import pytest
 from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.sensors import Cloud
-from fusionslam.views.comparisons import SceneComparison, similarity_at
+from fusionslam.views.comparisons import ObjectComparison, similarity_at
 from fusionslam.views.matcher import (
     NO_VIEW,
     ViewMatch,
@@ -61,7 +61,7 @@ def test_the_similarity_is_that_of_the_best_stored_scene() -> None:
     values = config(threshold=1.0)
     clouds = [place(number) for number in range(5)]
     scenes = [build_scene(c.points, c.colors, config=scene_config(values)) for c in clouds]
-    stored = SceneComparison(scene_config(values), similarity_config(values), 1.0)
+    stored = ObjectComparison(scene_config(values), similarity_config(values), 1.0)
     one = ViewMatcher(values)
     for number, scene in enumerate(scenes[:-1]):
         one.process(scene)

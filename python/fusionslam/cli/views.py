@@ -340,7 +340,11 @@ def _print_run(run: "MatchRun", report: "ViewReport | None") -> None:
 
 def _method(views: "ViewMatcherConfig") -> str:
     """What gave the ids, in a word or two."""
-    return views.descriptor if views.method == "descriptor" else f"objects {views.preset}"
+    from fusionslam.views.matcher import method_of
+
+    method = method_of(views)
+    objects = f"objects {views.preset}"
+    return {"alignment": method, "descriptor": views.descriptor}.get(method, objects)
 
 
 def _written_report(judged: "ViewRun", output: Path, rule: str) -> Path:

@@ -81,19 +81,20 @@ class Entrant:
 
 
 def by_matcher(
-    make: Callable[[], ViewMatcher], *, with_ground: bool = False
+    make: Callable[[], ViewMatcher], *, with_ground: bool = False, frame: FrameName | None = None
 ) -> Callable[[Task], ViewRun]:
     """A run of what a ``ViewMatcher`` recognises.
 
     Args:
         make: a new matcher.
         with_ground: whether its clouds keep the ground, where it is still there.
+        frame: the only one that its clouds can be in; None for any.
     """
 
     def run(task: Task) -> ViewRun:
         matcher, drive = make(), task.drive
         scenes = (drive.with_ground if with_ground else None) or drive.scenes
-        found = run_views(moved(scenes, task.frame), matcher, task.progress("matching"))
+        found = run_views(moved(scenes, frame or task.frame), matcher, task.progress("matching"))
         known = found.with_truth(task.title, matcher.config.model_dump(mode="json"))
         return replace(known, world=drive.name, images=drive.picture, clouds=drive.cloud)
 
@@ -207,7 +208,7 @@ def _two_stages(preset: Preset, model: str) -> ViewMatcher:
     """
     from fusionslam.views.learning import SecondStage
 
-    config = ViewMatcherConfig(preset=preset)
+    config = ViewMatcherConfig(method="scenes", preset=preset)
     first = comparison_of(config, DescriptorConfig())
     return ViewMatcher(
         config, comparison=TwoStageComparison(first, SecondStage(model), threshold=0.5)
@@ -219,6 +220,12 @@ def _cm2dp() -> ViewMatcher:
 
 
 ENTRANTS: dict[str, Entrant] = {
+    "alignment": Entrant(
+        "alignment (ours)",
+        "our default: scans laid over each other, in the robot's frame",
+        by_matcher(ViewMatcher, frame="robot"),
+        any_frame=True,
+    ),
     "first_stage": Entrant(
         "first stage",
         "objects as the thesis's program compares them, published parameters, threshold 0.737",
@@ -255,7 +262,7 @@ ENTRANTS: dict[str, Entrant] = {
     "robust": Entrant(
         "objects, robust",
         "our objects and similarity",
-        by_matcher(lambda: ViewMatcher(ViewMatcherConfig())),
+        by_matcher(lambda: ViewMatcher(ViewMatcherConfig(method="scenes"))),
     ),
     "robust_two_stages": Entrant(
         "robust, two stages",

@@ -28,6 +28,8 @@ from fusionslam.views.matcher import (
 )
 from fusionslam.views.scene_sets import Progress, SceneSet
 
+# Of alignments, which take too long for a hundred runs.
+_PROBABILITIES = (0.0, 0.5, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98, 0.99, 1.0)
 COLUMNS = ("scan", "stamp_ns", "id", "similarity", "is_new", "matched", "x", "y", "yaw", "reason")
 
 
@@ -204,8 +206,8 @@ def sweep_thresholds(
 
     first = matcher(1.0)
     views = views_of(scenes, first)
-    is_even = first.comparison.kind == "scenes"
-    thresholds = list(THRESHOLDS) if is_even else _quantiles(views, first, len(THRESHOLDS))
+    known = {"scenes": THRESHOLDS, "alignment": _PROBABILITIES}.get(first.comparison.kind)
+    thresholds = list(known or _quantiles(views, first, len(THRESHOLDS)))
     done = 0
 
     def ids(threshold: float) -> NDArray[np.int64]:

@@ -133,8 +133,9 @@ def tune(
         ConfigError: a matcher that does not compare scenes. FusionSlamError: pymoo is missing.
     """
     config = config or TuningConfig()
-    if base.method != "scenes":
+    if base.method not in (None, "scenes"):
         raise ConfigError(f"views.method is {base.method!r}: tuning needs 'scenes'")
+    base = merged(base, {"method": "scenes"})
     if not sets:
         raise DataError("there is no scene set to tune on")
     search = _Search(base, config)
