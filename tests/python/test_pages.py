@@ -47,7 +47,9 @@ def test_the_python_of_a_page_runs_as_it_is_printed(page: str, beside: Path) -> 
         exec(compile(snippet, f"{page}.md", "exec"), {})
 
 
-@pytest.mark.parametrize("page", ["views_similarity", "visual_templates", "learning"])
+@pytest.mark.parametrize(
+    "page", ["views_similarity", "views_alignment", "visual_templates", "learning"]
+)
 def test_the_python_of_a_page_runs_with_what_it_takes_for_granted(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -59,8 +61,8 @@ def test_the_python_of_a_page_runs_with_what_it_takes_for_granted(
     names |= {"stored": build_scene(later.points, later.colors)}
     names |= {"image": np.zeros((240, 416, 3), np.uint8), "many": np.zeros((3, 256), np.float32)}
     monkeypatch.chdir(tmp_path)
-    (snippet,) = snippets(page)
-    exec(compile(snippet, f"{page}.md", "exec"), names)
+    for snippet in snippets(page):
+        exec(compile(snippet, f"{page}.md", "exec"), names)
 
 
 def test_the_python_of_the_page_of_worlds_runs_with_a_world(beside: Path, test_data: Path) -> None:

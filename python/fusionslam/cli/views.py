@@ -157,7 +157,7 @@ def curve(
     jobs: opt.Jobs = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Judge the ids at a hundred thresholds, and name the best ones."""
+    """Judge the ids at many thresholds, and name the best ones."""
     from fusionslam.views.runs import sweep_thresholds
 
     whole = whole_config(tuned, config, settings)
