@@ -22,7 +22,7 @@ from object_places import LAPS, drive
 
 pytest.importorskip("pymoo")
 
-AUTHOR = ViewMatcherConfig(preset="author")
+AUTHOR = ViewMatcherConfig(method="scenes", preset="author")
 # With these values nothing matches: there is something to find.
 BAD = merged(AUTHOR, {"threshold": 0.99})
 DRIVE = drive(LAPS)
@@ -71,13 +71,18 @@ def test_the_value_is_what_the_judge_says_of_the_matcher_with_these_numbers() ->
 
 
 def test_the_numbers_to_begin_with_are_tried_so_the_end_is_no_worse() -> None:
-    good = ViewMatcherConfig()
+    good = ViewMatcherConfig(method="scenes")
     ids = run_views(DRIVE, ViewMatcher(good)).ids
     report = judge_views(ids, DRIVE.true_poses(), DRIVE.seconds)
     assert report.accuracy == 1
     result = tune([DRIVE], good, quick(numbers="robust", generations=1))
     assert result.value == 0
     assert result.config.threshold == pytest.approx(ViewMatcher(good).threshold)
+
+
+def test_what_is_found_is_for_objects_whatever_the_default_compares() -> None:
+    result = tune([DRIVE], ViewMatcherConfig(), quick(numbers="robust", generations=1))
+    assert result.config.method == "scenes" and result.config.threshold == 0.74
 
 
 def test_several_drives_count_alike() -> None:

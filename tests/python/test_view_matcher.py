@@ -40,25 +40,27 @@ def ids(one: ViewMatcher, places: tuple[int, ...] = LAPS) -> list[int]:
     return run_views(drive(places), one).ids.tolist()
 
 
-@pytest.mark.parametrize("values", [{}, {"preset": "paper"}, DESCRIPTOR])
+@pytest.mark.parametrize("values", [{}, {"method": "scenes"}, {"preset": "paper"}, DESCRIPTOR])
 def test_places_seen_again_get_their_id_and_others_a_new_one(values: dict[str, Any]) -> None:
     assert ids(matcher(**values)) == list(LAPS)
 
 
-def test_a_match_tells_what_was_compared_and_why() -> None:
-    one = matcher(threshold=0.7)
+@pytest.mark.parametrize(
+    ("method", "word"), [("alignment", "probability"), ("scenes", "similarity")]
+)
+def test_a_match_tells_what_was_compared_and_why(method: str, word: str) -> None:
+    one = matcher(method=method, threshold=0.7)
     first, other, again = (one.process(place(*seen)) for seen in ((0, 0), (1, 0), (0, 1)))
     assert first == ViewMatch(0, 0.0, True, "new view 0: nothing is stored yet", True)
     assert other.id == 1 and other.is_new and other.stored and other.similarity < 0.7
-    assert (
-        other.reason == f"new view 1: the best is view 0, similarity {other.similarity:.4g} < 0.7"
-    )
+    assert other.reason == f"new view 1: the best is view 0, {word} {other.similarity:.4g} < 0.7"
     assert again.id == 0 and again.matched == 0 and not again.is_new and not again.stored
-    assert again.reason == f"matched view 0: similarity {again.similarity:.4g} >= 0.7"
+    assert again.reason == f"matched view 0: {word} {again.similarity:.4g} >= 0.7"
+    assert (again.relative_pose is not None) == (method == "alignment")
 
 
 def test_the_similarity_is_that_of_the_best_stored_scene() -> None:
-    values = config(threshold=1.0)
+    values = config(method="scenes", threshold=1.0)
     clouds = [place(number) for number in range(5)]
     scenes = [build_scene(c.points, c.colors, config=scene_config(values)) for c in clouds]
     stored = ObjectComparison(scene_config(values), similarity_config(values), 1.0)
@@ -106,14 +108,18 @@ def test_single_objects_are_taken_and_counted_unless_more_are_asked_for() -> Non
 
 
 def test_scans_without_objects_match_each_other_if_that_is_asked_for() -> None:
-    one = matcher(min_objects=0)
+    # Where there is nothing, nothing can be aligned.
+    aligned = matcher(min_objects=0)
+    assert [aligned.process(cloud).id for cloud in (NOTHING, place(0), NOTHING)] == [0, 1, 2]
+    one = matcher(method="scenes", min_objects=0)
     assert [one.process(cloud).id for cloud in (NOTHING, place(0), NOTHING)] == [0, 1, 0]
 
 
 def test_several_views_of_a_place_are_stored_if_they_differ_enough() -> None:
     seen = [place(3, visit, shift=0.2) for visit in range(12)]
-    values = {"threshold": 0.2, "policy": "several", "store_below": 0.95}
-    several, first = matcher(**values, per_place=3), matcher(threshold=0.2)
+    values = {"method": "scenes", "threshold": 0.2}
+    more = {"policy": "several", "store_below": 0.95, "per_place": 3}
+    several, first = matcher(**values, **more), matcher(**values)
     found = [several.process(cloud) for cloud in seen]
     assert {match.id for match in found} == {0} == {first.process(cloud).id for cloud in seen}
     assert len(several) == 3 and len(first) == 1
@@ -233,7 +239,7 @@ def test_a_file_of_another_version_or_that_does_not_fit_is_refused(tmp_path: Pat
         ViewMatcher.load(path)
     saved(path)
     rewritten(path, {"comparison": "descriptor"})
-    with pytest.raises(DataError, match="it compares descriptor, expected scenes"):
+    with pytest.raises(DataError, match="it compares descriptor, expected alignment"):
         ViewMatcher.load(path)
     saved(path)
     rewritten(path, {"format": "fusionslam.view_matcher.0"})
