@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.sensors import Cloud
-from fusionslam.views.comparisons import TwoStageComparison
 from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig
 from fusionslam.views.scenes import build_scene
+from fusionslam.views.two_stages import TwoStageComparison
 from object_places import NOTHING, place
 
 Row = NDArray[np.float32]
@@ -41,7 +41,7 @@ def painted(number: int, visit: int, shade: int) -> Cloud:
     return Cloud(cloud.points, np.full_like(cloud.points, shade, dtype=np.uint8))
 
 
-SHAPE_ONLY: dict[str, Any] = {"similarity": {"color_weight": 0.0}}
+SHAPE_ONLY: dict[str, Any] = {"method": "scenes", "similarity": {"color_weight": 0.0}}
 
 
 def two_stages(second: MeanColor, **more: Any) -> ViewMatcher:

@@ -336,7 +336,8 @@ def _method(views: "ViewMatcherConfig") -> str:
 
     method = method_of(views)
     objects = f"objects {views.preset}"
-    return {"alignment": method, "descriptor": views.descriptor}.get(method, objects)
+    first = {"alignment": method, "descriptor": views.descriptor}.get(method, objects)
+    return first if views.second_stage is None else f"{first}, then {views.second_stage}"
 
 
 def _written_report(judged: "ViewRun", output: Path, rule: str) -> Path:
