@@ -266,8 +266,11 @@ def _scene_set(
     from fusionslam.views.scene_sets import SceneSet, is_scene_set
 
     if data.is_file() and is_scene_set(data):
+        _refuse_reading_options(data, "a scene set", how)
         return SceneSet.load(data)
     from_ranges = data.is_file() and is_recording(data)
+    if from_ranges:
+        _refuse_reading_options(data, "a .npz recording", how)
     opened: Any = (
         RangeRecording.open(data, whole.recording.shapes)
         if from_ranges
@@ -284,6 +287,29 @@ def _scene_set(
         source={"path": str(data), "config": settings.model_dump(mode="json")},
         progress=_shown(step, "reading" if from_ranges else "fusing"),
     )
+
+
+_READING = [
+    "--kind",
+    "--sequence",
+    "--skip-gaps",
+    "--gt",
+    "--topic",
+    "--stamps",
+    "--sync",
+    "--calib",
+]
+"""Options that say how other data are read, in the order of ``opt.recording_of``."""
+
+
+def _refuse_reading_options(data: Path, what: str, how: "Sequence[Any]") -> None:
+    """Raise ConfigError rather than leave unheard what somebody said of true poses, say."""
+    from fusionslam.errors import ConfigError
+
+    defaults = {"--stamps": "header"}
+    for name, value in zip(_READING, how, strict=False):
+        if value and value != defaults.get(name):
+            raise ConfigError(f"{name}: {data} is {what}, which says all about itself")
 
 
 def _truth(scenes: "SceneSet") -> str:
@@ -322,7 +348,7 @@ def _print_run(run: "MatchRun", report: "ViewReport | None") -> None:
         f"dropped; building {times[0]:.3f} ms, matching {times[1]:.3f} ms (medians)"
     )
     if report is None:
-        print("no true poses: the ids are not judged (--gt names a file of poses)")
+        print("no true poses: the ids are not judged (views record --gt names a file of poses)")
         return
     judge = ViewJudge(run.scenes.true_poses(), run.scenes.seconds, rule=report.rule_name)
     rows = [["this", *_figures(report)]]

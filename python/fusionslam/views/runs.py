@@ -157,15 +157,25 @@ def _timed(scenes: SceneSet, matcher: ViewMatcher, seconds: NDArray[np.float64])
 def _items(scenes: SceneSet, matcher: ViewMatcher) -> Callable[[int], Any]:
     """What to give the matcher of each scan: what is stored if it fits, else its cloud."""
     config, kind = matcher.config, matcher.comparison.kind
-    if kind == "scenes" and scenes.fits(scene_config(config)):
+    if kind in ("scenes", "alignment") and scenes.fits(scene_config(config)):
         return lambda index: (scenes.scenes or ())[index]
     if kind == "descriptor" and config.descriptor in scenes.features:
         rows = scenes.features[config.descriptor]
         nothing = Cloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
         return lambda index: nothing if np.isnan(rows[index]).any() else rows[index]
     if scenes.clouds is None:
-        raise DataError(f"{scenes.name} holds no clouds, and nothing else that can be compared")
+        raise DataError(f"{scenes.name} holds no clouds, and {_lacking(scenes, config, kind)}")
     return scenes.clouds.__getitem__
+
+
+def _lacking(scenes: SceneSet, config: ViewMatcherConfig, kind: str) -> str:
+    """What else a set without clouds would have to hold."""
+    if kind == "descriptor":
+        return f"no {config.descriptor}: record it with --features {config.descriptor}"
+    if kind.startswith(TWO_STAGES):
+        return "two stages need them: record it without --only-scenes"
+    other = "scenes of another configuration" if scenes.scenes else "no scenes"
+    return f"{other}: record it with these views.scene, or without --only-scenes"
 
 
 def sweep_thresholds(
