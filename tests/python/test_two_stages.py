@@ -41,7 +41,7 @@ def painted(number: int, visit: int, shade: int) -> Cloud:
     return Cloud(cloud.points, np.full_like(cloud.points, shade, dtype=np.uint8))
 
 
-SHAPE_ONLY: dict[str, Any] = {"similarity": {"color_weight": 0.0}}
+SHAPE_ONLY: dict[str, Any] = {"method": "scenes", "similarity": {"color_weight": 0.0}}
 
 
 def two_stages(second: MeanColor, **more: Any) -> ViewMatcher:
