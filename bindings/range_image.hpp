@@ -18,9 +18,9 @@ inline RangeImage checked_image(RangeImage&& image) {
                            image.sensor[1], image.sensor[2]};
   for (const float value : numbers)
     if (!std::isfinite(value)) throw DataError("range image: a value that is not finite");
-  if (!(image.azimuth_step > 0 && image.elevation_step > 0))
+  if (!image.has_possible_steps())
     throw DataError("range image: steps of " + std::to_string(image.azimuth_step) + " and " +
-                    std::to_string(image.elevation_step) + " deg, expected more than 0");
+                    std::to_string(image.elevation_step) + " deg, expected 0.1 to 30");
   for (std::size_t i = 0; i < image.cells.size(); ++i) {
     const RangeImage::Cell& cell = image.cells[i];
     const auto place = [](const RangeImage::Cell& c) { return std::tie(c.row, c.column); };

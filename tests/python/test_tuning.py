@@ -22,7 +22,7 @@ from object_places import LAPS, drive
 
 pytest.importorskip("pymoo")
 
-AUTHOR = ViewMatcherConfig(preset="author")
+AUTHOR = ViewMatcherConfig(method="scenes", preset="author")
 # With these values nothing matches: there is something to find.
 BAD = merged(AUTHOR, {"threshold": 0.99})
 DRIVE = drive(LAPS)
@@ -71,7 +71,7 @@ def test_the_value_is_what_the_judge_says_of_the_matcher_with_these_numbers() ->
 
 
 def test_the_numbers_to_begin_with_are_tried_so_the_end_is_no_worse() -> None:
-    good = ViewMatcherConfig()
+    good = ViewMatcherConfig(method="scenes")
     ids = run_views(DRIVE, ViewMatcher(good)).ids
     report = judge_views(ids, DRIVE.true_poses(), DRIVE.seconds)
     assert report.accuracy == 1
@@ -123,7 +123,9 @@ def test_an_interrupted_search_goes_on_and_comes_to_the_same_end(
         kept.begin(tuning._Search(BAD, config).identity([DRIVE]))
         assert len(kept.generations) == 2
         tried[:] = [0.0] * 16  # from here on none is stopped
-        resumed = tune([DRIVE], BAD, config, state=TuningState(tmp_path / "state"))
+        # The method need not be named: only scenes have numbers to look for.
+        unnamed = BAD.model_copy(update={"method": None})
+        resumed = tune([DRIVE], unnamed, config, state=TuningState(tmp_path / "state"))
     assert outcome(resumed) == outcome(whole)
     assert len(tried) - 16 == 12
 

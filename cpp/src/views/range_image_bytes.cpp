@@ -101,10 +101,12 @@ float read_float(BitReader& reader) {
 
 void check_box(const Box& box, const RangeImage& image) {
   // Rows and columns are degrees apart: more than these would go round more than twice.
-  const auto most = [](float step) { return step > 0 ? 720 / step + 2 : 0; };
-  if (static_cast<float>(box.rows) > most(image.elevation_step) ||
-      static_cast<float>(box.columns) > most(image.azimuth_step) ||
-      std::abs(box.first_row) > 10000 || std::abs(box.first_column) > 10000)
+  const auto fits = [](int count, float step) {
+    return count > 0 && static_cast<float>(count) <= 720 / step + 2;
+  };
+  if (!image.has_possible_steps() || !fits(box.rows, image.elevation_step) ||
+      !fits(box.columns, image.azimuth_step) || std::abs(box.first_row) > 10000 ||
+      std::abs(box.first_column) > 10000)
     refuse_bytes("a range image of impossible size");
 }
 

@@ -157,6 +157,11 @@ def _timed(scenes: SceneSet, matcher: ViewMatcher, seconds: NDArray[np.float64])
 def _items(scenes: SceneSet, matcher: ViewMatcher) -> Callable[[int], Any]:
     """What to give the matcher of each scan: what is stored if it fits, else its cloud."""
     config, kind = matcher.config, matcher.comparison.kind
+    if kind.endswith("alignment") and scenes.frame == "odometry":
+        raise DataError(
+            f"{scenes.name}: alignment needs clouds in the robot's frame, these are in that of "
+            "odometry: record them in frame robot, or compare objects (views.method=scenes)"
+        )
     if kind in ("scenes", "alignment") and scenes.fits(scene_config(config)):
         return lambda index: (scenes.scenes or ())[index]
     if kind == "descriptor" and config.descriptor in scenes.features:
