@@ -11,6 +11,9 @@
 
 namespace fusionslam::bindings {
 
+using ReducedImage =
+    py::typing::Tuple<py::type, py::typing::Tuple<py::array, float, float, py::object>>;
+
 /// Refuses what range_image() does not give.
 inline RangeImage checked_image(RangeImage&& image) {
   if (image.cells.empty()) return {};
@@ -90,7 +93,7 @@ Immutable; equal if all cells are.)")
            "cells"_a, "azimuth_step"_a, "elevation_step"_a, "sensor"_a)
       .def_property_readonly(
           "cells",
-          [](const py::object& self) {
+          [](const py::object& self) -> py::array {
             const auto& cells = self.cast<const RangeImage&>().cells;
             py::array_t<Cell> array({static_cast<py::ssize_t>(cells.size())}, cells.data(), self);
             array.attr("flags").attr("writeable") = false;
@@ -108,10 +111,11 @@ elevation up, from straight ahead), range (cm), color (3) RGB.)")
              return py::isinstance<RangeImage>(other) && self == other.cast<const RangeImage&>();
            })
       .def("__hash__", [](const RangeImage& self) { return self.cells.size(); })
-      .def("__reduce__", [](const py::object& self) {
-        return py::make_tuple(py::type::of(self),
-                              py::make_tuple(self.attr("cells"), self.attr("azimuth_step"),
-                                             self.attr("elevation_step"), self.attr("sensor")));
+      .def("__reduce__", [](const py::object& self) -> ReducedImage {
+        const py::tuple parts = py::make_tuple(
+            py::object(self.attr("cells")), py::object(self.attr("azimuth_step")),
+            py::object(self.attr("elevation_step")), py::object(self.attr("sensor")));
+        return py::make_tuple(py::type::of(self), parts);
       });
 }
 
