@@ -42,6 +42,7 @@ _SAME = (0.75, 21.0)
 _OTHER = (0.9, 25.0)
 # Wrong matches with places far away do more harm than those just too far.
 _FAR_M, _FAR_WEIGHT = 2.0, 3.0
+_DEVIATIONS = 4.0  # from the mean, that count at most, as in the core
 _RIDGE = 100.0
 
 Floats = NDArray[np.float64]
@@ -97,7 +98,8 @@ class Fit:
 
     def probability(self, evidence: Floats) -> Floats:
         """Of each row, (n,)."""
-        found: Floats = expit(_terms((evidence - self.mean) / self.scale) @ self.weights)
+        known = np.clip((evidence - self.mean) / self.scale, -_DEVIATIONS, _DEVIATIONS)
+        found: Floats = expit(_terms(known) @ self.weights)
         return found
 
     def code(self) -> str:

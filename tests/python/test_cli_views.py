@@ -43,8 +43,10 @@ def test_a_recording_is_recorded_matched_and_judged(tmp_path: Path) -> None:
     assert kept.frame == "odometry" and kept.features["m2dp"].shape == (len(LAPS), 192)
     assert kept.source["path"] == str(tmp_path / "r.npz")
     assert kept.source["command"].startswith("fusionslam ")
-    words = ("-o", tmp_path / "out", "--no-report", "--set", "views.method=scenes")
-    result = succeeds("views", "match", tmp_path / "set.npz", *words)
+    words = ("views", "match", tmp_path / "set.npz", "-o", tmp_path / "out", "--no-report")
+    # Where odometry begins, no scan was taken.
+    assert "alignment needs clouds in the robot's frame" in fails(1, *words)
+    result = succeeds(*words, "--set", "views.method=scenes")
     assert last_line(result) == str(tmp_path / "out/matches.csv")
     assert "100.0 %" in result.stdout and "new every 3rd" in result.stdout
     assert "14 scans: 8 matched, 6 places, 0 with nothing to recognise" in result.stdout
@@ -62,6 +64,7 @@ def test_matching_writes_a_page_and_a_matcher_that_goes_on(scenes: Path, tmp_pat
     words = ("-o", tmp_path / "objects", "--set", "views.method=scenes")
     succeeds("views", "match", scenes, *words)
     assert "objects robust" in (tmp_path / "objects/views.html").read_text()
+    assert "probability" in (out / "matches.csv").read_text()
     figures = json.loads((out / "matches.json").read_text())
     assert figures["stats"]["nothing"] == 1 and figures["stats"]["stored"] == 6
     assert ViewMatcher.load(out / "matcher.npz").process(place(3, 9)).id == 3

@@ -17,6 +17,9 @@ namespace fusionslam {
 struct RangeImageConfig {
   static constexpr const char* section = "range_image";
 
+  static constexpr double least_step = 0.1;  ///< deg
+  static constexpr double most_step = 30;    ///< deg
+
   double azimuth_step = 1.0;
   double elevation_step = 2.0;
   double sensor_x = 0.0;
@@ -26,9 +29,10 @@ struct RangeImageConfig {
 
   template <class Config, class Visitor>
   static void visit(Config& config, Visitor&& visitor) {
-    visitor("azimuth_step", config.azimuth_step, OptionInfo{"width of a cell", "deg", 0.1, 30});
+    visitor("azimuth_step", config.azimuth_step,
+            OptionInfo{"width of a cell", "deg", least_step, most_step});
     visitor("elevation_step", config.elevation_step,
-            OptionInfo{"height of a cell", "deg", 0.1, 30});
+            OptionInfo{"height of a cell", "deg", least_step, most_step});
     visitor("sensor_x", config.sensor_x,
             OptionInfo{"where the sensor is in the frame of the cloud", "m", -1e3, 1e3});
     visitor("sensor_y", config.sensor_y,
@@ -61,6 +65,15 @@ struct RangeImage {
   std::vector<Cell> cells;        ///< in the order of rows, then columns
 
   bool operator==(const RangeImage&) const = default;
+
+  /// Whether the steps are some that a configuration may have.
+  bool has_possible_steps() const {
+    const auto possible = [](float step) {
+      return step >= static_cast<float>(RangeImageConfig::least_step) &&
+             step <= static_cast<float>(RangeImageConfig::most_step);
+    };
+    return possible(azimuth_step) && possible(elevation_step);
+  }
 };
 
 /// Throws DataError for an image that range_image() cannot give: steps or places out of range,

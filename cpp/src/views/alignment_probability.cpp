@@ -1,5 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cmath>
 
 #include "alignment.hpp"
@@ -9,6 +10,9 @@ namespace {
 
 constexpr std::size_t size = AlignmentEvidence::size;
 constexpr std::size_t terms = 1 + size + size * (size + 1) / 2;
+
+// Deviations from the mean: beyond, there was nothing to fit to, and squares would go astray.
+constexpr double most_deviations = 4;
 
 /// Written by benchmarks/accuracy/alignment.py --write.
 struct Weights {
@@ -24,7 +28,8 @@ struct Weights {
 double probability_of(const AlignmentEvidence& evidence) {
   double values[size];
   for (std::size_t i = 0; i < size; ++i)
-    values[i] = (evidence.values[i] - fitted.mean[i]) / fitted.scale[i];
+    values[i] = std::clamp((evidence.values[i] - fitted.mean[i]) / fitted.scale[i],
+                           -most_deviations, most_deviations);
   const double* weight = fitted.weights;
   double sum = *weight++;
   for (std::size_t i = 0; i < size; ++i) sum += *weight++ * values[i];

@@ -71,8 +71,6 @@ RangeImage::Cell cell_of(const Sample* first, const Sample* last, ColorsView col
   return cell;
 }
 
-bool is_step(float step) { return step >= 0.05f && step <= 90; }
-
 bool is_cell(const RangeImage& image, std::size_t i) {
   const RangeImage::Cell& cell = image.cells[i];
   const auto place = [](const RangeImage::Cell& c) { return std::tie(c.row, c.column); };
@@ -87,9 +85,9 @@ bool is_cell(const RangeImage& image, std::size_t i) {
 
 void check_range_image(const RangeImage& image) {
   if (image.cells.empty()) return;
-  if (!is_step(image.azimuth_step) || !is_step(image.elevation_step))
+  if (!image.has_possible_steps())
     throw DataError("range image: steps of " + std::to_string(image.azimuth_step) + " and " +
-                    std::to_string(image.elevation_step) + " deg, expected 0.05 to 90");
+                    std::to_string(image.elevation_step) + " deg, expected 0.1 to 30");
   for (const float value : image.sensor)
     if (!(std::fabs(value) <= 1e3f))
       throw DataError("range image: the sensor is " + std::to_string(value) +

@@ -99,11 +99,14 @@ float read_float(BitReader& reader) {
   return value;
 }
 
-void check_box(const Box& box) {
-  // With the smallest step: more rows and columns than these would go round more than twice.
-  constexpr int most = 14402;
-  if (box.rows < 1 || box.columns < 1 || box.rows > most || box.columns > most ||
-      std::abs(box.first_row) > most || std::abs(box.first_column) > most)
+void check_box(const Box& box, const RangeImage& image) {
+  // Rows and columns are degrees apart: more than these would go round more than twice.
+  const auto fits = [](int count, float step) {
+    return count > 0 && static_cast<float>(count) <= 720 / step + 2;
+  };
+  if (!image.has_possible_steps() || !fits(box.rows, image.elevation_step) ||
+      !fits(box.columns, image.azimuth_step) || std::abs(box.first_row) > 10000 ||
+      std::abs(box.first_column) > 10000)
     refuse_bytes("a range image of impossible size");
 }
 
@@ -136,7 +139,7 @@ RangeImage image_from_bytes(std::span<const std::uint8_t> bytes) {
   box.first_column = static_cast<int>(unfolded(reader.read_small(6)));
   box.rows = static_cast<int>(reader.read_small(4));
   box.columns = static_cast<int>(reader.read_small(6));
-  check_box(box);
+  check_box(box, image);
   image.cells = read_runs(reader, box);
   read_values(reader, image.cells);
   if (reader.bytes_used() != bytes.size()) refuse_bytes("longer than its range image");

@@ -73,8 +73,8 @@ SceneObject object_of(const Cluster& cluster, const SceneConfig& config) {
   return object;
 }
 
-/// The points off the plane z = 0; what is not finite stays, to be refused by its check.
-ColoredCloud without_floor(PointsView points, ColorsView colors, double height) {
+/// The points off the plane z = 0.
+ColoredCloud without_floor(PointsView points, ColorsView colors, float height) {
   ColoredCloud cloud;
   for (std::size_t i = 0; i < points.size; ++i) {
     if (std::fabs(points[i][2]) <= height) continue;
@@ -111,10 +111,11 @@ SceneConfig scene_preset(std::string_view name) {
 Scene build_scene(PointsView points, ColorsView colors, const SceneConfig& config) {
   validate(config);
   detail::check_colors(points, colors);
+  detail::check_points(points, 0, "a scene");  // those of the floor, too, by their own numbers
   if (config.floor > 0) {
     SceneConfig rest = config;
     rest.floor = 0;
-    const ColoredCloud cloud = without_floor(points, colors, config.floor);
+    const ColoredCloud cloud = without_floor(points, colors, static_cast<float>(config.floor));
     return build_scene(cloud.points_view(), cloud.colors_view(), rest);
   }
   Scene scene;

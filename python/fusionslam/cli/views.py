@@ -257,8 +257,10 @@ def opened(data: Path, whole: Any, how: "Sequence[Any]" = ()) -> Any:
     from fusionslam.views.scene_sets import SceneSet, is_scene_set
 
     if data.is_file() and is_scene_set(data):
+        _refuse_reading_options(data, "a scene set", how)
         return SceneSet.load(data)
     if data.is_file() and is_recording(data):
+        _refuse_reading_options(data, "a .npz recording", how)
         return RangeRecording.open(data, whole.recording.shapes)
     return opt.recording_of(data, *how).open(whole.fusion.source)
 
@@ -292,6 +294,29 @@ def _scene_set(
         source={"path": str(data), "config": settings.model_dump(mode="json")},
         progress=_shown(step, "reading" if from_ranges else "fusing"),
     )
+
+
+_READING = [
+    "--kind",
+    "--sequence",
+    "--skip-gaps",
+    "--gt",
+    "--topic",
+    "--stamps",
+    "--sync",
+    "--calib",
+]
+"""Options that say how other data are read, in the order of ``opt.recording_of``."""
+
+
+def _refuse_reading_options(data: Path, what: str, how: "Sequence[Any]") -> None:
+    """Raise ConfigError rather than leave unheard what somebody said of true poses, say."""
+    from fusionslam.errors import ConfigError
+
+    defaults = {"--stamps": "header"}
+    for name, value in zip(_READING, how, strict=False):
+        if value and value != defaults.get(name):
+            raise ConfigError(f"{name}: {data} is {what}, which says all about itself")
 
 
 def _truth(scenes: "SceneSet") -> str:
@@ -330,7 +355,7 @@ def _print_run(run: "MatchRun", report: "ViewReport | None") -> None:
         f"dropped; building {times[0]:.3f} ms, matching {times[1]:.3f} ms (medians)"
     )
     if report is None:
-        print("no true poses: the ids are not judged (--gt names a file of poses)")
+        print("no true poses: the ids are not judged (views record --gt names a file of poses)")
         return
     judge = ViewJudge(run.scenes.true_poses(), run.scenes.seconds, rule=report.rule_name)
     rows = [["this", *_figures(report)]]
@@ -344,7 +369,8 @@ def _method(views: "ViewMatcherConfig") -> str:
 
     method = method_of(views)
     objects = f"objects {views.preset}"
-    return {"alignment": method, "descriptor": views.descriptor}.get(method, objects)
+    first = {"alignment": method, "descriptor": views.descriptor}.get(method, objects)
+    return first if views.second_stage is None else f"{first}, then {views.second_stage}"
 
 
 def _written_report(judged: "ViewRun", output: Path, rule: str) -> Path:
