@@ -46,8 +46,11 @@ def test_places_seen_again_get_their_id_and_others_a_new_one(values: dict[str, A
     assert ids(matcher(**values)) == list(LAPS)
 
 
-def test_a_match_tells_what_was_compared_and_why() -> None:
-    one = matcher(**SCENES, threshold=0.7)
+@pytest.mark.parametrize(
+    ("method", "word"), [("alignment", "probability"), ("scenes", "similarity")]
+)
+def test_a_match_tells_what_was_compared_and_why(method: str, word: str) -> None:
+    one = matcher(method=method, threshold=0.7)
     first, other, again = (one.process(place(*seen)) for seen in ((0, 0), (1, 0), (0, 1)))
     assert first == ViewMatch(0, 0.0, True, "new view 0: nothing is stored yet", True)
     assert other.id == 1 and other.is_new and other.stored and other.similarity < 0.7
