@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <vector>
 
@@ -18,6 +19,12 @@ namespace {
 
 using testing::check_refused;
 
+/// How far a wall at -half or half is along a direction's component.
+double until(double half, double place, double direction) {
+  if (direction == 0) return std::numeric_limits<double>::infinity();
+  return ((direction > 0 ? half : -half) - place) / direction;
+}
+
 /// A room of 8 x 6 m with coloured walls, as a robot at x, y, yaw sees it all round.
 Scene room(double x, double y, double yaw) {
   std::vector<float> points;
@@ -26,7 +33,7 @@ Scene room(double x, double y, double yaw) {
     for (int row = -3; row < 12; ++row) {
       const double azimuth = column * std::numbers::pi / 180;
       const double c = std::cos(azimuth + yaw), s = std::sin(azimuth + yaw);
-      const double to_side = ((c > 0 ? 4 : -4) - x) / c, to_end = ((s > 0 ? 3 : -3) - y) / s;
+      const double to_side = until(4, x, c), to_end = until(3, y, s);
       const double level = std::min(to_side, to_end);
       const double height = 0.17 + level * std::tan(row * std::numbers::pi / 90);
       for (const double value : {level * std::cos(azimuth), level * std::sin(azimuth), height})
