@@ -9,8 +9,8 @@ namespace {
 
 using SharedScenes = Shared<AlignmentIndex>;
 
-py::dict evidence_of(const Alignment& alignment) {
-  py::dict evidence;
+py::typing::Dict<py::str, double> evidence_of(const Alignment& alignment) {
+  py::typing::Dict<py::str, double> evidence;
   for (std::size_t i = 0; i < AlignmentEvidence::size; ++i) {
     const std::string_view name = AlignmentEvidence::names[i];
     evidence[py::str(name.data(), name.size())] = alignment.evidence.values[i];

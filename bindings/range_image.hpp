@@ -66,6 +66,9 @@ inline RangeImage image_from_dict(const py::dict& entry) {
   return checked_image(std::move(image));
 }
 
+using ReducedImage = py::typing::Tuple<
+    py::type, py::typing::Tuple<py::array, py::float_, py::float_, py::typing::List<py::float_>>>;
+
 inline void bind_range_image(py::module_& module) {
   using namespace py::literals;
   using Cell = RangeImage::Cell;
@@ -90,7 +93,7 @@ Immutable; equal if all cells are.)")
            "cells"_a, "azimuth_step"_a, "elevation_step"_a, "sensor"_a)
       .def_property_readonly(
           "cells",
-          [](const py::object& self) {
+          [](const py::object& self) -> py::array {
             const auto& cells = self.cast<const RangeImage&>().cells;
             py::array_t<Cell> array({static_cast<py::ssize_t>(cells.size())}, cells.data(), self);
             array.attr("flags").attr("writeable") = false;
@@ -108,7 +111,7 @@ elevation up, from straight ahead), range (cm), color (3) RGB.)")
              return py::isinstance<RangeImage>(other) && self == other.cast<const RangeImage&>();
            })
       .def("__hash__", [](const RangeImage& self) { return self.cells.size(); })
-      .def("__reduce__", [](const py::object& self) {
+      .def("__reduce__", [](const py::object& self) -> ReducedImage {
         return py::make_tuple(py::type::of(self),
                               py::make_tuple(self.attr("cells"), self.attr("azimuth_step"),
                                              self.attr("elevation_step"), self.attr("sensor")));

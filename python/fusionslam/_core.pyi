@@ -2,11 +2,12 @@
 The C++ core of fusionslam; its public names are those of the package.
 """
 from __future__ import annotations
+import collections.abc
 import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['DescriptorIndex', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['Alignment', 'AlignmentConfig', 'AlignmentIndex', 'DescriptorIndex', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'RangeImage', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -323,6 +324,11 @@ class SceneConfig:
     def __repr__(self) -> str:
         ...
     @property
+    def azimuth_step(self) -> float:
+        """
+        width of a cell [deg]
+        """
+    @property
     def center(self) -> str:
         """
         centre of an object: of its hull or of its box
@@ -338,14 +344,34 @@ class SceneConfig:
         length of one step of a colour channel [m]
         """
     @property
+    def elevation_step(self) -> float:
+        """
+        height of a cell [deg]
+        """
+    @property
     def eps(self) -> float:
         """
         radius of a neighbourhood [m]
         """
     @property
+    def floor(self) -> float:
+        """
+        points no farther than this from z = 0, a robot's floor, are left out; 0 keeps all [m]
+        """
+    @property
+    def image(self) -> bool:
+        """
+        whether the scene keeps a range image, which alignment needs
+        """
+    @property
     def inclusive(self) -> bool:
         """
         whether a point exactly eps away is a neighbour
+        """
+    @property
+    def longest_range(self) -> float:
+        """
+        points beyond are left out [m]
         """
     @property
     def min_points(self) -> int:
@@ -356,6 +382,58 @@ class SceneConfig:
     def min_size(self) -> int:
         """
         points a cluster must have to be an object
+        """
+    @property
+    def sensor_x(self) -> float:
+        """
+        where the sensor is in the frame of the cloud [m]
+        """
+    @property
+    def sensor_y(self) -> float:
+        """
+        where the sensor is in the frame of the cloud [m]
+        """
+    @property
+    def sensor_z(self) -> float:
+        """
+        where the sensor is in the frame of the cloud [m]
+        """
+class RangeImage:
+    """
+    How far it is, and of which colour what is there, in each direction of a cloud.
+    
+    Immutable; equal if all cells are.
+    """
+    def __eq__(self, arg0: typing.Any) -> bool:
+        ...
+    def __hash__(self) -> int:
+        ...
+    def __init__(self, cells: numpy.ndarray, azimuth_step: typing.SupportsFloat | typing.SupportsIndex, elevation_step: typing.SupportsFloat | typing.SupportsIndex, sensor: typing.Annotated[collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(3)"]) -> None:
+        ...
+    def __len__(self) -> int:
+        ...
+    def __reduce__(self) -> tuple[type, tuple[numpy.ndarray, float, float, list[float]]]:
+        ...
+    @property
+    def azimuth_step(self) -> float:
+        """
+        Degrees.
+        """
+    @property
+    def cells(self) -> numpy.ndarray:
+        """
+        Read-only structured array; fields column and row (steps of azimuth to the left and of
+        elevation up, from straight ahead), range (cm), color (3) RGB.
+        """
+    @property
+    def elevation_step(self) -> float:
+        """
+        Degrees.
+        """
+    @property
+    def sensor(self) -> typing.Annotated[list[float], "FixedSize(3)"]:
+        """
+        Metres: what the directions are taken from, in the frame of the cloud.
         """
 class Scene:
     """
@@ -383,7 +461,7 @@ class Scene:
         ...
     def __hash__(self) -> int:
         ...
-    def __init__(self, objects: typing.Any) -> None:
+    def __init__(self, objects: typing.Any, image: RangeImage | None = None) -> None:
         """
         A scene of given objects, in their order: an array like `objects`.
         
@@ -392,11 +470,11 @@ class Scene:
         """
     def __len__(self) -> int:
         ...
-    def __reduce__(self) -> tuple[type, tuple[numpy.ndarray]]:
+    def __reduce__(self) -> tuple[type, tuple[numpy.ndarray, RangeImage]]:
         ...
     def __repr__(self) -> str:
         ...
-    def to_bytes(self) -> bytes:
+    def to_bytes(self, *, image: bool = True) -> bytes:
         """
         The scene in few bytes: about 25 an object and 12 a scene.
         
@@ -410,6 +488,11 @@ class Scene:
     def to_json(self) -> str:
         """
         The scene as JSON, exact, one line an object.
+        """
+    @property
+    def image(self) -> RangeImage:
+        """
+        The RangeImage, without cells if the configuration asked for none.
         """
     @property
     def objects(self) -> numpy.ndarray:
@@ -565,9 +648,137 @@ class SceneIndex:
     @property
     def config(self) -> SimilarityConfig:
         ...
+class AlignmentConfig:
+    """
+    How scenes are aligned.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    @property
+    def candidates(self) -> int:
+        """
+        stored views that are aligned, those with the most similar thumbnails
+        """
+    @property
+    def first_scale(self) -> float:
+        """
+        distance that counts half in the first step [m]
+        """
+    @property
+    def iterations(self) -> int:
+        """
+        Gauss-Newton steps from each start
+        """
+    @property
+    def last_scale(self) -> float:
+        """
+        distance that counts half in the last step [m]
+        """
+    @property
+    def points(self) -> int:
+        """
+        cells of the current view that are laid over the stored one
+        """
+    @property
+    def reach(self) -> float:
+        """
+        a view farther from the stored one is another view [m]
+        """
+    @property
+    def tolerance(self) -> float:
+        """
+        distance up to which surfaces agree, plus 1 % of the range [m]
+        """
+    @property
+    def turn(self) -> float:
+        """
+        a view turned by more against the stored one is another [deg]
+        """
+class Alignment:
+    """
+    How one scene lies over another.
+    """
+    def __repr__(self) -> str:
+        ...
+    @property
+    def evidence(self) -> dict[str, float]:
+        """
+        What speaks for and against it, by name (docs/views_alignment.md).
+        """
+    @property
+    def probability(self) -> float:
+        """
+        That both scans were taken within 0.8 m and 22.9 deg of each other; 0 beyond reach and turn of the configuration.
+        """
+    @property
+    def x(self) -> float:
+        """
+        Metres: the current robot in the frame of the stored one.
+        """
+    @property
+    def y(self) -> float:
+        """
+        Metres.
+        """
+    @property
+    def yaw(self) -> float:
+        """
+        Radians.
+        """
+class AlignmentIndex:
+    """
+    Many stored scenes, of which those that look like the current one are aligned with it.
+    
+    They are numbered from 0 in the order in which they were added. Threads may share an index.
+    """
+    def __init__(self, config: AlignmentConfig | None = None) -> None:
+        ...
+    def __len__(self) -> int:
+        ...
+    def add(self, scene: Scene) -> int:
+        """
+        Stores a scene and returns its number.
+        """
+    def query(self, current: Scene, *, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> list[tuple[int, Alignment]]:
+        """
+        The stored scenes that look most like the current one, each aligned with it.
+        
+        Args:
+            threads: of this call; 0 is one a core. The result does not depend on it.
+        
+        Returns:
+            list of (number, Alignment), most probable first, of equal ones the lowest number first.
+        """
+    def remove(self, number: typing.SupportsInt | typing.SupportsIndex) -> None:
+        """
+        Forgets a scene; the numbers of all later ones fall by one. Raises ConfigError if there is none.
+        """
+    @property
+    def config(self) -> AlignmentConfig:
+        ...
 def above_height(points: numpy.typing.NDArray[numpy.float32], height: typing.SupportsFloat | typing.SupportsIndex, *, up: str = 'z') -> numpy.typing.NDArray[numpy.int64]:
     """
     Indices, int64 (M,), of the points above height metres along up (x, y, z, -x, -y, -z).
+    """
+def align_scenes(current: Scene, stored: Scene, *, config: AlignmentConfig | None = None) -> Alignment:
+    """
+    Whether two scenes show one place, by laying one range image over the other.
+    
+    Point-to-plane ICP with projective data association, in the plane, from several starts. The
+    probability is calibrated: docs/views_alignment.md says on what.
+    
+    Args:
+        config: an AlignmentConfig.
+    
+    Returns:
+        An Alignment; of probability 0 if a scene has no range image, or one of fewer than ten cells.
     """
 def build_scene(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8] | None, *, preset: str = 'robust', config: SceneConfig | None = None) -> Scene:
     """
