@@ -3,9 +3,8 @@
 // Range images for Python and for JSON.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
 #include <tuple>
+#include <utility>
 
 #include "common.hpp"
 
@@ -14,27 +13,9 @@ namespace fusionslam::bindings {
 using ReducedImage =
     py::typing::Tuple<py::type, py::typing::Tuple<py::array, float, float, py::object>>;
 
-/// Refuses what range_image() does not give.
 inline RangeImage checked_image(RangeImage&& image) {
   if (image.cells.empty()) return {};
-  const float numbers[] = {image.azimuth_step, image.elevation_step, image.sensor[0],
-                           image.sensor[1], image.sensor[2]};
-  for (const float value : numbers)
-    if (!std::isfinite(value)) throw DataError("range image: a value that is not finite");
-  if (!image.has_possible_steps())
-    throw DataError("range image: steps of " + std::to_string(image.azimuth_step) + " and " +
-                    std::to_string(image.elevation_step) + " deg, expected 0.1 to 30");
-  for (std::size_t i = 0; i < image.cells.size(); ++i) {
-    const RangeImage::Cell& cell = image.cells[i];
-    const auto place = [](const RangeImage::Cell& c) { return std::tie(c.row, c.column); };
-    const bool in_order = i == 0 || place(image.cells[i - 1]) < place(cell);
-    if (!in_order || std::abs(cell.column) * image.azimuth_step > 360 ||
-        std::abs(cell.row) * image.elevation_step > 360 ||
-        std::any_of(cell.color.begin(), cell.color.end(),
-                    [](int value) { return value % RangeImage::color_step != 0; }))
-      throw DataError("range image, cell " + std::to_string(i) +
-                      ": out of order, out of range, or of a colour between the steps");
-  }
+  check_range_image(image);
   return std::move(image);
 }
 

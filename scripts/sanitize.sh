@@ -34,4 +34,5 @@ LD_PRELOAD="$(g++ -print-file-name=libasan.so) $(g++ -print-file-name=libubsan.s
   tests/python/test_{array_layouts,refused_arrays,gil}.py \
   tests/python/test_{descriptors,paper_m2dp,color_bins,robust}.py \
   tests/python/test_{colorize,filters,fuse,ground,rectify,stereo}.py \
-  tests/python/test_{dbscan,hulls,scenes,scene_bytes,color_difference,scene_similarity}.py
+  tests/python/test_{dbscan,hulls,scenes,scene_bytes,color_difference,scene_similarity}.py \
+  tests/python/test_{alignment,range_images}.py

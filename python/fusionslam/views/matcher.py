@@ -364,9 +364,8 @@ def comparison_of(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> C
 def _first_stage(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
     if config.method == "descriptor":
         return DescriptorComparison(config.descriptor, descriptors, config.max_distance)
-    scene = scene_config(config)
-    if method_of(config) == "alignment":
-        alignment = AlignmentConfig(**config.alignment.model_dump())
+    scene, alignment = scene_config(config), alignment_config(config)
+    if alignment is not None:
         return AlignmentComparison(scene, alignment, PROBABILITY)
     return ObjectComparison(scene, similarity_config(config), THRESHOLDS[config.preset])
 
@@ -374,6 +373,12 @@ def _first_stage(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Co
 def method_of(config: ViewMatcherConfig) -> str:
     """How views are compared."""
     return config.method or ("alignment" if config.preset == "robust" else "scenes")
+
+
+def alignment_config(config: ViewMatcherConfig) -> AlignmentConfig | None:
+    """How scenes are aligned; None where something else is compared."""
+    values = config.alignment.model_dump()
+    return AlignmentConfig(**values) if method_of(config) == "alignment" else None
 
 
 def scene_config(config: ViewMatcherConfig) -> SceneConfig:
