@@ -73,3 +73,16 @@ def test_a_set_without_clouds_says_what_it_lacks(
     succeeds("views", "record", scenes, "-o", small, "--only-scenes")
     line = fails(1, "views", "match", small, "-o", tmp_path / "out", "--set", setting)
     assert f"boxes holds no clouds, and {said}" in line
+
+
+def test_a_missing_extra_is_told_before_the_work_and_only_where_it_is_needed(
+    scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fusionslam.cli.guard.find_spec", lambda name: None)
+    plain = tmp_path / "plain.npz"
+    drive(LAPS, poses=False).save(plain)
+    out = tmp_path / "out"
+    assert "fusionslam[report]" in fails(1, "views", "match", scenes, "-o", out)
+    assert not (out / "matches.csv").exists()
+    succeeds("views", "match", scenes, "-o", out, "--no-report")
+    succeeds("views", "match", plain, "-o", out)

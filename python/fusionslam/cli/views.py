@@ -124,6 +124,8 @@ def match(
             data, whole, step, (kind, sequence, skip_gaps, gt, topic), jobs=opt.cores(jobs)
         )
         scenes = scenes.without_empty() if skip_empty else scenes
+        if scenes.poses is not None and not no_report:
+            needs_extra("report")
         run = run_views(scenes, matcher, _shown(step, "matching"))
     values = whole.views.model_dump(mode="json")
     judged = None if scenes.poses is None else run.with_truth(_method(whole.views), values)

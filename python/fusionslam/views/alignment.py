@@ -6,6 +6,8 @@ The stored views whose thumbnails look most like the current one's are aligned w
 probability that both show one place follows from what each should have seen of the other.
 """
 
+import numpy as np
+
 from fusionslam._core import (
     Alignment,
     AlignmentConfig,
@@ -13,7 +15,7 @@ from fusionslam._core import (
     RangeImage,
     align_scenes,
 )
-from fusionslam.errors import DataError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.views.comparisons import Candidate, Item, SceneComparison, View, in_words
 from fusionslam.views.scenes import Scene, SceneConfig
 
@@ -37,12 +39,20 @@ class AlignmentComparison(SceneComparison):
         scene: how clouds become scenes, with range images.
         alignment: how scenes are aligned.
         threshold: the probability from which views match.
+
+    Raises:
+        ConfigError: scenes without range images.
     """
 
     kind = "alignment"
 
     def __init__(self, scene: SceneConfig, alignment: AlignmentConfig, threshold: float) -> None:
         self._alignment = alignment
+        if not scene.image:
+            raise ConfigError(
+                "scene.image is False, and alignment needs range images: preset robust has them, "
+                "others with views.scene.image=true"
+            )
         super().__init__(scene, threshold)
 
     def _empty_index(self) -> AlignmentIndex:
@@ -51,12 +61,17 @@ class AlignmentComparison(SceneComparison):
     def view(self, item: Item) -> View:
         """A scene, or the scene of a cloud. Raises DataError for objects without a range image."""
         scene = super().view(item).content
-        if len(scene) and not len(scene.image):
+        if isinstance(item, Scene) and not len(scene.image) and self._has_objects_in_range(scene):
             raise DataError(
                 "the scene has objects but no range image: build it with image=True, as the "
                 "robust preset does, or compare scenes (method scenes)"
             )
         return View(scene, len(scene) if len(scene.image) >= FEWEST_CELLS else 0)
+
+    def _has_objects_in_range(self, scene: Scene) -> bool:
+        """Whether there is something that an image would show: what is further away has none."""
+        distances = np.linalg.norm(scene.objects["center"], axis=1)
+        return bool((distances < self._scene.longest_range).any())
 
     def compare(self, view: View, most: int) -> list[Candidate]:
         """The stored scenes that most probably show the same place."""

@@ -345,8 +345,7 @@ def comparison_of(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> C
     """The comparison that a configuration names.
 
     Raises:
-        ConfigError: a value out of range. DataError: files of the second stage that are no
-            networks. FusionSlamError: onnxruntime is missing.
+        ConfigError: a value out of range. DataError, FusionSlamError: as ``SecondStage``.
     """
     first = _first_stage(config, descriptors)
     if config.second_stage is None:
