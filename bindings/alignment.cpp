@@ -9,8 +9,8 @@ namespace {
 
 using SharedScenes = Shared<AlignmentIndex>;
 
-py::typing::Dict<py::str, double> evidence_of(const Alignment& alignment) {
-  py::typing::Dict<py::str, double> evidence;
+py::typing::Dict<py::str, py::float_> evidence_of(const Alignment& alignment) {
+  py::typing::Dict<py::str, py::float_> evidence;
   for (std::size_t i = 0; i < AlignmentEvidence::size; ++i) {
     const std::string_view name = AlignmentEvidence::names[i];
     evidence[py::str(name.data(), name.size())] = alignment.evidence.values[i];

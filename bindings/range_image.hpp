@@ -3,35 +3,19 @@
 // Range images for Python and for JSON.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
 #include <tuple>
+#include <utility>
 
 #include "common.hpp"
 
 namespace fusionslam::bindings {
 
-/// Refuses what range_image() does not give.
+using ReducedImage =
+    py::typing::Tuple<py::type, py::typing::Tuple<py::array, float, float, py::object>>;
+
 inline RangeImage checked_image(RangeImage&& image) {
   if (image.cells.empty()) return {};
-  const float numbers[] = {image.azimuth_step, image.elevation_step, image.sensor[0],
-                           image.sensor[1], image.sensor[2]};
-  for (const float value : numbers)
-    if (!std::isfinite(value)) throw DataError("range image: a value that is not finite");
-  if (!image.has_possible_steps())
-    throw DataError("range image: steps of " + std::to_string(image.azimuth_step) + " and " +
-                    std::to_string(image.elevation_step) + " deg, expected 0.1 to 30");
-  for (std::size_t i = 0; i < image.cells.size(); ++i) {
-    const RangeImage::Cell& cell = image.cells[i];
-    const auto place = [](const RangeImage::Cell& c) { return std::tie(c.row, c.column); };
-    const bool in_order = i == 0 || place(image.cells[i - 1]) < place(cell);
-    if (!in_order || std::abs(cell.column) * image.azimuth_step > 360 ||
-        std::abs(cell.row) * image.elevation_step > 360 ||
-        std::any_of(cell.color.begin(), cell.color.end(),
-                    [](int value) { return value % RangeImage::color_step != 0; }))
-      throw DataError("range image, cell " + std::to_string(i) +
-                      ": out of order, out of range, or of a colour between the steps");
-  }
+  check_range_image(image);
   return std::move(image);
 }
 
@@ -65,9 +49,6 @@ inline RangeImage image_from_dict(const py::dict& entry) {
   }
   return checked_image(std::move(image));
 }
-
-using ReducedImage = py::typing::Tuple<
-    py::type, py::typing::Tuple<py::array, py::float_, py::float_, py::typing::List<py::float_>>>;
 
 inline void bind_range_image(py::module_& module) {
   using namespace py::literals;
@@ -112,9 +93,10 @@ elevation up, from straight ahead), range (cm), color (3) RGB.)")
            })
       .def("__hash__", [](const RangeImage& self) { return self.cells.size(); })
       .def("__reduce__", [](const py::object& self) -> ReducedImage {
-        return py::make_tuple(py::type::of(self),
-                              py::make_tuple(self.attr("cells"), self.attr("azimuth_step"),
-                                             self.attr("elevation_step"), self.attr("sensor")));
+        const py::tuple parts = py::make_tuple(
+            py::object(self.attr("cells")), py::object(self.attr("azimuth_step")),
+            py::object(self.attr("elevation_step")), py::object(self.attr("sensor")));
+        return py::make_tuple(py::type::of(self), parts);
       });
 }
 

@@ -106,7 +106,11 @@ class Fit:
         """As the core reads it."""
         rows = [self.mean, self.scale, self.weights]
         texts = ["{" + ", ".join(f"{value:.9g}" for value in row) + "}" for row in rows]
-        return "constexpr Weights fitted = {\n    " + ",\n    ".join(texts) + "};\n"
+        return (
+            "// clang-format off\nconstexpr Weights fitted = {\n    "
+            + ",\n    ".join(texts)
+            + "};\n"
+        )
 
 
 def _terms(values: Floats) -> Floats:

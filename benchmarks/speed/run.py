@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.speed import (
+    alignment_cases,
     curves,
     descriptor_cases,
     fusion_cases,
@@ -41,6 +42,7 @@ ROWS: dict[str, Rows] = {
     "views": view_cases.view_cases,
     "learning": learning_cases.learning_cases,
     "similarity": similarity_cases.similarity_cases,
+    "alignment": alignment_cases.alignment_cases,
     "frame": system_cases.frame_cases,
     "describe": system_cases.describe_cases,
 }

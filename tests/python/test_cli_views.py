@@ -61,6 +61,9 @@ def test_matching_writes_a_page_and_a_matcher_that_goes_on(scenes: Path, tmp_pat
     result = succeeds("views", "match", scenes, "-o", out)
     assert last_line(result) == str(out / "views.html")
     assert "alignment" in (out / "views.html").read_text()
+    words = ("-o", tmp_path / "objects", "--set", "views.method=scenes")
+    succeeds("views", "match", scenes, *words)
+    assert "objects robust" in (tmp_path / "objects/views.html").read_text()
     assert "probability" in (out / "matches.csv").read_text()
     figures = json.loads((out / "matches.json").read_text())
     assert figures["stats"]["nothing"] == 1 and figures["stats"]["stored"] == 6

@@ -100,14 +100,14 @@ def test_places_of_a_world_never_trained_on_are_told_apart(
 
 def test_the_matcher_takes_it_as_its_second_stage() -> None:
     from fusionslam.views import SceneConfig, SimilarityConfig, ViewMatcher
-    from fusionslam.views.comparisons import ObjectComparison, TwoStageComparison
+    from fusionslam.views.comparisons import ObjectComparison
+    from fusionslam.views.two_stages import TwoStageComparison
 
     def ids(threshold: float) -> list[int]:
         # Every scene is like every other one to this first stage.
         first = ObjectComparison(SceneConfig(), SimilarityConfig(), 0.0)
         second = SecondStage("places")
         matcher = ViewMatcher(comparison=TwoStageComparison(first, second, threshold=threshold))
-        matcher.threshold = 1e-9
         return [matcher.process(seen).id for seen in (near, far, near, far)]
 
     near, far = cloud(400, 1, (2.0, 0.0)), cloud(400, 2, (6.0, -2.0))

@@ -86,7 +86,7 @@ def test_scenes_are_those_of_the_clouds_or_the_stored_ones() -> None:
     with pytest.raises(DataError, match="scenes of another configuration and no clouds"):
         small.scenes_with(other)
     assert not small.fits(other) and scenes.with_scenes(config).scenes_with(other)[1]
-    with pytest.raises(DataError, match="no clouds, and nothing else"):
+    with pytest.raises(DataError, match="no clouds, and no scenes"):
         run_views(scenes.without_clouds(), ViewMatcher())
 
 

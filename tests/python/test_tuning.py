@@ -80,6 +80,11 @@ def test_the_numbers_to_begin_with_are_tried_so_the_end_is_no_worse() -> None:
     assert result.config.threshold == pytest.approx(ViewMatcher(good).threshold)
 
 
+def test_what_is_found_is_for_objects_whatever_the_default_compares() -> None:
+    result = tune([DRIVE], ViewMatcherConfig(), quick(numbers="robust", generations=1))
+    assert result.config.method == "scenes" and result.config.threshold == 0.74
+
+
 def test_several_drives_count_alike() -> None:
     short = drive((0, 1, 0, 1))
     both = tune([DRIVE, short], BAD, quick())

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.sensors import Cloud
-from fusionslam.views.comparisons import TwoStageComparison
 from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig
 from fusionslam.views.scenes import build_scene
+from fusionslam.views.two_stages import TwoStageComparison
 from object_places import NOTHING, place
 
 Row = NDArray[np.float32]

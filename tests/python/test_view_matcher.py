@@ -46,16 +46,18 @@ def test_places_seen_again_get_their_id_and_others_a_new_one(values: dict[str, A
     assert ids(matcher(**values)) == list(LAPS)
 
 
-def test_a_match_tells_what_was_compared_and_why() -> None:
-    one = matcher(**SCENES, threshold=0.7)
+@pytest.mark.parametrize(
+    ("method", "word"), [("alignment", "probability"), ("scenes", "similarity")]
+)
+def test_a_match_tells_what_was_compared_and_why(method: str, word: str) -> None:
+    one = matcher(method=method, threshold=0.7)
     first, other, again = (one.process(place(*seen)) for seen in ((0, 0), (1, 0), (0, 1)))
     assert first == ViewMatch(0, 0.0, True, "new view 0: nothing is stored yet", True)
     assert other.id == 1 and other.is_new and other.stored and other.similarity < 0.7
-    assert (
-        other.reason == f"new view 1: the best is view 0, similarity {other.similarity:.4g} < 0.7"
-    )
+    assert other.reason == f"new view 1: the best is view 0, {word} {other.similarity:.4g} < 0.7"
     assert again.id == 0 and again.matched == 0 and not again.is_new and not again.stored
-    assert again.reason == f"matched view 0: similarity {again.similarity:.4g} >= 0.7"
+    assert again.reason == f"matched view 0: {word} {again.similarity:.4g} >= 0.7"
+    assert (again.relative_pose is not None) == (method == "alignment")
 
 
 def test_the_similarity_is_that_of_the_best_stored_scene() -> None:

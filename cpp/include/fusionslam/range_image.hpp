@@ -76,6 +76,10 @@ struct RangeImage {
   }
 };
 
+/// Throws DataError for an image that range_image() cannot give: steps or places out of range,
+/// cells out of order, colours between the steps.
+void check_range_image(const RangeImage& image);
+
 /// The range image of a coloured cloud. Throws as build_scene.
 RangeImage range_image(PointsView points, ColorsView colors, const RangeImageConfig& config = {});
 

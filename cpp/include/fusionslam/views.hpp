@@ -104,8 +104,8 @@ struct SceneConfig : DbscanConfig, RangeImageConfig {
 
 /// "paper": the text of the thesis, with centres of hulls and mean colours; it names no smallest
 /// size, here 20 points. "author": its program, with centres of boxes, truncated medians and no
-/// size filter. "robust", the default: a colour scale that separates touching objects, no floor, and
-/// a range image. Throws ConfigError for any other name.
+/// size filter. "robust", the default: a colour scale that separates touching objects, no floor,
+/// and a range image for the alignment. Throws ConfigError for any other name.
 SceneConfig scene_preset(std::string_view name);
 
 /// One object of a scene: a cluster and its convex hull.

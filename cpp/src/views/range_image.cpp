@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <numbers>
+#include <string>
 #include <tuple>
 
 #include "../detail/checks.hpp"
@@ -69,7 +71,32 @@ RangeImage::Cell cell_of(const Sample* first, const Sample* last, ColorsView col
   return cell;
 }
 
+bool is_cell(const RangeImage& image, std::size_t i) {
+  const RangeImage::Cell& cell = image.cells[i];
+  const auto place = [](const RangeImage::Cell& c) { return std::tie(c.row, c.column); };
+  return (i == 0 || place(image.cells[i - 1]) < place(cell)) &&
+         std::abs(cell.column) * image.azimuth_step <= 360 &&
+         std::abs(cell.row) * image.elevation_step <= 180 &&
+         std::all_of(cell.color.begin(), cell.color.end(),
+                     [](int value) { return value % RangeImage::color_step == 0; });
+}
+
 }  // namespace
+
+void check_range_image(const RangeImage& image) {
+  if (image.cells.empty()) return;
+  if (!image.has_possible_steps())
+    throw DataError("range image: steps of " + std::to_string(image.azimuth_step) + " and " +
+                    std::to_string(image.elevation_step) + " deg, expected 0.1 to 30");
+  for (const float value : image.sensor)
+    if (!(std::fabs(value) <= 1e3f))
+      throw DataError("range image: the sensor is " + std::to_string(value) +
+                      " m from the origin, expected at most 1000");
+  for (std::size_t i = 0; i < image.cells.size(); ++i)
+    if (!is_cell(image, i))
+      throw DataError("range image, cell " + std::to_string(i) +
+                      ": out of order, out of range, or of a colour between the steps");
+}
 
 RangeImage range_image(PointsView points, ColorsView colors, const RangeImageConfig& config) {
   validate(config);

@@ -143,6 +143,7 @@ RangeImage image_from_bytes(std::span<const std::uint8_t> bytes) {
   image.cells = read_runs(reader, box);
   read_values(reader, image.cells);
   if (reader.bytes_used() != bytes.size()) refuse_bytes("longer than its range image");
+  check_range_image(image);
   return image;
 }
 

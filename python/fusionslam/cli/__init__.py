@@ -6,6 +6,7 @@ import typer
 
 from fusionslam.cli import about, calibration, data, results, simulate, view_bench, views
 from fusionslam.cli.guard import Guarded
+from fusionslam.cli.view_show import show
 
 app = typer.Typer(
     cls=Guarded,
@@ -37,4 +38,5 @@ for command in (
     names = {"evaluate": "eval", "bench_views": "bench views"}
     app.command(names.get(command.__name__, command.__name__.replace("_", "-")))(command)
 
+views.app.command()(show)
 app.add_typer(views.app, name="views")

@@ -79,7 +79,7 @@ def record(
 
     from fusionslam.views.matcher import scene_config
 
-    whole = _config(tuned, config, settings)
+    whole = whole_config(tuned, config, settings)
     names = opt.names_of(features) if features else []
     recording = (kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     target = output if output.suffix == ".npz" else output.with_name(f"{output.name}.npz")
@@ -116,7 +116,7 @@ def match(
     from fusionslam.views.matcher import ViewMatcher
     from fusionslam.views.runs import run_views
 
-    whole = _config(tuned, config, settings)
+    whole = whole_config(tuned, config, settings)
     opt.one_of("--rule", rule, ("paper", "author"))
     matcher = ViewMatcher(whole.views, fusion=whole.fusion, descriptors=whole.descriptors)
     with progress() as step:
@@ -157,10 +157,10 @@ def curve(
     jobs: opt.Jobs = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Judge the ids at a hundred thresholds, and name the best ones."""
+    """Judge the ids at many thresholds, and name the best ones."""
     from fusionslam.views.runs import sweep_thresholds
 
-    whole = _config(tuned, config, settings)
+    whole = whole_config(tuned, config, settings)
     opt.one_of("--rule", rule, ("paper", "author"))
     with progress() as step:
         scenes = _scene_set(
@@ -203,7 +203,7 @@ def tune(
     from fusionslam.views.tuning_state import TuningState
 
     needs_extra("tune")
-    whole = _config(tuned, config, settings)
+    whole = whole_config(tuned, config, settings)
     state = output.with_name(f"{output.name}.state")
     keep(ctx, state)
     with progress() as step:
@@ -233,7 +233,7 @@ def tune(
 _HEADS = ("accuracy", "loop recall", "loop precision", "views")
 
 
-def _config(tuned: str | None, file: Path | None, settings: list[str] | None) -> Any:
+def whole_config(tuned: str | None, file: Path | None, settings: list[str] | None) -> Any:
     """All stages: clouds in the robot's frame without ground, then what was found by tuning, the
     file, and the settings."""
     from fusionslam.config import merged, with_file, with_settings
@@ -251,6 +251,20 @@ def _shown(step: Step, label: str) -> Any:
     return lambda done, total: step(label, done, total)
 
 
+def opened(data: Path, whole: Any, how: "Sequence[Any]" = ()) -> Any:
+    """A stored set, a recording of ranges, or the dataset that the options name."""
+    from fusionslam.views.recordings import RangeRecording, is_recording
+    from fusionslam.views.scene_sets import SceneSet, is_scene_set
+
+    if data.is_file() and is_scene_set(data):
+        _refuse_reading_options(data, "a scene set", how)
+        return SceneSet.load(data)
+    if data.is_file() and is_recording(data):
+        _refuse_reading_options(data, "a .npz recording", how)
+        return RangeRecording.open(data, whole.recording.shapes)
+    return opt.recording_of(data, *how).open(whole.fusion.source)
+
+
 def _scene_set(
     data: Path,
     whole: Any,
@@ -262,20 +276,16 @@ def _scene_set(
 ) -> "SceneSet":
     """A stored set, or one made of a recording."""
     from fusionslam.views.recorder import record_scenes
-    from fusionslam.views.recordings import RangeRecording, is_recording
-    from fusionslam.views.scene_sets import SceneSet, is_scene_set
+    from fusionslam.views.recordings import RangeRecording
+    from fusionslam.views.scene_sets import SceneSet
 
-    if data.is_file() and is_scene_set(data):
-        return SceneSet.load(data)
-    from_ranges = data.is_file() and is_recording(data)
-    opened: Any = (
-        RangeRecording.open(data, whole.recording.shapes)
-        if from_ranges
-        else opt.recording_of(data, *how).open(whole.fusion.source)
-    )
+    found = opened(data, whole, how)
+    if isinstance(found, SceneSet):
+        return found
+    from_ranges = isinstance(found, RangeRecording)
     settings = whole.recording if from_ranges else whole.fusion
     return record_scenes(
-        opened,
+        found,
         fusion=whole.fusion,
         recording=whole.recording,
         features=features,
@@ -284,6 +294,29 @@ def _scene_set(
         source={"path": str(data), "config": settings.model_dump(mode="json")},
         progress=_shown(step, "reading" if from_ranges else "fusing"),
     )
+
+
+_READING = [
+    "--kind",
+    "--sequence",
+    "--skip-gaps",
+    "--gt",
+    "--topic",
+    "--stamps",
+    "--sync",
+    "--calib",
+]
+"""Options that say how other data are read, in the order of ``opt.recording_of``."""
+
+
+def _refuse_reading_options(data: Path, what: str, how: "Sequence[Any]") -> None:
+    """Raise ConfigError rather than leave unheard what somebody said of true poses, say."""
+    from fusionslam.errors import ConfigError
+
+    defaults = {"--stamps": "header"}
+    for name, value in zip(_READING, how, strict=False):
+        if value and value != defaults.get(name):
+            raise ConfigError(f"{name}: {data} is {what}, which says all about itself")
 
 
 def _truth(scenes: "SceneSet") -> str:
@@ -322,7 +355,7 @@ def _print_run(run: "MatchRun", report: "ViewReport | None") -> None:
         f"dropped; building {times[0]:.3f} ms, matching {times[1]:.3f} ms (medians)"
     )
     if report is None:
-        print("no true poses: the ids are not judged (--gt names a file of poses)")
+        print("no true poses: the ids are not judged (views record --gt names a file of poses)")
         return
     judge = ViewJudge(run.scenes.true_poses(), run.scenes.seconds, rule=report.rule_name)
     rows = [["this", *_figures(report)]]
@@ -336,7 +369,8 @@ def _method(views: "ViewMatcherConfig") -> str:
 
     method = method_of(views)
     objects = f"objects {views.preset}"
-    return {"alignment": method, "descriptor": views.descriptor}.get(method, objects)
+    first = {"alignment": method, "descriptor": views.descriptor}.get(method, objects)
+    return first if views.second_stage is None else f"{first}, then {views.second_stage}"
 
 
 def _written_report(judged: "ViewRun", output: Path, rule: str) -> Path:

@@ -148,6 +148,11 @@ def _root(path: str | os.PathLike[str]) -> Path:
     except OSError as error:
         raise DataError(f"{root} cannot be read: {error.strerror}") from error
     if not stat.S_ISDIR(mode) and bag_kind(root) is None:
+        if root.suffix == ".npz":
+            raise DataError(
+                f"{root} is no scene set and no .npz recording, or it is cut short (only the "
+                "commands about views read these)"
+            )
         raise DataError(f"{root} is a file: expected the folder of a recording, or a bag")
     return root
 

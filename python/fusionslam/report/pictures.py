@@ -4,6 +4,7 @@
 
 import base64
 import io
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,6 +61,13 @@ def keep(
     """
     encode, end = (_jpeg, ".jpg") if photo else (_png, ".png")
     return _kept(folder, name + end, encode(_rendered(figure)), caption)
+
+
+def write_png(path: str | os.PathLike[str], figure: "Figure") -> None:
+    """Render a drawing and write it as PNG, whole or not at all. Raises DataError."""
+    data = _png(_rendered(figure))
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
 
 
 def keep_photo(folder: Path, name: str, image: Image.Image, caption: str) -> Picture:

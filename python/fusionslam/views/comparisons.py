@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""By what views are compared: objects, objects and a second stage, or a descriptor."""
+"""By what views are compared: objects, or a descriptor."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fusionslam._core import DescriptorIndex
 from fusionslam.descriptors import DescriptorConfig, describe, descriptor_named, length_of
-from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors import Cloud
 from fusionslam.views.scene_sets import packed, unpacked
 from fusionslam.views.scenes import Scene, SceneConfig, build_scene
@@ -43,11 +43,13 @@ class Candidate:
         similarity: in [0, 1].
         relative_pose: x, y in metres and yaw in radians of the current view in the frame of the
             stored one, where the comparison finds it.
+        rejected: whether it is no match, however similar.
     """
 
     slot: int
     similarity: float
     relative_pose: tuple[float, float, float] | None = None
+    rejected: bool = False
 
 
 class Comparison(Protocol):
@@ -297,115 +299,3 @@ class DescriptorComparison:
 def similarity_at(distance: float) -> float:
     """The similarity that stands for a distance."""
     return 1 / (1 + distance)
-
-
-class SecondStage(Protocol):
-    """Tells look-alikes apart, such as the network of ``fusionslam.views.learning``."""
-
-    def features(self, cloud: Cloud) -> NDArray[np.float32]:
-        """What is stored of a cloud, float32 (F,)."""
-
-    def probability(self, current: NDArray[np.float32], stored: NDArray[np.float32]) -> float:
-        """How likely two clouds show the same place, in [0, 1]."""
-
-
-class TwoStageComparison:
-    """A second stage that may only turn a match of the first one into a rejection (Stastny, 4.7).
-
-    Candidates are taken in the order of the first stage. One that the second stage rejects has
-    similarity 0, and the next one is looked at.
-
-    Args:
-        first: compares all stored views.
-        second: is asked about the best of them.
-        threshold: the probability from which the second stage agrees.
-        start: the first stage's similarity from which the second one is asked; None for the
-            threshold of the first: every match has to pass both.
-        most: of how many candidates the second stage is asked at most.
-
-    Raises:
-        ConfigError: a value out of range.
-    """
-
-    kind = "two_stage"
-
-    def __init__(
-        self,
-        first: Comparison,
-        second: SecondStage,
-        *,
-        threshold: float,
-        start: float | None = None,
-        most: int = 10,
-    ) -> None:
-        self.threshold = first.threshold
-        start = first.threshold if start is None else start
-        for name, value in (("threshold", threshold), ("start", start)):
-            if not 0 <= value <= 1:
-                raise ConfigError(f"second stage: {name} is {value}, expected 0 to 1")
-        if most < 1:
-            raise ConfigError(f"second stage: most is {most}, expected at least 1")
-        self._first, self._second = first, second
-        self._needed, self._start, self._most = threshold, start, most
-        self._features: list[NDArray[np.float32]] = []
-        self.kind = f"two_stage.{first.kind}"
-
-    def __len__(self) -> int:
-        return len(self._features)
-
-    def view(self, item: Item) -> View:
-        """What both stages compare of a cloud."""
-        if not isinstance(item, Cloud):
-            raise ShapeError(f"two stages need a Cloud, got {type(item).__name__}")
-        first = self._first.view(item)
-        features = self._second.features(item) if first.objects else None
-        return View((first, features), first.objects)
-
-    def compare(self, view: View, most: int) -> list[Candidate]:
-        """The best of the first stage that the second one does not reject, then those rejected."""
-        first, features = view.content
-        passed, rejected = [], []
-        for candidate in self._first.compare(first, max(self._most, most)):
-            if candidate.similarity >= self._start and not self._agrees(features, candidate.slot):
-                rejected.append(Candidate(candidate.slot, 0.0))
-            else:
-                passed.append(candidate)
-            if len(passed) == most:
-                break
-        return [*passed, *rejected][:most]
-
-    def _agrees(self, features: NDArray[np.float32], slot: int) -> bool:
-        return self._second.probability(features, self._features[slot]) >= self._needed
-
-    def add(self, view: View) -> int:
-        """Store what both stages compare."""
-        first, features = view.content
-        self._features.append(np.asarray(features, np.float32))
-        return self._first.add(first) + int(self._features[-1].nbytes)
-
-    def remove(self, slot: int) -> None:
-        """Forget a view."""
-        self._first.remove(slot)
-        del self._features[slot]
-
-    def size_of(self, slot: int) -> int:
-        """Bytes of both stages."""
-        return self._first.size_of(slot) + int(self._features[slot].nbytes)
-
-    def explain(self, similarity: float, threshold: float) -> str:
-        """As the first stage."""
-        if similarity == 0:
-            return "the second stage rejected the best ones"
-        return self._first.explain(similarity, threshold)
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """The first stage's state and the features."""
-        return {**self._first.state(), "features": np.array(self._features, np.float32)}
-
-    def restore(self, state: Arrays) -> None:
-        """As ``Comparison``."""
-        self._first.restore(state)
-        features = [np.asarray(row, np.float32) for row in state["features"]]
-        if len(features) != len(self._first):
-            raise DataError(f"{len(features)} rows of features for {len(self._first)} views")
-        self._features = features

@@ -13,13 +13,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
 from fusionslam.evaluation import ViewRun, baselines
-from fusionslam.views.comparisons import TwoStageComparison
 from fusionslam.views.drives import Drive, FrameName, Step, moved
 from fusionslam.views.images import Images, TemplateViews, template_views
-from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig, comparison_of
+from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig
 from fusionslam.views.runs import run_views
 from fusionslam.views.templates import VisualTemplates, VisualTemplatesConfig
 
@@ -206,13 +204,7 @@ def _two_stages(preset: Preset, model: str) -> ViewMatcher:
 
     The thesis's thresholds (0.84, 0.00134) belong to its own weights; 0.5 is the even chance.
     """
-    from fusionslam.views.learning import SecondStage
-
-    config = ViewMatcherConfig(method="scenes", preset=preset)
-    first = comparison_of(config, DescriptorConfig())
-    return ViewMatcher(
-        config, comparison=TwoStageComparison(first, SecondStage(model), threshold=0.5)
-    )
+    return ViewMatcher(ViewMatcherConfig(method="scenes", preset=preset, second_stage=model))
 
 
 def _cm2dp() -> ViewMatcher:

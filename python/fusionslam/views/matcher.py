@@ -5,12 +5,13 @@
 import json
 import os
 import zipfile
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import model_validator
 
 from fusionslam._files import atomic_path
 from fusionslam.config import Section, core_section, merged, option
@@ -27,9 +28,23 @@ from fusionslam.views.comparisons import (
     ObjectComparison,
     View,
 )
+from fusionslam.views.matches import NO_VIEW, Slot, ViewMatch, ViewStats
 from fusionslam.views.recorder import ROBOT_FUSION
 from fusionslam.views.scenes import SceneConfig
 from fusionslam.views.similarity import SimilarityConfig
+from fusionslam.views.two_stages import TwoStageComparison
+
+__all__ = [
+    "NO_VIEW",
+    "ViewMatch",
+    "ViewMatcher",
+    "ViewMatcherConfig",
+    "ViewStats",
+    "comparison_of",
+    "method_of",
+    "scene_config",
+    "similarity_config",
+]
 
 if TYPE_CHECKING:
 
@@ -45,8 +60,6 @@ else:
     AlignmentSection = core_section("AlignmentSection", AlignmentConfig)
 
 FORMAT = "fusionslam.view_matcher.1"
-NO_VIEW = -1
-"""The id of scans that hold nothing to recognise."""
 THRESHOLDS = {"robust": 0.74, "paper": 0.737, "author": 0.737}
 """From what similarity scenes match, by preset: as published; ours is where accuracy and loop
 precision meet in the warehouse and a made house."""
@@ -82,6 +95,24 @@ class ViewMatcherConfig(Section):
     max_distance: float = option(
         0.24, "descriptor: the largest distance of a match", ge=0, allow_inf_nan=False
     )
+    second_stage: str | None = option(
+        None,
+        "a network that may reject matches: places (ours, looks at colours), thesis (Stastny 2022, "
+        "trained anew), or the path of features in ONNX; null is none",
+    )
+    second_comparison: str | None = option(
+        None, "second_stage: path of the comparison in ONNX, for features without calibration"
+    )
+    second_threshold: float = option(
+        0.5, "second_stage: the probability from which it agrees", ge=0, le=1
+    )
+    second_start: float | None = option(
+        None,
+        "second_stage: from what similarity it is asked, below which a match needs no second "
+        "opinion; null is threshold: every match has to pass both",
+        ge=0,
+        le=1,
+    )
     min_objects: int = option(
         1,
         "a scan with fewer objects has nothing to recognise: its id is -1, it is not stored",
@@ -101,68 +132,11 @@ class ViewMatcherConfig(Section):
         0, "views stored at most; the one not matched for longest makes room; 0 is no bound", ge=0
     )
 
-
-@dataclass(frozen=True)
-class ViewMatch:
-    """What a scan was recognised as.
-
-    Attributes:
-        id: of the place, counted from 0; -1 for a scan that holds nothing to recognise.
-        similarity: of the best stored view, in [0, 1]; 0 where there is none.
-        is_new: whether the id was given for the first time.
-        reason: why, in a sentence.
-        stored: whether this scan was stored.
-        matched: number of the scan whose stored view it matched, counted from 0; None for none.
-        relative_pose: x, y in metres and yaw in radians of this scan in the frame of that one,
-            where the comparison finds it.
-    """
-
-    id: int
-    similarity: float
-    is_new: bool
-    reason: str
-    stored: bool
-    matched: int | None = None
-    relative_pose: tuple[float, float, float] | None = None
-
-
-@dataclass(frozen=True)
-class ViewStats:
-    """What a matcher did so far.
-
-    Attributes:
-        processed: scans.
-        matched: to a stored view.
-        new: places: ids given.
-        nothing: scans that hold nothing to recognise.
-        single: scans with a single object.
-        stored: views stored now.
-        dropped: views that made room for others.
-        bytes: of all stored views in a file.
-    """
-
-    processed: int = 0
-    matched: int = 0
-    new: int = 0
-    nothing: int = 0
-    single: int = 0
-    stored: int = 0
-    dropped: int = 0
-    bytes: int = 0
-
-    @property
-    def bytes_per_view(self) -> float:
-        """Bytes of a stored view, the mean; 0 where nothing is stored."""
-        return self.bytes / self.stored if self.stored else 0.0
-
-
-@dataclass
-class _Slot:
-    """A stored view: its place's id, the scan it was, and the last scan that needed it."""
-
-    id: int
-    number: int
-    used: int
+    @model_validator(mode="after")
+    def _two_stages_need_objects(self) -> "ViewMatcherConfig":
+        if self.second_stage is not None and self.min_objects < 1:
+            raise ValueError("second_stage needs min_objects of at least 1, not 0")
+        return self
 
 
 class ViewMatcher:
@@ -194,7 +168,7 @@ class ViewMatcher:
         self.comparison = comparison
         given = self.config.threshold
         self.threshold = self.comparison.threshold if given is None else given
-        self._slots: list[_Slot] = []
+        self._slots: list[Slot] = []
         self._stats = ViewStats()
 
     @property
@@ -229,7 +203,7 @@ class ViewMatcher:
         if view.objects < self.config.min_objects:
             return self._nothing(view)
         best = next(iter(self.comparison.compare(view, 1)), None) if self._slots else None
-        if best is not None and best.similarity >= self.threshold:
+        if best is not None and not best.rejected and best.similarity >= self.threshold:
             match = self._matched(view, best)
         else:
             match = self._new(view, best)
@@ -274,7 +248,9 @@ class ViewMatcher:
     def _new(self, view: View, best: Candidate | None) -> ViewMatch:
         id = self._stats.new
         reason = f"new view {id}: nothing is stored yet"
-        if best is not None:
+        if best is not None and best.rejected:
+            reason = f"new view {id}: the second stage rejected the best ones"
+        elif best is not None:
             why = self.comparison.explain(best.similarity, self.threshold)
             reason = f"new view {id}: the best is view {self._slots[best.slot].id}, {why}"
         self._store(view, id)
@@ -286,7 +262,7 @@ class ViewMatcher:
             self._drop()
         size = self.comparison.add(view)
         number = self._stats.processed
-        self._slots.append(_Slot(id, number, number))
+        self._slots.append(Slot(id, number, number))
         self._stats = replace(self._stats, stored=len(self._slots), bytes=self._stats.bytes + size)
 
     def _drop(self) -> None:
@@ -361,17 +337,35 @@ class ViewMatcher:
         if slots.ndim != 2 or slots.shape[1] != 3 or len(slots) != len(self.comparison):
             raise DataError(f"{len(self.comparison)} views, but slots {slots.shape}")
         self.threshold = about["threshold"]
-        self._slots = [_Slot(*row) for row in slots.tolist()]
+        self._slots = [Slot(*row) for row in slots.tolist()]
         self._stats = ViewStats(**about["stats"])
 
 
 def comparison_of(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
-    """The comparison that a configuration names. Raises ConfigError."""
+    """The comparison that a configuration names.
+
+    Raises:
+        ConfigError: a value out of range. DataError: files of the second stage that are no
+            networks. FusionSlamError: onnxruntime is missing.
+    """
+    first = _first_stage(config, descriptors)
+    if config.second_stage is None:
+        return first
+    from fusionslam.views.learning import SecondStage
+
+    return TwoStageComparison(
+        first,
+        SecondStage(config.second_stage, config.second_comparison),
+        threshold=config.second_threshold,
+        start=config.threshold if config.second_start is None else config.second_start,
+    )
+
+
+def _first_stage(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
     if config.method == "descriptor":
         return DescriptorComparison(config.descriptor, descriptors, config.max_distance)
-    scene = scene_config(config)
-    if method_of(config) == "alignment":
-        alignment = AlignmentConfig(**config.alignment.model_dump())
+    scene, alignment = scene_config(config), alignment_config(config)
+    if alignment is not None:
         return AlignmentComparison(scene, alignment, PROBABILITY)
     return ObjectComparison(scene, similarity_config(config), THRESHOLDS[config.preset])
 
@@ -379,6 +373,12 @@ def comparison_of(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> C
 def method_of(config: ViewMatcherConfig) -> str:
     """How views are compared."""
     return config.method or ("alignment" if config.preset == "robust" else "scenes")
+
+
+def alignment_config(config: ViewMatcherConfig) -> AlignmentConfig | None:
+    """How scenes are aligned; None where something else is compared."""
+    values = config.alignment.model_dump()
+    return AlignmentConfig(**values) if method_of(config) == "alignment" else None
 
 
 def scene_config(config: ViewMatcherConfig) -> SceneConfig:

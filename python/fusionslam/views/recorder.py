@@ -74,6 +74,39 @@ def record_scenes(
     return SceneSet(**scenes, features=rows, source=source or {})
 
 
+def recorded_cloud(
+    data: "Dataset | RangeRecording | SceneSet",
+    number: int,
+    *,
+    fusion: FusionConfig = ROBOT_FUSION,
+    recording: RecordingConfig | None = None,
+) -> Cloud:
+    """One scan's coloured cloud, as ``record_scenes`` makes it, without making the others.
+
+    Args:
+        data: what ``record_scenes`` takes, or what it gave.
+        number: of the scan, as the data number it.
+        fusion, recording: as for ``record_scenes``.
+
+    Raises:
+        DataError: no such scan, no clouds, or a frame that cannot be read or fused.
+    """
+    numbers = np.arange(len(data)) if isinstance(data, RangeRecording) else data.numbers
+    found = np.flatnonzero(numbers == number)
+    if not len(found):
+        known = f"numbered {numbers[0]} to {numbers[-1]}" if len(numbers) else "none"
+        raise DataError(f"{data.name} has no scan {number}; its scans are {known}")
+    row = int(found[0])
+    if isinstance(data, RangeRecording):
+        config = recording or RecordingConfig()
+        return data.cloud(row, config, data.odometry(config))
+    if isinstance(data, SceneSet):
+        if data.clouds is None:
+            raise DataError(f"{data.name} holds no clouds: record it without --only-scenes")
+        return data.clouds[row]
+    return fuse(data[row], fusion)
+
+
 def _of_recording(
     data: RangeRecording, config: RecordingConfig, progress: Progress | None
 ) -> dict[str, Any]:

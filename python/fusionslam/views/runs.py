@@ -19,14 +19,10 @@ from fusionslam.evaluation import ViewJudge, ViewRun
 from fusionslam.evaluation.view_curve import THRESHOLDS, ViewCurve, sweep_views
 from fusionslam.sensors import Cloud
 from fusionslam.views.comparisons import Comparison, View
-from fusionslam.views.matcher import (
-    ViewMatch,
-    ViewMatcher,
-    ViewMatcherConfig,
-    ViewStats,
-    scene_config,
-)
+from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig, scene_config
+from fusionslam.views.matches import ViewMatch, ViewStats
 from fusionslam.views.scene_sets import Progress, SceneSet
+from fusionslam.views.two_stages import TWO_STAGES
 
 # Of alignments, which take too long for a hundred runs.
 _PROBABILITIES = (0.0, 0.5, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98, 0.99, 1.0)
@@ -173,8 +169,18 @@ def _items(scenes: SceneSet, matcher: ViewMatcher) -> Callable[[int], Any]:
         nothing = Cloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
         return lambda index: nothing if np.isnan(rows[index]).any() else rows[index]
     if scenes.clouds is None:
-        raise DataError(f"{scenes.name} holds no clouds, and nothing else that can be compared")
+        raise DataError(f"{scenes.name} holds no clouds, and {_lacking(scenes, config, kind)}")
     return scenes.clouds.__getitem__
+
+
+def _lacking(scenes: SceneSet, config: ViewMatcherConfig, kind: str) -> str:
+    """What else a set without clouds would have to hold."""
+    if kind == "descriptor":
+        return f"no {config.descriptor}: record it with --features {config.descriptor}"
+    if kind.startswith(TWO_STAGES):
+        return "two stages need them: record it without --only-scenes"
+    other = "scenes of another configuration" if scenes.scenes else "no scenes"
+    return f"{other}: record it with these views.scene, or without --only-scenes"
 
 
 def sweep_thresholds(
@@ -211,7 +217,8 @@ def sweep_thresholds(
 
     first = matcher(1.0)
     views = views_of(scenes, first)
-    known = {"scenes": THRESHOLDS, "alignment": _PROBABILITIES}.get(first.comparison.kind)
+    kind = first.comparison.kind.removeprefix(TWO_STAGES)
+    known = {"scenes": THRESHOLDS, "alignment": _PROBABILITIES}.get(kind)
     thresholds = list(known or _quantiles(views, first, len(THRESHOLDS)))
     done = 0
 

@@ -123,7 +123,7 @@ class SceneSet:
         if self.poses is None:
             raise DataError(
                 f"{self.name} has no true poses: it can be matched, but not judged or tuned on; "
-                "record data with poses, or name a file of poses with --gt"
+                "record data with poses, or name a file of poses when recording (--gt)"
             )
         return self.poses
 

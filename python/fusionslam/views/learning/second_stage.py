@@ -54,6 +54,9 @@ class SecondStage:
         comparison: str | os.PathLike[str] | None = None,
     ) -> None:
         own, compared = MODELS.get(str(model), (None, None))
+        if own is None and not Path(model).exists():
+            names = ", ".join(MODELS)
+            raise DataError(f"second stage {model}: no such file, expected {names} or a path")
         features = Path(model) if own is None else SHIPPED / own
         if comparison is None and compared is not None:
             comparison = SHIPPED / compared

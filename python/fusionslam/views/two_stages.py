@@ -1,0 +1,129 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Views by two stages: the second one looks at what the first one takes for the same place."""
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.sensors import Cloud
+from fusionslam.views.comparisons import Arrays, Candidate, Comparison, Item, View
+
+TWO_STAGES = "two_stage."
+"""What the kind of two stages begins with; the kind of the first one follows."""
+
+
+class SecondStage(Protocol):
+    """Tells look-alikes apart, such as the network of ``fusionslam.views.learning``."""
+
+    def features(self, cloud: Cloud) -> NDArray[np.float32]:
+        """What is stored of a cloud, float32 (F,)."""
+
+    def probability(self, current: NDArray[np.float32], stored: NDArray[np.float32]) -> float:
+        """How likely two clouds show the same place, in [0, 1]."""
+
+
+class TwoStageComparison:
+    """A second stage that may only turn a match of the first one into a rejection (Stastny, 4.7).
+
+    Candidates are taken in the order of the first stage. One that the second stage rejects has
+    similarity 0 and never matches, and the next one is looked at.
+
+    Args:
+        first: compares all stored views.
+        second: is asked about the best of them.
+        threshold: the probability from which the second stage agrees.
+        start: the first stage's similarity from which the second one is asked; None for the
+            threshold of the first: every match has to pass both.
+        most: of how many candidates the second stage is asked at most.
+
+    Raises:
+        ConfigError: a value out of range.
+    """
+
+    def __init__(
+        self,
+        first: Comparison,
+        second: SecondStage,
+        *,
+        threshold: float,
+        start: float | None = None,
+        most: int = 10,
+    ) -> None:
+        self.threshold = first.threshold
+        start = first.threshold if start is None else start
+        for name, value in (("threshold", threshold), ("start", start)):
+            if not 0 <= value <= 1:
+                raise ConfigError(f"second stage: {name} is {value}, expected 0 to 1")
+        if most < 1:
+            raise ConfigError(f"second stage: most is {most}, expected at least 1")
+        self._first, self._second = first, second
+        self._needed, self._start, self._most = threshold, start, most
+        self._features: list[NDArray[np.float32]] = []
+        self.kind = TWO_STAGES + first.kind
+
+    def __len__(self) -> int:
+        return len(self._features)
+
+    def view(self, item: Item) -> View:
+        """What both stages compare of a cloud."""
+        if not isinstance(item, Cloud):
+            raise ShapeError(f"two stages need a Cloud, got {type(item).__name__}")
+        first = self._first.view(item)
+        features = self._second.features(item) if first.objects else None
+        return View((first, features), first.objects)
+
+    def compare(self, view: View, most: int) -> list[Candidate]:
+        """The best of the first stage that the second one does not reject, then those rejected."""
+        first, features = view.content
+        passed, rejected = [], []
+        for candidate in self._first.compare(first, max(self._most, most)):
+            if candidate.similarity >= self._start and not self._agrees(features, candidate.slot):
+                rejected.append(Candidate(candidate.slot, 0.0, rejected=True))
+            else:
+                passed.append(candidate)
+            if len(passed) == most:
+                break
+        return [*passed, *rejected][:most]
+
+    def _agrees(self, features: NDArray[np.float32], slot: int) -> bool:
+        return self._second.probability(features, self._features[slot]) >= self._needed
+
+    def add(self, view: View) -> int:
+        """Store what both stages compare. Raises DataError for a view without objects."""
+        first, features = view.content
+        if features is None:
+            raise DataError("two stages compare scans with objects: min_objects must be at least 1")
+        self._features.append(np.asarray(features, np.float32))
+        return self._first.add(first) + int(self._features[-1].nbytes)
+
+    def remove(self, slot: int) -> None:
+        """Forget a view."""
+        self._first.remove(slot)
+        del self._features[slot]
+
+    def size_of(self, slot: int) -> int:
+        """Bytes of both stages."""
+        return self._first.size_of(slot) + int(self._features[slot].nbytes)
+
+    def explain(self, similarity: float, threshold: float) -> str:
+        """As the first stage."""
+        return self._first.explain(similarity, threshold)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """The first stage's state and the features."""
+        return {**self._first.state(), "features": np.array(self._features, np.float32)}
+
+    def restore(self, state: Arrays) -> None:
+        """As ``Comparison``."""
+        self._first.restore(state)
+        features = np.asarray(state["features"], np.float32)
+        if len(features) != len(self._first):
+            raise DataError(f"{len(features)} rows of features for {len(self._first)} views")
+        if not np.isfinite(features).all():
+            raise DataError("the features are not finite")
+        if len(features):  # raises if they are another network's, of another length
+            self._second.probability(features[0], features[0])
+        self._features = list(features)
