@@ -88,6 +88,7 @@ def test_a_set_without_poses_is_matched_but_not_judged_or_tuned(tmp_path: Path) 
 def test_a_curve_names_the_best_thresholds(scenes: Path, tmp_path: Path) -> None:
     for more in ((), ("--set", "views.method=descriptor")):
         result = succeeds("views", "curve", scenes, "-o", tmp_path, *more)
+        assert "new every 3rd" in result.stdout
         assert last_line(result) == str(tmp_path / "curve.json")
         curve = ViewCurve.load(tmp_path / "curve.json")
         best = curve.best_threshold(0.97)
@@ -130,6 +131,7 @@ def test_tuning_writes_yaml_that_match_reads(scenes: Path, tmp_path: Path) -> No
     pytest.importorskip("pymoo")
     best = tmp_path / "best.yaml"
     result = succeeds("tune", scenes, "-o", best, "--set", "views.preset=author", *QUICK)
+    assert "new every 3rd" in result.stdout
     assert last_line(result).startswith(f"{best}: value 0.") and "accuracy" in result.stdout
     values = yaml.safe_load(best.read_text())["views"]
     words = ("views", "match", scenes, "-o", tmp_path / "out", "--no-report")

@@ -54,7 +54,7 @@ def bench_views(
     from fusionslam.views.bench import bench_views as bench
     from fusionslam.views.bench import known_recordings
     from fusionslam.views.drives import FRAMES, open_drive
-    from fusionslam.views.entrants import ENTRANTS
+    from fusionslam.views.entrants import ENTRANTS, WITHOUT_SENSOR
     from fusionslam.views.recordings import SHAPES
 
     if methods == "list":
@@ -65,6 +65,8 @@ def bench_views(
     wanted = list(ENTRANTS) if methods == "all" else [name.strip() for name in methods.split(",")]
     for name in wanted:
         opt.one_of("--methods", name, tuple(ENTRANTS))
+    # Accuracy alone says little: what scores without a sensor stands in every table.
+    wanted += [name for name in WITHOUT_SENSOR if name not in wanted]
     needs_extra("report")
     keep_parts(ctx, output)
     with progress() as step:

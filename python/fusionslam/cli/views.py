@@ -181,7 +181,9 @@ def curve(
         "most accurate": found.most_accurate_threshold(),
         f"loop precision {loop_precision:.0%}": found.best_threshold(loop_precision),
     }
-    print_table(["", "threshold", *_HEADS], [_curve_row(found, *item) for item in best.items()])
+    rows = [_curve_row(found, *item) for item in best.items()]
+    rows += [[name, "", *figures] for name, *figures in _without_sensor(scenes, rule)]
+    print_table(["", "threshold", *_HEADS], rows)
     print(output / "curve.json")
 
 
@@ -225,9 +227,9 @@ def tune(
             progress=show,
         )
     write_tuned(output, result, whole.tuning, sets, opt.command_line())
-    rows = [
-        [each.name, *_figures(report)] for each, report in zip(sets, result.reports, strict=True)
-    ]
+    rows: list[list[str]] = []
+    for each, report in zip(sets, result.reports, strict=True):
+        rows += [[each.name, *_figures(report)], *_without_sensor(each, report.rule_name)]
     print_table(["", *_HEADS], rows)
     print(f"{output}: value {result.value:.4f}")
 
@@ -343,8 +345,6 @@ def _curve_row(curve: Any, name: str, threshold: float | None) -> list[str]:
 def _print_run(run: "MatchRun", report: "ViewReport | None") -> None:
     import numpy as np
 
-    from fusionslam.evaluation import ViewJudge, baselines
-
     stats = run.stats
     times = [
         1000 * float(np.median(each)) if len(each) else 0.0
@@ -359,10 +359,17 @@ def _print_run(run: "MatchRun", report: "ViewReport | None") -> None:
     if report is None:
         print("no true poses: the ids are not judged (views record --gt names a file of poses)")
         return
-    judge = ViewJudge(run.scenes.true_poses(), run.scenes.seconds, rule=report.rule_name)
-    rows = [["this", *_figures(report)]]
-    rows += [[name, *_figures(judge.judge(ids))] for name, ids in baselines(report.n).items()]
+    rows = [["this", *_figures(report)], *_without_sensor(run.scenes, report.rule_name)]
     print_table([f"rule {report.rule_name}", *_HEADS], rows)
+
+
+def _without_sensor(scenes: "SceneSet", rule: str) -> list[list[str]]:
+    """What programs without a sensor score: accuracy alone says little."""
+    from fusionslam.evaluation import ViewJudge, baselines
+
+    judge = ViewJudge(scenes.true_poses(), scenes.seconds, rule=rule)
+    ids = baselines(len(scenes))
+    return [[name, *_figures(judge.judge(given))] for name, given in ids.items()]
 
 
 def _method(views: "ViewMatcherConfig") -> str:

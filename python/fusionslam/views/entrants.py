@@ -279,3 +279,6 @@ ENTRANTS: dict[str, Entrant] = {
     ),
 }
 """The ways that ``fusionslam bench views`` compares, by what its --methods calls them."""
+
+WITHOUT_SENSOR = ("always_new", "every_2nd", "every_3rd")
+"""Those of them that count scans and look at nothing."""
