@@ -19,6 +19,9 @@ _EXTRAS = {
     "sim": (("embreex", "pycollada"), "demo and sim"),
     "bags": (("rosbags",), "bags, and sim where it records them"),
     "report": (("jinja2", "matplotlib"), "demo, bench, report and fuse --pictures"),
+    "onnx": (("onnxruntime",), "the second stage of views"),
+    "learn": (("torch", "safetensors", "onnx", "h5py"), "views train"),
+    "tune": (("pymoo",), "tune"),
 }
 """By the name of an extra, its packages and what needs them."""
 

@@ -21,6 +21,7 @@ _EXTRAS = {
     "sim": ("embreex", "collada"),
     "bags": ("rosbags",),
     "report": ("jinja2", "matplotlib"),
+    "onnx": ("onnxruntime",),
     "learn": ("torch", "safetensors", "onnx", "h5py"),
     "tune": ("pymoo",),
 }
