@@ -124,7 +124,7 @@ struct SceneObject {
 /// point comes first in the cloud.
 struct Scene {
   std::vector<SceneObject> objects;
-  RangeImage image;  ///< without cells if the configuration asks for none
+  RangeImage image{};  ///< without cells if the configuration asks for none
 };
 
 /// The objects of a cloud (Stastny 2022, 4.5). A cloud without clusters, or without points, gives a
