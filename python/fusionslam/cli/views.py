@@ -12,11 +12,12 @@ from fusionslam.cli import learning
 from fusionslam.cli import options as opt
 from fusionslam.cli.guard import keep, needs_extra
 from fusionslam.cli.screen import Step, print_table, progress
+from fusionslam.cli.view_tables import HEADS, curve_row, figures, print_run, without_sensor
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from fusionslam.evaluation import ViewReport, ViewRun
+    from fusionslam.evaluation import ViewRun
     from fusionslam.views.matcher import ViewMatcherConfig
     from fusionslam.views.runs import MatchRun
     from fusionslam.views.scene_sets import SceneSet
@@ -132,7 +133,7 @@ def match(
     run.save(output / "matches.csv")
     matcher.save(output / "matcher.npz")
     _save_figures(output / "matches.json", run, values)
-    _print_run(run, None if judged is None else judged.judged(rule))
+    print_run(run, None if judged is None else judged.judged(rule))
     if judged is None or no_report:
         print(output / "matches.csv")
     else:
@@ -181,9 +182,9 @@ def curve(
         "most accurate": found.most_accurate_threshold(),
         f"loop precision {loop_precision:.0%}": found.best_threshold(loop_precision),
     }
-    rows = [_curve_row(found, *item) for item in best.items()]
-    rows += [[name, "", *figures] for name, *figures in _without_sensor(scenes, rule)]
-    print_table(["", "threshold", *_HEADS], rows)
+    rows = [curve_row(found, *item) for item in best.items()]
+    rows += [[name, "", *shares] for name, *shares in without_sensor(scenes, rule)]
+    print_table(["", "threshold", *HEADS], rows)
     print(output / "curve.json")
 
 
@@ -229,12 +230,9 @@ def tune(
     write_tuned(output, result, whole.tuning, sets, opt.command_line())
     rows: list[list[str]] = []
     for each, report in zip(sets, result.reports, strict=True):
-        rows += [[each.name, *_figures(report)], *_without_sensor(each, report.rule_name)]
-    print_table(["", *_HEADS], rows)
+        rows += [[each.name, *figures(report)], *without_sensor(each, report.rule_name)]
+    print_table(["", *HEADS], rows)
     print(f"{output}: value {result.value:.4f}")
-
-
-_HEADS = ("accuracy", "loop recall", "loop precision", "views")
 
 
 def whole_config(tuned: str | None, file: Path | None, settings: list[str] | None) -> Any:
@@ -327,51 +325,6 @@ def _truth(scenes: "SceneSet") -> str:
     return ", no true poses" if scenes.poses is None else ""
 
 
-def _figures(report: "ViewReport") -> list[str]:
-    shares = (report.accuracy, report.loop_recall, report.loop_precision)
-    texts = ["none" if share is None else f"{100 * share:.1f} %" for share in shares]
-    return [*texts, str(report.views)]
-
-
-def _curve_row(curve: Any, name: str, threshold: float | None) -> list[str]:
-    if threshold is None:
-        return [name, "none", *("" for _ in _HEADS)]
-    row = curve.at(threshold)
-    names = ("accuracy", "loop_recall", "loop_precision")
-    texts = ["none" if row[key] is None else f"{100 * row[key]:.1f} %" for key in names]
-    return [name, f"{threshold:.4g}", *texts, f"{row['views']:.0f}"]
-
-
-def _print_run(run: "MatchRun", report: "ViewReport | None") -> None:
-    import numpy as np
-
-    stats = run.stats
-    times = [
-        1000 * float(np.median(each)) if len(each) else 0.0
-        for each in (run.build_seconds, run.match_seconds)
-    ]
-    print(
-        f"{stats.processed} scans: {stats.matched} matched, {stats.new} places, {stats.nothing} "
-        f"with nothing to recognise, {stats.single} with a single object\n"
-        f"{stats.stored} views stored, {stats.bytes_per_view:.0f} bytes each, {stats.dropped} "
-        f"dropped; building {times[0]:.3f} ms, matching {times[1]:.3f} ms (medians)"
-    )
-    if report is None:
-        print("no true poses: the ids are not judged (views record --gt names a file of poses)")
-        return
-    rows = [["this", *_figures(report)], *_without_sensor(run.scenes, report.rule_name)]
-    print_table([f"rule {report.rule_name}", *_HEADS], rows)
-
-
-def _without_sensor(scenes: "SceneSet", rule: str) -> list[list[str]]:
-    """What programs without a sensor score: accuracy alone says little."""
-    from fusionslam.evaluation import ViewJudge, baselines
-
-    judge = ViewJudge(scenes.true_poses(), scenes.seconds, rule=rule)
-    ids = baselines(len(scenes))
-    return [[name, *_figures(judge.judge(given))] for name, given in ids.items()]
-
-
 def _method(views: "ViewMatcherConfig") -> str:
     """What gave the ids, in a word or two."""
     from fusionslam.views.matcher import method_of
@@ -394,7 +347,7 @@ def _save_figures(path: Path, run: "MatchRun", values: dict[str, Any]) -> None:
 
     from fusionslam._files import atomic_path
 
-    figures = {
+    content = {
         "scenes": run.scenes.name,
         "command": opt.command_line(),
         "threshold": run.threshold,
@@ -402,4 +355,4 @@ def _save_figures(path: Path, run: "MatchRun", values: dict[str, Any]) -> None:
         "views": values,
     }
     with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(figures, indent=1), encoding="utf-8")
+        temporary.write_text(json.dumps(content, indent=1), encoding="utf-8")

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """By what views are compared: objects, or a descriptor."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -102,7 +103,7 @@ def in_words(what: str, similarity: float, threshold: float) -> str:
     return f"{what} {similarity:.4g} {sign} {threshold:.4g}"
 
 
-class SceneComparison:
+class SceneComparison(ABC):
     """Scenes, stored as their bytes: what is saved and what is compared are the same.
 
     Args:
@@ -121,13 +122,13 @@ class SceneComparison:
     def __len__(self) -> int:
         return len(self._bytes)
 
+    @abstractmethod
     def _empty_index(self) -> Any:
         """What compares scenes: it has add(scene) and remove(number)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _stored(self, scene: Scene) -> bytes:
         """What is kept of a scene."""
-        raise NotImplementedError
 
     def view(self, item: Item) -> View:
         """A scene, or the scene of a cloud."""
