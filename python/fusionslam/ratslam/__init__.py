@@ -1,0 +1,26 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""RatSLAM: from place ids and odometry to a map (Milford & Wyeth 2004, Ball et al. 2013).
+
+cells = PoseCells(preset="openratslam")    # where the robot is, as activity on a wrapped sheet
+graph = ExperienceMap(preset="openratslam")
+cells.on_view(0)                           # a view, by its id
+cells.on_odometry(v, w, dt)
+graph.on_odometry(v, w, dt)
+graph.apply(cells.action())                # nodes and links
+graph.relax()
+"""
+
+from fusionslam.ratslam.actions import Action, ActionKind
+from fusionslam.ratslam.experience_map import ExperienceMap, ExperienceMapConfig
+from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
+
+__all__ = [
+    "Action",
+    "ActionKind",
+    "ExperienceMap",
+    "ExperienceMapConfig",
+    "Place",
+    "PoseCells",
+    "PoseCellsConfig",
+]
