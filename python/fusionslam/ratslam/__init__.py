@@ -14,8 +14,10 @@ graph.relax()
 from fusionslam.ratslam.actions import Action, ActionKind
 from fusionslam.ratslam.experience_map import ExperienceMap, ExperienceMapConfig
 from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
+from fusionslam.ratslam.run_record import REFUSED, RatSlamRun
 
 __all__ = [
+    "REFUSED",
     "Action",
     "ActionKind",
     "ExperienceMap",
@@ -23,4 +25,5 @@ __all__ = [
     "Place",
     "PoseCells",
     "PoseCellsConfig",
+    "RatSlamRun",
 ]
