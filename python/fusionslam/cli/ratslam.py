@@ -156,7 +156,7 @@ def _write(run: "RatSlamRun", slam: "RatSlam", output: Path, save: Path | None) 
     from fusionslam.ratslam.state import save_ratslam
 
     run.save(output / "run.npz")
-    export_run(run, output)
+    export_run(output, run)
     if save is not None:
         save_ratslam(slam, save, run=run)
 

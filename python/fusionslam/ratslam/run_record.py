@@ -94,7 +94,8 @@ class RatSlamRun:
         offsets: float64 (n, 3), the pose in the frame of that node; before the first one: the pose.
         actions: int64 (n, 3), kind (``ActionKind``), source, target.
         cells: float64 (n, 3), the decoded pose of the cells: x, y, th in cells.
-        truth: float64 (n, 3), the true pose; None where it is not known all the way.
+        truth: float64 (n, 3), the true pose, NaN in steps of which nobody knows it; None where
+            nobody knows any.
         step_seconds: float64 (n, 3), what looking, the cells and the map took.
         why: a sentence for each view step, in order.
         notes: what else happened, such as gaps in odometry, in order.
