@@ -232,6 +232,20 @@ def test_nodes_from_before_the_run_are_left_out_and_named() -> None:
     assert "1 of 4 nodes" in report.unjudged[0]
 
 
+def test_steps_whose_truth_is_unknown_are_left_out_and_counted() -> None:
+    run = square_run(refused=[(0.0, 0, 1), (210.0, 0, 3)])
+    assert run.truth is not None
+    run.truth[[0, 7]] = np.nan
+    report = judge_map(run)
+    assert report.nodes is not None and report.trajectory is not None
+    assert (report.nodes.n, report.trajectory.n, report.steps) == (3, 6, 6)
+    assert (report.judged_links, report.judged_loops, report.judged_refused) == (3, 2, 0)
+    assert (report.revisits, report.linked_revisits) == (2, 2)
+    assert "2 of 8 steps" in report.unjudged[0] and "1 of 4 nodes" in report.unjudged[1]
+    run.truth[:] = np.nan
+    assert judge_map(run).unjudged == ("not judged: the run has no true poses",)
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_truth_that_is_no_number_is_refused_by_its_row(value: float) -> None:
     truth = square_run().truth

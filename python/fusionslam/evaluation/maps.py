@@ -26,7 +26,8 @@ _PAIRS = 1 << 19
 def judge_map(run: "RatSlamRun", *, rule: str | ViewRule = "paper") -> MapReport:
     """Judge the map of a run against the true poses, and beside it dead reckoning.
 
-    Without truth the report says so and holds counts alone.
+    Without truth the report says so and holds counts alone; so it is with single steps whose true
+    pose is not known (three times NaN).
 
     Args:
         run: what happened.
@@ -34,7 +35,8 @@ def judge_map(run: "RatSlamRun", *, rule: str | ViewRule = "paper") -> MapReport
             age of a loop and the limits of a revisit.
 
     Raises:
-        DataError: a true pose or one of the run's that is not finite, or stamps that go back.
+        DataError: a true pose that is neither known nor unknown, one of the run's that is not
+            finite, stamps that go back, or a node that there is not.
         ConfigError: unknown rule.
     """
     rule_name, values = view_rule(rule)
@@ -44,8 +46,8 @@ def judge_map(run: "RatSlamRun", *, rule: str | ViewRule = "paper") -> MapReport
         "views": run.views,
         "odometry": run.odometry,
         "preset": run.preset,
-        "steps": int(judge.on_map.sum()),
-        "looks": int((run.is_view & judge.on_map).sum()),
+        "steps": int(judge.judged.sum()),
+        "looks": int((run.is_view & judge.judged).sum()),
         "seconds": judge.seconds,
         "node_count": len(run.nodes),
         "link_count": len(run.links),
@@ -54,7 +56,7 @@ def judge_map(run: "RatSlamRun", *, rule: str | ViewRule = "paper") -> MapReport
         "rule_name": rule_name,
         "rule": values,
     }
-    if run.truth is None:
+    if not judge.known.any():
         return MapReport(**counted, unjudged=("not judged: the run has no true poses",))
     if not len(run.nodes):
         return MapReport(**counted, unjudged=("not judged: the map has no node",))
@@ -75,20 +77,25 @@ class _Judge:
             raise DataError(f"stamps_ns: row {back[0] + 1} is earlier than the one before")
         _check_ids("actions", run.actions[:, 1:], len(run.nodes))
         _check_ids("refused", run.refused["target"], len(run.nodes))
-        self.on_map = run.node_ids >= 0
+        for name in ("nodes", "poses", "offsets", "dead_reckoning"):
+            _check_finite(name, getattr(run, name))
+        self.truth = np.full((len(run), 3), np.nan) if run.truth is None else run.truth
+        self.known: Mask = ~np.all(np.isnan(self.truth), axis=1)
+        _check_finite("truth", self.truth, self.known)
+        self.judged = (run.node_ids >= 0) & (self.known | (run.truth is None))
         self.loop = run.actions[:, 0] == ActionKind.CREATE_EDGE
         self.made = run.actions[:, 0] != ActionKind.NONE
-        stamps = run.stamps_ns[self.on_map]
+        stamps = run.stamps_ns[self.judged]
         self.seconds = float((stamps[-1] - stamps[0]) / 1e9) if stamps.size else 0.0
-        for name in ("truth", "nodes", "poses", "offsets", "dead_reckoning"):
-            _check_finite(name, getattr(run, name))
-        self.truth = np.empty((0, 3)) if run.truth is None else run.truth
-        # A run that goes on from a saved one has nodes that were made before it.
-        self.node_steps = _last_at(run.stamps_ns, run.node_stamps_ns)
+        self.node_steps = self._known(_last_at(run.stamps_ns, run.node_stamps_ns))
+
+    def _known(self, steps: Ints) -> Ints:
+        """The steps, -1 where the truth is not known."""
+        return np.where((steps >= 0) & self.known[steps], steps, -1) if len(self.run) else steps
 
     def metric(self) -> dict[str, PoseErrors | None]:
         """Everything that is compared with the truth pose by pose."""
-        run, known, rows = self.run, self.node_steps >= 0, np.flatnonzero(self.on_map)
+        run, known, rows = self.run, self.node_steps >= 0, np.flatnonzero(self.judged)
         when = self.node_steps[known]
         return {
             "nodes": self._errors(run.nodes[known], when),
@@ -107,7 +114,7 @@ class _Judge:
         pairs = [tuple(pair) for pair in run.actions[self.made, 1:].tolist()]
         first = dict(zip(reversed(pairs), np.flatnonzero(self.made)[::-1].tolist(), strict=True))
         ends = zip(run.links["source"].tolist(), run.links["target"].tolist(), strict=True)
-        steps = np.array([first.get(pair, -1) for pair in ends], np.int64)
+        steps = self._known(np.array([first.get(pair, -1) for pair in ends], np.int64))
         known = (steps >= 0) & (self.node_steps[run.links["target"]] >= 0)
         near = self._near(steps[known], run.links["target"][known])
         of_loop = self.loop[steps[known]]
@@ -120,7 +127,7 @@ class _Judge:
 
     def loops(self) -> dict[str, int]:
         """Whether the robot was where it arrived."""
-        steps = np.flatnonzero(self.loop)
+        steps = np.flatnonzero(self.loop & self.known)
         targets = self.run.actions[steps, 2]
         known = self.node_steps[targets] >= 0
         near = self._near(steps[known], targets[known])
@@ -129,7 +136,7 @@ class _Judge:
     def refusals(self) -> dict[str, int]:
         """Whether the robot was where it was not allowed to arrive."""
         refused = self.run.refused
-        steps = _last_at(self.run.stamps_ns, refused["stamp_ns"])
+        steps = self._known(_last_at(self.run.stamps_ns, refused["stamp_ns"]))
         known = (steps >= 0) & (self.node_steps[refused["target"]] >= 0)
         near = self._near(steps[known], refused["target"][known])
         return {"judged_refused": int(known.sum()), "refused_true": int(near.sum())}
@@ -141,7 +148,7 @@ class _Judge:
 
     def revisits(self) -> dict[str, int]:
         """Whether the map joins what the robot saw again."""
-        rule, looks = self.rule, np.flatnonzero(self.run.is_view)
+        rule, looks = self.rule, np.flatnonzero(self.run.is_view & self.known)
         poses, times = self.truth[looks], self.run.stamps_ns[looks]
         older = np.searchsorted(times, times - round(rule.loop_age * 1e9), side="left")
         back, linked = np.zeros((2, len(looks)), np.bool_)
@@ -166,13 +173,12 @@ class _Judge:
         return np.asarray(joined & (one >= 0) & (other >= 0))
 
     def unjudged(self) -> tuple[str, ...]:
-        """What the truth does not reach."""
-        unknown = int((self.node_steps < 0).sum())
-        if not unknown:
-            return ()
-        return (
-            f"not judged: {unknown} of {len(self.node_steps)} nodes, and what leads to them: "
-            "no step of this run is as old as they are",
+        """What the truth does not reach: a run that goes on has nodes that are older than it."""
+        unknown = {"steps": ~self.known, "nodes": self.node_steps < 0}
+        return tuple(
+            f"not judged: {rows.sum()} of {len(rows)} {name}, whose true poses are not known"
+            for name, rows in unknown.items()
+            if rows.any()
         )
 
 
@@ -212,9 +218,10 @@ def _check_ids(name: str, ids: Ints, count: int) -> None:
         raise DataError(f"{name}: node {wrong[0]}, and there are {count}")
 
 
-def _check_finite(name: str, poses: Floats | None) -> None:
-    """Raise DataError that names the first row which is not all numbers."""
-    if poses is not None and (bad := np.flatnonzero(~np.isfinite(poses).all(axis=1))).size:
+def _check_finite(name: str, poses: Floats, wanted: Mask | None = None) -> None:
+    """Raise DataError that names the first row, of those wanted, which is not all numbers."""
+    broken = ~np.isfinite(poses).all(axis=1) & (True if wanted is None else wanted)
+    if (bad := np.flatnonzero(broken)).size:
         raise DataError(f"{name}: row {bad[0]} is {poses[bad[0]].tolist()}, expected numbers")
 
 

@@ -9,7 +9,6 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.messages import Odometry
 from fusionslam.ratslam.events import Event, Look, Motion
@@ -28,13 +27,6 @@ RATE_HZ = 30.0
 """Odometry messages a second that are made of the truth."""
 
 _NO_ERRORS = OdometryConfig()
-
-
-class TourConfig(Section):
-    """How a robot's motion is told."""
-
-    rate_hz: float = option(RATE_HZ, "odometry made of the truth", unit="Hz", gt=0, le=1000)
-    errors: OdometryConfig = option(DRIFT, "truth+noise: how far it is off")
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +92,7 @@ def events_of(
     tour: Tour,
     source: ViewSource,
     odometry: str | None = None,
-    config: TourConfig | None = None,
+    errors: OdometryConfig = DRIFT,
     *,
     jobs: int = 1,
     progress: Progress | None = None,
@@ -111,7 +103,7 @@ def events_of(
         tour: scans or images, and the motion.
         source: what recognises places.
         odometry: one of ``ODOMETRY``; None for the topic where there is one, else the truth.
-        config: how the motion is told.
+        errors: of truth+noise.
         jobs: images that are rendered at a time.
         progress: told about that.
 
@@ -119,29 +111,26 @@ def events_of(
         DataError: the tour lacks what is asked for. ConfigError: an unknown kind of odometry.
     """
     stamps_ns, item = _looks(tour, source, jobs, progress)
-    title, motions = motions_of(tour, odometry, config or TourConfig(), progress)
+    title, motions = motions_of(tour, odometry, errors)
     return RunEvents(tour.name, title, _during(motions, stamps_ns), stamps_ns, item, tour.truth)
 
 
 def motions_of(
-    tour: Tour,
-    odometry: str | None,
-    config: TourConfig,
-    progress: Progress | None = None,
+    tour: Tour, odometry: str | None, errors: OdometryConfig
 ) -> tuple[str, list[Odometry | Motion]]:
     """What tells the motion, for people, and all that it says. Raises as ``events_of``."""
     chosen = odometry or ("topic" if tour.topic is not None else "truth")
     if chosen == "topic":
         return f"topic {tour.topic}", [*tour.odometry()]
     if chosen == "truth":
-        return "truth", _made(tour.true_way(), _NO_ERRORS, config.rate_hz)
+        return "truth", _made(tour.true_way(), _NO_ERRORS)
     if chosen == "truth+noise":
-        return _drift_title(config.errors), _made(tour.true_way(), config.errors, config.rate_hz)
+        return _drift_title(errors), _made(tour.true_way(), errors)
     raise ConfigError(f"odometry is {odometry!r}, expected one of {', '.join(ODOMETRY)}")
 
 
-def _made(way: Trajectory, errors: OdometryConfig, rate_hz: float) -> list[Odometry | Motion]:
-    track = simulate_odometry(way, errors, rate_hz)
+def _made(way: Trajectory, errors: OdometryConfig) -> list[Odometry | Motion]:
+    track = simulate_odometry(way, errors, RATE_HZ)
     return [
         Odometry(
             stamp_ns=int(stamp_ns),

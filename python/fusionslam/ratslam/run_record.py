@@ -5,10 +5,11 @@
 import json
 import os
 import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,17 @@ _PER_VIEW = ("activity_th", "activity_x", "activity_y")
 _ARRAYS = (*_PER_STEP, *_PER_NODE, *_PER_VIEW, "links", "refused", "truth")
 
 
+_DAMAGED = (
+    ValueError,
+    KeyError,
+    TypeError,
+    EOFError,
+    AttributeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RatSlamRun:
     """A run, step by step: n steps (odometry and views), m of them views, k nodes in the end.
@@ -82,7 +94,8 @@ class RatSlamRun:
         offsets: float64 (n, 3), the pose in the frame of that node; before the first one: the pose.
         actions: int64 (n, 3), kind (``ActionKind``), source, target.
         cells: float64 (n, 3), the decoded pose of the cells: x, y, th in cells.
-        truth: float64 (n, 3), the true pose; None where nobody knows it.
+        truth: float64 (n, 3), the true pose, NaN in steps of which nobody knows it; None where
+            nobody knows any.
         step_seconds: float64 (n, 3), what looking, the cells and the map took.
         why: a sentence for each view step, in order.
         notes: what else happened, such as gaps in odometry, in order.
@@ -159,12 +172,16 @@ class RatSlamRun:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one .npz, whole or not at all. Raises DataError where that is impossible."""
+        with atomic_path(path) as temporary, temporary.open("wb") as stream:
+            self.write(stream)
+
+    def write(self, stream: BinaryIO) -> None:
+        """Write the .npz to a stream."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
         about = {name: getattr(self, name) for name in _texts()} | {"format": FORMAT}
         about |= {"config": dict(self.config), "why": list(self.why), "notes": list(self.notes)}
         kept = {name: array for name, array in arrays.items() if array is not None}
-        with atomic_path(path) as temporary, temporary.open("wb") as stream:
-            np.savez_compressed(stream, about=np.array(json.dumps(about)), **kept)
+        np.savez_compressed(stream, about=np.array(json.dumps(about)), **kept)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "RatSlamRun":
@@ -175,13 +192,24 @@ class RatSlamRun:
                 message names it.
         """
         try:
-            return cls(**_read(Path(path)))
+            with Path(path).open("rb") as stream:
+                return cls.read(stream)
         except OSError as error:
             raise DataError(f"cannot read {path}: {error.strerror or error}") from error
         except FusionSlamError as error:
             raise DataError(f"{path}: {error}") from error
-        except (ValueError, KeyError, TypeError, EOFError, AttributeError, zipfile.BadZipFile) as e:
-            raise DataError(f"{path}: not a stored RatSLAM run, or cut short: {e}") from e
+        except _DAMAGED as error:
+            raise DataError(f"{path}: not a stored RatSLAM run, or cut short: {error}") from error
+
+    @classmethod
+    def read(cls, stream: BinaryIO) -> "RatSlamRun":
+        """Read what ``write`` wrote. Raises what ``load`` makes one DataError of."""
+        with np.load(stream, allow_pickle=False) as stored:
+            about = json.loads(str(stored["about"]))
+            found = about.pop("format", None)
+            if found != FORMAT:
+                raise DataError(f"is of format {found}, expected {FORMAT}")
+            return cls(**about, **{name: stored[name] for name in _ARRAYS if name in stored.files})
 
 
 def placed(nodes: Floats, ids: Integers, offsets: Floats) -> Floats:
@@ -211,12 +239,3 @@ def _check(name: str, array: Any, kind: np.dtype[Any], shape: tuple[int, ...]) -
     if not isinstance(array, np.ndarray) or array.dtype != kind or array.shape != shape:
         found = f"{getattr(array, 'dtype', type(array).__name__)} {np.shape(array)}"
         raise ShapeError(f"{name}: {found}, expected {kind} {shape}")
-
-
-def _read(path: Path) -> dict[str, Any]:
-    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-        about = json.loads(str(stored["about"]))
-        found = about.pop("format", None)
-        if found != FORMAT:
-            raise DataError(f"is of format {found}, expected {FORMAT}")
-        return {**about, **{name: stored[name] for name in _ARRAYS if name in stored.files}}

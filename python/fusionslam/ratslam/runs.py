@@ -14,18 +14,23 @@ from numpy.typing import NDArray
 from fusionslam._files import uninterrupted
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.ratslam.events import Event
-from fusionslam.ratslam.run_events import RunEvents, TourConfig, events_of
+from fusionslam.ratslam.run_events import RunEvents, events_of
 from fusionslam.ratslam.run_record import NO_NODE, REFUSED, RatSlamRun
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
-from fusionslam.ratslam.sources import SOURCES, SourceOptions
+from fusionslam.ratslam.sources import SourceOptions, source_named
 from fusionslam.ratslam.tours import Progress, open_tour
+from fusionslam.sim.motion.odometry import OdometryConfig
 from fusionslam.sim.motion.trajectory import Trajectory
+from fusionslam.views.drives import DRIFT
 from fusionslam.views.matches import NO_VIEW
 
 logger = logging.getLogger(__name__)
 
 _FIT = ("error_m", "error_rad", "allowed_m", "allowed_rad")
 _OF_THE_MAP = ("nodes", "node_stamps_ns", "node_views", "links")
+
+# The first and last true pose count for steps this far before and after.
+_BEYOND_S = 0.1
 
 Watch = Callable[[Step, RatSlam], None]
 """Called after each step."""
@@ -50,6 +55,11 @@ class RunRecorder:
         self._activity: list[tuple[NDArray[np.float32], ...]] = []
         self._notes: list[str] = []
         self._refused: FusionSlamError | None = None
+
+    @property
+    def has_steps(self) -> bool:
+        """Whether anything was taken yet."""
+        return bool(self._steps)
 
     def step(self, event: Event) -> Step | None:
         """Take an event; None of one that is refused, which is noted."""
@@ -95,8 +105,8 @@ class RunRecorder:
             why=[step.why for step in looked],
             notes=list(self._notes),
             nodes=slam.map.nodes,
-            node_stamps_ns=np.array(slam.node_stamps_ns, np.int64),
-            node_views=np.array(slam.node_views, np.int64),
+            node_stamps_ns=np.array(slam.memory.node_stamps_ns, np.int64),
+            node_views=np.array(slam.memory.node_views, np.int64),
             links=slam.map.links,
             refused=_refusals(steps),
             activity_th=th,
@@ -118,7 +128,7 @@ def run_ratslam(
     config: RatSlamConfig | None = None,
     *,
     options: SourceOptions | None = None,
-    tour: TourConfig | None = None,
+    errors: OdometryConfig = DRIFT,
     jobs: int = 1,
     progress: Progress | None = None,
     watch: Watch | None = None,
@@ -132,7 +142,7 @@ def run_ratslam(
             else the truth.
         config: of the cells and the map.
         options: what views are made with.
-        tour: how the motion is told.
+        errors: of odometry "truth+noise".
         jobs: images that are rendered at a time.
         progress: told about progress.
         watch: called after each step.
@@ -141,9 +151,9 @@ def run_ratslam(
         DataError: the recording cannot be read, or lacks what is asked for. ConfigError: an unknown
             name.
     """
-    chosen = SOURCES[views].make(options or SourceOptions())
+    chosen = source_named(views, options)
     opened = open_tour(source, jobs=jobs, progress=progress)
-    events = events_of(opened, chosen, odometry, tour, jobs=jobs, progress=progress)
+    events = events_of(opened, chosen, odometry, errors, jobs=jobs, progress=progress)
     recorder = RunRecorder(RatSlam(config, views=chosen), events)
     run_events(recorder, progress, watch)
     return recorder.record()
@@ -182,15 +192,18 @@ def joined(earlier: RatSlamRun, later: RatSlamRun) -> RatSlamRun:
 
 
 def truth_at(truth: Trajectory | None, stamps_ns: list[int]) -> NDArray[np.float64] | None:
-    """float64 (n, 3): true poses at stamps; NaN before the first one known and after the last."""
+    """float64 (n, 3): true poses at stamps; NaN where they are not known. None if all are not."""
     if truth is None:
         return None
     seconds = np.array(stamps_ns) / 1e9
-    inside = (seconds >= truth.seconds[0] - 1e-3) & (seconds <= truth.seconds[-1] + 1e-3)
-    clipped = np.clip(seconds, truth.seconds[0], truth.seconds[-1])
-    places = np.stack(truth.places(clipped), axis=1)
+    inside = np.clip(seconds, truth.seconds[0], truth.seconds[-1])
+    known = np.abs(seconds - inside) <= _BEYOND_S
+    if not known.all():
+        missing = np.count_nonzero(~known)
+        logger.warning("%d of %d steps have no true pose", missing, len(known))
+    places = np.stack(truth.places(inside), axis=1)
     places[:, 2] = np.pi - (np.pi - places[:, 2]) % (2 * np.pi)
-    return np.where(inside[:, None], places, np.nan)
+    return np.where(known[:, None], places, np.nan) if known.any() else None
 
 
 def _per_step(steps: list[Step]) -> dict[str, NDArray[Any]]:

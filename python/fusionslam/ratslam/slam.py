@@ -10,7 +10,8 @@
 'node 0 made: view 0 is new'
 """
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
@@ -81,6 +82,37 @@ class Step:
     seconds: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), compare=False)
 
 
+@dataclass
+class Memory:
+    """What a ``RatSlam`` remembers beside its cells and its map.
+
+    Attributes:
+        odometry: the last that was said.
+        newest_ns: stamp of the newest event.
+        looked_ns: stamp of the last view, recognised or not.
+        view: id of the last one that was recognised; -1 before the first.
+        moved: whether odometry has said yet how the robot moved.
+        node_stamps_ns, node_views: of each node, when and of which view it was made.
+    """
+
+    odometry: Odometry2D | None = None
+    newest_ns: int | None = None
+    looked_ns: int | None = None
+    view: int = NO_VIEW
+    moved: bool = False
+    node_stamps_ns: list[int] = field(default_factory=list)
+    node_views: list[int] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> "Memory":
+        """Of what ``asdict`` and JSON make of one."""
+        said = values["odometry"]
+        if said is not None:
+            stamp_ns, pose, speed = said
+            said = Odometry2D(stamp_ns, pose and tuple(pose), speed and tuple(speed))
+        return cls(**{**values, "odometry": said})
+
+
 class RatSlam:
     """Pose cells and an experience map, fed with what happens in the order of its stamps.
 
@@ -97,7 +129,8 @@ class RatSlam:
         cells: the pose cells.
         map: the experience map.
         views: what recognises places.
-        node_stamps_ns, node_views: of each node, when and of which view it was made.
+        alone: a map that never gets a node: dead reckoning.
+        memory: what else there is to remember.
 
     Raises:
         ConfigError: an unknown key, or a value out of range.
@@ -115,15 +148,9 @@ class RatSlam:
         self.cells = PoseCells(merged(self.config.cells, preset))
         self.map = ExperienceMap(merged(self.config.map, preset))
         self.views = views
-        self.node_stamps_ns: list[int] = []
-        self.node_views: list[int] = []
         # A map without nodes goes where odometry alone would.
-        self._alone = ExperienceMap(self.map.config)
-        self._odometry: Odometry2D | None = None
-        self._newest_ns: int | None = None
-        self._looked_ns: int | None = None
-        self._view = NO_VIEW
-        self._moved = False
+        self.alone = ExperienceMap(self.map.config)
+        self.memory = Memory()
 
     @property
     def preset(self) -> str:
@@ -133,7 +160,8 @@ class RatSlam:
     @property
     def seen_ns(self) -> tuple[int | None, int | None]:
         """Stamps of the last odometry and of the last view; None before the first one."""
-        return None if self._odometry is None else self._odometry.stamp_ns, self._looked_ns
+        odometry, looked_ns = self.memory.odometry, self.memory.looked_ns
+        return None if odometry is None else odometry.stamp_ns, looked_ns
 
     def step(self, event: Event) -> Step:
         """Take what happened next: odometry, something to look at, or a frame with both.
@@ -157,14 +185,41 @@ class RatSlam:
         done = self._act(stride, sighting, watch)
         return self._told(event, stride, sighting, done, watch)
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write one file, whole or not at all: ``load`` goes on exactly from here.
+
+        Raises:
+            DataError: it cannot be written.
+        """
+        from fusionslam.ratslam.state import save_ratslam
+
+        save_ratslam(self, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], *, views: ViewSource | None = None) -> "RatSlam":
+        """Go on from what ``save`` wrote.
+
+        Args:
+            path: the file.
+            views: where it was made with a source of its own: the like of it, without views.
+
+        Raises:
+            DataError: missing, cut short, damaged, of another version or with another source of
+                views; the message names the file.
+        """
+        from fusionslam.ratslam.state import load_ratslam
+
+        return load_ratslam(path, views=views)
+
     def _check(self, event: Event) -> tuple[Odometry2D | None, Stride | None]:
-        stamp_ns = event.stamp_ns
-        if self._newest_ns is not None and stamp_ns < self._newest_ns:
-            raise DataError(f"stamp {stamp_ns} ns: expected {self._newest_ns} ns or later")
-        if _is_looking(event) and stamp_ns == self._looked_ns:
+        stamp_ns, known = event.stamp_ns, self.memory
+        if known.newest_ns is not None and stamp_ns < known.newest_ns:
+            raise DataError(f"stamp {stamp_ns} ns: expected {known.newest_ns} ns or later")
+        if _is_looking(event) and stamp_ns == known.looked_ns:
             raise DataError(f"view at {stamp_ns} ns: expected a stamp later than the last view's")
         said = said_by(event)
-        return said, None if said is None else stride_between(self._odometry, said, self.config.gap)
+        stride = None if said is None else stride_between(known.odometry, said, self.config.gap)
+        return said, stride
 
     def _look(self, event: Event, watch: Stopwatch) -> Sighting | None:
         if not _is_looking(event):
@@ -185,8 +240,8 @@ class RatSlam:
             self.cells.on_odometry(v, w, dt)
         with watch.of("map"):
             self.map.on_odometry(v, w, dt)
-        self._alone.on_odometry(v, w, dt)
-        self._moved = True
+        self.alone.on_odometry(v, w, dt)
+        self.memory.moved = True
 
     def _see(self, sighting: Sighting | None, watch: Stopwatch) -> None:
         if sighting is None or sighting.view_id == NO_VIEW:
@@ -195,12 +250,13 @@ class RatSlam:
             self.cells.on_view(
                 sighting.view_id, sighting.relative_rotation, sighting.relative_place
             )
-        self._view = sighting.view_id
+        self.memory.view = sighting.view_id
 
     def _remember(self, event: Event, said: Odometry2D | None, sighting: Sighting | None) -> None:
-        self._newest_ns = event.stamp_ns
-        self._odometry = said or self._odometry
-        self._looked_ns = self._looked_ns if sighting is None else event.stamp_ns
+        known = self.memory
+        known.newest_ns = event.stamp_ns
+        known.odometry = said or known.odometry
+        known.looked_ns = known.looked_ns if sighting is None else event.stamp_ns
 
     def _act(self, stride: Stride | None, sighting: Sighting | None, watch: Stopwatch) -> "_Done":
         # The original's cells act on odometry only, and on a view with the odometry after it.
@@ -215,8 +271,8 @@ class RatSlam:
             self.map.apply(done.action)
             self.map.relax()
         if done.action.kind == ActionKind.CREATE_NODE:
-            self.node_stamps_ns.append(self._newest_ns or 0)
-            self.node_views.append(self._view)
+            self.memory.node_stamps_ns.append(self.memory.newest_ns or 0)
+            self.memory.node_views.append(self.memory.view)
         return done
 
     def _checked(self, action: Action) -> "_Done":
@@ -241,10 +297,10 @@ class RatSlam:
             stamp_ns=event.stamp_ns,
             view_id=sighting.view_id if sighting is not None and known else None,
             action=done.action,
-            node=self.map.current if self.node_views else None,
+            node=self.map.current if self.memory.node_views else None,
             pose=self.map.pose,
             offset=self.map.offset,
-            dead_reckoning=self._alone.pose,
+            dead_reckoning=self.alone.pose,
             cells=self.cells.best,
             loop=done.loop,
             why="; ".join(filter(None, self._reasons(stride, sighting, done))),
@@ -260,11 +316,11 @@ class RatSlam:
         yield stride.note if stride is not None else ""
         if sighting is not None:
             yield sighting.reason or _plain(sighting)
-            yield "" if self._moved else "no odometry yet, so there is no map to put it on"
+            yield "" if self.memory.moved else "no odometry yet, so there is no map to put it on"
         if done.refused is not None and done.loop is not None:
             yield f"no loop to node {done.refused.target}: {done.loop.reason}"
         if done.action.kind == ActionKind.CREATE_NODE:
-            yield f"node {done.action.target} made of view {self._view}"
+            yield f"node {done.action.target} made of view {self.memory.view}"
         elif done.action.kind == ActionKind.CREATE_EDGE:
             yield f"back at node {done.action.target}, from node {done.action.source}"
 

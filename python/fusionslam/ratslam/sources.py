@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
-from fusionslam.errors import DataError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig
 from fusionslam.messages import Picture
 from fusionslam.ratslam.events import Sighting
 from fusionslam.sensors import Frame
 from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig, method_of
 from fusionslam.views.matches import ViewMatch
+from fusionslam.views.recorder import ROBOT_FUSION
 from fusionslam.views.templates import VisualTemplates, VisualTemplatesConfig
 
 Pose = tuple[float, float, float]
@@ -176,7 +177,7 @@ class SourceOptions:
     """What the sources that have names are made with."""
 
     views: ViewMatcherConfig = field(default_factory=ViewMatcherConfig)
-    fusion: FusionConfig | None = None
+    fusion: FusionConfig = ROBOT_FUSION
     descriptors: DescriptorConfig | None = None
     templates: VisualTemplatesConfig = field(default_factory=VisualTemplatesConfig)
 
@@ -188,22 +189,19 @@ class NamedSource:
     Attributes:
         help: what it is.
         make: makes one.
-        with_ground: whether it sees clouds with the ground left in.
     """
 
     help: str
     make: Callable[[SourceOptions], ViewSource]
-    with_ground: bool = False
 
 
-def _by_matcher(**changes: Any) -> Callable[[SourceOptions], ViewSource]:
-    """A matcher as configured, but for some values."""
+def _by_matcher(*, ground: bool = False, **changes: Any) -> Callable[[SourceOptions], ViewSource]:
+    """A matcher as configured, but for some values; ``ground``: clouds keep theirs."""
 
     def make(options: SourceOptions) -> ViewSource:
+        fusion = merged(options.fusion, {"ground": "none"}) if ground else options.fusion
         config = merged(options.views, changes)
-        return MatcherSource(
-            ViewMatcher(config, fusion=options.fusion, descriptors=options.descriptors)
-        )
+        return MatcherSource(ViewMatcher(config, fusion=fusion, descriptors=options.descriptors))
 
     return make
 
@@ -225,8 +223,8 @@ SOURCES: Mapping[str, NamedSource] = {
     "two-stage": NamedSource("objects, then a network that has to agree", _two_stages),
     "cm2dp": NamedSource(
         "the first thesis's descriptor",
-        _by_matcher(method="descriptor", descriptor="cm2dp"),
-        with_ground=True,
+        # The ground helps it: docs/view_results.md.
+        _by_matcher(method="descriptor", descriptor="cm2dp", ground=True),
     ),
     "visual": NamedSource(
         "visual templates, as in the original RatSLAM",
@@ -234,6 +232,13 @@ SOURCES: Mapping[str, NamedSource] = {
     ),
 }
 """What ``fusionslam ratslam --views`` takes."""
+
+
+def source_named(name: str, options: SourceOptions | None = None) -> ViewSource:
+    """A new source of views. Raises ConfigError for a name that is none of ``SOURCES``."""
+    if name not in SOURCES:
+        raise ConfigError(f"views is {name!r}, expected one of {', '.join(SOURCES)}")
+    return SOURCES[name].make(options or SourceOptions())
 
 
 def _image_of(item: Any) -> NDArray[Any]:
