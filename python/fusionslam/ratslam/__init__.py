@@ -12,7 +12,13 @@ graph.relax()
 """
 
 from fusionslam.ratslam.actions import Action, ActionKind
-from fusionslam.ratslam.experience_map import ExperienceMap, ExperienceMapConfig
+from fusionslam.ratslam.experience_map import (
+    ExperienceMap,
+    ExperienceMapConfig,
+    LoopCheck,
+    Relaxation,
+    Route,
+)
 from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
 
 __all__ = [
@@ -20,7 +26,10 @@ __all__ = [
     "ActionKind",
     "ExperienceMap",
     "ExperienceMapConfig",
+    "LoopCheck",
     "Place",
     "PoseCells",
     "PoseCellsConfig",
+    "Relaxation",
+    "Route",
 ]
