@@ -8,9 +8,21 @@ namespace {
 
 using SharedMap = Shared<ExperienceMap>;
 using PoseTuple = py::typing::Tuple<double, double, double>;
+using CheckTuple = py::typing::Tuple<bool, double, double, double, double, py::str>;
+using RelaxationTuple = py::typing::Tuple<double, double, double, std::int64_t, std::int64_t, bool>;
 using StateDict = py::typing::Dict<py::str, py::array>;
 
 PoseTuple tuple_of(const Pose2& pose) { return py::make_tuple(pose.x, pose.y, pose.heading); }
+
+CheckTuple tuple_of(const LoopCheck& check) {
+  return py::make_tuple(check.accepted, check.error_m, check.error_rad, check.allowed_m,
+                        check.allowed_rad, check.reason);
+}
+
+RelaxationTuple tuple_of(const Relaxation& done) {
+  return py::make_tuple(done.residual_m, done.residual_rad, done.step_m, done.sweeps, done.nodes,
+                        done.settled);
+}
 
 MapAction action_of(int kind, std::int64_t source, std::int64_t target, double rotation,
                     const std::pair<double, double>& place) {
@@ -81,36 +93,6 @@ MapState state_of(const StateDict& arrays) {
   return state;
 }
 
-void bind_results(py::module_& module) {
-  py::class_<LoopCheck>(module, "LoopCheck", "Whether a loop fits odometry.")
-      .def_readonly("accepted", &LoopCheck::accepted, "Whether to make the link.")
-      .def_readonly("error_m", &LoopCheck::error_m,
-                    "Metres from where the map has the robot to where the loop puts it.")
-      .def_readonly("error_rad", &LoopCheck::error_rad, "Radians, likewise.")
-      .def_readonly("allowed_m", &LoopCheck::allowed_m,
-                    "What drift since the target allows, along the error.")
-      .def_readonly("allowed_rad", &LoopCheck::allowed_rad, "Radians, likewise.")
-      .def_readonly("reason", &LoopCheck::reason, "Why, in words.")
-      .def("__repr__", [](const LoopCheck& self) {
-        return "<LoopCheck " + std::string(self.accepted ? "accepted" : "refused") + ": " +
-               self.reason + '>';
-      });
-  py::class_<Relaxation>(module, "Relaxation", "What a relaxation did.")
-      .def_readonly("residual_m", &Relaxation::residual_m,
-                    "Metres: root mean square of the links' errors of place.")
-      .def_readonly("residual_rad", &Relaxation::residual_rad, "Radians, likewise.")
-      .def_readonly("step_m", &Relaxation::step_m, "Farthest move of a node in the last step.")
-      .def_readonly("sweeps", &Relaxation::sweeps, "Sweeps, or Gauss-Newton steps.")
-      .def_readonly("nodes", &Relaxation::nodes, "Nodes in the largest part that was solved.")
-      .def_readonly("settled", &Relaxation::settled, "Nothing is left for later actions.")
-      .def("__repr__", [](const Relaxation& self) {
-        std::ostringstream text;
-        text << "<Relaxation " << self.sweeps << " sweeps, residual " << self.residual_m << " m, "
-             << self.residual_rad << " rad" << (self.settled ? "" : ", not settled yet") << '>';
-        return text.str();
-      });
-}
-
 void bind_changes(py::class_<SharedMap>& bound) {
   using namespace py::literals;
   bound
@@ -125,10 +107,10 @@ void bind_changes(py::class_<SharedMap>& bound) {
           [](SharedMap& self, int kind, std::int64_t source, std::int64_t target, double rotation,
              const std::pair<double, double>& place) {
             const MapAction action = action_of(kind, source, target, rotation, place);
-            return self.write([&](ExperienceMap& map) { return map.check(action); });
+            return tuple_of(self.write([&](ExperienceMap& map) { return map.check(action); }));
           },
           "kind"_a, "source"_a, "target"_a, "relative_rotation"_a, "relative_place"_a,
-          "Whether a loop fits odometry.")
+          "Whether a loop fits odometry: the values of LoopCheck.")
       .def(
           "apply",
           [](SharedMap& self, int kind, std::int64_t source, std::int64_t target, double rotation,
@@ -141,9 +123,9 @@ void bind_changes(py::class_<SharedMap>& bound) {
       .def(
           "relax",
           [](SharedMap& self, bool whole) {
-            return self.write_long([&](ExperienceMap& map) { return map.relax(whole); });
+            return tuple_of(self.write_long([&](ExperienceMap& map) { return map.relax(whole); }));
           },
-          "whole"_a, "Moves nodes until links fit.")
+          "whole"_a, "Moves nodes until links fit: the values of Relaxation.")
       .def(
           "restore",
           [](SharedMap& self, const StateDict& arrays) {
@@ -162,8 +144,8 @@ void bind_values(py::class_<SharedMap>& bound) {
                              read([](const ExperienceMap& map) { return map.current(); }))
       .def_property_readonly(
           "nodes", [](const SharedMap& self) { return rows_of_three(self.read(nodes_of)); })
-      .def_property_readonly("links",
-                             [](const SharedMap& self) -> py::array { return to_numpy(self.read(links_of)); })
+      .def_property_readonly(
+          "links", [](const SharedMap& self) -> py::array { return to_numpy(self.read(links_of)); })
       .def_property_readonly(
           "pose",
           [](const SharedMap& self) {
@@ -187,7 +169,6 @@ void bind_experience_map(py::module_& module) {
   bind_config<ExperienceMapConfig>(module, "ExperienceMapConfig", "How the map is corrected.")
       .def(py::init(
           [](const Options& options) { return with_options(ExperienceMapConfig{}, options); }));
-  bind_results(module);
   py::class_<SharedMap> bound(module, "ExperienceMap",
                               "Places and links; fusionslam.ratslam.ExperienceMap is for users.");
   bound.def(py::init([](const ExperienceMapConfig& config) {

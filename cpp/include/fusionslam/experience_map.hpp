@@ -109,7 +109,7 @@ struct MapLink {
   double heading = 0;   ///< rad, direction of the way from the source's heading
   double facing = 0;    ///< rad, rotation from the source's heading
   double duration = 0;  ///< s
-  double sd_m = 0;      ///< m, expected deviation of the way, each axis
+  double sd_m = 0;      ///< m, deviation of the way, each axis, that relaxation weighs it by
   double sd_rad = 0;    ///< rad, of the rotation
 };
 

@@ -254,14 +254,13 @@ const ExperienceMapConfig& ExperienceMap::config() const { return map_->config; 
 MapLink ExperienceMap::link(std::size_t number) const {
   const Link& link = map_->links.at(number);
   const Measure& measure = link.measure;
-  return {link.source,
-          link.target,
-          measure.distance,
-          measure.heading,
-          measure.facing,
-          measure.duration,
-          std::sqrt(measure.variance_m),
-          std::sqrt(measure.variance_rad)};
+  // The reference's relaxation takes all links alike, and metres like radians.
+  const bool weighted = map_->robust();
+  const double sd_m = weighted ? std::sqrt(measure.variance_m) : 1;
+  const double sd_rad = weighted ? std::sqrt(measure.variance_rad) : 1;
+  return {
+      link.source, link.target, measure.distance, measure.heading, measure.facing, measure.duration,
+      sd_m,        sd_rad};
 }
 
 Pose2 ExperienceMap::offset() const {

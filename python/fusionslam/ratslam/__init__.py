@@ -12,6 +12,7 @@ graph.relax()
 """
 
 from fusionslam.ratslam.actions import Action, ActionKind
+from fusionslam.ratslam.events import Look, Motion, OrderConfig, Sighting, StampOrder
 from fusionslam.ratslam.experience_map import (
     ExperienceMap,
     ExperienceMapConfig,
@@ -20,16 +21,32 @@ from fusionslam.ratslam.experience_map import (
     Route,
 )
 from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
+from fusionslam.ratslam.run_record import REFUSED, RatSlamRun
+from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
+from fusionslam.ratslam.sources import MatcherSource, TemplateSource, ViewSource
 
 __all__ = [
+    "REFUSED",
     "Action",
     "ActionKind",
     "ExperienceMap",
     "ExperienceMapConfig",
+    "Look",
     "LoopCheck",
+    "MatcherSource",
+    "Motion",
+    "OrderConfig",
     "Place",
     "PoseCells",
     "PoseCellsConfig",
+    "RatSlam",
+    "RatSlamConfig",
+    "RatSlamRun",
     "Relaxation",
     "Route",
+    "Sighting",
+    "StampOrder",
+    "Step",
+    "TemplateSource",
+    "ViewSource",
 ]

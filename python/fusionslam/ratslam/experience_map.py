@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam import _core
-from fusionslam._core import LoopCheck, Relaxation
 from fusionslam.config import Section, core_section, merged
 from fusionslam.errors import DataError
 from fusionslam.ratslam.actions import Action
@@ -37,17 +36,61 @@ LINK = np.dtype(
     ]
 )
 """A link: ids; metres; direction of the way and rotation, radians from the source's heading;
-seconds; expected deviations of the way (each axis) and of the rotation, metres and radians."""
+seconds; deviations of the way (each axis) and of the rotation that relaxation weighs it by, metres
+and radians."""
 
 STATE_VERSION = 1
 
 if TYPE_CHECKING:
-    ExperienceMapConfig = Section
+
+    class ExperienceMapConfig(Section):
+        @property
+        def preset(self) -> str: ...
 else:
     ExperienceMapConfig = core_section("ExperienceMapConfig", _core.ExperienceMapConfig)
     ExperienceMapConfig.__doc__ = "How the map is corrected, and which loops it believes."
 
 __all__ = ["LINK", "ExperienceMap", "ExperienceMapConfig", "LoopCheck", "Relaxation", "Route"]
+
+
+class LoopCheck(NamedTuple):
+    """Whether a loop fits odometry.
+
+    Attributes:
+        accepted: whether to make the link.
+        error_m, error_rad: from where the map has the robot to where the loop puts it, metres and
+            radians.
+        allowed_m, allowed_rad: what drift since the target allows, metres along the error and
+            radians.
+        reason: why, in words.
+    """
+
+    accepted: bool
+    error_m: float
+    error_rad: float
+    allowed_m: float
+    allowed_rad: float
+    reason: str
+
+
+class Relaxation(NamedTuple):
+    """What a relaxation did.
+
+    Attributes:
+        residual_m, residual_rad: root mean squares of the links' errors of place and of rotation,
+            metres and radians.
+        step_m: farthest move of a node in the last step, metres.
+        sweeps: sweeps (openratslam), or Gauss-Newton steps (robust).
+        nodes: nodes in the largest part that was solved.
+        settled: nothing is left for later actions.
+    """
+
+    residual_m: float
+    residual_rad: float
+    step_m: float
+    sweeps: int
+    nodes: int
+    settled: bool
 
 
 class Route(NamedTuple):
@@ -132,7 +175,7 @@ class ExperienceMap:
             DataError: an unknown target, a source that is not the current node, or a rotation or
                 place that is not finite.
         """
-        return self._map.check(*_plain(action))
+        return LoopCheck(*self._map.check(*_plain(action)))
 
     def apply(self, action: Action) -> None:
         """Do what the pose cells say.
@@ -160,7 +203,7 @@ class ExperienceMap:
         Args:
             whole: solve the whole map now (robust), until no node moves by ``tolerance``.
         """
-        return self._map.relax(whole)
+        return Relaxation(*self._map.relax(whole))
 
     def path(self, a: int, b: int) -> Route:
         """The quickest way from one node to another along links, in either direction.
