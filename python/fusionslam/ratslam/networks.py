@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import PoseSheet
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, ShapeError
 from fusionslam.ratslam.places import (
     HEADINGS,
     LAYER,
@@ -67,7 +67,7 @@ class Network(Protocol):
         """What it remembers besides the cells, float64 (k,)."""
 
     def remember(self, cells: Floats, numbers: Floats) -> None:
-        """Take over ``activity`` as it is stored and ``numbers``; raises DataError."""
+        """Take over ``cells`` and ``numbers``. Raises DataError, ShapeError."""
 
     @property
     def cells(self) -> Floats:
@@ -122,9 +122,8 @@ class ReferenceNetwork:
         return np.array(self._best)
 
     def remember(self, cells: Floats, numbers: Floats) -> None:
-        if numbers.shape != (3,):
-            raise DataError(f"network: {numbers.shape[0]} numbers, expected 3")
-        self._sheet.assign(cells)
+        _check_numbers(numbers, 3, self._sheet.activity.shape[1])
+        _take_over(self._sheet, cells)
         self._best = Place(*numbers.tolist())
 
 
@@ -257,10 +256,29 @@ class SteadyNetwork:
         return np.array([*self._base, *self._slip, *self._way, self._progress, *before])
 
     def remember(self, cells: Floats, numbers: Floats) -> None:
-        if numbers.shape != (13,) or not np.isfinite(numbers[:10]).all():
-            raise DataError("network: expected 13 numbers, the first ten of them finite")
-        self._sheet.assign(cells)
+        _check_numbers(numbers, 13, self._size)
+        _take_over(self._sheet, cells)
         values = numbers.tolist()
         self._base, self._slip, self._way = (Place(*values[i : i + 3]) for i in (0, 3, 6))
         self._progress = values[9]
         self._before = None if math.isnan(values[10]) else Place(*values[10:])
+
+
+def _check_numbers(numbers: Floats, count: int, size: int) -> None:
+    """First a place on the sheet; behind the tenth one where the packet was, or NaN."""
+    if numbers.shape != (count,):
+        raise DataError(f"network: numbers of the shape {numbers.shape}, expected {(count,)}")
+    nowhere = count > 10 and bool(np.isnan(numbers[10:]).all())
+    if not np.isfinite(numbers[:10] if nowhere else numbers).all():
+        raise DataError(f"network: {numbers.tolist()}: expected finite numbers")
+    if any(not 0 <= x < end for x, end in zip(numbers[:3], (size, size, HEADINGS), strict=True)):
+        raise DataError(f"network: place {numbers[:3].tolist()} is not on the sheet")
+    if not 0 <= numbers[9:10].sum() <= 1:
+        raise DataError(f"network: {numbers[9]} of a step, expected 0 to 1")
+
+
+def _take_over(sheet: PoseSheet, cells: Floats) -> None:
+    expected = sheet.activity.shape
+    if cells.shape != expected:
+        raise ShapeError(f"the activity has cells of the shape {cells.shape}, expected {expected}")
+    sheet.assign(cells)
