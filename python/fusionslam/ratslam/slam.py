@@ -7,7 +7,7 @@
 >>> for event in (Motion(0, 0.5, 0.0), Sighting(0, 0), Motion(33_000_000, 0.5, 0.0)):
 ...     step = slam.step(event)
 >>> step.why
-'node 0 made: view 0 is new'
+'node 0 made of view 0'
 """
 
 import os
