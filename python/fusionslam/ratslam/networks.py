@@ -93,7 +93,7 @@ class ReferenceNetwork:
     cells = activity
 
     def move(self, way: float, turn: float, dt: float) -> None:
-        """Here heading 0 moves the packet along +y. Raises DataError for steps of a cell or more."""
+        """Heading 0 goes along +y here. Raises DataError for steps of a cell or more."""
         if abs(way) >= 1:
             raise DataError(
                 f"odometry: a step of {abs(way):.6g} cells, the openratslam preset takes less than "
@@ -105,7 +105,7 @@ class ReferenceNetwork:
 
     def inject(self, place: Place, energy: float) -> None:
         """Into one cell, the one whose corner lies before the place."""
-        x, y, th = (float(math.floor(value)) for value in place)
+        x, y, th = map(math.floor, place)
         self._sheet.inject(x, y, th, energy)
 
     def accept(self) -> None:
@@ -174,11 +174,10 @@ class SteadyNetwork:
         """Steps fall on the same stamps however odometry is cut."""
         if dt <= 0:
             return
-        skipped = (self._seconds + dt) // self._step_s - _SETTLED
-        left = dt
-        if skipped > 0:
-            self._go(way, turn, skipped * self._step_s / dt)
-            left -= skipped * self._step_s
+        left, most = dt, _SETTLED * self._step_s
+        if self._seconds + dt > most + self._step_s:
+            left = math.fmod(self._seconds + dt, self._step_s) + most - self._seconds
+            self._go(way, turn, (dt - left) / dt)
         while self._seconds + left >= self._step_s * (1 - 1e-9):
             part = max(self._step_s - self._seconds, 0.0)
             self._go(way, turn, part / dt)
@@ -214,8 +213,8 @@ class SteadyNetwork:
         """Spread over the cells around the place; the packet moves as far as its mean does."""
         before = Place(*self._sheet.decode())
         place = after(place, back(self._way))
-        x, y, th = (one - slip for one, slip in zip(place, self._slip, strict=True))
-        self._sheet.inject(x, y, th, energy)
+        slip = self._slip
+        self._sheet.inject(place.x - slip.x, place.y - slip.y, place.th - slip.th, energy)
         self._sheet.assign(self._sheet.activity / (1 + energy))
         found = Place(*self._sheet.decode())
         moved = differences(found, before, self._size)
