@@ -17,11 +17,15 @@ _FLAT = 1e-3
 _STRETCHES, _BESIDE = 17, 2
 
 
-def profile(pixels: NDArray[np.uint8], rows: tuple[float, float]) -> Floats:
-    """float64 (W), 0 .. 1: mean brightness of each column between two parts of the height."""
-    height = pixels.shape[0]
+def row_range(rows: tuple[float, float], height: int) -> tuple[int, int]:
+    """The first of the rows between two parts of the height, and the one after their last."""
     first = min(int(rows[0] * height), height - 1)
-    band = pixels[first : max(int(rows[1] * height), first + 1)]
+    return first, max(int(rows[1] * height), first + 1)
+
+
+def profile(pixels: NDArray[np.uint8], first: int, end: int) -> Floats:
+    """float64 (W), 0 .. 1: mean brightness of each column between two rows."""
+    band = pixels[first:end]
     # Integers: sums of bytes are exact.
     sums = band.sum(axis=0, dtype=np.uint32)
     grey = sums @ _LUMINANCE if sums.ndim == 2 else sums.astype(np.float64)

@@ -19,7 +19,14 @@ from pydantic import model_validator
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.messages import NANOSECONDS
-from fusionslam.ratslam.profiles import Lens, best_shift, best_stretch, profile, standardised
+from fusionslam.ratslam.profiles import (
+    Lens,
+    best_shift,
+    best_stretch,
+    profile,
+    row_range,
+    standardised,
+)
 from fusionslam.sensors import Camera
 
 logger = logging.getLogger(__name__)
@@ -84,7 +91,7 @@ class VisualSpeed(NamedTuple):
     Attributes:
         v: metres a second forwards, as far as the scale is right: one camera cannot know it.
         w: radians a second, counter-clockwise.
-        dt: seconds that it holds for: between the images, or 1 / rate_hz of openratslam.
+        dt: seconds from the image before to this one.
         shift_px: columns that the image moved to the right.
         change: what v is a multiple of: growth of the image in 1/s, or the least difference.
         why: why v and w are not to be trusted; empty where nothing speaks against them.
@@ -98,13 +105,22 @@ class VisualSpeed(NamedTuple):
     why: str = ""
 
 
-class _Sight(NamedTuple):
-    """What is kept of an image."""
+class Sight(NamedTuple):
+    """What is used of an image.
 
-    stamp_ns: int
+    Attributes:
+        shape: rows and columns of the image.
+        turn, speed: float64 (columns), 0 .. 1, mean brightness of each column in the rows for it.
+    """
+
     shape: tuple[int, int]
     turn: Floats
     speed: Floats
+
+
+class _Held(NamedTuple):
+    stamp_ns: int
+    sight: Sight
 
 
 class VisualOdometry:
@@ -129,13 +145,14 @@ class VisualOdometry:
         config = merged(config or VisualOdometryConfig(), changes)
         self.config = config if camera is None else _with_camera(config, camera)
         self._camera_size = None if camera is None else camera.size
-        self._before: _Sight | None = None
+        self._before: _Held | None = None
 
     def process(self, image: NDArray[np.uint8], stamp_ns: int) -> VisualSpeed | None:
         """Compare an image with the one before it.
 
         Args:
-            image: uint8 (H, W) grey or (H, W, 3) RGB, without distortion.
+            image: uint8 (H, W) grey or (H, W, 3) RGB, without distortion. Where the camera says
+                its size, rows below those that are used may be missing.
             stamp_ns: when it was taken.
 
         Returns:
@@ -147,47 +164,56 @@ class VisualOdometry:
             DataError: a stamp that is not later than the one before. An image that is refused
                 changes nothing.
         """
-        now, before = self._sight(image, stamp_ns), self._before
-        self._check(now)
+        return self.compare(self.sight(image), stamp_ns)
+
+    def compare(self, sight: Sight, stamp_ns: int) -> VisualSpeed | None:
+        """``process`` for what ``sight`` made of an image. Returns and raises the same."""
+        now, before = _Held(int(stamp_ns), sight), self._before
+        if before is not None:
+            _check_order(before, now)
         self._before = now
         if before is None:
             return None
+        dt = (now.stamp_ns - before.stamp_ns) / NANOSECONDS
         if self.config.preset == "openratslam":
-            return self._as_the_original(before, now)
-        gap = (now.stamp_ns - before.stamp_ns) / NANOSECONDS
-        if gap > self.config.max_gap_s:
-            logger.warning("no image for %.2f s before %d ns: no speed", gap, now.stamp_ns)
+            return self._as_the_original(before.sight, sight, dt)
+        if dt > self.config.max_gap_s:
+            logger.warning("no image for %.2f s before %d ns: no speed", dt, now.stamp_ns)
             return None
-        return self._robust(before, now, gap)
+        return self._robust(before.sight, sight, dt)
 
-    def _sight(self, image: NDArray[np.uint8], stamp_ns: int) -> _Sight:
+    def sight(self, image: NDArray[np.uint8]) -> Sight:
+        """What is used of an image; nothing else changes. Raises ShapeError as ``process``."""
         pixels = np.asarray(image)
         colours = pixels.ndim == 3 and pixels.shape[2] == 3
         if pixels.dtype != np.uint8 or not (pixels.ndim == 2 or colours):
             raise ShapeError(
                 f"image: {pixels.dtype} {pixels.shape}, expected uint8 (H, W) or (H, W, 3)"
             )
-        config, shape = self.config, (pixels.shape[0], pixels.shape[1])
-        if shape[1] < _LEAST_COLUMNS or not shape[0]:
-            raise ShapeError(f"image: {_size(shape)}, expected {_LEAST_COLUMNS} columns or more")
-        turn, speed = (profile(pixels, rows) for rows in (config.turn_rows, config.speed_rows))
-        if config.preset == "robust":
-            lens = self._lens(shape[1])
-            turn, speed = (standardised(lens.by_angle(one)) for one in (turn, speed))
-        return _Sight(int(stamp_ns), shape, turn, speed)
+        shape = self._whole_shape(pixels.shape[0], pixels.shape[1])
+        ranges = (
+            row_range(rows, shape[0]) for rows in (self.config.turn_rows, self.config.speed_rows)
+        )
+        turn, speed = (profile(pixels, first, end) for first, end in ranges)
+        return Sight(shape, turn, speed)
 
-    def _check(self, now: _Sight) -> None:
-        before = self._before
-        if before is not None and before.shape != now.shape:
-            raise ShapeError(f"image: {_size(now.shape)}, expected {_size(before.shape)} as before")
-        if self._camera_size is not None and now.shape != self._camera_size[::-1]:
-            expected = _size(self._camera_size[::-1])
-            raise ShapeError(f"image: {_size(now.shape)}, expected {expected} of the calibration")
-        if before is not None and now.stamp_ns <= before.stamp_ns:
-            raise DataError(
-                f"image at {now.stamp_ns} ns: expected a stamp after {before.stamp_ns} ns, that "
-                "of the image before"
-            )
+    def rows_used(self, height: int) -> int:
+        """How many rows of an image, from the top, are looked at."""
+        return max(
+            row_range(rows, height)[1] for rows in (self.config.turn_rows, self.config.speed_rows)
+        )
+
+    def _whole_shape(self, height: int, width: int) -> tuple[int, int]:
+        """Rows and columns of an image of which lower rows that nobody looks at may be missing."""
+        found = f"image: {_size((height, width))}, expected"
+        if width < _LEAST_COLUMNS or not height:
+            raise ShapeError(f"{found} {_LEAST_COLUMNS} columns or more")
+        if self._camera_size is None:
+            return height, width
+        whole = self._camera_size[::-1]
+        if width != whole[1] or not self.rows_used(whole[0]) <= height <= whole[0]:
+            raise ShapeError(f"{found} {_size(whole)} of the calibration")
+        return whole
 
     def _lens(self, width: int) -> Lens:
         config = self.config
@@ -195,25 +221,27 @@ class VisualOdometry:
         centre = (width - 1) / 2 if config.centre_px is None else config.centre_px
         return Lens(width, float(focal), float(centre))
 
-    def _as_the_original(self, before: _Sight, now: _Sight) -> VisualSpeed:
+    def _as_the_original(self, before: Sight, now: Sight, dt: float) -> VisualSpeed:
         config, width = self.config, now.shape[1]
         shift, _ = best_shift(before.turn, now.turn, config.max_shift)
         _, difference = best_shift(before.speed, now.speed, config.max_shift)
         return VisualSpeed(
             v=min(difference * config.difference_scale, config.max_speed),
             w=shift * config.field_of_view / width * config.rate_hz,
-            dt=1 / config.rate_hz,
+            dt=dt,
             shift_px=float(shift),
             change=difference,
         )
 
-    def _robust(self, before: _Sight, now: _Sight, dt: float) -> VisualSpeed:
+    def _robust(self, before: Sight, now: Sight, dt: float) -> VisualSpeed:
         config, lens = self.config, self._lens(now.shape[1])
-        if not (before.turn.any() and now.turn.any() and before.speed.any() and now.speed.any()):
+        turned, turns = (standardised(lens.by_angle(sight.turn)) for sight in (before, now))
+        sped, speeds = (standardised(lens.by_angle(sight.speed)) for sight in (before, now))
+        if not all(values.any() for values in (turned, turns, sped, speeds)):
             return VisualSpeed(0.0, 0.0, dt, 0.0, 0.0, "an image without contrast")
         reach = min(int(np.ceil(config.max_turn * dt / lens.step)), lens.width // 2)
-        shift, _ = best_shift(before.turn, now.turn, max(reach, 1))
-        found = best_stretch(before.speed, now.speed, shift, lens, config.max_stretch * dt)
+        shift, _ = best_shift(turned, turns, max(reach, 1))
+        found = best_stretch(sped, speeds, shift, lens, config.max_stretch * dt)
         unlike = f"the images differ by {found.error:.2f} deviations" * (found.error > _UNLIKE)
         growth = found.stretch / dt
         return VisualSpeed(
@@ -232,9 +260,9 @@ class VisualOdometry:
             return {}
         return {
             "stamp_ns": np.array(held.stamp_ns, np.int64),
-            "shape": np.array(held.shape, np.int64),
-            "turn": held.turn.copy(),
-            "speed": held.speed.copy(),
+            "shape": np.array(held.sight.shape, np.int64),
+            "turn": held.sight.turn.copy(),
+            "speed": held.sight.speed.copy(),
         }
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
@@ -243,7 +271,7 @@ class VisualOdometry:
         Raises:
             DataError: an array is missing, of another shape, or not finite; nothing changes then.
         """
-        self._before = _sight_of(state) if state else None
+        self._before = _held_of(state) if state else None
 
 
 def fit_speed(
@@ -283,6 +311,17 @@ def fit_speed(
     return merged(config, {name: scale})
 
 
+def _check_order(before: _Held, now: _Held) -> None:
+    if before.sight.shape != now.sight.shape:
+        sizes = _size(now.sight.shape), _size(before.sight.shape)
+        raise ShapeError(f"image: {sizes[0]}, expected {sizes[1]} as before")
+    if now.stamp_ns <= before.stamp_ns:
+        raise DataError(
+            f"image at {now.stamp_ns} ns: expected a stamp after {before.stamp_ns} ns, that of "
+            "the image before"
+        )
+
+
 def _with_camera(config: VisualOdometryConfig, camera: Camera) -> VisualOdometryConfig:
     focal, centre = float(camera.projection[0, 0]), float(camera.projection[0, 2])
     if not (focal > 0 and centre >= 0):
@@ -293,7 +332,7 @@ def _with_camera(config: VisualOdometryConfig, camera: Camera) -> VisualOdometry
     return merged(config, changes)
 
 
-def _sight_of(state: Mapping[str, NDArray[Any]]) -> _Sight:
+def _held_of(state: Mapping[str, NDArray[Any]]) -> _Held:
     try:
         stamp, (height, width) = int(state["stamp_ns"]), state["shape"].tolist()
         profiles = [np.array(state[name], np.float64) for name in ("turn", "speed")]
@@ -302,7 +341,7 @@ def _sight_of(state: Mapping[str, NDArray[Any]]) -> _Sight:
     for name, values in zip(("turn", "speed"), profiles, strict=True):
         if values.shape != (width,) or not np.isfinite(values).all():
             raise DataError(f"visual odometry: {name} {values.shape}, expected {width} numbers")
-    return _Sight(stamp, (int(height), int(width)), *profiles)
+    return _Held(stamp, Sight((int(height), int(width)), *profiles))
 
 
 def _size(shape: tuple[int, int]) -> str:
