@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._files import atomic_path
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.evaluation.rigid import RigidMotion
 from fusionslam.messages import Picture
 from fusionslam.ratslam.events import Event, Look
@@ -73,6 +73,7 @@ class LiveView:
     Raises:
         FusionSlamError: rerun is not installed, or its viewer does not start.
         DataError: the file cannot be written.
+        ConfigError: its name does not end in .rrd, by which rerun knows its files.
     """
 
     def __init__(
@@ -81,6 +82,8 @@ class LiveView:
         name: str = "RatSLAM",
         truth: "Trajectory | None" = None,
     ) -> None:
+        if path is not None:
+            _check(Path(path))
         self._rerun = _rerun()
         self._path, self._truth, self._files, self._closed = path, truth, ExitStack(), False
         self._first_ns: int | None = None
@@ -257,6 +260,14 @@ def _image_of(event: Any, slam: RatSlam) -> NDArray[np.uint8] | None:
         blocks = item.reshape(config.columns, config.rows).T
         return np.asarray(np.rint(255 * np.clip(blocks, 0, 1)), np.uint8)
     return None
+
+
+def _check(path: Path) -> None:
+    """Find out at the start what would be an error at the end."""
+    if path.suffix != ".rrd":
+        raise ConfigError(f"live view into {path}: expected a name that ends in .rrd")
+    if path.is_dir():
+        raise DataError(f"cannot write {path}: it is a folder")
 
 
 def _is_whole(path: Path) -> bool:
