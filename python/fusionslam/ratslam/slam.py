@@ -7,7 +7,7 @@
 >>> for event in (Motion(0, 0.5, 0.0), Sighting(0, 0), Motion(33_000_000, 0.5, 0.0)):
 ...     step = slam.step(event)
 >>> step.why
-'node 0 made: view 0 is new'
+'node 0 made of view 0'
 """
 
 import os
@@ -21,7 +21,14 @@ from fusionslam.messages import Odometry
 from fusionslam.ratslam.actions import Action, ActionKind
 from fusionslam.ratslam.events import Event, Look, Motion, Sighting
 from fusionslam.ratslam.experience_map import ExperienceMap, ExperienceMapConfig, LoopCheck
-from fusionslam.ratslam.odometer import Ground, Odometry2D, Stride, said_by, stride_between
+from fusionslam.ratslam.odometer import (
+    Ground,
+    Limits,
+    Odometry2D,
+    Stride,
+    said_by,
+    stride_between,
+)
 from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
 from fusionslam.ratslam.sources import ViewSource
 from fusionslam.ratslam.stopwatch import Stopwatch
@@ -45,6 +52,18 @@ class RatSlamConfig(Section):
         gt=0,
         le=3600,
     )
+    max_speed: float = option(
+        50.0,
+        "odometry that is faster jumped, as when its node starts anew: the jump is left out",
+        unit="m/s",
+        gt=0,
+        le=1000,
+    )
+
+    @property
+    def limits(self) -> Limits:
+        """Of what odometry is believed."""
+        return Limits(self.gap, self.max_speed)
 
 
 @dataclass(frozen=True)
@@ -174,14 +193,15 @@ class RatSlam:
             DataError: a stamp before that of the event before, odometry or views that are not later
                 than the last ones, values that are not finite, a view id that skips numbers, or
                 nothing to look with. ShapeError: what is looked at has another shape. Cells and
-                map are unchanged then.
+                map are unchanged then, but for the odometry of a frame whose image or cloud is
+                at fault: it counts all the same.
         """
         watch = Stopwatch()
         said, stride = self._check(event)
+        self._move(said, stride, watch)
         sighting = self._look(event, watch)
-        self._move(stride, watch)
-        self._see(sighting, watch)
-        self._remember(event, said, sighting)
+        if sighting is not None:
+            self._see(event, sighting, watch)
         done = self._act(stride, sighting, watch)
         return self._told(event, stride, sighting, done, watch)
 
@@ -218,8 +238,27 @@ class RatSlam:
         if _is_looking(event) and stamp_ns == known.looked_ns:
             raise DataError(f"view at {stamp_ns} ns: expected a stamp later than the last view's")
         said = said_by(event)
-        stride = None if said is None else stride_between(known.odometry, said, self.config.gap)
+        stride = None if said is None else stride_between(known.odometry, said, self.config.limits)
         return said, stride
+
+    def _move(self, said: Odometry2D | None, stride: Stride | None, watch: Stopwatch) -> None:
+        if stride is not None:
+            v, w, dt, _ = stride
+            pieces = self._pieces(v * dt)
+            with watch.of("cells"):
+                for _ in range(pieces):
+                    self.cells.on_odometry(v, w, dt / pieces)
+            with watch.of("map"):
+                self.map.on_odometry(v, w, dt)
+            self.alone.on_odometry(v, w, dt)
+            self.memory.moved = True
+        if said is not None:
+            self.memory.odometry, self.memory.newest_ns = said, said.stamp_ns
+
+    def _pieces(self, way: float) -> int:
+        """The original's cells take steps of less than a cell."""
+        cells = self.cells.config
+        return 1 if cells.preset == "robust" else int(abs(way) / cells.cell_m) + 1
 
     def _look(self, event: Event, watch: Stopwatch) -> Sighting | None:
         if not _is_looking(event):
@@ -232,31 +271,14 @@ class RatSlam:
             item = event.item if isinstance(event, Look) else event
             return self.views.look(item, event.stamp_ns)
 
-    def _move(self, stride: Stride | None, watch: Stopwatch) -> None:
-        if stride is None:
-            return
-        v, w, dt, _ = stride
-        with watch.of("cells"):
-            self.cells.on_odometry(v, w, dt)
-        with watch.of("map"):
-            self.map.on_odometry(v, w, dt)
-        self.alone.on_odometry(v, w, dt)
-        self.memory.moved = True
-
-    def _see(self, sighting: Sighting | None, watch: Stopwatch) -> None:
-        if sighting is None or sighting.view_id == NO_VIEW:
-            return
-        with watch.of("cells"):
-            self.cells.on_view(
-                sighting.view_id, sighting.relative_rotation, sighting.relative_place
-            )
-        self.memory.view = sighting.view_id
-
-    def _remember(self, event: Event, said: Odometry2D | None, sighting: Sighting | None) -> None:
-        known = self.memory
-        known.newest_ns = event.stamp_ns
-        known.odometry = said or known.odometry
-        known.looked_ns = known.looked_ns if sighting is None else event.stamp_ns
+    def _see(self, event: Event, sighting: Sighting, watch: Stopwatch) -> None:
+        if sighting.view_id != NO_VIEW:
+            with watch.of("cells"):
+                self.cells.on_view(
+                    sighting.view_id, sighting.relative_rotation, sighting.relative_place
+                )
+            self.memory.view = int(sighting.view_id)
+        self.memory.looked_ns = self.memory.newest_ns = int(event.stamp_ns)
 
     def _act(self, stride: Stride | None, sighting: Sighting | None, watch: Stopwatch) -> "_Done":
         # The original's cells act on odometry only, and on a view with the odometry after it.
@@ -294,8 +316,8 @@ class RatSlam:
     ) -> Step:
         known = sighting is not None and sighting.view_id != NO_VIEW
         return Step(
-            stamp_ns=event.stamp_ns,
-            view_id=sighting.view_id if sighting is not None and known else None,
+            stamp_ns=int(event.stamp_ns),
+            view_id=int(sighting.view_id) if sighting is not None and known else None,
             action=done.action,
             node=self.map.current if self.memory.node_views else None,
             pose=self.map.pose,
