@@ -6,7 +6,6 @@ import io
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,59 +20,17 @@ from fusionslam.report.ratslam_scene import scene_of
 from fusionslam.report.ratslam_sections import run_labels
 from fusionslam.report.ratslam_tables import (
     MOST,
+    error_table,
     loop_table,
-    map_table,
     reason_table,
     refused_table,
 )
-from little_maps import little_run, square_run
+from little_maps import little_run
+from reported_maps import CORNERS, HALL, alone, drifting_run, nodeless, wrong_run
 from test_report import Page
 
 image = pytest.importorskip("PIL.Image")
 pytest.importorskip("matplotlib")
-
-CORNERS = [(0.0, 0.0, 0.0), (10.0, 0.0, 1.5), (10.0, 10.0, 3.0), (0.0, 10.0, -1.5)]
-HALL = [(float(x), 0.0, 0.0) for x in range(4)]
-
-
-def drifting_run(**changes: Any) -> RatSlamRun:
-    """The square with dead reckoning that grows, step times, activity, and two refused loops."""
-    reckoned = np.array(CORNERS * 2) * np.linspace(1, 1.5, 8)[:, None]
-    lit = {name: np.full((8, n), 1 / n, np.float32) for name, n in (("th", 36), ("x", 20))}
-    given: dict[str, Any] = {
-        "dead_reckoning": reckoned,
-        "step_seconds": np.full((8, 3), 2e-3),
-        "activity_th": lit["th"],
-        "activity_x": lit["x"],
-        "activity_y": lit["x"],
-        "refused": [(120.0, 3, 1), (150.0, 0, 2)],
-        "why": [f"view {k % 4}" for k in range(7)] + ["no loop: 1.00 m off; node 3"],
-        "notes": ["odometry stopped for 3.0 s"],
-        "config": {"preset": "robust"},
-    }
-    return square_run(**given | changes)
-
-
-def wrong_run(**changes: Any) -> RatSlamRun:
-    """Takes the third corner for the first one."""
-    actions = [(1, 0, 0), (1, 0, 1), (1, 1, 2), (2, 2, 0), (1, 0, 3)]
-    given = {"truth": [*CORNERS[:3], CORNERS[2], CORNERS[3]], "nodes": CORNERS}
-    links = [(0, 1), (1, 2), (2, 0), (0, 3)]
-    return little_run(**given | {"actions": actions, "links": links, "views": "eyes"} | changes)
-
-
-def alone(**changes: Any) -> RatSlamRun:
-    """Four nodes in a row, none seen again."""
-    actions = [(1, max(k - 1, 0), k) for k in range(4)]
-    given: dict[str, Any] = {"truth": HALL, "nodes": HALL, "links": [(0, 1), (1, 2), (2, 3)]}
-    return little_run(**given | {"actions": actions} | changes)
-
-
-def nodeless(**changes: Any) -> RatSlamRun:
-    """Looked at nothing that made a node."""
-    activity = {f"activity_{axis}": np.zeros((0, 20), np.float32) for axis in ("th", "x", "y")}
-    given: dict[str, Any] = {"nodes": [], "actions": [(0, 0, 0)] * 4, "links": [], "why": []}
-    return alone(**given | {"is_view": np.zeros(4, bool)} | activity | changes)
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +55,7 @@ def test_the_answer_comes_first_and_against_dead_reckoning(written: tuple[Path, 
     assert report.dead_reckoning is not None
     said = "given has the best map: it puts the robot 0.00 m (RMSE) from where it was, "
     assert f"{said}dead reckoning {report.dead_reckoning.rmse_m:.2f} m." in text
-    assert text.index("best map") < text.index("dead reckoning, odometry perfect")
+    assert text.index("best map") < text.index("dead reckoning: perfect")
 
 
 def test_the_figures_are_those_of_the_judge(written: tuple[Path, Page]) -> None:
@@ -109,13 +66,13 @@ def test_the_figures_are_those_of_the_judge(written: tuple[Path, Page]) -> None:
     assert wrong.false_loops == 1 and wrong.nodes is not None
     table = (written[0] / "ratslam.html").read_text("utf-8").split("</table>")[0]
     rows = re.findall(r"<tr><th scope=\"row\">(.*?)</th>(.*?)</tr>", table, flags=re.DOTALL)
-    assert [label for label, _ in rows] == ["dead reckoning, odometry perfect", "given", "eyes"]
+    assert [label for label, _ in rows] == ["dead reckoning: perfect", "given", "eyes"]
     assert f">{wrong.nodes.rmse_m:.3f}<" in rows[2][1]
 
 
 def test_every_picture_of_the_page_lies_beside_it(written: tuple[Path, Page]) -> None:
     kinds = {path.name.split("_")[1] for path in written[0].glob("*.png")}
-    assert kinds == {"map", "maps", "errors", "views", "cells", "times"}
+    assert kinds == {"map", "maps", "errors", "views", "cells", "way", "times"}
     pictures = [address for address in written[1].addresses if address.startswith("data:image/")]
     assert len(pictures) == len(list(written[0].glob("*.png")))
     for path in written[0].glob("*.png"):
@@ -126,7 +83,7 @@ def test_every_picture_of_the_page_lies_beside_it(written: tuple[Path, Page]) ->
 
 def test_loops_and_refusals_are_listed_with_what_was_wrong(written: tuple[Path, Page]) -> None:
     text = written[1].text
-    assert "1 loop closed, 0 of them false; 2 loops refused" in text
+    assert "1 loop closed, 0 of them false; 2 loops refused (2 false: prevented)." in text
     assert "1 loop closed, 1 of them false; 0 loops refused" in text
     assert "odometry stopped for 3.0 s" in text
     table = loop_table(scene_of(wrong_run(), judge_map(wrong_run())))
@@ -137,20 +94,20 @@ def test_loops_and_refusals_are_listed_with_what_was_wrong(written: tuple[Path, 
         ["2", "0", "14.14", "172", "false"],
         [],
     )
-    refused = refused_table(drifting_run())
+    refused = refused_table(scene_of(run := drifting_run(), judge_map(run)))
     assert refused is not None and refused.rows[0][0] == "120.0 s"
     assert [cell.text for cell in refused.rows[0][1]] == [
         *("3", "1", "1.00", "0.50", "5.7", "11.5"),
-        *("10.00", "86"),
+        *("10.00", "86", "false: prevented"),
     ]
 
 
 def test_a_long_list_of_refusals_is_cut() -> None:
     run = drifting_run(refused=[(120.0 + 1e-3 * k, 3, 1) for k in range(MOST + 5)])
-    table = refused_table(run)
+    table = refused_table(scene_of(run, judge_map(run)))
     assert table is not None and len(table.rows) == MOST
     # A stamp that no step has: when it was is known, where the robot was is not.
-    assert table.rows[1][0] == "120.0 s" and table.rows[1][1][-1].text == "\N{EN DASH}"
+    assert table.rows[1][0] == "120.0 s" and table.rows[1][1][-2].text == "\N{EN DASH}"
 
 
 def test_sentences_that_differ_by_numbers_are_counted_together() -> None:
@@ -195,7 +152,7 @@ def test_without_truth_there_are_counts_and_the_map(tmp_path: Path) -> None:
     text, kinds = drawn(tmp_path, drifting_run(truth=None))
     assert "Without true poses nobody can say how good a map is" in text
     assert "The true poses are not known" in text and "1 loop closed; 2 loops refused" in text
-    assert kinds == {"map", "views", "cells", "times"}
+    assert kinds == {"map", "views", "cells", "way", "times"}
     assert "nan" not in text.lower().split()
 
 
@@ -204,7 +161,7 @@ def test_without_a_loop_the_map_is_called_dead_reckoning(tmp_path: Path) -> None
     assert "No loop was closed: the map is dead reckoning, cut into nodes." in text
     assert "No step was timed" in text and "No run was timed" in text
     assert "mapping did not help" in text
-    assert kinds == {"map", "errors", "views", "cells"}
+    assert kinds == {"map", "errors", "views", "cells", "way"}
 
 
 def test_a_single_node_is_a_sentence(tmp_path: Path) -> None:
@@ -245,8 +202,10 @@ def test_labels_name_what_tells_runs_apart() -> None:
     assert run_labels(runs[:2]) == ["given, odometry perfect", "given, odometry drifting"]
     labels = run_labels(runs)
     assert labels[2] == "given, odometry perfect, preset openratslam"
-    rows = [label for label, _ in map_table(labels, [judge_map(run) for run in runs]).rows]
-    assert rows[:2] == ["dead reckoning, odometry perfect", "dead reckoning, odometry drifting"]
+    table = error_table(labels, [judge_map(run) for run in runs])
+    assert table is not None
+    rows = [label for label, _ in table.rows]
+    assert rows[:2] == ["dead reckoning: perfect", "dead reckoning: drifting"]
     assert rows[2:] == labels
 
 
