@@ -41,7 +41,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 def why_not(target: Path, error: OSError) -> str:
     """Why no file can be made at a path: what the system says, or that a folder is a file."""
     for folder in target.parents:
-        if folder.exists():
+        # Path.exists raises where a folder on the way must not be entered.
+        if os.path.exists(folder):
             return f"{folder} is a file, expected a folder" if folder.is_file() else _why(error)
     return _why(error)
 

@@ -4,7 +4,7 @@
 
 import typer
 
-from fusionslam.cli import about, calibration, data, results, simulate, view_bench, views
+from fusionslam.cli import about, calibration, data, ratslam, results, simulate, view_bench, views
 from fusionslam.cli.guard import Guarded
 from fusionslam.cli.view_show import show
 
@@ -32,6 +32,7 @@ for command in (
     view_bench.bench_views,
     results.report,
     views.tune,
+    ratslam.ratslam,
     about.config,
     about.doctor,
 ):

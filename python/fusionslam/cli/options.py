@@ -204,9 +204,13 @@ def everything() -> "Section":
     from fusionslam.calibration.search import CalibrationCheckConfig
     from fusionslam.config import Section, option
     from fusionslam.pipeline import PipelineConfig
+    from fusionslam.ratslam.slam import RatSlamConfig
     from fusionslam.sim import SimConfig
+    from fusionslam.sim.motion.odometry import OdometryConfig
+    from fusionslam.views.drives import DRIFT
     from fusionslam.views.matcher import ViewMatcherConfig
     from fusionslam.views.recordings import RecordingConfig
+    from fusionslam.views.templates import VisualTemplatesConfig
     from fusionslam.views.tuning import TuningConfig
 
     class SystemConfig(PipelineConfig):
@@ -221,6 +225,13 @@ def everything() -> "Section":
             RecordingConfig(), "how scans of a .npz recording become clouds"
         )
         tuning: TuningConfig = option(TuningConfig(), "how parameters of views are looked for")
+        ratslam: RatSlamConfig = option(RatSlamConfig(), "views and odometry to a map")
+        visual_templates: VisualTemplatesConfig = option(
+            VisualTemplatesConfig(), "ratslam: views of images, --views visual"
+        )
+        odometry: OdometryConfig = option(
+            DRIFT, "ratslam: how far odometry is off, --odometry truth+noise"
+        )
 
     whole: Section = SystemConfig()
     return whole

@@ -235,15 +235,17 @@ def tune(
     print(f"{output}: value {result.value:.4f}")
 
 
-def whole_config(tuned: str | None, file: Path | None, settings: list[str] | None) -> Any:
-    """All stages: clouds in the robot's frame without ground, then what was found by tuning, the
-    file, and the settings."""
+def whole_config(
+    tuned: str | None, file: Path | None, settings: list[str] | None, **first: Any
+) -> Any:
+    """All stages: clouds in the robot's frame without ground, ``first``, then what was found by
+    tuning, the file, and the settings."""
     from fusionslam.config import merged, with_file, with_settings
     from fusionslam.views.presets import tuned_path
     from fusionslam.views.recorder import ROBOT_FUSION
 
     fusion = ROBOT_FUSION.model_dump(exclude_unset=True)
-    whole = merged(opt.everything(), {"fusion": fusion})
+    whole = merged(opt.everything(), {"fusion": fusion, **first})
     for path in ([tuned_path(tuned)] if tuned else []) + ([file] if file else []):
         whole = with_file(whole, path)
     return with_settings(whole, settings or [])
@@ -259,10 +261,10 @@ def opened(data: Path, whole: Any, how: "Sequence[Any]" = ()) -> Any:
     from fusionslam.views.scene_sets import SceneSet, is_scene_set
 
     if data.is_file() and is_scene_set(data):
-        _refuse_reading_options(data, "a scene set", how)
+        refuse_reading_options(data, "a scene set", how)
         return SceneSet.load(data)
     if data.is_file() and is_recording(data):
-        _refuse_reading_options(data, "a .npz recording", how)
+        refuse_reading_options(data, "a .npz recording", how)
         return RangeRecording.open(data, whole.recording.shapes)
     return opt.recording_of(data, *how).open(whole.fusion.source)
 
@@ -311,7 +313,7 @@ _READING = [
 """Options that say how other data are read, in the order of ``opt.recording_of``."""
 
 
-def _refuse_reading_options(data: Path, what: str, how: "Sequence[Any]") -> None:
+def refuse_reading_options(data: Path, what: str, how: "Sequence[Any]") -> None:
     """Raise ConfigError rather than leave unheard what somebody said of true poses, say."""
     from fusionslam.errors import ConfigError
 

@@ -10,12 +10,18 @@
 
     print(judge_views(ids, poses, stamps))
 
-judges the view ids of a place recognition that stores scenes as it goes.
+judges the view ids of a place recognition that stores scenes as it goes, and
+
+    print(judge_map(run))
+
+the map that RatSLAM made of them.
 """
 
 from fusionslam.evaluation.costs import Costs, StageCost, summarise_costs
 from fusionslam.evaluation.curve import PrecisionRecall
 from fusionslam.evaluation.judgement import Evaluation, evaluate
+from fusionslam.evaluation.map_report import MapReport, PoseErrors
+from fusionslam.evaluation.maps import judge_map, pose_errors
 from fusionslam.evaluation.matches import Matches, find_matches
 from fusionslam.evaluation.protocols import (
     COMMON_RULES,
@@ -25,6 +31,7 @@ from fusionslam.evaluation.protocols import (
     protocol_named,
 )
 from fusionslam.evaluation.published import CITATION, kitti_sequence, published_figures
+from fusionslam.evaluation.rigid import RigidMotion, fit_rigid
 from fusionslam.evaluation.runs import DescriptorRun
 from fusionslam.evaluation.sweep import RANKS, evaluate_matches, precision_recall
 from fusionslam.evaluation.view_baselines import always_new, baselines, every_kth
@@ -71,12 +78,15 @@ __all__ = [
     "DescriptorRun",
     "Evaluation",
     "EvaluationConfig",
+    "MapReport",
     "Matches",
+    "PoseErrors",
     "PrecisionRecall",
     "Protocol",
     "PublishedViews",
     "RerunDescriptor",
     "RerunViews",
+    "RigidMotion",
     "StageCost",
     "ViewCurve",
     "ViewJudge",
@@ -90,9 +100,12 @@ __all__ = [
     "evaluate_matches",
     "every_kth",
     "find_matches",
+    "fit_rigid",
     "ids_from_pairs",
+    "judge_map",
     "judge_views",
     "kitti_sequence",
+    "pose_errors",
     "precision_recall",
     "protocol_named",
     "published_figures",

@@ -12,15 +12,32 @@ graph.relax()
 """
 
 from fusionslam.ratslam.actions import Action, ActionKind
+from fusionslam.ratslam.events import Look, Motion, OrderConfig, Sighting, StampOrder
 from fusionslam.ratslam.experience_map import ExperienceMap, ExperienceMapConfig
 from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
+from fusionslam.ratslam.run_record import REFUSED, RatSlamRun
+from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
+from fusionslam.ratslam.sources import MatcherSource, TemplateSource, ViewSource
 
 __all__ = [
+    "REFUSED",
     "Action",
     "ActionKind",
     "ExperienceMap",
     "ExperienceMapConfig",
+    "Look",
+    "MatcherSource",
+    "Motion",
+    "OrderConfig",
     "Place",
     "PoseCells",
     "PoseCellsConfig",
+    "RatSlam",
+    "RatSlamConfig",
+    "RatSlamRun",
+    "Sighting",
+    "StampOrder",
+    "Step",
+    "TemplateSource",
+    "ViewSource",
 ]

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """``ExperienceMap``: the graph of places that a robot has been to (Milford 2004, Ball 2013)."""
 
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,15 @@ LINK = np.dtype(
 )
 """A link: ids; metres; direction of the way and rotation, radians from the source's heading;
 seconds."""
+
+
+class LoopCheck(NamedTuple):
+    accepted: bool
+    error_m: float
+    error_rad: float
+    allowed_m: float
+    allowed_rad: float
+    reason: str
 
 
 class ExperienceMapConfig(Section):
@@ -79,6 +88,32 @@ class ExperienceMap:
         """Where the robot is on the map: x, y in metres, heading in radians."""
         x, y = self._nodes[self._current][:2] if self._nodes else (0.0, 0.0)
         return x + self._dx, y + self._dy, self._facing
+
+    @property
+    def offset(self) -> tuple[float, float, float]:
+        heading = self._nodes[self._current][2] if self._nodes else 0.0
+        c, s = np.cos(heading), np.sin(heading)
+        x, y = c * self._dx + s * self._dy, c * self._dy - s * self._dx
+        return float(x), float(y), _angle(self._facing - heading)
+
+    def check(self, action: Action) -> LoopCheck:
+        return LoopCheck(True, 0.0, 0.0, 1.0, 1.0, "")
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        return {
+            "nodes": self.nodes,
+            "links": self.links,
+            "now": np.array([self._current, self._dx, self._dy, self._facing, self._seconds]),
+        }
+
+    def restore(self, state: dict[str, NDArray[Any]]) -> None:
+        self._nodes = state["nodes"].tolist()
+        self._links = [tuple(row) for row in state["links"].tolist()]
+        self._out = [[] for _ in self._nodes]
+        for number, link in enumerate(self._links):
+            self._out[link[0]].append(number)
+        current, self._dx, self._dy, self._facing, self._seconds = state["now"].tolist()
+        self._current = int(current)
 
     def on_odometry(self, v: float, w: float, dt: float) -> None:
         """Move on from the current node: metres and radians a second, seconds."""

@@ -93,7 +93,26 @@ class PoseCells:
         """The decoded pose in cells."""
         return self._best
 
-    def on_view(self, view_id: int, relative_rotation: float = 0.0) -> None:
+    def state(self) -> dict[str, NDArray[Any]]:
+        import pickle
+
+        kept = {k: v for k, v in vars(self).items() if k != "config"}
+        return {"all": np.frombuffer(pickle.dumps(kept), np.uint8)}
+
+    def restore(self, state: dict[str, NDArray[Any]]) -> None:
+        import pickle
+
+        vars(self).update(pickle.loads(state["all"].tobytes()))
+
+    def refuse(self, action: Action) -> Action:
+        raise NotImplementedError
+
+    def on_view(
+        self,
+        view_id: int,
+        relative_rotation: float = 0.0,
+        relative_place: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
         """Take note of the view that the robot sees.
 
         Args:

@@ -1,8 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""HTML files that say how well places were recognised, and the figures behind them."""
+"""HTML files that say how well places were recognised and mapped, and the figures behind them."""
 
 from fusionslam.report.assembly import write_report
+from fusionslam.report.ratslam import write_ratslam_report
+from fusionslam.report.ratslam_maps import map_figure
 from fusionslam.report.views import (
     has_view_runs,
     load_view_runs,
@@ -13,6 +15,8 @@ from fusionslam.report.views import (
 __all__ = [
     "has_view_runs",
     "load_view_runs",
+    "map_figure",
+    "write_ratslam_report",
     "write_report",
     "write_stored_view_report",
     "write_view_report",

@@ -99,7 +99,7 @@ def open_drive(
     """
     path, made = Path(source).expanduser(), None
     if not path.exists():
-        path, made = _embedded(str(source), jobs, step), str(source)
+        path, made = embedded(str(source), jobs, step), str(source)
     if is_scene_set(path):
         scenes = SceneSet.load(path)
         return _drive(scenes, world=world_of(scenes.name))
@@ -139,7 +139,7 @@ def _placed(cloud: Cloud, x: float, y: float, yaw: float) -> Cloud:
     return replace(cloud, points=points.astype(np.float32))
 
 
-def _embedded(name: str, jobs: int, step: Step | None) -> Path:
+def embedded(name: str, jobs: int, step: Step | None) -> Path:
     """The bag of a world that is made, recorded if it has yet to be."""
     from fusionslam.sim.catalogue import check_world
     from fusionslam.sim.recording import EMBEDDED, embedded_bag

@@ -1,0 +1,175 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command that makes maps: ratslam."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.guard import INTERRUPTED, needs_extra
+from fusionslam.cli.screen import Step, progress
+from fusionslam.cli.views import whole_config
+
+if TYPE_CHECKING:
+    from fusionslam.ratslam.run_record import RatSlamRun
+    from fusionslam.ratslam.runs import RunRecorder
+    from fusionslam.ratslam.slam import RatSlam
+    from fusionslam.ratslam.tours import Tour
+
+_OF_THE_STATE = ("ratslam.", "views.", "visual_templates.", "fusion.", "descriptors.")
+
+
+def ratslam(
+    data: Annotated[
+        str,
+        typer.Argument(
+            metavar="DATA",
+            help="A .npz recording, a bag, another recording, or warehouse, house, hospital.",
+        ),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")],
+    views: Annotated[
+        str | None,
+        typer.Option(
+            "--views",
+            help="What recognises places: alignment (default), objects, two-stage, cm2dp, visual.",
+        ),
+    ] = None,
+    odometry: Annotated[
+        str | None,
+        typer.Option(
+            "--odometry",
+            help="What tells the motion: topic, visual, truth or truth+noise; else the topic where "
+            "there is one, or the truth.",
+        ),
+    ] = None,
+    preset: Annotated[
+        str | None, typer.Option("--preset", help="robust (ours, the default) or openratslam.")
+    ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option("--save", metavar="STATE", help="Write a file that --resume goes on from."),
+    ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option("--resume", metavar="STATE", help="Go on with the map that --save wrote."),
+    ] = None,
+    kind: opt.KindOption = None,
+    sequence: opt.Sequence = None,
+    topic: opt.Topics = None,
+    stamps: opt.StampsOption = "header",
+    sync: opt.SyncOption = None,
+    calib: opt.Calibration = None,
+    skip_gaps: opt.SkipGaps = False,
+    gt: opt.Truth = None,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    jobs: opt.Jobs = None,
+    no_report: Annotated[
+        bool, typer.Option("--no-report", help="Write no page, which takes a while.")
+    ] = False,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Make a map of where a robot was, of its odometry and the places that it recognises.
+
+    Ctrl-C keeps the map so far, and what is needed to go on with it.
+    """
+    from fusionslam.ratslam.run_events import events_of
+    from fusionslam.ratslam.runs import RunRecorder
+
+    if not no_report:
+        needs_extra("report")
+    changes = [*([f"ratslam.preset={preset}"] if preset else []), *(settings or [])]
+    whole = whole_config(None, config, changes, recording={"shapes": "collision"})
+    slam, earlier = _mapper(whole, views, resume, changes)
+    reading = (kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
+    with progress() as step:
+        tour = _tour(data, whole, reading, step, opt.cores(jobs))
+        assert slam.views is not None  # every source that has a name
+        events = events_of(
+            tour, slam.views, odometry, whole.odometry, jobs=opt.cores(jobs), progress=step
+        )
+        recorder = RunRecorder(slam, events, earlier=earlier)
+        interrupted = _interrupted(recorder, step)
+    run = recorder.record()
+    if interrupted:
+        save = save or output / "state.npz"
+    _write(run, slam, output, save)
+    print(_page(run, output, no_report or interrupted))
+    if interrupted:
+        typer.echo(f"interrupted: --resume {save} goes on from there", err=True)
+        raise typer.Exit(INTERRUPTED)
+
+
+def _mapper(
+    whole: Any, views: str | None, resume: Path | None, settings: list[str]
+) -> "tuple[RatSlam, RatSlamRun | None]":
+    """A new map, or one that goes on and what was done for it."""
+    from fusionslam.errors import ConfigError
+    from fusionslam.ratslam.slam import RatSlam
+    from fusionslam.ratslam.sources import SOURCES, SourceOptions, source_named
+    from fusionslam.ratslam.state import load_ratslam, stored_run
+
+    opt.one_of("--views", views or "alignment", tuple(SOURCES))
+    if resume is None:
+        options = SourceOptions(
+            whole.views, whole.fusion, whole.descriptors, whole.visual_templates
+        )
+        return RatSlam(whole.ratslam, views=source_named(views or "alignment", options)), None
+    given = ["--views"] * (views is not None)
+    given += [text for text in settings if text.startswith(_OF_THE_STATE)]
+    if given:
+        raise ConfigError(f"{given[0]}: {resume} says how its map is made")
+    return load_ratslam(resume), stored_run(resume)
+
+
+def _tour(data: str, whole: Any, reading: tuple[Any, ...], step: Step, jobs: int) -> "Tour":
+    """What DATA and the options that say how it is read stand for."""
+    from fusionslam.cli.views import refuse_reading_options
+    from fusionslam.ratslam.tours import DatasetTour, open_tour
+    from fusionslam.views.recordings import is_recording
+
+    path = Path(data).expanduser()
+    if path.exists() and not is_recording(path):
+        return DatasetTour(opt.recording_of(path, *reading).open())
+    refuse_reading_options(path, "a .npz recording" if path.exists() else "a made world", reading)
+    return open_tour(data, recording=whole.recording, jobs=jobs, progress=step)
+
+
+def _interrupted(recorder: "RunRecorder", step: Step) -> bool:
+    """Take all events, or those before Ctrl-C; there must be one."""
+    from fusionslam.ratslam.runs import run_events
+
+    try:
+        run_events(recorder, step)
+    except KeyboardInterrupt:
+        if not recorder.has_steps:
+            raise
+        return True
+    return False
+
+
+def _write(run: "RatSlamRun", slam: "RatSlam", output: Path, save: Path | None) -> None:
+    from fusionslam.ratslam.exports import export_run
+    from fusionslam.ratslam.state import save_ratslam
+
+    run.save(output / "run.npz")
+    export_run(output, run)
+    if save is not None:
+        save_ratslam(slam, save, run=run)
+
+
+def _page(run: "RatSlamRun", output: Path, no_report: bool) -> Path:
+    """Print how good the map is; write the page, if it is wanted, and say where."""
+    from fusionslam.evaluation.maps import judge_map
+
+    judged = judge_map(run)
+    judged.save(output / "map_report.json")
+    print(judged)
+    if no_report:
+        return output / "map.json"
+    from fusionslam.report.ratslam import write_ratslam_report
+
+    return write_ratslam_report(output, run, judged, command=opt.command_line())

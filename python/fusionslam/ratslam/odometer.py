@@ -1,0 +1,105 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""How a robot moved between two stamps, of poses or of velocities."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+from fusionslam.messages import NANOSECONDS, Odometry
+from fusionslam.ratslam.events import Event, Motion
+from fusionslam.sensors import Frame
+
+Ground = tuple[float, float, float]
+"""x, y in metres and heading in radians."""
+
+
+class Stride(NamedTuple):
+    """One step of odometry: m/s forwards, rad/s, seconds; and what is to be said of it."""
+
+    v: float
+    w: float
+    dt: float
+    note: str = ""
+
+
+class Odometry2D(NamedTuple):
+    """What one message says: when, where if it says so, how fast if it says so."""
+
+    stamp_ns: int
+    pose: Ground | None
+    speed: tuple[float, float] | None
+
+
+def said_by(event: Event) -> Odometry2D | None:
+    """The odometry in an event, on the ground; None if it has none.
+
+    Poses count where there are any: their differences hold whatever the rate. Velocities are used
+    where the pose is not finite, or of a ``Motion``, which has nothing else.
+
+    Raises:
+        DataError: neither pose nor velocity is finite.
+    """
+    if isinstance(event, Motion):
+        said = Odometry2D(event.stamp_ns, None, _finite(event.v, event.w))
+    elif isinstance(event, Odometry):
+        speed = _finite(float(event.linear[0]), float(event.angular[2]))
+        said = Odometry2D(event.stamp_ns, _ground(event.pose), speed)
+    elif isinstance(event, Frame) and event.odometry is not None:
+        said = Odometry2D(event.stamp_ns, _ground(event.odometry), None)
+    else:
+        return None
+    if said.pose is None and said.speed is None:
+        raise DataError(f"odometry at {said.stamp_ns} ns: neither a finite pose nor velocity")
+    return said
+
+
+def stride_between(before: Odometry2D | None, now: Odometry2D, gap: float) -> Stride | None:
+    """How the robot moved from one message to the next; None of the first one.
+
+    A silence longer than ``gap`` is noted. Poses tell all the same how far the robot came in it;
+    a velocity is believed for ``gap`` seconds and no longer.
+
+    Args:
+        before: the message before.
+        now: the one that arrived.
+        gap: seconds.
+
+    Raises:
+        DataError: a stamp that is not later, or nothing that tells the motion.
+    """
+    if before is None:
+        return None
+    dt = (now.stamp_ns - before.stamp_ns) / NANOSECONDS
+    if dt <= 0:
+        raise DataError(
+            f"odometry at {now.stamp_ns} ns: expected a stamp later than {before.stamp_ns} ns"
+        )
+    if before.pose is not None and now.pose is not None:
+        forward, turn = _moved(before.pose, now.pose)
+        note = f"odometry was silent for {dt:.2f} s: {forward:.2f} m in one step" * (dt > gap)
+        return Stride(forward / dt, turn / dt, dt, note)
+    if now.speed is None:
+        raise DataError(f"odometry at {now.stamp_ns} ns: no pose before it, and no velocity")
+    note = f"odometry was silent for {dt:.2f} s: its velocity counts for {gap:g} s" * (dt > gap)
+    return Stride(*now.speed, min(dt, gap), note)
+
+
+def _moved(before: Ground, now: Ground) -> tuple[float, float]:
+    """Metres forwards, seen from the heading in the middle of the step, and radians turned."""
+    turn = float(np.pi - (np.pi - (now[2] - before[2])) % (2 * np.pi))
+    middle = before[2] + turn / 2
+    dx, dy = now[0] - before[0], now[1] - before[1]
+    return float(np.cos(middle) * dx + np.sin(middle) * dy), turn
+
+
+def _ground(pose: NDArray[np.float64]) -> Ground | None:
+    if not np.isfinite(pose).all():
+        return None
+    return float(pose[0, 3]), float(pose[1, 3]), float(np.arctan2(pose[1, 0], pose[0, 0]))
+
+
+def _finite(v: float, w: float) -> tuple[float, float] | None:
+    return (v, w) if np.isfinite([v, w]).all() else None

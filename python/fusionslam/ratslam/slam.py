@@ -1,0 +1,341 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""``RatSlam``: odometry and views in, a map out (Milford & Wyeth 2004, Ball et al. 2013).
+
+>>> from fusionslam.ratslam import Motion, RatSlam, Sighting
+>>> slam = RatSlam()
+>>> for event in (Motion(0, 0.5, 0.0), Sighting(0, 0), Motion(33_000_000, 0.5, 0.0)):
+...     step = slam.step(event)
+>>> step.why
+'node 0 made: view 0 is new'
+"""
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+from fusionslam.config import Section, merged, option
+from fusionslam.errors import DataError
+from fusionslam.messages import Odometry
+from fusionslam.ratslam.actions import Action, ActionKind
+from fusionslam.ratslam.events import Event, Look, Motion, Sighting
+from fusionslam.ratslam.experience_map import ExperienceMap, ExperienceMapConfig, LoopCheck
+from fusionslam.ratslam.odometer import Ground, Odometry2D, Stride, said_by, stride_between
+from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
+from fusionslam.ratslam.sources import ViewSource
+from fusionslam.ratslam.stopwatch import Stopwatch
+from fusionslam.views.matches import NO_VIEW
+
+NOTHING = Action(ActionKind.NONE)
+
+
+class RatSlamConfig(Section):
+    """RatSLAM: the cells, the map, and what joins them."""
+
+    preset: Literal["robust", "openratslam"] | None = option(
+        None, "of cells and map: robust (ours) or openratslam (Ball et al. 2013); null: each one's"
+    )
+    cells: PoseCellsConfig = option(PoseCellsConfig(), "the pose cells")
+    map: ExperienceMapConfig = option(ExperienceMapConfig(), "the experience map")
+    gap: float = option(
+        0.5,
+        "silence of odometry that is noted; a velocity counts no longer than this",
+        unit="s",
+        gt=0,
+        le=3600,
+    )
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one event did.
+
+    Attributes:
+        stamp_ns: of the event.
+        view_id: of the view that was seen; None if nobody looked, or nothing was recognised.
+        action: what happened to the map.
+        node: id of the node that the robot was at last; None before the first one.
+        pose: x, y in metres and heading in radians, on the map.
+        offset: the pose in the frame of the node; before the first one: the pose.
+        dead_reckoning: the pose by odometry alone.
+        cells: the pose that the cells say, in cells.
+        loop: how well a loop fitted the map; None where none was found, or none is checked.
+        why: what happened, in a sentence; empty where nothing did.
+        refused: the edge that was not made, as its loop did not fit.
+        looked: whether somebody looked.
+        seconds: what looking, the cells and the map took.
+    """
+
+    stamp_ns: int
+    view_id: int | None
+    action: Action
+    node: int | None
+    pose: Ground
+    offset: Ground
+    dead_reckoning: Ground
+    cells: Place
+    loop: LoopCheck | None = None
+    why: str = ""
+    refused: Action | None = None
+    looked: bool = False
+    seconds: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), compare=False)
+
+
+@dataclass
+class Memory:
+    """What a ``RatSlam`` remembers beside its cells and its map.
+
+    Attributes:
+        odometry: the last that was said.
+        newest_ns: stamp of the newest event.
+        looked_ns: stamp of the last view, recognised or not.
+        view: id of the last one that was recognised; -1 before the first.
+        moved: whether odometry has said yet how the robot moved.
+        node_stamps_ns, node_views: of each node, when and of which view it was made.
+    """
+
+    odometry: Odometry2D | None = None
+    newest_ns: int | None = None
+    looked_ns: int | None = None
+    view: int = NO_VIEW
+    moved: bool = False
+    node_stamps_ns: list[int] = field(default_factory=list)
+    node_views: list[int] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> "Memory":
+        """Of what ``asdict`` and JSON make of one."""
+        said = values["odometry"]
+        if said is not None:
+            stamp_ns, pose, speed = said
+            said = Odometry2D(stamp_ns, pose and tuple(pose), speed and tuple(speed))
+        return cls(**{**values, "odometry": said})
+
+
+class RatSlam:
+    """Pose cells and an experience map, fed with what happens in the order of its stamps.
+
+    Odometry moves the robot; something to look at goes to the source of views. ``StampOrder`` puts
+    events of several sensors in order.
+
+    Args:
+        config: None for the defaults.
+        views: what recognises places; None if places come as ``Sighting``.
+        changes: values of the configuration that differ from it.
+
+    Attributes:
+        config: what it was made with.
+        cells: the pose cells.
+        map: the experience map.
+        views: what recognises places.
+        alone: a map that never gets a node: dead reckoning.
+        memory: what else there is to remember.
+
+    Raises:
+        ConfigError: an unknown key, or a value out of range.
+    """
+
+    def __init__(
+        self,
+        config: RatSlamConfig | None = None,
+        *,
+        views: ViewSource | None = None,
+        **changes: Any,
+    ) -> None:
+        self.config = merged(config or RatSlamConfig(), changes)
+        preset = {} if self.config.preset is None else {"preset": self.config.preset}
+        self.cells = PoseCells(merged(self.config.cells, preset))
+        self.map = ExperienceMap(merged(self.config.map, preset))
+        self.views = views
+        # A map without nodes goes where odometry alone would.
+        self.alone = ExperienceMap(self.map.config)
+        self.memory = Memory()
+
+    @property
+    def preset(self) -> str:
+        """Of the map: it says whether loops are checked."""
+        return self.map.config.preset
+
+    @property
+    def seen_ns(self) -> tuple[int | None, int | None]:
+        """Stamps of the last odometry and of the last view; None before the first one."""
+        odometry, looked_ns = self.memory.odometry, self.memory.looked_ns
+        return None if odometry is None else odometry.stamp_ns, looked_ns
+
+    def step(self, event: Event) -> Step:
+        """Take what happened next: odometry, something to look at, or a frame with both.
+
+        Args:
+            event: ``Odometry`` or ``Motion``; ``Frame``, ``Picture`` or ``Look``, which ``views``
+                looks at; or a ``Sighting``.
+
+        Raises:
+            DataError: a stamp before that of the event before, odometry or views that are not later
+                than the last ones, values that are not finite, a view id that skips numbers, or
+                nothing to look with. ShapeError: what is looked at has another shape. Cells and
+                map are unchanged then.
+        """
+        watch = Stopwatch()
+        said, stride = self._check(event)
+        sighting = self._look(event, watch)
+        self._move(stride, watch)
+        self._see(sighting, watch)
+        self._remember(event, said, sighting)
+        done = self._act(stride, sighting, watch)
+        return self._told(event, stride, sighting, done, watch)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write one file, whole or not at all: ``load`` goes on exactly from here.
+
+        Raises:
+            DataError: it cannot be written.
+        """
+        from fusionslam.ratslam.state import save_ratslam
+
+        save_ratslam(self, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], *, views: ViewSource | None = None) -> "RatSlam":
+        """Go on from what ``save`` wrote.
+
+        Args:
+            path: the file.
+            views: where it was made with a source of its own: the like of it, without views.
+
+        Raises:
+            DataError: missing, cut short, damaged, of another version or with another source of
+                views; the message names the file.
+        """
+        from fusionslam.ratslam.state import load_ratslam
+
+        return load_ratslam(path, views=views)
+
+    def _check(self, event: Event) -> tuple[Odometry2D | None, Stride | None]:
+        stamp_ns, known = event.stamp_ns, self.memory
+        if known.newest_ns is not None and stamp_ns < known.newest_ns:
+            raise DataError(f"stamp {stamp_ns} ns: expected {known.newest_ns} ns or later")
+        if _is_looking(event) and stamp_ns == known.looked_ns:
+            raise DataError(f"view at {stamp_ns} ns: expected a stamp later than the last view's")
+        said = said_by(event)
+        stride = None if said is None else stride_between(known.odometry, said, self.config.gap)
+        return said, stride
+
+    def _look(self, event: Event, watch: Stopwatch) -> Sighting | None:
+        if not _is_looking(event):
+            return None
+        if isinstance(event, Sighting):
+            return event
+        if self.views is None:
+            raise DataError(f"view at {event.stamp_ns} ns: nothing to look with: give views=")
+        with watch.of("view"):
+            item = event.item if isinstance(event, Look) else event
+            return self.views.look(item, event.stamp_ns)
+
+    def _move(self, stride: Stride | None, watch: Stopwatch) -> None:
+        if stride is None:
+            return
+        v, w, dt, _ = stride
+        with watch.of("cells"):
+            self.cells.on_odometry(v, w, dt)
+        with watch.of("map"):
+            self.map.on_odometry(v, w, dt)
+        self.alone.on_odometry(v, w, dt)
+        self.memory.moved = True
+
+    def _see(self, sighting: Sighting | None, watch: Stopwatch) -> None:
+        if sighting is None or sighting.view_id == NO_VIEW:
+            return
+        with watch.of("cells"):
+            self.cells.on_view(
+                sighting.view_id, sighting.relative_rotation, sighting.relative_place
+            )
+        self.memory.view = sighting.view_id
+
+    def _remember(self, event: Event, said: Odometry2D | None, sighting: Sighting | None) -> None:
+        known = self.memory
+        known.newest_ns = event.stamp_ns
+        known.odometry = said or known.odometry
+        known.looked_ns = known.looked_ns if sighting is None else event.stamp_ns
+
+    def _act(self, stride: Stride | None, sighting: Sighting | None, watch: Stopwatch) -> "_Done":
+        # The original's cells act on odometry only, and on a view with the odometry after it.
+        if stride is None and (sighting is None or self.cells.config.preset == "openratslam"):
+            return _Done(NOTHING)
+        with watch.of("cells"):
+            action = self.cells.action()
+        if not action.kind:
+            return _Done(action)
+        with watch.of("map"):
+            done = self._checked(action)
+            self.map.apply(done.action)
+            self.map.relax()
+        if done.action.kind == ActionKind.CREATE_NODE:
+            self.memory.node_stamps_ns.append(self.memory.newest_ns or 0)
+            self.memory.node_views.append(self.memory.view)
+        return done
+
+    def _checked(self, action: Action) -> "_Done":
+        """An edge that does not fit the map is not made: the place becomes a node of its own."""
+        if action.kind != ActionKind.CREATE_EDGE or self.preset == "openratslam":
+            return _Done(action)
+        loop = self.map.check(action)
+        if loop.accepted:
+            return _Done(action, loop)
+        return _Done(self.cells.refuse(action), loop, refused=action)
+
+    def _told(
+        self,
+        event: Event,
+        stride: Stride | None,
+        sighting: Sighting | None,
+        done: "_Done",
+        watch: Stopwatch,
+    ) -> Step:
+        known = sighting is not None and sighting.view_id != NO_VIEW
+        return Step(
+            stamp_ns=event.stamp_ns,
+            view_id=sighting.view_id if sighting is not None and known else None,
+            action=done.action,
+            node=self.map.current if self.memory.node_views else None,
+            pose=self.map.pose,
+            offset=self.map.offset,
+            dead_reckoning=self.alone.pose,
+            cells=self.cells.best,
+            loop=done.loop,
+            why="; ".join(filter(None, self._reasons(stride, sighting, done))),
+            refused=done.refused,
+            looked=sighting is not None,
+            seconds=watch.seconds,
+        )
+
+    def _reasons(
+        self, stride: Stride | None, sighting: Sighting | None, done: "_Done"
+    ) -> Iterator[str]:
+        """What happened, sentence by sentence."""
+        yield stride.note if stride is not None else ""
+        if sighting is not None:
+            yield sighting.reason or _plain(sighting)
+            yield "" if self.memory.moved else "no odometry yet, so there is no map to put it on"
+        if done.refused is not None and done.loop is not None:
+            yield f"no loop to node {done.refused.target}: {done.loop.reason}"
+        if done.action.kind == ActionKind.CREATE_NODE:
+            yield f"node {done.action.target} made of view {self.memory.view}"
+        elif done.action.kind == ActionKind.CREATE_EDGE:
+            yield f"back at node {done.action.target}, from node {done.action.source}"
+
+
+class _Done(NamedTuple):
+    """What was done to the map: the action, how well a loop fitted, and the edge not made."""
+
+    action: Action
+    loop: LoopCheck | None = None
+    refused: Action | None = None
+
+
+def _plain(sighting: Sighting) -> str:
+    return "nothing recognised" if sighting.view_id == NO_VIEW else f"view {sighting.view_id}"
+
+
+def _is_looking(event: Event) -> bool:
+    return not isinstance(event, Odometry | Motion)

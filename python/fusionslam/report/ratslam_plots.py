@@ -1,0 +1,169 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What happened in a run of RatSLAM over time: cells, views and actions, errors, step times."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.ratslam.actions import ActionKind
+from fusionslam.ratslam.run_record import RatSlamRun
+from fusionslam.report.plots import CURVE_COLORS, FALSE, MISSED, PATH, TRUE, new_figure
+from fusionslam.report.ratslam_maps import MAP, RECKONED
+from fusionslam.report.ratslam_scene import Scene, moved
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+STAGES = ("looking", "pose cells", "map")
+"""What the columns of ``step_seconds`` are called."""
+_STAGE_COLORS = (CURVE_COLORS[2], CURVE_COLORS[4], CURVE_COLORS[0])
+_COLUMNS = 900
+_WIDTH = 9.2
+
+Floats = NDArray[np.float64]
+
+
+def draw_activity(run: RatSlamRun) -> "Figure | None":
+    """The cells' activity along each axis over time; None where nothing was looked at."""
+    if not run.is_view.any():
+        return None
+    figure = new_figure(_WIDTH, 6.2)
+    panels = figure.subplots(3, 1, sharex=True)
+    rows = ((run.activity_th, "th (deg)", 360.0), (run.activity_x, "x (cells)", None))
+    for axis, (activity, label, reach), column in zip(
+        panels, (*rows, (run.activity_y, "y (cells)", None)), (2, 0, 1), strict=True
+    ):
+        size = activity.shape[1]
+        top = reach or float(size)
+        _activity(axis, run, activity, top)
+        decoded = run.cells[run.is_view, column] * top / size
+        axis.plot(run.seconds[run.is_view], decoded, ",", color="white", alpha=0.55)
+        axis.set(ylabel=label, ylim=(0, top))
+    panels[0].set_yticks(range(0, 361, 90))
+    panels[-1].set_xlabel("time (s)")
+    shown = panels[0].images[0]
+    figure.colorbar(shown, ax=list(panels), shrink=0.6, pad=0.01, label="share of the activity")
+    return figure
+
+
+def _activity(axis: "Axes", run: RatSlamRun, activity: NDArray[np.float32], top: float) -> None:
+    """One picture whose columns are even in time: each shows the last activity known then."""
+    stamps = run.seconds[run.is_view]
+    start, end = float(stamps[0]), float(max(stamps[-1], stamps[0] + 1e-3))
+    moments = np.linspace(start, end, min(_COLUMNS, max(2, len(stamps))))
+    rows = np.searchsorted(stamps, moments + 1e-9, side="right") - 1
+    from matplotlib.colors import PowerNorm
+
+    axis.imshow(
+        activity[rows].T,
+        extent=(start, end, 0, top),
+        origin="lower",
+        aspect="auto",
+        cmap="magma",
+        # Activity spreads over many cells: a square root keeps its rims visible.
+        norm=PowerNorm(0.5, vmin=0, vmax=1),
+    )
+
+
+def draw_views(scene: Scene) -> "Figure | None":
+    """Views by their ids over time, and what the map did; None where nothing was looked at."""
+    run = scene.run
+    if not run.is_view.any():
+        return None
+    figure = new_figure(_WIDTH, 4.6)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    seconds, ids = run.seconds[run.is_view], run.view_ids[run.is_view]
+    new = new_views(ids)
+    for mask, color, name in ((~new & (ids >= 0), TRUE, "known view"), (new, MAP, "new view")):
+        label = f"{name}: {np.count_nonzero(mask)}"
+        above.plot(seconds[mask], ids[mask], "o", mew=0, ms=3, color=color, label=label)
+    above.set(ylabel="view", ylim=(-0.04 * max(ids.max(), 1) - 1, max(ids.max(), 1) * 1.04 + 1))
+    above.grid(alpha=0.25)
+    _marks(below, scene, seconds[ids < 0])
+    below.set_xlabel("time (s)")
+    figure.legend(loc="outside upper left", ncols=2)
+    return figure
+
+
+def new_views(ids: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which of the ids are there for the first time; -1 is none."""
+    new = np.zeros(len(ids), bool)
+    new[np.unique(ids, return_index=True)[1]] = True
+    return new & (ids >= 0)
+
+
+def _marks(axis: "Axes", scene: Scene, blind: Floats) -> None:
+    """A row of strokes for each kind of event."""
+    run, kinds, seconds = scene.run, scene.run.actions[:, 0], scene.run.seconds
+    right = scene.made[scene.right]
+    rows = (
+        ("nothing seen", blind, PATH),
+        ("refused loop", (run.refused["stamp_ns"] - run.stamps_ns[0]) / 1e9, MISSED),
+        ("false loop", seconds[scene.made[scene.false]], FALSE),
+        ("new loop", seconds[right], TRUE),
+        ("known node", seconds[kinds == ActionKind.CREATE_EDGE], TRUE),
+        ("new node", seconds[kinds == ActionKind.CREATE_NODE], MAP),
+    )
+    shown = [row for row in rows if len(row[1])]
+    for height, (_, stamps, color) in enumerate(shown):
+        axis.vlines(stamps, height - 0.38, height + 0.38, colors=color, lw=0.8)
+    names = [f"{name}: {len(stamps)}" for name, stamps, _ in shown]
+    axis.set_yticks(range(len(shown)), names)
+    axis.set_ylim(-0.6, max(len(shown), 1) - 0.4)
+    axis.tick_params(axis="y", length=0)
+
+
+def draw_errors(scene: Scene) -> "Figure | None":
+    """How far map and dead reckoning are off over time; None without truth, or without a node."""
+    if scene.truth is None or scene.report.trajectory is None:
+        return None
+    figure = new_figure(_WIDTH, 3.6)
+    axis = figure.add_subplot()
+    run, report, rows = scene.run, scene.report, scene.run.node_ids >= 0
+    for poses, errors, color, style, name in (
+        (run.dead_reckoning, report.dead_reckoning, RECKONED, "--", "dead reckoning"),
+        (run.poses, report.live, CURVE_COLORS[5], "-", "map, at the time"),
+        (run.final_poses, report.trajectory, MAP, "-", "map, in the end"),
+    ):
+        if errors is None:
+            continue
+        apart = np.hypot(*(moved(poses, errors) - scene.truth)[rows, :2].T)
+        label = f"{name}: RMSE {errors.rmse_m:.2f} m"
+        axis.plot(run.seconds[rows], apart, style, color=color, lw=1.2, label=label)
+    axis.set(xlabel="time (s)", ylabel="metres from the truth")
+    axis.set_ylim(bottom=0)
+    axis.grid(alpha=0.25)
+    figure.legend(loc="outside upper left", ncols=3)
+    return figure
+
+
+def draw_step_times(run: RatSlamRun) -> "Figure | None":
+    """What each stage of a step took, over time and over the size of the map.
+
+    None where nothing was timed.
+    """
+    times = np.where(run.step_seconds > 0, run.step_seconds * 1e3, np.nan)
+    if not np.isfinite(times).any():
+        return None
+    figure = new_figure(_WIDTH, 3.6)
+    left, right = figure.subplots(1, 2, sharey=True)
+    kinds = run.actions[:, 0]
+    nodes = np.cumsum(kinds == ActionKind.CREATE_NODE)
+    for column, (stage, color) in enumerate(zip(STAGES, _STAGE_COLORS, strict=True)):
+        known = times[:, column]
+        if np.isfinite(known).any():
+            label = f"{stage}: median {np.nanmedian(known):.2g} ms"
+            left.plot(run.seconds, known, ".", ms=2, color=color)
+            left.plot([], [], "o", color=color, label=label)
+    changed = kinds != ActionKind.NONE
+    right.plot(nodes[changed], times[changed, 2], ".", ms=3, color=_STAGE_COLORS[2])
+    left.set(xlabel="time (s)", ylabel="milliseconds", yscale="log", title="every step")
+    right.set(xlabel="nodes of the map", title="map, in steps that change it")
+    left.yaxis.set_major_formatter("{x:g}")
+    for axis in (left, right):
+        axis.grid(alpha=0.25)
+    figure.legend(loc="outside upper left", ncols=3)
+    return figure

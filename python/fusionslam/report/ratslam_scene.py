@@ -1,0 +1,121 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A run of RatSLAM as it is drawn: map, dead reckoning and truth in one frame, loops judged."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.evaluation import MapReport, PoseErrors
+from fusionslam.evaluation.rigid import wrapped
+from fusionslam.ratslam.actions import ActionKind
+from fusionslam.ratslam.run_record import RatSlamRun
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is drawn, in the frame of the truth, or in the map's where nobody knows the truth.
+
+    Map and dead reckoning are each laid over the truth by the motion that the report found.
+
+    Attributes:
+        run, report: what happened, and how it was judged.
+        nodes: float64 (k, 3), metres and radians.
+        path: float64 (n, 3), every step on the map as it is in the end.
+        reckoned: float64 (n, 3), dead reckoning.
+        made: int64 (l), the step in which the robot arrived at a known node and the link between
+            was made: a loop; -1 for links that came with a node.
+        false: bool (l), which loops join poses that are not near each other; none without truth.
+    """
+
+    run: RatSlamRun
+    report: MapReport
+    nodes: Floats
+    path: Floats
+    reckoned: Floats
+    made: Integers
+    false: Mask
+
+    @property
+    def truth(self) -> Floats | None:
+        """float64 (n, 3), or None."""
+        return self.run.truth
+
+    @property
+    def loops(self) -> Mask:
+        """Bool (l), which links are loops."""
+        return np.asarray(self.made >= 0)
+
+    @property
+    def right(self) -> Mask:
+        """Bool (l), which links are loops that are not false."""
+        return self.loops & ~self.false
+
+
+def scene_of(run: RatSlamRun, report: MapReport) -> Scene:
+    """Lay a run over its truth, and tell its loops apart."""
+    made = _arrivals(run)
+    return Scene(
+        run=run,
+        report=report,
+        nodes=moved(run.nodes, report.nodes),
+        path=moved(run.final_poses, report.nodes),
+        reckoned=moved(run.dead_reckoning, report.dead_reckoning),
+        made=made,
+        false=_false_links(run, report, made),
+    )
+
+
+def moved(poses: Floats, errors: PoseErrors | None) -> Floats:
+    """Poses laid over the truth; as they are where nobody knows it."""
+    return poses if errors is None else errors.motion.apply(poses)
+
+
+def steps_at(run: RatSlamRun, stamps_ns: Integers) -> Integers:
+    """int64, the last step at exactly these stamps; -1 where there is none."""
+    found = np.searchsorted(run.stamps_ns, stamps_ns, side="right") - 1
+    there = run.stamps_ns[found] if len(run) else found
+    return np.where((found >= 0) & (there == stamps_ns), found, -1)
+
+
+def offs(run: RatSlamRun, steps: Integers, nodes: Integers) -> tuple[Floats, Floats]:
+    """How far the robot truly was from where nodes were made: metres and degrees.
+
+    Args:
+        run: what happened.
+        steps: int64 (m), when.
+        nodes: int64 (m), which nodes.
+
+    Returns:
+        float64 (m) each; NaN where the truth is not known.
+    """
+    at = steps_at(run, run.node_stamps_ns)[nodes]
+    if run.truth is None or not len(steps):
+        return np.full(len(steps), np.nan), np.full(len(steps), np.nan)
+    difference = run.truth[steps] - run.truth[at]
+    difference[(steps < 0) | (at < 0)] = np.nan
+    return np.hypot(*difference[:, :2].T), np.degrees(np.abs(wrapped(difference[:, 2])))
+
+
+def _arrivals(run: RatSlamRun) -> Integers:
+    """The step in which each link was made, where that was an arrival at a known node."""
+    changes = np.flatnonzero(run.actions[:, 0] != ActionKind.NONE)[::-1].tolist()
+    first = {(int(run.actions[row, 1]), int(run.actions[row, 2])): row for row in changes}
+    pairs = zip(run.links["source"].tolist(), run.links["target"].tolist(), strict=True)
+    steps = np.array([first.get(pair, -1) for pair in pairs], np.int64)
+    arrived = (steps >= 0) & (run.actions[steps, 0] == ActionKind.CREATE_EDGE)
+    return np.where(arrived, steps, -1)
+
+
+def _false_links(run: RatSlamRun, report: MapReport, made: Integers) -> Mask:
+    """Loops made while the robot truly was somewhere else than at the node it arrived at."""
+    false = made >= 0
+    metres, degrees = offs(run, made[false], run.links["target"][false])
+    rule = report.rule
+    false[false] = (metres > rule.loop_distance) | (degrees > rule.loop_angle)
+    return false
