@@ -11,6 +11,8 @@ PARTS = ("views", "maps", "descriptors")
 """Views and maps are chapter 5 of Stastny 2022, descriptors chapter 4 of Perdomo 2019."""
 VIEWS = ("first_stage", "both_stages", "templates", "alignment")
 """The thesis's two approaches, its rival (the original RatSLAM's templates), and ours."""
+OURS = "alignment"
+"""Of these, ours."""
 WITHOUT_SENSOR = "every_3rd"
 """Accuracy alone says little: what this scores, which looks at nothing, stands beside it."""
 QUICK_EACH = 4
@@ -25,16 +27,15 @@ class ReproduceConfig(Section):
     worlds: tuple[str, ...] = option(WORLDS, "worlds of chapter 5 of Stastny 2022")
     views: tuple[str, ...] = option(VIEWS, "ways to recognise views, as fusionslam bench views")
     parts: tuple[str, ...] = option(PARTS, "what is reproduced")
-    recordings: str | None = option(
-        None, "folder of recordings (.npz) named after the worlds; null: worlds that are made"
+    data: str | None = option(
+        None,
+        "folder with recordings/<world>.npz and with descriptors/, reference/, kitti/ of their "
+        "authors, any of them; null, and what is not there: worlds that are made, nothing stored",
     )
     kitti: str | None = option(
         None, "folder of KITTI odometry for the descriptors; null: the simulated town"
     )
-    reference: str | None = option(
-        None, "folder of stored descriptors and of clouds that their author described"
-    )
-    quick: bool = option(False, f"one scan of {QUICK_EACH}, no stereo, no CSHOT, fewer thresholds")
+    quick: bool = option(False, f"one scan of {QUICK_EACH}, no stereo, no CSHOT")
 
 
 def checked(config: ReproduceConfig) -> ReproduceConfig:

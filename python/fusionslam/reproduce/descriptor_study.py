@@ -191,9 +191,9 @@ def _labelled(step: Step, what: str) -> Step:
 
 def _stored(config: ReproduceConfig) -> Stored | None:
     """What the author stored, judged and described again; None without it."""
-    if config.reference is None:
+    root = Path(config.data or "").expanduser()
+    if config.data is None or not (root / "descriptors").is_dir():
         return None
-    root = Path(config.reference).expanduser()
     try:
         vectors = np.load(root / "descriptors" / "kitti06_lidar_camera_m2dp.npy")
         file = root / "descriptors" / "kitti06_lidar_camera_m2dp.pr.csv"

@@ -14,6 +14,7 @@ import numpy as np
 from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.evaluation.view_published import world_of
+from fusionslam.ratslam.tours import Tour, open_tour
 from fusionslam.reproduce.config import QUICK_EACH, ReproduceConfig
 from fusionslam.reproduce.pieces import state_of
 from fusionslam.views.drives import Drive, Step, open_drive
@@ -84,6 +85,11 @@ class Source:
             return replace(opened, name=f"simulated {self.world}", world=None)
         return _thinned(opened) if self.quick else opened
 
+    @cached_property
+    def tour(self) -> Tour:
+        """The way as the robot drove it. Raises as ``open_tour``."""
+        return open_tour(self.recording, jobs=self.jobs, progress=self.step)
+
     @property
     def _config(self) -> Any:
         from fusionslam.sim.recording import embedded_config
@@ -99,27 +105,22 @@ class Source:
 
 
 def sources(config: ReproduceConfig, jobs: int, step: Step | None) -> list[Source]:
-    """The drives that a configuration names; the log says which worlds have no recording.
+    """The drives that a configuration names: recordings where there are some, else made worlds.
 
     Raises:
-        DataError: a folder without recordings of these worlds.
+        DataError: the folder of the data is none.
     """
-    if config.recordings is None:
-        return [Source(world, None, config.quick, jobs, step) for world in config.worlds]
-    folder = Path(config.recordings).expanduser()
-    known = {world_of(path.stem): path for path in sorted(folder.glob("*.npz"))}
-    missing = [world for world in config.worlds if world not in known]
-    if len(missing) == len(config.worlds):
-        raise DataError(
-            f"{folder}: no recordings, expected {', '.join(f'{w}.npz' for w in config.worlds)}"
-        )
-    for world in missing:
-        logger.warning("%s: no recording of %s, which is left out", folder, world)
-    return [
-        Source(world, known[world], config.quick, jobs, step)
-        for world in config.worlds
-        if world in known
-    ]
+    known = {} if config.data is None else _recordings(Path(config.data).expanduser())
+    for world in config.worlds:
+        if config.data is not None and world not in known:
+            logger.info("%s: no recording of %s, which is made instead", config.data, world)
+    return [Source(world, known.get(world), config.quick, jobs, step) for world in config.worlds]
+
+
+def _recordings(folder: Path) -> dict[str | None, Path]:
+    if not folder.is_dir():
+        raise DataError(f"{folder}: expected a folder with recordings/<world>.npz")
+    return {world_of(path.stem): path for path in sorted((folder / "recordings").glob("*.npz"))}
 
 
 def _rarer(config: Any) -> Any:

@@ -149,33 +149,58 @@ def _facts(source: Source, pieces: Pieces) -> DriveFacts:
     return DriveFacts(source.world, source.words, source.made, **facts)
 
 
+def recognised(
+    source: Source, frame: FrameName, method: str, pieces: Pieces, step: Step | None
+) -> Outcome:
+    """What one way gives in one world and frame, without its curve. Raises as ``study_views``."""
+    task = _task(source, frame, method, step)
+    try:
+        run = pieces.kept(
+            f"{source.world}-{method}-{own_frame(frame, method)}",
+            _known(source, frame, method),
+            lambda: _ran(ENTRANTS[method], task()),
+            ViewRun.save,
+            ViewRun.load,
+        )
+    except _NotHad as missing:
+        return Outcome(source.world, frame, method, None, str(missing))
+    return Outcome(source.world, frame, method, run)
+
+
+def own_frame(frame: FrameName, method: str) -> FrameName:
+    """The frame in which a way is run: the robot's for one that no frame changes."""
+    return "robot" if ENTRANTS[method].any_frame else frame
+
+
+def _known(source: Source, frame: FrameName, method: str) -> dict[str, Any]:
+    return {"source": source.identity, "method": method, "frame": own_frame(frame, method)}
+
+
+def _task(
+    source: Source, frame: FrameName, method: str, step: Step | None
+) -> Callable[[], Task]:
+    own, title = own_frame(frame, method), ENTRANTS[method].title
+    return lambda: Task(title, source.drive, own, source.jobs, step)
+
+
 def _outcome(
     source: Source, frame: FrameName, method: str, pieces: Pieces, step: Step | None
 ) -> Outcome:
-    entrant = ENTRANTS[method]
-    own: FrameName = "robot" if entrant.any_frame else frame
-
-    def task() -> Task:
-        return Task(entrant.title, source.drive, own, source.jobs, step)
-
-    name = f"{source.world}-{method}-{own}"
-    known = {"source": source.identity, "method": method, "frame": own}
-    try:
-        run = pieces.kept(name, known, lambda: _ran(entrant, task()), ViewRun.save, ViewRun.load)
-    except _NotHad as missing:
-        return Outcome(source.world, frame, method, None, str(missing))
-    if entrant.matcher is None or frame == "drift" or own != frame:
-        return Outcome(source.world, frame, method, run)
-    rule = RULES[frame]
+    """With the curve, where there is one and the frame is not that of drifting odometry."""
+    outcome, own = recognised(source, frame, method, pieces, step), own_frame(frame, method)
+    swept = ENTRANTS[method].matcher is not None and frame != "drift" and own == frame
+    if outcome.run is None or not swept:
+        return outcome
+    rule, task = RULES[frame], _task(source, frame, method, step)
     curve = pieces.kept(
-        f"{name}-curve",
-        known | {"rule": rule},
+        f"{source.world}-{method}-{own}-curve",
+        _known(source, frame, method) | {"rule": rule},
         lambda: _swept(method, task(), rule),
         ViewCurve.save,
         ViewCurve.load,
         ".json",
     )
-    return Outcome(source.world, frame, method, replace(run, curve=curve))
+    return replace(outcome, run=replace(outcome.run, curve=curve))
 
 
 def _ran(entrant: Entrant, task: Task) -> ViewRun:
