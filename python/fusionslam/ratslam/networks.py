@@ -105,7 +105,8 @@ class ReferenceNetwork:
 
     def inject(self, place: Place, energy: float) -> None:
         """Into one cell, the one whose corner lies before the place."""
-        self._sheet.inject(*(float(math.floor(value)) for value in place), energy)
+        x, y, th = (float(math.floor(value)) for value in place)
+        self._sheet.inject(x, y, th, energy)
 
     def accept(self) -> None:
         """The reference knows no doubt."""
@@ -213,8 +214,8 @@ class SteadyNetwork:
         """Spread over the cells around the place; the packet moves as far as its mean does."""
         before = Place(*self._sheet.decode())
         place = after(place, back(self._way))
-        where = [one - slip for one, slip in zip(place, self._slip, strict=True)]
-        self._sheet.inject(*where, energy)
+        x, y, th = (one - slip for one, slip in zip(place, self._slip, strict=True))
+        self._sheet.inject(x, y, th, energy)
         self._sheet.assign(self._sheet.activity / (1 + energy))
         found = Place(*self._sheet.decode())
         moved = differences(found, before, self._size)
