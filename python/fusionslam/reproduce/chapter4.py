@@ -48,7 +48,7 @@ def _colors(study: DescriptorStudy, folder: Path) -> Chapter:
     case = _colored_case(study)
 
     def at(space: str, precision: float) -> float | None:
-        return recall_at(_color_curve(study, space), precision)
+        return color_recall(study, space, precision)
 
     heads = []
     for place, precision in enumerate((1.0, 0.9)):
@@ -98,7 +98,9 @@ def _times(study: DescriptorStudy) -> Chapter:
             table = table_of(tuple(NAMES), heads)
             title = f"Table {_TABLES[source][0]}, {_SOURCES[source]}, here on {case}"
             chapter.show(title, table, "descriptor")
-    thinned = " Stereo clouds of the town are thinned to one point in 0.2 m." if TOWN in case else ""
+    thinned = (
+        " Stereo clouds of the town are thinned to one point in 0.2 m." if TOWN in case else ""
+    )
     chapter.say(
         "One frame at a time took this long while as many were worked on as there were jobs; the "
         f"thesis's times are from another machine, an i7 at 2.0 GHz.{thinned}"
@@ -210,6 +212,11 @@ def recall_at(curve: PrecisionRecall | None, precision: float) -> float | None:
     return float(reached.max()) if reached.size else 0.0
 
 
+def color_recall(study: DescriptorStudy, space: str, precision: float) -> float | None:
+    """The largest recall of c-M2DP in a colour space with at least so much precision."""
+    return recall_at(_color_curve(study, space), precision)
+
+
 def _color_curve(study: DescriptorStudy, space: str) -> PrecisionRecall | None:
     found = study.find(_colored_case(study), "lidar", "cm2dp", space)
     return None if found is None else found.curve
@@ -241,16 +248,16 @@ def descriptor_claims(study: DescriptorStudy) -> list[Claim]:
         compared(
             "c-M2DP recalls more than M2DP at 100 % precision",
             names,
-            of("cm2dp", "author", _full),
-            of("m2dp", "author", _full),
+            of("cm2dp", "author", full_recall),
+            of("m2dp", "author", full_recall),
             "{:.3f}",
         ),
         *(
             compared(
                 f"c-M2DP recalls more at 100 % precision in RGB than in {SPACES[space]}",
                 [_colored_case(study)],
-                lambda case: recall_at(_color_curve(study, "rgb"), 1.0),
-                lambda case, space=space: recall_at(_color_curve(study, space), 1.0),  # type: ignore[misc]
+                lambda case: color_recall(study, "rgb", 1.0),
+                lambda case, space=space: color_recall(study, space, 1.0),  # type: ignore[misc]
                 "{:.3f}",
             )
             for space in ("hsv", "lab")
@@ -258,15 +265,15 @@ def descriptor_claims(study: DescriptorStudy) -> list[Claim]:
         compared(
             "CSHOT takes longer to compute than c-M2DP",
             names,
-            of("cshot", "author", _describe_ms),
-            of("cm2dp", "author", _describe_ms),
+            of("cshot", "author", describe_ms),
+            of("cm2dp", "author", describe_ms),
             "{:.1f} ms",
         ),
         compared(
             "Ours, not the thesis's: our preset of c-M2DP recalls at least as much as its author's",
             names,
-            of("cm2dp", "robust", _full),
-            of("cm2dp", "author", _full),
+            of("cm2dp", "robust", full_recall),
+            of("cm2dp", "author", full_recall),
             "{:.3f}",
         ),
     ]
@@ -287,11 +294,15 @@ def _stored_claim(study: DescriptorStudy) -> Claim:
     )
 
 
-def _full(measured: Measured) -> float | None:
-    return recall_at(measured.curve, 1.0)
+def full_recall(measured: Measured | None) -> float | None:
+    """Recall at 100 % precision; None where it was not measured, or does not exist."""
+    return None if measured is None else recall_at(measured.curve, 1.0)
 
 
-def _describe_ms(measured: Measured) -> float | None:
+def describe_ms(measured: Measured | None) -> float | None:
+    """Mean time to describe a cloud; None where it was not measured."""
+    if measured is None:
+        return None
     seconds = measured.evaluation.run.seconds.get("describe", np.empty(0))
     return float(np.mean(seconds) * 1e3) if len(seconds) else None
 

@@ -231,8 +231,10 @@ def _best_thresholds(study: ViewStudy, methods: Sequence[str]) -> Table:
     for frame in ("odometry", "robot"):
         for drive in study.drives:
             for run, _ in _judged(study, drive.world, frame, methods):
-                best = run.curve and run.curve.most_accurate_threshold()
-                if run.curve is not None and best is not None:
+                if run.curve is None:
+                    continue
+                best = run.curve.most_accurate_threshold()
+                if best is not None:
                     name = f"{drive.world}, {frame}: {run.method}"
                     rows[name] = best, run.curve.at(best)
     heads = [Head("threshold", "where accuracy is largest", lambda row: f"{rows[row][0]:.2f}")]

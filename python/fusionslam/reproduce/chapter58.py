@@ -212,8 +212,9 @@ def map_claims(study: MapStudy) -> list[Claim]:
         return _alone(study, world, "truth+noise")
 
     worlds, show = list(study.words), "{:.2f} m"
-    first, second = of("truth", "first_stage", "openratslam"), of(
-        "truth", "both_stages", "openratslam"
+    first, second = (
+        of("truth", "first_stage", "openratslam"),
+        of("truth", "both_stages", "openratslam"),
     )
     original = of("truth", "templates", "openratslam")
     return [

@@ -159,7 +159,7 @@ def _variants(
     measured = []
     for variant, names in (("author", published), ("robust", ("m2dp", "cm2dp"))):
         settings = {"descriptors": {"preset": variant}}
-        wanted = dict.fromkeys(sources, list(names))
+        wanted = dict.fromkeys(sources, names)
         measured += _run(case, variant, recording, folder / variant, wanted, settings, jobs, step)
     return measured
 

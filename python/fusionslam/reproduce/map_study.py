@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -27,7 +27,8 @@ from fusionslam.views.entrants import ENTRANTS
 
 ODOMETRIES: dict[str, FrameName] = {"truth": "odometry", "truth+noise": "drift"}
 """What tells the motion, and the frame that the thesis's clouds are in then."""
-PRESETS = ("openratslam", "robust")
+Preset = Literal["openratslam", "robust"]
+PRESETS: tuple[Preset, ...] = get_args(Preset)
 """RatSLAM as the thesis used it, and ours."""
 
 
@@ -113,7 +114,7 @@ def study_maps(
 
 
 def _mapped(
-    source: Source, odometry: str, method: str, preset: str, pieces: Pieces, step: Step | None
+    source: Source, odometry: str, method: str, preset: Preset, pieces: Pieces, step: Step | None
 ) -> Mapped:
     frame, slam = ODOMETRIES[odometry], RatSlamConfig(preset=preset)
     views = recognised(source, frame, method, pieces, step)

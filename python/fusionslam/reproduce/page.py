@@ -13,6 +13,7 @@ from fusionslam.report.assembly import environment
 from fusionslam.reproduce.blocks import Chapter, as_markdown
 from fusionslam.reproduce.claims import Claim, claims_table
 from fusionslam.reproduce.config import QUICK_EACH, ReproduceConfig
+from fusionslam.reproduce.differences import Difference, differences_table, met_sentence
 from fusionslam.reproduce.pieces import save_json
 from fusionslam.reproduce.view_study import ViewStudy
 
@@ -27,6 +28,18 @@ def claims_chapter(claims: Sequence[Claim]) -> Chapter:
     table = claims_table(claims)
     chapter.show("Decided by the figures below", table, "conclusion", worded=True)
     return chapter
+
+
+def differences_chapters(differences: Sequence[Difference]) -> list[Chapter]:
+    """What came out otherwise than published; none where nothing is compared."""
+    if not differences:
+        return []
+    chapter = Chapter("Where it differs from what was published")
+    table = differences_table(differences)
+    chapter.say(met_sentence(differences))
+    if table.rows:
+        chapter.show("In the theses' own set-ups", table, "figure", worded=True)
+    return [chapter]
 
 
 def lead(config: ReproduceConfig, about: Mapping[str, Any]) -> str:

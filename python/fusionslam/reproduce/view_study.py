@@ -176,9 +176,7 @@ def _known(source: Source, frame: FrameName, method: str) -> dict[str, Any]:
     return {"source": source.identity, "method": method, "frame": own_frame(frame, method)}
 
 
-def _task(
-    source: Source, frame: FrameName, method: str, step: Step | None
-) -> Callable[[], Task]:
+def _task(source: Source, frame: FrameName, method: str, step: Step | None) -> Callable[[], Task]:
     own, title = own_frame(frame, method), ENTRANTS[method].title
     return lambda: Task(title, source.drive, own, source.jobs, step)
 
