@@ -38,6 +38,18 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder that much will be written to, before the work is done that it is for.
+
+    Raises:
+        DataError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f"cannot write {folder}: {why_not(folder / 'x', error)}") from error
+
+
 def why_not(target: Path, error: OSError) -> str:
     """Why no file can be made at a path: what the system says, or that a folder is a file."""
     for folder in target.parents:
