@@ -7,7 +7,7 @@ import io
 import json
 import os
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -219,31 +219,41 @@ class Full(io.FileIO):
         return super().write(content)
 
 
-@pytest.fixture
-def full_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Full]]:
+def fill_disk(monkeypatch: pytest.MonkeyPatch, room: int) -> None:
+    """From now on no file can have more bytes than these."""
     real = Path.open
 
     def opened(path: Path, mode: str = "r", *more: Any, **words: Any) -> Any:
         return Full(path, "w") if mode == "wb" else real(path, mode, *more, **words)
 
     monkeypatch.setattr(Path, "open", opened)
-    yield Full
+    monkeypatch.setattr(Full, "room", room)
 
 
-@pytest.mark.parametrize("room", [0, 300, 3000])
+@pytest.mark.parametrize("room", [0, 300, 30_000])
 def test_a_full_disk_is_an_error_that_leaves_the_old_file_and_nothing_else(
-    saved: Path, full_disk: type[Full], monkeypatch: pytest.MonkeyPatch, room: int
+    saved: Path, monkeypatch: pytest.MonkeyPatch, room: int
 ) -> None:
     content, slam = saved.read_bytes(), RatSlam.load(saved)
     take(slam, [Look(100 * SECOND, images(9, 0))])
-    monkeypatch.setattr(full_disk, "room", room)
-    with pytest.raises(DataError, match=r"cannot write .*state\.npz: No space left on device"):
-        slam.save(saved)
+    before = everything(slam)
+    with monkeypatch.context() as patch:
+        fill_disk(patch, room)
+        with pytest.raises(DataError, match=r"cannot write .*: No space left on device"):
+            slam.save(saved)
     assert saved.read_bytes() == content
     assert [path.name for path in saved.parent.iterdir()] == ["state.npz"]
-    monkeypatch.undo()
+    assert same(everything(slam), before)
     slam.save(saved)
-    assert same(everything(RatSlam.load(saved)), everything(slam))
+    assert same(everything(RatSlam.load(saved)), before)
+
+
+def test_no_room_to_unpack_views_is_an_error_too(
+    saved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fill_disk(monkeypatch, 0)
+    with pytest.raises(DataError, match=r"state\.npz: cannot write into .*No space left on device"):
+        RatSlam.load(saved)
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:

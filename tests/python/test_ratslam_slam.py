@@ -70,7 +70,9 @@ def test_odometry_arrives_faster_than_views_or_slower() -> None:
     way = circles(0.5)
     for rate_hz in (5.0, 50.0):
         slam = RatSlam()
-        events: list[Event] = [*odometry(way, rate_hz=rate_hz)]
+        events: list[Event] = [
+            one for one in odometry(way, rate_hz=rate_hz) if one.stamp_ns < 99 * TENTH
+        ]
         events += [Sighting(k * TENTH, k // 10) for k in range(1, 100)]
         steps = take(slam, sorted(events, key=lambda event: event.stamp_ns))
         assert {step.view_id for step in steps if step.looked} == set(range(10))

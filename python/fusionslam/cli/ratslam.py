@@ -103,7 +103,13 @@ def ratslam(
             tour = _tour(data, whole, reading, step, opt.cores(jobs))
             assert slam.views is not None  # every source that has a name
             events = events_of(
-                tour, slam.views, odometry, whole.odometry, jobs=opt.cores(jobs), progress=step
+                tour,
+                slam.views,
+                odometry,
+                whole.odometry,
+                seen=whole.visual_odometry,
+                jobs=opt.cores(jobs),
+                progress=step,
             )
             recorder = RunRecorder(slam, events, earlier=earlier)
             watch = shown.enter_context(_live(live, events))

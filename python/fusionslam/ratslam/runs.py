@@ -19,6 +19,7 @@ from fusionslam.ratslam.run_record import NO_NODE, REFUSED, RatSlamRun
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.ratslam.sources import SourceOptions, source_named
 from fusionslam.ratslam.tours import Progress, open_tour
+from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
 from fusionslam.sim.motion.odometry import OdometryConfig
 from fusionslam.sim.motion.trajectory import Trajectory
 from fusionslam.views.drives import DRIFT
@@ -129,6 +130,7 @@ def run_ratslam(
     *,
     options: SourceOptions | None = None,
     errors: OdometryConfig = DRIFT,
+    seen: VisualOdometryConfig | None = None,
     jobs: int = 1,
     progress: Progress | None = None,
     watch: Watch | None = None,
@@ -143,6 +145,7 @@ def run_ratslam(
         config: of the cells and the map.
         options: what views are made with.
         errors: of odometry "truth+noise".
+        seen: how speed is seen in images, of odometry "visual"; None for the defaults.
         jobs: images that are rendered at a time.
         progress: told about progress.
         watch: called after each step.
@@ -153,7 +156,7 @@ def run_ratslam(
     """
     chosen = source_named(views, options)
     opened = open_tour(source, jobs=jobs, progress=progress)
-    events = events_of(opened, chosen, odometry, errors, jobs=jobs, progress=progress)
+    events = events_of(opened, chosen, odometry, errors, seen=seen, jobs=jobs, progress=progress)
     recorder = RunRecorder(RatSlam(config, views=chosen), events)
     run_events(recorder, progress, watch)
     return recorder.record()

@@ -15,12 +15,19 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.messages import Odometry
 from fusionslam.ratslam.actions import Action, ActionKind
 from fusionslam.ratslam.events import Event, Look, Motion, Sighting
-from fusionslam.ratslam.experience_map import ExperienceMap, ExperienceMapConfig, LoopCheck
+from fusionslam.ratslam.experience_map import (
+    ExperienceMap,
+    ExperienceMapConfig,
+    LoopCheck,
+    Relaxation,
+)
 from fusionslam.ratslam.odometer import (
     Ground,
     Limits,
@@ -60,6 +67,10 @@ class RatSlamConfig(Section):
         le=1000,
     )
 
+    ambiguous: int = option(
+        3, "a view that was seen at so many other places does not speak against odometry", ge=1
+    )
+
     @property
     def limits(self) -> Limits:
         """Of what odometry is believed."""
@@ -82,6 +93,7 @@ class Step:
         loop: how well a loop fitted the map; None where none was found, or none is checked.
         why: what happened, in a sentence; empty where nothing did.
         refused: the edge that was not made, as its loop did not fit.
+        relaxation: how well links fit after nodes were moved; None where nothing was done.
         looked: whether somebody looked.
         seconds: what looking, the cells and the map took.
     """
@@ -97,6 +109,7 @@ class Step:
     loop: LoopCheck | None = None
     why: str = ""
     refused: Action | None = None
+    relaxation: Relaxation | None = None
     looked: bool = False
     seconds: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), compare=False)
 
@@ -291,7 +304,7 @@ class RatSlam:
         with watch.of("map"):
             done = self._checked(action)
             self.map.apply(done.action)
-            self.map.relax()
+            done = done._replace(relaxation=self.map.relax())
         if done.action.kind == ActionKind.CREATE_NODE:
             self.memory.node_stamps_ns.append(self.memory.newest_ns or 0)
             self.memory.node_views.append(self.memory.view)
@@ -302,9 +315,30 @@ class RatSlam:
         if action.kind != ActionKind.CREATE_EDGE or self.preset == "openratslam":
             return _Done(action)
         loop = self.map.check(action)
+        if loop.accepted and not self._fits(loop):
+            loop = self._doubted(action, loop)
         if loop.accepted:
             return _Done(action, loop)
         return _Done(self.cells.refuse(action), loop, refused=action)
+
+    @staticmethod
+    def _fits(loop: LoopCheck) -> bool:
+        """Whether odometry alone believes it; else other loops had to speak for it."""
+        return loop.error_m <= loop.allowed_m and loop.error_rad <= loop.allowed_rad
+
+    def _doubted(self, action: Action, loop: LoopCheck) -> LoopCheck:
+        """A view that is seen all over the map says nothing against odometry.
+
+        Where everything looks the same, loops agree with each other, and are wrong.
+        """
+        places = self.map.nodes[:, :2]
+        alike = places[np.array(self.memory.node_views) == self.memory.view]
+        apart = np.linalg.norm(alike - places[action.target], axis=1)
+        elsewhere = int(np.count_nonzero(apart > loop.error_m / 2))
+        if elsewhere < self.config.ambiguous:
+            return loop
+        reason = f"{loop.reason}; but the view was seen at {elsewhere} other places, too"
+        return loop._replace(accepted=False, reason=reason)
 
     def _told(
         self,
@@ -327,6 +361,7 @@ class RatSlam:
             loop=done.loop,
             why="; ".join(filter(None, self._reasons(stride, sighting, done))),
             refused=done.refused,
+            relaxation=done.relaxation,
             looked=sighting is not None,
             seconds=watch.seconds,
         )
@@ -353,6 +388,7 @@ class _Done(NamedTuple):
     action: Action
     loop: LoopCheck | None = None
     refused: Action | None = None
+    relaxation: Relaxation | None = None
 
 
 def _plain(sighting: Sighting) -> str:
