@@ -12,6 +12,7 @@
 import logging
 import os
 from contextlib import ExitStack
+from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,7 +95,11 @@ class LiveView:
         self._ways: dict[str, list[list[float]]] = {which: [] for which in _COLOURS}
         self._last: tuple[Step, RatSlam] | None = None
         # Without properties: they hold the time of the wall clock, as does log_time.
-        self._recording = self._rerun.RecordingStream(f"fusionslam {name}", send_properties=False)
+        self._recording = self._rerun.RecordingStream(
+            f"fusionslam {name}",
+            send_properties=False,
+            batcher_config=None if path is None else _large_chunks(self._rerun),
+        )
         self._recording.set_log_time_enabled(False)
         self._temporary = None if path is None else self._files.enter_context(atomic_path(path))
         # In memory: rerun's own writer may wait for ever for a disk that is full.
@@ -272,6 +277,13 @@ def _check(path: Path) -> None:
         raise ConfigError(f"live view into {path}: expected a name that ends in .rrd")
     if path.is_dir():
         raise DataError(f"cannot write {path}: it is a folder")
+
+
+def _large_chunks(rerun: Any) -> Any:
+    """Rows of a file go together by their size; nobody waits for them."""
+    config = rerun.ChunkBatcherConfig.DEFAULT()
+    config.flush_tick = timedelta(days=1)
+    return config
 
 
 def _blueprint() -> Any:
