@@ -40,8 +40,8 @@ Raises:
           R"(Takes over stored activity, of any shape with as many cells.
 
 Raises:
-    ShapeError: another number of cells. DataError: a cell that is negative or not finite, or none
-    that is active. The sheet is then as before.)")
+    ShapeError: another number of cells. DataError: a cell that is negative or not finite, or a sum
+    that is 0 or not finite. The sheet is then as before.)")
       .def(
           "settle",
           [](SharedSheet& self, double global_inhibition) {
@@ -65,14 +65,17 @@ Args:
     layers: that everything then moves by along the headings.
 
 Raises:
-    ShapeError: not 36 ways.)")
+    ShapeError: not 36 ways. DataError: one that is not finite.)")
       .def(
           "inject",
           [](SharedSheet& self, double x, double y, double th, double energy) {
             self.write([&](PoseSheet& sheet) { sheet.inject({x, y, th}, energy); });
           },
           "x"_a, "y"_a, "th"_a, "energy"_a,
-          "Adds energy at a place in cells: to the eight cells round it, whose mean it is.")
+          R"(Adds energy at a place in cells: to the eight cells round it, whose mean it is.
+
+Raises:
+    DataError: a number that is not finite, or negative energy.)")
       .def(
           "decode",
           [](const SharedSheet& self) {

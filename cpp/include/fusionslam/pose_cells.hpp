@@ -28,20 +28,23 @@ class PoseSheet {
   /// By th, y, x.
   std::span<const double> activity() const { return cells_; }
   /// Takes over stored activity. Throws ShapeError for another number of cells, DataError for
-  /// values that are not finite or negative, or all of them 0. The sheet is then unchanged.
+  /// values that are not finite or negative, or a sum that is 0 or not finite. The sheet is then
+  /// unchanged.
   void assign(std::span<const double> activity);
 
   /// One step of the attractor: P = P * E; P = P - P * I; P = max(P - global_inhibition, 0), scaled
   /// to the sum 1. E and I are wrapped Gaussians of the sum 1, 7 and 5 wide, of deviations 1 and 2.
-  /// Throws ConfigError, and leaves the sheet as it is, if no activity is left.
+  /// Throws ConfigError, and leaves the sheet as it is, if no activity is left, or no finite one.
   void settle(double global_inhibition);
 
   /// Moves each layer by its own way, in cells of any length, bilinearly, then all of them by
-  /// `layers` along th, linearly. `x` and `y` hold one finite number a layer.
+  /// `layers` along th, linearly. `x` and `y` hold one number a layer. Throws ShapeError for
+  /// another number of ways, DataError if one is not finite; the sheet is then unchanged.
   void move(std::span<const double> x, std::span<const double> y, double layers);
 
   /// Adds energy at a place: to the eight cells round it, so that it is their mean. The place is
-  /// finite and may lie outside of the sheet, where it wraps.
+  /// may lie outside of the sheet, where it wraps. Throws DataError for numbers that are not finite
+  /// or negative energy; the sheet is then unchanged.
   void inject(const SheetPlace& place, double energy);
 
   /// The place of the packet: the circular means of the cells around the largest one, three to each

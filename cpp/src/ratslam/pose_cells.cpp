@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <string>
 
@@ -135,7 +136,19 @@ void check_activity(std::span<const double> activity, std::size_t expected) {
                       ", expected a finite number, 0 or more");
     sum += value;
   }
-  if (!(sum > 0)) throw DataError("no cell is active");
+  if (!(sum > 0 && std::isfinite(sum)))
+    throw DataError("the activity of all cells is " + std::to_string(sum) +
+                    ", expected a finite number over 0");
+}
+
+void check_ways(std::span<const double> x, std::span<const double> y, double layers) {
+  if (x.size() != layers_count || y.size() != layers_count)
+    throw ShapeError("ways of " + std::to_string(x.size()) + " and " + std::to_string(y.size()) +
+                     " layers, expected " + std::to_string(layers_count));
+  const auto finite = [](double value) { return std::isfinite(value); };
+  if (!std::all_of(x.begin(), x.end(), finite) || !std::all_of(y.begin(), y.end(), finite) ||
+      !finite(layers))
+    throw DataError("a way on the sheet of pose cells is not finite");
 }
 
 }  // namespace
@@ -173,7 +186,8 @@ void PoseSheet::settle(double global_inhibition) {
   // Written to `layers_`: `cells_` stay what they are until it is known that activity is left.
   const double sum = kernels.inhibit(blurred_.data(), next_.data(), global_inhibition,
                                      cells_.size(), layers_.data());
-  if (!(sum > 0))
+  // Less than this could not be scaled to 1.
+  if (!(sum >= std::numeric_limits<double>::min() && std::isfinite(sum)))
     throw ConfigError("pose_cells.global_inhibition " + std::to_string(global_inhibition) +
                       " leaves no cell active");
   kernels.scale(1 / sum, cells_.size(), layers_.data());
@@ -181,9 +195,7 @@ void PoseSheet::settle(double global_inhibition) {
 }
 
 void PoseSheet::move(std::span<const double> x, std::span<const double> y, double layers) {
-  if (x.size() != layers_count || y.size() != layers_count)
-    throw ShapeError("ways of " + std::to_string(x.size()) + " and " + std::to_string(y.size()) +
-                     " layers, expected " + std::to_string(layers_count));
+  check_ways(x, y, layers);
   const SheetKernels& kernels = detail::sheet_kernels(simd_level());
   const auto n = static_cast<std::size_t>(size_), area = layer_size();
   for (std::size_t th = 0; th < layers_count; ++th)
@@ -199,6 +211,10 @@ void PoseSheet::move(std::span<const double> x, std::span<const double> y, doubl
 }
 
 void PoseSheet::inject(const SheetPlace& place, double energy) {
+  if (!(energy >= 0) || !std::isfinite(energy + place.x + place.y + place.th))
+    throw DataError("energy " + std::to_string(energy) + " at " + std::to_string(place.x) + ", " +
+                    std::to_string(place.y) + ", " + std::to_string(place.th) +
+                    ": expected finite numbers and energy of 0 or more");
   const auto n = static_cast<std::size_t>(size_);
   const Way x(place.x, size_), y(place.y, size_), th(place.th, headings);
   const auto share = [](const Way& way, std::size_t next) { return next ? way.beyond : way.here; };

@@ -11,6 +11,7 @@ Action(kind=<ActionKind.CREATE_NODE: 1>, source=0, target=0, relative_rotation=0
 
 import math
 import operator
+from collections.abc import Mapping
 from typing import Any, Literal, SupportsIndex
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.ratslam.actions import Action, ActionKind
+from fusionslam.ratslam.cell_state import EXPERIENCE_TABLES, VIEW_TABLES, checked_state
 from fusionslam.ratslam.networks import Network, ReferenceNetwork, SteadyNetwork
 from fusionslam.ratslam.places import (
     HEADINGS,
@@ -39,6 +41,9 @@ Floats = NDArray[np.float64]
 INJECT = {"robust": 0.15, "openratslam": 0.05}
 """Energy of a view by preset: the reference run's; ours lets five views in a row win a packet."""
 _OLDER_THAN = 10
+_TABLES = (*VIEW_TABLES, *EXPERIENCE_TABLES)
+# Ways longer than this, in cells, say nothing about the place in a cell any more.
+_FARTHEST = 1e9
 # The decay from which a view has no energy left: 30 - exp(1.2 decay) is 0.
 _WORN = math.log(30) / 1.2
 
@@ -70,7 +75,8 @@ class PoseCellsConfig(Section):
     )
     step_s: float = option(
         0.5,
-        "robust: odometry between two steps of the attractor; openratslam takes one with each",
+        "robust: odometry between two steps of the attractor, which also takes one every cell of "
+        "way; openratslam takes one with each odometry",
         unit="s",
         ge=1e-3,
         le=3600,
@@ -83,8 +89,8 @@ class PoseCells:
     The two presets differ in this:
 
     - ``openratslam`` takes a step of the attractor with each odometry, ``robust`` one every
-      ``step_s`` of stamped time, with exact motion between: the pose does not depend on how often
-      odometry arrives, and at dt 0 nothing moves.
+      ``step_s`` of stamped time and every cell of way, with exact motion between: the pose does not
+      depend on how often odometry arrives, and at dt 0 nothing moves.
     - Views: ``openratslam`` adds energy to one cell, for views older than the last ten or, while
       there are fewer than ten, for any; ``robust`` spreads it over the cells around the place, for
       views older than the last ten only, and a view that the robot keeps looking at wears only so
@@ -171,12 +177,16 @@ class PoseCells:
         try:
             x, y = place
             values = np.array((x, y, rotation), np.float64)
-        except (TypeError, ValueError):
-            raise DataError(f"relative place {place!r}: expected x and y in metres") from None
-        if not np.isfinite(values).all():
-            raise DataError(f"relative rotation {rotation}, place {place}: expected finite numbers")
-        cell = self.config.cell_m
-        x, y = (values[:2] / cell).tolist() if self._robust else (0.0, 0.0)
+        except (TypeError, ValueError, OverflowError):
+            raise DataError(
+                f"relative rotation {rotation!r}, place {place!r}: expected a number and x, y"
+            ) from None
+        if not np.isfinite(values).all() or np.abs(values).max() > _FARTHEST * self.config.cell_m:
+            raise DataError(
+                f"relative rotation {rotation}, place {place}: expected finite numbers, "
+                f"of no more than {_FARTHEST * self.config.cell_m:g}"
+            )
+        x, y = (values[:2] / self.config.cell_m).tolist() if self._robust else (0.0, 0.0)
         return Place(x, y, float(values[2]) / LAYER)
 
     def _learn(self, relative: Place) -> None:
@@ -222,15 +232,24 @@ class PoseCells:
             dt: seconds.
 
         Raises:
-            DataError: a value that is not finite, dt under 0, or, in the openratslam preset, a way
-                of a cell or more. Nothing is changed.
+            DataError: a value that is not finite, dt under 0, a way of more than 1e9 cells, or, in
+                the openratslam preset, of a cell or more. Nothing is changed.
         """
+        try:
+            v, w, dt = float(v), float(w), float(dt)
+        except (TypeError, ValueError, OverflowError):
+            raise DataError(f"odometry v {v!r}, w {w!r}, dt {dt!r}: expected numbers") from None
         way, turn = v * dt / self.config.cell_m, w * dt
-        if not (math.isfinite(way) and math.isfinite(turn) and 0 <= dt < math.inf):
+        if not (math.isfinite(v) and math.isfinite(w) and 0 <= dt < math.inf):
             raise DataError(
                 f"odometry v {v}, w {w}, dt {dt}: expected finite numbers and dt of 0 or more"
             )
-        self._network.move(float(way), float(turn), float(dt))
+        if not max(abs(way), abs(turn)) <= _FARTHEST:
+            raise DataError(
+                f"odometry v {v}, w {w}, dt {dt}: a way of {way:.3g} cells and a turn of "
+                f"{turn:.3g} rad, expected no more than {_FARTHEST:g}"
+            )
+        self._network.move(way, turn, dt)
         self._decide()
         self._moved = True
 
@@ -315,7 +334,7 @@ class PoseCells:
             same = self._views_of.all[experiences] == self._view
             places = np.where(same[:, None], self._expected(experiences), places)
         else:
-            places = places + (0, 0, self._relative.th)
+            places = places + np.array((0, 0, self._relative.th))
         apart = differences(self.best, places, self.config.size)
         distances: Floats = np.sqrt((apart**2).sum(axis=-1))
         return distances
@@ -335,6 +354,40 @@ class PoseCells:
             axis=1,
         )
         return expected
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Everything that ``restore`` needs to go on exactly from here, but the configuration."""
+        counts = (self._arrived, self._view, self._previous, self._current)
+        return {
+            "cells": self._network.cells,
+            "network": self._network.numbers(),
+            "relative": np.array(self._relative),
+            "counts": np.array(counts, np.int64),
+            "flags": np.array((self._moved, self._seen, self._in_doubt)),
+            **{name: getattr(self, f"_{name}").all.copy() for name in _TABLES},
+        }
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from what ``state`` gave, of cells of the same configuration.
+
+        Raises:
+            DataError: arrays that are missing, or of another shape or configuration; values that
+                cannot be. ShapeError: another number of cells. Nothing is changed.
+        """
+        made = PoseCells(self.config)
+        made._take(checked_state(state))
+        vars(self).update(vars(made))
+
+    def _take(self, state: Mapping[str, NDArray[Any]]) -> None:
+        self._network.remember(state["cells"], state["network"])
+        self._relative = Place(*state["relative"].tolist())
+        self._arrived, self._view, self._previous, self._current = state["counts"].tolist()
+        self._moved, self._seen, self._in_doubt = state["flags"].tolist()
+        for name in _TABLES:
+            setattr(self, f"_{name}", Rows.of(state[name]))
+        self._known = [Rows(int) for _ in range(len(self._places))]
+        for experience, view in enumerate(self._views_of.all.tolist()):
+            self._known[view].append(experience)
 
 
 def _network(config: PoseCellsConfig) -> Network:
