@@ -119,7 +119,7 @@ def events_of(
         title, motions = seen_motions(tour, seen, jobs=jobs, progress=progress)
     else:
         title, motions = motions_of(tour, odometry, errors)
-    return RunEvents(tour.name, title, _during(motions, stamps_ns), stamps_ns, item, tour.truth)
+    return RunEvents(tour.name, title, during(motions, stamps_ns), stamps_ns, item, tour.truth)
 
 
 def motions_of(
@@ -184,10 +184,15 @@ def _image_looks(
     return stamps_ns, made.views.__getitem__
 
 
-def _during(
+def during(
     motions: Sequence[Odometry | Motion], stamps_ns: NDArray[np.int64]
 ) -> list[Odometry | Motion]:
-    """Odometry from the last one before the first view to the first one after the last view."""
+    """Odometry from the last one before the first view to the first one after the last view.
+
+    Args:
+        motions: in the order of stamps.
+        stamps_ns: int64 (m), m > 0, increasing, of the views.
+    """
     stamps = np.array([motion.stamp_ns for motion in motions], np.int64)
     first = max(int(np.searchsorted(stamps, stamps_ns[0], side="right")) - 1, 0)
     last = int(np.searchsorted(stamps, stamps_ns[-1], side="left")) + 1
