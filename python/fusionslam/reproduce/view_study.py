@@ -186,9 +186,9 @@ def _outcome(
 ) -> Outcome:
     """With the curve, where there is one and the frame is not that of drifting odometry."""
     outcome, own = recognised(source, frame, method, pieces, step), own_frame(frame, method)
-    swept = ENTRANTS[method].matcher is not None and frame != "drift" and own == frame
-    # Ours compares scans longer than objects are compared, and the thesis has no curve of it.
-    swept = swept and not (source.quick and method == OURS)
+    # Ours compares scans for longer than objects are compared, and the thesis has no curve of it.
+    compared = ENTRANTS[method].matcher is not None and method != OURS
+    swept = compared and frame != "drift" and own == frame
     if outcome.run is None or not swept:
         return outcome
     rule, task = RULES[frame], _task(source, frame, method, step)
