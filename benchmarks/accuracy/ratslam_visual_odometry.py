@@ -5,8 +5,9 @@
     python -m benchmarks.accuracy.ratslam_visual_odometry [--write]
 
 Drives of the test data are rendered at 10 Hz by a camera of a quarter of the robot's columns and
-rows: the whole ones would take a quarter of an hour. Made worlds are seen in their bags, 2 Hz and all columns. Worlds of the
-test data are left out where FUSIONSLAM_TEST_DATA does not name them.
+rows: the whole ones would take a quarter of an hour. Made worlds are seen in their bags, at 2 Hz
+and by the whole camera. Worlds of the test data are left out where FUSIONSLAM_TEST_DATA does not
+name them.
 """
 
 import argparse
