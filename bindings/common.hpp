@@ -239,6 +239,7 @@ auto without_gil(Work&& work) {
 
 void bind_alignment(py::module_& module);
 void bind_descriptors(py::module_& module);
+void bind_experience_map(py::module_& module);
 void bind_fusion(py::module_& module);
 void bind_matching(py::module_& module);
 void bind_pose_cells(py::module_& module);

@@ -50,6 +50,7 @@ Raises:
   bind_similarity(module);
   bind_alignment(module);
   bind_pose_cells(module);
+  bind_experience_map(module);
 }
 
 }  // namespace fusionslam::bindings

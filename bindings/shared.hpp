@@ -40,6 +40,19 @@ class Shared {
     return work(index_);
   }
 
+  /// As write(), but Ctrl-C ends it: `work` leaves the index whole wherever it is interrupted. What
+  /// a signal's handler reads then is the index in the middle of the work.
+  template <class Work>
+  auto write_long(Work&& work) {
+    if (is_read_here())
+      throw std::runtime_error("a signal handler cannot change the index whose use it interrupts");
+    return without_gil([&] {
+      const std::unique_lock lock(mutex_);
+      const Reading reading(this);
+      return work(index_);
+    });
+  }
+
  private:
   /// While it lives, this thread reads an index; they form a list, the innermost first.
   struct Reading {

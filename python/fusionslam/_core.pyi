@@ -7,7 +7,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['Alignment', 'AlignmentConfig', 'AlignmentIndex', 'DescriptorIndex', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'PoseSheet', 'RangeImage', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['Alignment', 'AlignmentConfig', 'AlignmentIndex', 'DescriptorIndex', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'PoseSheet', 'RangeImage', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -819,6 +819,139 @@ class PoseSheet:
         """
         float64 (36, n, n) by heading, y and x; not negative: a copy.
         """
+class ExperienceMapConfig:
+    """
+    How the map is corrected.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    @property
+    def agreeing(self) -> int:
+        """
+        beyond that only if so many loops agree, itself counted
+        """
+    @property
+    def agreement_m(self) -> float:
+        """
+        loops with more drift between them do not speak for each other [m]
+        """
+    @property
+    def correction(self) -> float:
+        """
+        openratslam: part of a link's error that a sweep takes away
+        """
+    @property
+    def drift_heading(self) -> float:
+        """
+        deviation of its heading after one metre [rad/sqrt(m)]
+        """
+    @property
+    def drift_m(self) -> float:
+        """
+        deviation of odometry's way after one metre [m/sqrt(m)]
+        """
+    @property
+    def drift_turn(self) -> float:
+        """
+        deviation of its heading after turning by one radian [rad/sqrt(rad)]
+        """
+    @property
+    def initial_heading(self) -> float:
+        """
+        heading of the robot at the start [rad]
+        """
+    @property
+    def loops(self) -> int:
+        """
+        openratslam: sweeps of relaxation after an action
+        """
+    @property
+    def outlier(self) -> float:
+        """
+        a loop's link pulls no harder than at so many deviations
+        """
+    @property
+    def place_m(self) -> float:
+        """
+        deviation of where a recognised view puts the robot [m]
+        """
+    @property
+    def place_rad(self) -> float:
+        """
+        deviation of the heading that it gives [rad]
+        """
+    @property
+    def preset(self) -> str:
+        """
+        robust (ours) or openratslam (Ball et al. 2013, as its program behaves)
+        """
+    @property
+    def sigmas(self) -> float:
+        """
+        a loop is believed up to so many deviations from odometry
+        """
+    @property
+    def tolerance(self) -> float:
+        """
+        relaxation ends when no node moves farther [m]
+        """
+    @property
+    def work(self) -> int:
+        """
+        nodes that may be moved per action, on average over time
+        """
+class ExperienceMap:
+    """
+    Places and links; fusionslam.ratslam.ExperienceMap is for users.
+    """
+    def __init__(self, config: ExperienceMapConfig) -> None:
+        ...
+    def __len__(self) -> int:
+        ...
+    def apply(self, kind: typing.SupportsInt | typing.SupportsIndex, source: typing.SupportsInt | typing.SupportsIndex, target: typing.SupportsInt | typing.SupportsIndex, relative_rotation: typing.SupportsFloat | typing.SupportsIndex, relative_place: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex]) -> None:
+        """
+        Does what the pose cells say.
+        """
+    def check(self, kind: typing.SupportsInt | typing.SupportsIndex, source: typing.SupportsInt | typing.SupportsIndex, target: typing.SupportsInt | typing.SupportsIndex, relative_rotation: typing.SupportsFloat | typing.SupportsIndex, relative_place: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex]) -> tuple[bool, float, float, float, float, str]:
+        """
+        Whether a loop fits odometry: the values of LoopCheck.
+        """
+    def on_odometry(self, v: typing.SupportsFloat | typing.SupportsIndex, w: typing.SupportsFloat | typing.SupportsIndex, dt: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        """
+        Moves on: metres and radians a second, seconds.
+        """
+    def relax(self, whole: bool) -> tuple[float, float, float, int, int, bool]:
+        """
+        Moves nodes until links fit: the values of Relaxation.
+        """
+    def restore(self, state: dict[str, numpy.ndarray]) -> None:
+        """
+        Puts the map into a state that state() gave.
+        """
+    def state(self) -> dict[str, numpy.ndarray]:
+        ...
+    @property
+    def current(self) -> int:
+        ...
+    @property
+    def links(self) -> numpy.ndarray:
+        ...
+    @property
+    def nodes(self) -> numpy.typing.NDArray[numpy.float64]:
+        ...
+    @property
+    def offset(self) -> tuple[float, float, float]:
+        ...
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        ...
 def above_height(points: numpy.typing.NDArray[numpy.float32], height: typing.SupportsFloat | typing.SupportsIndex, *, up: str = 'z') -> numpy.typing.NDArray[numpy.int64]:
     """
     Indices, int64 (M,), of the points above height metres along up (x, y, z, -x, -y, -z).

@@ -74,7 +74,7 @@ def little_run(
 def little_links(
     nodes: Sequence[tuple[float, float, float]], pairs: Sequence[tuple[int, int]]
 ) -> Any:
-    """Links that fit the nodes exactly, 2 s long."""
+    """Links that fit the nodes exactly, 2 s long, known to 1 m and 0.5 rad."""
     links = np.zeros(len(pairs), LINK)
     for link, (source, target) in zip(links, pairs, strict=True):
         one, other = nodes[source], nodes[target]
@@ -84,6 +84,7 @@ def little_links(
         link["heading"] = np.arctan2(dy, dx) - one[2]
         link["facing"] = other[2] - one[2]
         link["duration"] = 2.0
+        link["sd_m"], link["sd_rad"] = 1.0, 0.5
     return links
 
 

@@ -113,7 +113,7 @@ def test_g2o_holds_vertices_and_edges_that_optimisers_read(tmp_path: Path) -> No
     np.testing.assert_array_equal(edges[:, :2].T, [run.links["source"], run.links["target"]])
     information = np.zeros((3, 3))
     information[np.triu_indices(3)] = edges[0, 5:]
-    np.testing.assert_array_equal(information, np.eye(3))
+    np.testing.assert_array_equal(information, np.diag([1, 1, 4]))  # of 1 m, and of 0.5 rad
 
 
 def test_following_an_edge_of_g2o_leads_from_one_node_to_the_next(tmp_path: Path) -> None:

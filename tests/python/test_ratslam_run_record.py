@@ -39,7 +39,7 @@ def record(**changes: Any) -> RatSlamRun:
         "nodes": np.array([[1.0, 1.0, np.pi / 2], [4.0, 4.0, 1.0]]),
         "node_stamps_ns": np.array([5, 5], np.int64),
         "node_views": np.array([0, 0], np.int64),
-        "links": np.array([(0, 1, 3.0, 0.1, 0.2, 1.0)], LINK),
+        "links": np.array([(0, 1, 3.0, 0.1, 0.2, 1.0, 0.1, 0.1)], LINK),
         "refused": np.array([(5, 1, 0, 3.0, 0.1, 1.0, 0.2)], REFUSED),
         "activity_th": np.ones((1, 36), np.float32),
         "activity_x": np.ones((1, 20), np.float32),

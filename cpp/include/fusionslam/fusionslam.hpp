@@ -5,6 +5,7 @@
 #include "fusionslam/config.hpp"
 #include "fusionslam/descriptors.hpp"
 #include "fusionslam/errors.hpp"
+#include "fusionslam/experience_map.hpp"
 #include "fusionslam/fusion.hpp"
 #include "fusionslam/interrupt.hpp"
 #include "fusionslam/matching.hpp"

@@ -13,7 +13,13 @@ graph.relax()
 
 from fusionslam.ratslam.actions import Action, ActionKind
 from fusionslam.ratslam.events import Look, Motion, OrderConfig, Sighting, StampOrder
-from fusionslam.ratslam.experience_map import ExperienceMap, ExperienceMapConfig
+from fusionslam.ratslam.experience_map import (
+    ExperienceMap,
+    ExperienceMapConfig,
+    LoopCheck,
+    Relaxation,
+    Route,
+)
 from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
 from fusionslam.ratslam.run_record import REFUSED, RatSlamRun
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
@@ -26,6 +32,7 @@ __all__ = [
     "ExperienceMap",
     "ExperienceMapConfig",
     "Look",
+    "LoopCheck",
     "MatcherSource",
     "Motion",
     "OrderConfig",
@@ -35,6 +42,8 @@ __all__ = [
     "RatSlam",
     "RatSlamConfig",
     "RatSlamRun",
+    "Relaxation",
+    "Route",
     "Sighting",
     "StampOrder",
     "Step",

@@ -1,15 +1,25 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``ExperienceMap``: the graph of places that a robot has been to (Milford 2004, Ball 2013)."""
+"""``ExperienceMap``: the graph of places that a robot has been to (Milford 2004, Ball 2013).
 
-from typing import Any, Literal, NamedTuple
+>>> graph = ExperienceMap()
+>>> graph.apply(Action(ActionKind.CREATE_NODE))
+>>> graph.on_odometry(1.0, 0.0, 0.5)
+>>> graph.apply(Action(ActionKind.CREATE_NODE, 0, 1))
+>>> graph.path(1, 0)
+Route(ids=[1, 0], seconds=0.5)
+"""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.config import Section, merged, option
+from fusionslam import _core
+from fusionslam.config import Section, core_section, merged
 from fusionslam.errors import DataError
-from fusionslam.ratslam.actions import Action, ActionKind
+from fusionslam.ratslam.actions import Action
 
 Floats = NDArray[np.float64]
 
@@ -21,13 +31,40 @@ LINK = np.dtype(
         ("heading", np.float64),
         ("facing", np.float64),
         ("duration", np.float64),
+        ("sd_m", np.float64),
+        ("sd_rad", np.float64),
     ]
 )
 """A link: ids; metres; direction of the way and rotation, radians from the source's heading;
-seconds."""
+seconds; deviations of the way (each axis) and of the rotation that relaxation weighs it by, metres
+and radians."""
+
+STATE_VERSION = 1
+
+if TYPE_CHECKING:
+
+    class ExperienceMapConfig(Section):
+        @property
+        def preset(self) -> str: ...
+else:
+    ExperienceMapConfig = core_section("ExperienceMapConfig", _core.ExperienceMapConfig)
+    ExperienceMapConfig.__doc__ = "How the map is corrected, and which loops it believes."
+
+__all__ = ["LINK", "ExperienceMap", "ExperienceMapConfig", "LoopCheck", "Relaxation", "Route"]
 
 
 class LoopCheck(NamedTuple):
+    """Whether a loop fits odometry.
+
+    Attributes:
+        accepted: whether to make the link.
+        error_m, error_rad: from where the map has the robot to where the loop puts it, metres and
+            radians.
+        allowed_m, allowed_rad: what drift since the target allows, metres along the error and
+            radians.
+        reason: why, in words.
+    """
+
     accepted: bool
     error_m: float
     error_rad: float
@@ -36,19 +73,41 @@ class LoopCheck(NamedTuple):
     reason: str
 
 
-class ExperienceMapConfig(Section):
-    """How the map is corrected; the defaults are the reference run's."""
+class Relaxation(NamedTuple):
+    """What a relaxation did.
 
-    preset: Literal["robust", "openratslam"] = option(
-        "robust", "robust (ours) or openratslam (Ball et al. 2013, as its program behaves)"
-    )
-    loops: int = option(20, "sweeps of relaxation after an action", ge=0)
-    correction: float = option(0.5, "part of a link's error that a sweep takes away", ge=0, le=0.5)
-    initial_heading: float = option(0.0, "heading of the robot at the start", unit="rad")
+    Attributes:
+        residual_m, residual_rad: root mean squares of the links' errors of place and of rotation,
+            metres and radians.
+        step_m: farthest move of a node in the last step, metres.
+        sweeps: sweeps (openratslam), or Gauss-Newton steps (robust).
+        nodes: nodes in the largest part that was solved.
+        settled: nothing is left for later actions.
+    """
+
+    residual_m: float
+    residual_rad: float
+    step_m: float
+    sweeps: int
+    nodes: int
+    settled: bool
+
+
+class Route(NamedTuple):
+    """A way over the map: ids of the nodes, both ends among them, and how long it takes."""
+
+    ids: list[int]
+    seconds: float
 
 
 class ExperienceMap:
     """Places, links between them, and where the robot is on the map.
+
+    The ``openratslam`` preset does what the reference does: every loop is closed, and relaxation
+    is a number of sweeps. The ``robust`` one, the default, weights each link by the drift that is
+    to be expected on it (``drift_m``, ``drift_turn``, ``drift_heading``: random walks, so that
+    variances add up along the way; ``place_m``, ``place_rad`` for views), solves for places and
+    headings together, and believes loops only after ``check``.
 
     Args:
         config: None for the defaults.
@@ -60,144 +119,147 @@ class ExperienceMap:
 
     def __init__(self, config: ExperienceMapConfig | None = None, **changes: Any) -> None:
         self.config = merged(config or ExperienceMapConfig(), changes)
-        self._nodes: list[list[float]] = []
-        self._links: list[tuple[int, int, float, float, float, float]] = []
-        self._out: list[list[int]] = []
-        self._current = 0
-        self._dx = self._dy = 0.0
-        self._facing = self.config.initial_heading
-        self._seconds = 0.0
+        self._map = _core.ExperienceMap(_core.ExperienceMapConfig(**self.config.model_dump()))
 
     @property
     def nodes(self) -> Floats:
         """float64 (n, 3): x, y in metres and heading in radians of each node: a copy."""
-        return np.array(self._nodes, np.float64).reshape(-1, 3)
+        return self._map.nodes
 
     @property
     def links(self) -> NDArray[np.void]:
         """The links in the order of their making, dtype ``LINK``: a copy."""
-        return np.array(self._links, LINK)
+        return self._map.links
 
     @property
     def current(self) -> int:
         """Id of the node that the robot was at last; 0 before the first one."""
-        return self._current
+        return self._map.current
 
     @property
     def pose(self) -> tuple[float, float, float]:
         """Where the robot is on the map: x, y in metres, heading in radians."""
-        x, y = self._nodes[self._current][:2] if self._nodes else (0.0, 0.0)
-        return x + self._dx, y + self._dy, self._facing
+        return self._map.pose
 
     @property
     def offset(self) -> tuple[float, float, float]:
-        heading = self._nodes[self._current][2] if self._nodes else 0.0
-        c, s = np.cos(heading), np.sin(heading)
-        x, y = c * self._dx + s * self._dy, c * self._dy - s * self._dx
-        return float(x), float(y), _angle(self._facing - heading)
+        """The pose in the frame of the current node: metres forward and to the left, radians."""
+        return self._map.offset
 
-    def check(self, action: Action) -> LoopCheck:
-        return LoopCheck(True, 0.0, 0.0, 1.0, 1.0, "")
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        return {
-            "nodes": self.nodes,
-            "links": self.links,
-            "now": np.array([self._current, self._dx, self._dy, self._facing, self._seconds]),
-        }
-
-    def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        self._nodes = state["nodes"].tolist()
-        self._links = [tuple(row) for row in state["links"].tolist()]
-        self._out = [[] for _ in self._nodes]
-        for number, link in enumerate(self._links):
-            self._out[link[0]].append(number)
-        current, self._dx, self._dy, self._facing, self._seconds = state["now"].tolist()
-        self._current = int(current)
+    def __len__(self) -> int:
+        """The number of nodes."""
+        return len(self._map)
 
     def on_odometry(self, v: float, w: float, dt: float) -> None:
-        """Move on from the current node: metres and radians a second, seconds."""
-        self._facing = _angle(self._facing + w * dt)
-        self._dx += v * dt * np.cos(self._facing)
-        self._dy += v * dt * np.sin(self._facing)
-        self._seconds += dt
+        """Move on from the current node: metres and radians a second, seconds.
+
+        Raises:
+            DataError: a value that is not finite, or a negative time; nothing has moved.
+        """
+        self._map.on_odometry(v, w, dt)
+
+    def check(self, action: Action) -> LoopCheck:
+        """Whether a loop fits odometry: to be asked before ``apply``.
+
+        The loop puts the robot somewhere in the target's frame; links and odometry since the
+        target put it elsewhere. Of that difference, drift along the way of least drift allows
+        ``sigmas`` deviations. A loop beyond it is refused, and remembered: once ``agreeing`` loops
+        at different places, this one counted, claim one and the same shift between map and
+        odometry, the last of them is accepted, and ``apply`` links the earlier ones too. So
+        nobody needs to ask again about a refused loop; what was done in its stead (a new node of
+        the same view) stays, and ends up in the right place.
+
+        Asking twice changes nothing. What is no loop is accepted.
+
+        Raises:
+            DataError: an unknown target, a source that is not the current node, or a rotation or
+                place that is not finite.
+        """
+        return LoopCheck(*self._map.check(*_plain(action)))
 
     def apply(self, action: Action) -> None:
         """Do what the pose cells say.
 
+        A new node lies where the robot is. An edge (robust) leads from the current node to the
+        target: odometry, less where the view has the robot in the target's frame
+        (``relative_place``, ``relative_rotation``); the robot then stands there. A second edge
+        between two nodes makes the link more certain. The reference makes none, and puts the robot
+        onto the target.
+
         Raises:
-            DataError: a node to be created that is not the next one, or an unknown one.
+            DataError: as ``check``; or a node to be created that is not the next one. The map is
+                as it was.
         """
-        if action.kind == ActionKind.NONE:
-            return
-        if action.kind == ActionKind.CREATE_NODE:
-            self._create_node(action)
-        else:
-            self._create_edge(action)
+        self._map.apply(*_plain(action))
 
-    def _create_node(self, action: Action) -> None:
-        if action.target != len(self._nodes):
-            raise DataError(f"node {action.target}: expected {len(self._nodes)}, the next one")
-        x, y, heading = self.pose
-        self._nodes.append([x, y, heading])
-        self._out.append([])
-        if action.target > 0:
-            self._link(self._current, action.target, action.relative_rotation)
-        # The reference does not start anew at its first node: the way to it counts twice.
-        if action.target > 0 or self.config.preset == "robust":
-            self._arrive(action.target, heading)
+    def relax(self, *, whole: bool = False) -> Relaxation:
+        """Move nodes until links fit better.
 
-    def _create_edge(self, action: Action) -> None:
-        if not 0 <= action.target < len(self._nodes):
-            raise DataError(f"node {action.target}: there are {len(self._nodes)}")
-        self._link(self._current, action.target, action.relative_rotation)
-        self._arrive(
-            action.target, _angle(self._nodes[action.target][2] + action.relative_rotation)
+        ``openratslam``: ``loops`` sweeps over all links. ``robust``: Gauss-Newton steps on the sum
+        of squared errors, weighted by drift, of the nodes round new loops, wider and wider until
+        what lies beside is at rest or ``work`` is used up. Work that was not needed is saved up;
+        as soon as it suffices, the whole map is solved.
+
+        Args:
+            whole: solve the whole map now (robust), until no node moves by ``tolerance``.
+        """
+        return Relaxation(*self._map.relax(whole))
+
+    def path(self, a: int, b: int) -> Route:
+        """The quickest way from one node to another along links, in either direction.
+
+        Raises:
+            DataError: an unknown node, or two that no links join.
+        """
+        from scipy.sparse.csgraph import dijkstra
+
+        count = len(self)
+        for node in (a, b):
+            if not 0 <= node < count:
+                raise DataError(f"path from node {a} to node {b}: there are {count} nodes")
+        seconds, before = dijkstra(
+            _durations(self.links, count), directed=False, indices=a, return_predecessors=True
         )
+        if not np.isfinite(seconds[b]):
+            raise DataError(f"path from node {a} to node {b}: no links join them")
+        ids = [int(b)]
+        while ids[-1] != a:
+            ids.append(int(before[ids[-1]]))
+        return Route(ids[::-1], float(seconds[b]))
 
-    def _link(self, source: int, target: int, rotation: float) -> None:
-        for one, other in ((source, target), (target, source)):
-            if any(self._links[link][1] == other for link in self._out[one]):
-                return
-        heading = self._nodes[source][2]
-        way = np.arctan2(self._dy, self._dx)
-        link = (
-            source,
-            target,
-            float(np.hypot(self._dx, self._dy)),
-            _angle(way - heading),
-            _angle(self._facing + rotation - heading),
-            self._seconds,
-        )
-        self._out[source].append(len(self._links))
-        self._links.append(link)
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Everything but the configuration, as arrays that ``restore`` takes."""
+        return {"version": np.array([STATE_VERSION]), **self._map.state()}
 
-    def _arrive(self, node: int, facing: float) -> None:
-        self._current, self._facing = node, facing
-        self._dx = self._dy = 0.0
-        if self.config.preset == "robust":
-            self._seconds = 0.0
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from a state, bit for bit; the configuration stays.
 
-    def relax(self) -> None:
-        """Move nodes until links fit better: ``loops`` sweeps over all of them."""
-        for _ in range(self.config.loops):
-            for source, links in enumerate(self._out):
-                for link in links:
-                    self._correct(source, link)
-
-    def _correct(self, source: int, link: int) -> None:
-        _, target, distance, heading, facing, _ = self._links[link]
-        one, other = self._nodes[source], self._nodes[target]
-        way = one[2] + heading
-        dx = (other[0] - one[0] - distance * np.cos(way)) * self.config.correction
-        dy = (other[1] - one[1] - distance * np.sin(way)) * self.config.correction
-        one[0], one[1] = one[0] + dx, one[1] + dy
-        other[0], other[1] = other[0] - dx, other[1] - dy
-        turn = _angle(other[2] - one[2] - facing) * self.config.correction
-        one[2], other[2] = _angle(one[2] + turn), _angle(other[2] - turn)
+        Raises:
+            DataError: another version, or arrays that no map can have; the map is as it was.
+        """
+        version = np.ravel(state.get("version", ()))
+        if version.shape != (1,) or version[0] != STATE_VERSION:
+            raise DataError(
+                f"state of an experience map: version {version}, expected {STATE_VERSION}"
+            )
+        self._map.restore({name: values for name, values in state.items() if name != "version"})
 
 
-def _angle(value: float) -> float:
-    """The same angle in (-pi, pi]."""
-    wrapped = float(np.pi - (np.pi - value) % (2 * np.pi))
-    return wrapped
+def _plain(action: Action) -> tuple[int, int, int, float, tuple[float, float]]:
+    x, y = action.relative_place
+    kind, source, target = int(action.kind), int(action.source), int(action.target)
+    return kind, source, target, float(action.relative_rotation), (float(x), float(y))
+
+
+def _durations(links: NDArray[np.void], count: int) -> Any:
+    """Seconds of the quickest link between each two nodes, as a sparse matrix."""
+    from scipy.sparse import coo_matrix
+
+    ends = np.sort(np.stack([links["source"], links["target"]], 1), axis=1)
+    # The quickest first; a matrix would add parallel links up.
+    order = np.lexsort((links["duration"], ends[:, 1], ends[:, 0]))
+    first = np.unique(ends[order], axis=0, return_index=True)[1]
+    chosen = order[first]
+    # What takes no time is a link all the same; the matrix would hold no entry there.
+    seconds = np.maximum(links["duration"][chosen], np.finfo(np.float64).tiny)
+    return coo_matrix((seconds, tuple(ends[chosen].T)), shape=(count, count)).tocsr()

@@ -32,6 +32,8 @@ UNITS = {
     "distance": "m",
     "facing": "rad",
     "duration": "s",
+    "sd_m": "m",
+    "sd_rad": "rad",
     "stamp_ns": "ns",
 }
 """By the name of a field of a node or link; ids have none."""
@@ -44,9 +46,6 @@ TRAJECTORIES = {
 }
 """By the name of a trajectory, the file that ``export_run`` writes it into."""
 
-_INFORMATION = "1 0 0 1 0 1"
-"""Upper triangle of a link's information matrix, 1/m^2 and 1/rad^2: relaxation takes all links
-alike, and metres like radians."""
 _GRAPHML = "http://graphml.graphdrawing.org/xmlns"
 
 
@@ -133,7 +132,8 @@ def write_g2o(path: PathLike, run: RatSlamRun) -> None:
     """Write the map for pose graph optimisers: VERTEX_SE2 and EDGE_SE2, the first node fixed.
 
     An edge's measurement is what odometry and view said of the target as seen from the source:
-    x, y in metres, rotation in radians; its information matrix is the identity.
+    x, y in metres, rotation in radians; its information matrix (1/m^2, 1/rad^2) is what relaxation
+    weighs it by.
 
     Raises:
         DataError: a value that is not finite, or the file cannot be written.
@@ -144,7 +144,9 @@ def write_g2o(path: PathLike, run: RatSlamRun) -> None:
     for link in run.links:
         way = link["distance"] * np.array([np.cos(link["heading"]), np.sin(link["heading"])])
         measured = _numbers([*way, link["facing"]])
-        lines.append(f"EDGE_SE2 {link['source']} {link['target']} {measured} {_INFORMATION}")
+        place, rotation = link["sd_m"] ** -2.0, link["sd_rad"] ** -2.0
+        information = _numbers([place, 0.0, 0.0, place, 0.0, rotation])
+        lines.append(f"EDGE_SE2 {link['source']} {link['target']} {measured} {information}")
     with atomic_path(path) as temporary:
         temporary.write_text("".join(line + "\n" for line in lines), encoding="ascii")
 

@@ -1,0 +1,196 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+// RatSLAM's experience map: places, links between them, and where the robot is on the map.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "fusionslam/config.hpp"
+
+namespace fusionslam {
+
+/// Whose behaviour the map has.
+enum class MapPreset { robust, openratslam };
+
+template <>
+struct ChoiceNames<MapPreset> {
+  static constexpr std::array<std::string_view, 2> value{"robust", "openratslam"};
+};
+
+/// How the map is corrected, and which loops it believes.
+struct ExperienceMapConfig {
+  static constexpr const char* section = "map";
+
+  MapPreset preset = MapPreset::robust;
+  double initial_heading = 0.0;
+  int loops = 20;
+  double correction = 0.5;
+  double drift_m = 0.07;
+  double drift_turn = 0.02;
+  double drift_heading = 0.02;
+  double place_m = 0.3;
+  double place_rad = 0.1;
+  double sigmas = 3.0;
+  int agreeing = 4;
+  double agreement_m = 0.5;
+  double outlier = 3.0;
+  int work = 250;
+  double tolerance = 1e-4;
+
+  template <class Config, class Visitor>
+  static void visit(Config& config, Visitor&& visitor) {
+    visitor(
+        "preset", config.preset,
+        OptionInfo{"robust (ours) or openratslam (Ball et al. 2013, as its program behaves)", ""});
+    visitor("initial_heading", config.initial_heading,
+            OptionInfo{"heading of the robot at the start", "rad", -7, 7});
+    visitor("loops", config.loops,
+            OptionInfo{"openratslam: sweeps of relaxation after an action", "", 0, 1e6});
+    visitor("correction", config.correction,
+            OptionInfo{"openratslam: part of a link's error that a sweep takes away", "", 0, 0.5});
+    visitor("drift_m", config.drift_m,
+            OptionInfo{"deviation of odometry's way after one metre", "m/sqrt(m)", 1e-4, 10});
+    visitor("drift_turn", config.drift_turn,
+            OptionInfo{"deviation of its heading after turning by one radian", "rad/sqrt(rad)",
+                       1e-5, 10});
+    visitor("drift_heading", config.drift_heading,
+            OptionInfo{"deviation of its heading after one metre", "rad/sqrt(m)", 1e-5, 10});
+    visitor("place_m", config.place_m,
+            OptionInfo{"deviation of where a recognised view puts the robot", "m", 1e-3, 100});
+    visitor("place_rad", config.place_rad,
+            OptionInfo{"deviation of the heading that it gives", "rad", 1e-3, 10});
+    visitor("sigmas", config.sigmas,
+            OptionInfo{"a loop is believed up to so many deviations from odometry", "", 0, 1e6});
+    visitor("agreeing", config.agreeing,
+            OptionInfo{"beyond that only if so many loops agree, itself counted", "", 2, 64});
+    visitor(
+        "agreement_m", config.agreement_m,
+        OptionInfo{"loops with more drift between them do not speak for each other", "m", 0, 1e6});
+    visitor("outlier", config.outlier,
+            OptionInfo{"a loop's link pulls no harder than at so many deviations", "", 0.1, 1e6});
+    visitor("work", config.work,
+            OptionInfo{"nodes that may be moved per action, on average over time", "", 1, 1e9});
+    visitor("tolerance", config.tolerance,
+            OptionInfo{"relaxation ends when no node moves farther", "m", 1e-12, 1});
+  }
+};
+
+/// What pose cells tell the map to do.
+enum class MapActionKind : int { none = 0, create_node = 1, create_edge = 2 };
+
+/// See python/fusionslam/ratslam/actions.py.
+struct MapAction {
+  MapActionKind kind = MapActionKind::none;
+  std::int64_t source = 0;
+  std::int64_t target = 0;
+  double relative_rotation = 0;  ///< rad
+  double relative_x = 0;         ///< m, the robot in the frame of the target
+  double relative_y = 0;         ///< m
+};
+
+/// A pose in the plane.
+struct Pose2 {
+  double x = 0;        ///< m
+  double y = 0;        ///< m
+  double heading = 0;  ///< rad, in (-pi, pi]
+};
+
+/// A link as odometry measured it.
+struct MapLink {
+  std::int64_t source = 0;
+  std::int64_t target = 0;
+  double distance = 0;  ///< m
+  double heading = 0;   ///< rad, direction of the way from the source's heading
+  double facing = 0;    ///< rad, rotation from the source's heading
+  double duration = 0;  ///< s
+  double sd_m = 0;      ///< m, deviation of the way, each axis, that relaxation weighs it by
+  double sd_rad = 0;    ///< rad, of the rotation
+};
+
+/// Whether a loop fits odometry.
+struct LoopCheck {
+  bool accepted = true;
+  double error_m = 0;      ///< between where the map and where the loop puts the robot
+  double error_rad = 0;    ///< likewise
+  double allowed_m = 0;    ///< `sigmas` deviations in the direction of the error
+  double allowed_rad = 0;  ///< likewise
+  std::string reason;
+};
+
+/// What a relaxation did.
+struct Relaxation {
+  double residual_m = 0;    ///< root mean square of the links' errors of place
+  double residual_rad = 0;  ///< and of rotation
+  double step_m = 0;        ///< farthest move of a node in the last step
+  std::int64_t sweeps = 0;  ///< sweeps, or Gauss-Newton steps
+  std::int64_t nodes = 0;   ///< nodes in the largest part that was solved
+  bool settled = true;      ///< nothing is left for later actions
+};
+
+/// Everything a map consists of; what restore() takes is checked.
+struct MapState {
+  std::vector<double> nodes;         ///< n x 3
+  std::vector<std::int64_t> ends;    ///< m x 2
+  std::vector<double> links;         ///< m x 6: distance, heading, facing, duration, variances
+  std::vector<std::uint8_t> loops;   ///< m: whether a view made the link
+  std::vector<double> robot;         ///< robot_values
+  std::vector<std::int64_t> counts;  ///< robot_counts
+  std::vector<std::int64_t> due;     ///< nodes whose surroundings are to be relaxed
+  std::vector<std::int64_t> pending_ends;  ///< p x 2
+  std::vector<double> pending;             ///< p x 12
+
+  static constexpr std::size_t link_values = 6, robot_values = 9, robot_counts = 3,
+                               pending_values = 12;
+};
+
+namespace detail {
+struct MapArrays;
+}
+
+/// The graph of places that a robot has been to (Milford & Wyeth 2004; Ball et al. 2013).
+class ExperienceMap {
+ public:
+  explicit ExperienceMap(const ExperienceMapConfig& config = {});
+  ~ExperienceMap();
+  ExperienceMap(ExperienceMap&&) noexcept;
+  ExperienceMap& operator=(ExperienceMap&&) noexcept;
+
+  /// Moves on from the current node. Throws DataError for values that are not finite and for a
+  /// negative time.
+  void on_odometry(double v, double w, double dt);
+
+  /// Whether a loop fits the map and its drift. Remembers a loop that does not, for later ones to
+  /// agree with; asking twice changes nothing. Throws DataError for an unknown target.
+  LoopCheck check(const MapAction& action);
+
+  /// Throws DataError for a node that is not the next one, or an unknown one.
+  void apply(const MapAction& action);
+
+  /// Moves nodes until links fit. `whole`: all of them, until they converge.
+  Relaxation relax(bool whole = false);
+
+  std::size_t size() const;
+  std::size_t links() const;
+  Pose2 node(std::size_t id) const;
+  MapLink link(std::size_t number) const;
+  std::int64_t current() const;
+  Pose2 pose() const;
+  /// The pose in the frame of the current node.
+  Pose2 offset() const;
+  const ExperienceMapConfig& config() const;
+
+  MapState state() const;
+  /// Throws DataError, and leaves the map as it was, for a state that no map can have.
+  void restore(const MapState& state);
+
+ private:
+  std::unique_ptr<detail::MapArrays> map_;
+};
+
+}  // namespace fusionslam

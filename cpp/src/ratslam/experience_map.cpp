@@ -1,0 +1,270 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+#include "fusionslam/experience_map.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+
+#include "fusionslam/errors.hpp"
+#include "map_arrays.hpp"
+
+namespace fusionslam {
+namespace detail {
+namespace {
+
+// A deviation of nothing would make a link of unlimited weight.
+constexpr double least_variance = 1e-6;
+
+void arrive(MapArrays& map, std::int64_t node, const Pose2& offset, bool by_view) {
+  map.current = node;
+  const Pose2 pose = composed(map.nodes[node], offset);
+  map.dx = pose.x - map.nodes[node].x;
+  map.dy = pose.y - map.nodes[node].y;
+  map.facing = pose.heading;
+  map.variance_m = map.variance_rad = 0;
+  map.arrived_by_view = by_view;
+  if (map.robust()) map.seconds = 0;
+}
+
+/// The link between two nodes, in either direction; -1 if there is none.
+std::int64_t link_between(const MapArrays& map, std::int64_t one, std::int64_t other) {
+  std::int64_t found = -1;
+  map.around(one, [&](std::int64_t link, std::int64_t end) {
+    if (end == other && found < 0) found = link;
+  });
+  return found;
+}
+
+void add_link(MapArrays& map, const Link& link) {
+  const auto number = static_cast<std::int64_t>(map.links.size());
+  map.links.push_back(link);
+  map.out.add(link.source, number);
+  map.in.add(link.target, number);
+}
+
+/// Place and rotation of the robot in the frame of the current node as odometry has it, with its
+/// variances.
+Measure measured(const MapArrays& map, const Pose2& node) {
+  Measure measure;
+  measure.distance = std::hypot(map.dx, map.dy);
+  measure.heading = wrapped(std::atan2(map.dy, map.dx) - node.heading);
+  measure.facing = wrapped(map.facing - node.heading);
+  measure.duration = map.seconds;
+  const double by_view = map.arrived_by_view ? 1 : 0;
+  const double place_m = map.config.place_m, place_rad = map.config.place_rad;
+  // On a way of length d a heading that goes astray evenly puts the end off by d / sqrt(3) of it.
+  measure.variance_m = least_variance + map.variance_m + by_view * place_m * place_m +
+                       map.variance_rad * measure.distance * measure.distance / 3;
+  measure.variance_rad = least_variance + map.variance_rad + by_view * place_rad * place_rad;
+  return measure;
+}
+
+void create_node(MapArrays& map, const MapAction& action) {
+  const Pose2 pose = map.pose();
+  Link link{map.current, action.target, {}, false};
+  if (action.target > 0) link.measure = measured(map, map.nodes[map.current]);
+  map.nodes.push_back(pose);
+  map.out.add_node();
+  map.in.add_node();
+  if (!map.robust()) link.measure.facing += action.relative_rotation;
+  link.measure.facing = wrapped(link.measure.facing);
+  if (action.target > 0) add_link(map, link);
+  // The reference does not start anew at its first node: the way to it counts twice.
+  if (action.target > 0 || map.robust()) arrive(map, action.target, {}, false);
+}
+
+void create_reference_edge(MapArrays& map, const MapAction& action) {
+  if (link_between(map, map.current, action.target) < 0) {
+    Link link{map.current, action.target, measured(map, map.nodes[map.current]), true};
+    link.measure.facing = wrapped(link.measure.facing + action.relative_rotation);
+    add_link(map, link);
+  }
+  arrive(map, action.target, {0, 0, action.relative_rotation}, true);
+}
+
+void add_squares(MapArrays& map, const Link& link, double sign) {
+  const Pose2 error = link_error(map, link);
+  map.squares_m += sign * (error.x * error.x + error.y * error.y);
+  map.squares_rad += sign * error.heading * error.heading;
+}
+
+Measure turned_round(const Measure& measure) {
+  Measure back = measure;
+  back.heading = wrapped(measure.heading + std::numbers::pi - measure.facing);
+  back.facing = wrapped(-measure.facing);
+  return back;
+}
+
+/// The variance after one measure more. It falls no lower than to a quarter of that one's: what
+/// odometry gets wrong the same way each time does not average out.
+double variance_with(double old, double more) {
+  return std::min(old, std::max(old * more / (old + more), more / 4));
+}
+
+/// Both measures weighted by what they are worth.
+Measure averaged(const Measure& old, const Measure& more) {
+  const Pose2 a = old.pose(), b = more.pose();
+  const double place = old.variance_m / (old.variance_m + more.variance_m);
+  const double rotation = old.variance_rad / (old.variance_rad + more.variance_rad);
+  const double x = a.x + place * (b.x - a.x), y = a.y + place * (b.y - a.y);
+  Measure mean = old;
+  mean.distance = std::hypot(x, y);
+  mean.heading = mean.distance > 0 ? std::atan2(y, x) : 0;
+  mean.facing = wrapped(a.heading + rotation * wrapped(b.heading - a.heading));
+  mean.duration = old.duration + place * (more.duration - old.duration);
+  mean.variance_m = variance_with(old.variance_m, more.variance_m);
+  mean.variance_rad = variance_with(old.variance_rad, more.variance_rad);
+  return mean;
+}
+
+void add_loop(MapArrays& map, const Pending& loop) {
+  if (loop.source == loop.target) return;
+  const std::int64_t known = link_between(map, loop.source, loop.target);
+  if (known < 0) {
+    add_link(map, {loop.source, loop.target, loop.measure, true});
+    add_squares(map, map.links.back(), 1);
+  } else {
+    Link& link = map.links[known];
+    add_squares(map, link, -1);
+    const bool along = link.source == loop.source;
+    link.measure = averaged(link.measure, along ? loop.measure : turned_round(loop.measure));
+    add_squares(map, link, 1);
+  }
+  map.due.push_back(loop.source);
+  map.due.push_back(loop.target);
+}
+
+void create_edge(MapArrays& map, const MapAction& action) {
+  const Pending loop = claimed_loop(map, action);
+  auto confirmed = agreeing_loops(map, loop);
+  for (const std::size_t number : confirmed) add_loop(map, map.pending[number]);
+  for (auto number = confirmed.rbegin(); number != confirmed.rend(); ++number)
+    map.pending.erase(map.pending.begin() + static_cast<std::ptrdiff_t>(*number));
+  add_loop(map, loop);
+  arrive(map, action.target, loop.place, true);
+}
+
+void check_finite(const MapAction& action) {
+  if (!std::isfinite(action.relative_rotation) || !std::isfinite(action.relative_x) ||
+      !std::isfinite(action.relative_y))
+    throw DataError("edge to node " + std::to_string(action.target) +
+                    ": relative rotation or place is not finite");
+}
+
+void check_source(const MapArrays& map, const MapAction& action) {
+  if (map.size() > 0 && action.source != map.current)
+    throw DataError("action from node " + std::to_string(action.source) + " to node " +
+                    std::to_string(action.target) + ": the robot is at node " +
+                    std::to_string(map.current));
+}
+
+void check_edge(const MapArrays& map, const MapAction& action) {
+  if (action.target < 0 || action.target >= map.size())
+    throw DataError("edge to node " + std::to_string(action.target) + ": there are " +
+                    std::to_string(map.size()));
+  check_source(map, action);
+  check_finite(action);
+}
+
+}  // namespace
+
+Pending claimed_loop(const MapArrays& map, const MapAction& action) {
+  const Pose2& node = map.nodes[map.current];
+  Pending loop;
+  loop.source = map.current;
+  loop.target = action.target;
+  loop.offset = seen_from(node, map.pose());
+  loop.place = {action.relative_x, action.relative_y, wrapped(action.relative_rotation)};
+  loop.measure = measured(map, node);
+  const Pose2 link = composed(loop.offset, seen_from(loop.place, {}));
+  loop.measure.distance = std::hypot(link.x, link.y);
+  loop.measure.heading = loop.measure.distance > 0 ? std::atan2(link.y, link.x) : 0;
+  loop.measure.facing = link.heading;
+  loop.measure.variance_m += map.config.place_m * map.config.place_m;
+  loop.measure.variance_rad += map.config.place_rad * map.config.place_rad;
+  return loop;
+}
+
+}  // namespace detail
+
+using namespace detail;
+
+ExperienceMap::ExperienceMap(const ExperienceMapConfig& config)
+    : map_(std::make_unique<MapArrays>()) {
+  validate(config);
+  map_->config = config;
+  map_->facing = config.initial_heading;
+}
+ExperienceMap::~ExperienceMap() = default;
+ExperienceMap::ExperienceMap(ExperienceMap&&) noexcept = default;
+ExperienceMap& ExperienceMap::operator=(ExperienceMap&&) noexcept = default;
+
+void ExperienceMap::on_odometry(double v, double w, double dt) {
+  if (!std::isfinite(v) || !std::isfinite(w) || !std::isfinite(dt) || dt < 0)
+    throw DataError("odometry v " + std::to_string(v) + " m/s, w " + std::to_string(w) +
+                    " rad/s, dt " + std::to_string(dt) +
+                    " s: expected finite values and a time that is not negative");
+  MapArrays& map = *map_;
+  const ExperienceMapConfig& config = map.config;
+  const double way = v * dt, turn = w * dt;
+  map.facing = wrapped(map.facing + turn);
+  map.dx += way * std::cos(map.facing);
+  map.dy += way * std::sin(map.facing);
+  map.seconds += dt;
+  map.variance_m += config.drift_m * config.drift_m * std::abs(way);
+  map.variance_rad += config.drift_turn * config.drift_turn * std::abs(turn) +
+                      config.drift_heading * config.drift_heading * std::abs(way);
+}
+
+LoopCheck ExperienceMap::check(const MapAction& action) {
+  if (action.kind != MapActionKind::create_edge) return {};
+  check_edge(*map_, action);
+  return check_loop(*map_, action);
+}
+
+void ExperienceMap::apply(const MapAction& action) {
+  MapArrays& map = *map_;
+  if (action.kind == MapActionKind::none) return;
+  if (action.kind == MapActionKind::create_node) {
+    if (action.target != map.size())
+      throw DataError("node " + std::to_string(action.target) + ": expected " +
+                      std::to_string(map.size()) + ", the next one");
+    check_source(map, action);
+    check_finite(action);
+    create_node(map, action);
+    return;
+  }
+  check_edge(map, action);
+  map.robust() ? create_edge(map, action) : create_reference_edge(map, action);
+}
+
+Relaxation ExperienceMap::relax(bool whole) {
+  return map_->robust() ? relax_by_newton(*map_, whole) : relax_by_sweeps(*map_);
+}
+
+std::size_t ExperienceMap::size() const { return map_->nodes.size(); }
+std::size_t ExperienceMap::links() const { return map_->links.size(); }
+Pose2 ExperienceMap::node(std::size_t id) const { return map_->nodes.at(id); }
+std::int64_t ExperienceMap::current() const { return map_->current; }
+Pose2 ExperienceMap::pose() const { return map_->pose(); }
+const ExperienceMapConfig& ExperienceMap::config() const { return map_->config; }
+
+MapLink ExperienceMap::link(std::size_t number) const {
+  const Link& link = map_->links.at(number);
+  const Measure& measure = link.measure;
+  // The reference's relaxation takes all links alike, and metres like radians.
+  const bool weighted = map_->robust();
+  const double sd_m = weighted ? std::sqrt(measure.variance_m) : 1;
+  const double sd_rad = weighted ? std::sqrt(measure.variance_rad) : 1;
+  return {
+      link.source, link.target, measure.distance, measure.heading, measure.facing, measure.duration,
+      sd_m,        sd_rad};
+}
+
+Pose2 ExperienceMap::offset() const {
+  return seen_from(map_->nodes.empty() ? Pose2{} : map_->nodes[map_->current], map_->pose());
+}
+
+}  // namespace fusionslam

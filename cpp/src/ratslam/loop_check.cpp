@@ -1,0 +1,159 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+// Which loops the map believes: those that odometry does not speak against, and those that agree
+// with each other (pairwise consistency as in Mangelson et al. 2018).
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <sstream>
+#include <vector>
+
+#include "drift.hpp"
+#include "map_arrays.hpp"
+
+namespace fusionslam::detail {
+namespace {
+
+constexpr std::size_t most_pending = 64;  // older ones are forgotten
+constexpr double without_limit = std::numeric_limits<double>::infinity();
+
+/// Where two loops put the robot, and how sure that is along one side: the robot's own way between
+/// them, or the way between their targets.
+struct Side {
+  Pose2 between;
+  Drift drift;
+};
+
+/// Compares loops with one of them.
+class Companion {
+ public:
+  Companion(const MapArrays& map, const Pending& loop)
+      : map_(map),
+        loop_(loop),
+        limit_(map.config.agreement_m * map.config.agreement_m),
+        own_(map, loop.source, limit_),
+        seen_(map, loop.target, limit_) {}
+
+  bool agrees(const Pending& other) {
+    if (other.target == loop_.target) return false;
+    if (!own_.reach(other.source) || !seen_.reach(other.target)) return false;
+    const Side own = side(own_, loop_.source, loop_.offset, other.source, other.offset);
+    const Side seen = side(seen_, loop_.target, loop_.place, other.target, other.place);
+    const double largest = own.drift.largest() + seen.drift.largest();
+    // Two loops at one place are one loop.
+    const double place_m = map_.config.place_m, place_rad = map_.config.place_rad;
+    if (std::hypot(own.between.x, own.between.y) < 2 * place_m || largest > limit_) return false;
+    const double x = own.between.x - seen.between.x, y = own.between.y - seen.between.y;
+    const double turn = wrapped(own.between.heading - seen.between.heading);
+    const double sigmas = map_.config.sigmas;
+    return std::hypot(x, y) <= sigmas * std::sqrt(largest + 2 * place_m * place_m) &&
+           std::abs(turn) <= sigmas * std::sqrt(own.drift.rotation + seen.drift.rotation +
+                                                2 * place_rad * place_rad);
+  }
+
+ private:
+  Side side(const DriftSearch& search, std::int64_t from, const Pose2& from_offset, std::int64_t to,
+            const Pose2& to_offset) const {
+    const Pose2 one = composed(map_.nodes[from], from_offset);
+    const Pose2 other = composed(map_.nodes[to], to_offset);
+    return {seen_from(one, other), search.drift(to, other)};
+  }
+
+  const MapArrays& map_;
+  const Pending& loop_;
+  double limit_;
+  DriftSearch own_, seen_;
+};
+
+/// How many of the candidates, of which all agree with the loop, agree with one another: the
+/// largest group that is found by taking them one by one, starting with each.
+std::size_t largest_group(const MapArrays& map, const std::vector<std::size_t>& candidates) {
+  const std::size_t count = candidates.size();
+  std::vector<std::vector<bool>> agrees(count, std::vector<bool>(count));
+  for (std::size_t i = 0; i < count; ++i) {
+    Companion companion(map, map.pending[candidates[i]]);
+    for (std::size_t j = 0; j < i; ++j)
+      agrees[i][j] = agrees[j][i] = companion.agrees(map.pending[candidates[j]]);
+  }
+  std::size_t largest = 0;
+  for (std::size_t first = 0; first < count; ++first) {
+    std::vector<std::size_t> group{first};
+    for (std::size_t i = count; i-- > 0;)
+      if (std::all_of(group.begin(), group.end(), [&](std::size_t one) { return agrees[one][i]; }))
+        group.push_back(i);
+    largest = std::max(largest, group.size());
+  }
+  return largest;
+}
+
+bool same(const Pending& one, const Pending& other) {
+  return one.source == other.source && one.target == other.target &&
+         one.offset.x == other.offset.x && one.offset.y == other.offset.y &&
+         one.offset.heading == other.offset.heading;
+}
+
+void remember(MapArrays& map, const Pending& loop) {
+  std::erase_if(map.pending, [&](const Pending& other) { return same(loop, other); });
+  if (map.pending.size() == most_pending) map.pending.erase(map.pending.begin());
+  map.pending.push_back(loop);
+}
+
+LoopCheck compared(const MapArrays& map, const Pending& loop) {
+  const Pose2 robot = map.pose(), claimed = composed(map.nodes[loop.target], loop.place);
+  const double x = claimed.x - robot.x, y = claimed.y - robot.y;
+  DriftSearch search(map, loop.target, without_limit);
+  search.reach(map.current);
+  const Drift drift = search.drift(map.current, robot);
+  LoopCheck check;
+  check.error_m = std::hypot(x, y);
+  check.error_rad = std::abs(wrapped(claimed.heading - robot.heading));
+  // The way since the current node, and what views are worth.
+  check.allowed_m = map.config.sigmas * std::sqrt(drift.along(x, y) + loop.measure.variance_m);
+  check.allowed_rad = map.config.sigmas * std::sqrt(drift.rotation + loop.measure.variance_rad);
+  check.accepted = check.error_m <= check.allowed_m && check.error_rad <= check.allowed_rad;
+  return check;
+}
+
+std::string words(const LoopCheck& check) {
+  std::ostringstream text;
+  text.precision(3);
+  text << check.error_m << " m and " << check.error_rad
+       << " rad from where odometry has the robot, " << check.allowed_m << " m and "
+       << check.allowed_rad << " rad are to be expected";
+  return text.str();
+}
+
+}  // namespace
+
+std::vector<std::size_t> agreeing_loops(const MapArrays& map, const Pending& loop) {
+  std::vector<std::size_t> found;
+  if (map.pending.empty()) return found;
+  Companion companion(map, loop);
+  for (std::size_t i = 0; i < map.pending.size(); ++i)
+    if (!same(map.pending[i], loop) && companion.agrees(map.pending[i])) found.push_back(i);
+  return found;
+}
+
+LoopCheck check_loop(MapArrays& map, const MapAction& action) {
+  const Pending loop = claimed_loop(map, action);
+  LoopCheck check = compared(map, loop);
+  if (!map.robust()) {
+    check.accepted = true;
+    check.reason = "the openratslam preset closes every loop";
+    return check;
+  }
+  if (check.accepted) {
+    check.reason = "fits odometry: " + words(check);
+    return check;
+  }
+  const auto candidates = agreeing_loops(map, loop);
+  const std::size_t group = 1 + largest_group(map, candidates);
+  check.accepted = group >= static_cast<std::size_t>(map.config.agreeing);
+  check.reason = words(check) + "; " + std::to_string(group - 1) + " earlier loops agree with it" +
+                 (check.accepted ? "" : ", expected " + std::to_string(map.config.agreeing - 1));
+  if (!check.accepted) remember(map, loop);
+  return check;
+}
+
+}  // namespace fusionslam::detail

@@ -1,0 +1,135 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+// What an experience map holds, in plain arrays that grow.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+#include <vector>
+
+#include "fusionslam/experience_map.hpp"
+
+namespace fusionslam::detail {
+
+/// The same angle in (-pi, pi].
+inline double wrapped(double angle) {
+  constexpr double pi = std::numbers::pi;
+  if (angle > -pi && angle <= pi) return angle;
+  const double turned = std::remainder(angle, 2 * pi);
+  return turned <= -pi ? turned + 2 * pi : turned;
+}
+
+/// The pose `inner`, given in the frame of `outer`, in the frame of outer.
+inline Pose2 composed(const Pose2& outer, const Pose2& inner) {
+  const double c = std::cos(outer.heading), s = std::sin(outer.heading);
+  return {outer.x + c * inner.x - s * inner.y, outer.y + s * inner.x + c * inner.y,
+          wrapped(outer.heading + inner.heading)};
+}
+
+/// The pose `other` in the frame of `pose`.
+inline Pose2 seen_from(const Pose2& pose, const Pose2& other) {
+  const double c = std::cos(pose.heading), s = std::sin(pose.heading);
+  const double dx = other.x - pose.x, dy = other.y - pose.y;
+  return {c * dx + s * dy, c * dy - s * dx, wrapped(other.heading - pose.heading)};
+}
+
+/// What odometry measured between two poses, in the frame of the first.
+struct Measure {
+  double distance = 0, heading = 0, facing = 0, duration = 0;
+  double variance_m = 0, variance_rad = 0;
+
+  Pose2 pose() const {
+    return {distance * std::cos(heading), distance * std::sin(heading), facing};
+  }
+};
+
+struct Link {
+  std::int64_t source = 0, target = 0;
+  Measure measure;
+  bool loop = false;  ///< a view says where it ends; odometry alone where it is false
+};
+
+/// A loop that was not believed yet.
+struct Pending {
+  std::int64_t source = 0, target = 0;
+  Pose2 offset;     ///< the robot in the frame of the source
+  Pose2 place;      ///< the robot in the frame of the target, as the view has it
+  Measure measure;  ///< from source to target; its distance, heading, facing follow from the poses
+};
+
+/// Links of each node, in the order of their making: a list through the links.
+struct Adjacency {
+  std::vector<std::int64_t> first, last, next;
+
+  void add_node() {
+    first.push_back(-1);
+    last.push_back(-1);
+  }
+  void add(std::int64_t node, std::int64_t link) {
+    next.push_back(-1);
+    (first[node] < 0 ? first[node] : next[last[node]]) = link;
+    last[node] = link;
+  }
+};
+
+struct MapArrays {
+  ExperienceMapConfig config;
+  std::vector<Pose2> nodes;
+  std::vector<Link> links;
+  Adjacency out, in;
+
+  std::int64_t current = 0;
+  double dx = 0, dy = 0, facing = 0;  ///< since the current node, in the frame of the map
+  double seconds = 0, variance_m = 0, variance_rad = 0;
+  bool arrived_by_view = false;  ///< the robot's place at the current node is a view's
+
+  std::vector<std::int64_t> due;          ///< nodes whose surroundings are to be relaxed
+  double credit = 0;                      ///< nodes that may be moved by now
+  bool local_only = false;                ///< parts were relaxed since the whole was
+  double squares_m = 0, squares_rad = 0;  ///< sums of the links' squared errors
+
+  std::vector<Pending> pending;
+
+  Pose2 pose() const {
+    const Pose2 node = nodes.empty() ? Pose2{} : nodes[current];
+    return {node.x + dx, node.y + dy, facing};
+  }
+  bool robust() const { return config.preset == MapPreset::robust; }
+  std::int64_t size() const { return static_cast<std::int64_t>(nodes.size()); }
+
+  /// Calls work(link, other end) for every link of a node.
+  template <class Work>
+  void around(std::int64_t node, Work&& work) const {
+    for (auto link = out.first[node]; link >= 0; link = out.next[link])
+      work(link, links[link].target);
+    for (auto link = in.first[node]; link >= 0; link = in.next[link])
+      work(link, links[link].source);
+  }
+};
+
+/// `loops` sweeps as the reference does them.
+Relaxation relax_by_sweeps(MapArrays& map);
+
+/// Gauss-Newton over what changed, or over the whole map.
+Relaxation relax_by_newton(MapArrays& map, bool whole);
+
+LoopCheck check_loop(MapArrays& map, const MapAction& action);
+
+/// Numbers of the pending loops that agree with this one.
+std::vector<std::size_t> agreeing_loops(const MapArrays& map, const Pending& loop);
+
+/// The loop that an action claims, from where the robot is.
+Pending claimed_loop(const MapArrays& map, const MapAction& action);
+
+/// Error of place and rotation of a link on the map: target's place less its expected one, in the
+/// frame of the map.
+inline Pose2 link_error(const MapArrays& map, const Link& link) {
+  const Pose2 &from = map.nodes[link.source], &to = map.nodes[link.target];
+  const double way = from.heading + link.measure.heading;
+  return {to.x - from.x - link.measure.distance * std::cos(way),
+          to.y - from.y - link.measure.distance * std::sin(way),
+          wrapped(to.heading - from.heading - link.measure.facing)};
+}
+
+}  // namespace fusionslam::detail
