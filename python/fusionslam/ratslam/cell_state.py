@@ -35,11 +35,12 @@ def checked_state(state: Arrays) -> dict[str, NDArray[Any]]:
         _check_shape(name, arrays[name], shape)
     views = _check_table(arrays, VIEW_TABLES)
     experiences = _check_table(arrays, EXPERIENCE_TABLES)
-    arrived, view, previous, current = arrays["counts"].tolist()
-    _check_range("views_of", arrays["views_of"], views)
-    _check_range("since", arrays["since"], arrived + 1)
+    arrived, view, previous, current = arrays["counts"]
+    _check_range("counts", arrived, np.iinfo(np.int64).max)
     _check_range("counts", np.array((view, previous)), max(views, 1))
-    _check_range("counts", np.array(current), max(experiences, 1))
+    _check_range("counts", current, max(experiences, 1))
+    _check_range("views_of", arrays["views_of"], views)
+    _check_range("since", arrays["since"], int(arrived) + 1)
     return arrays
 
 
@@ -52,20 +53,21 @@ def _typed(name: str, array: NDArray[Any]) -> NDArray[Any]:
     return array.astype(dtype)
 
 
-def _check_shape(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
+def _check_shape(name: str, array: NDArray[Any], shape: tuple[int, ...], why: str = "") -> None:
     if array.shape != shape:
-        raise DataError(f"pose cells: {name} has the shape {array.shape}, expected {shape}")
+        raise DataError(f"pose cells: {name} has the shape {array.shape}, expected {shape}{why}")
 
 
 def _check_table(arrays: Arrays, tables: Mapping[str, tuple[int, ...]]) -> int:
     """How many rows all of these tables have."""
-    first = arrays[next(iter(tables))]
-    count = len(first) if first.ndim else 0
+    first = next(iter(tables))
+    count = len(arrays[first]) if arrays[first].ndim else 0
     for name, row in tables.items():
-        _check_shape(name, arrays[name], (count, *row))
+        _check_shape(name, arrays[name], (count, *row), f", with a row for each of {first}")
     return count
 
 
 def _check_range(name: str, values: NDArray[Any], end: int) -> None:
-    if values.size and not 0 <= values.min() <= values.max() < end:
-        raise DataError(f"pose cells: {name} holds {values.max()}, expected 0 to {end - 1}")
+    wrong = values[(values < 0) | (values >= end)]
+    if wrong.size:
+        raise DataError(f"pose cells: {name} holds {wrong.flat[0]}, expected 0 to {end - 1}")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import PoseSheet
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, ShapeError
 from fusionslam.ratslam.places import (
     HEADINGS,
     LAYER,
@@ -32,8 +32,12 @@ _SINES = np.concatenate((_HALF, -_HALF))
 _COSINES = np.roll(_SINES, -HEADINGS // 4)
 # A packet that is decoded farther from where it was than this has given way to another one.
 _JUMP = 1.0
-# Steps of the attractor after which nothing changes any more: longer gaps take no further ones.
-_SETTLED = 100
+# What is told farther from the packet than this, in cells and layers, does not belong to it.
+_REACH = 3
+# Ways and silences of more steps of the attractor than this leave nothing but the packet.
+_MOST = 100
+# Steps after which a packet that starts in eight cells has its form.
+_FORMED = 10
 
 
 class Network(Protocol):
@@ -63,7 +67,7 @@ class Network(Protocol):
         """What it remembers besides the cells, float64 (k,)."""
 
     def remember(self, cells: Floats, numbers: Floats) -> None:
-        """Take over ``activity`` as it is stored and ``numbers``; raises DataError."""
+        """Take over ``cells`` and ``numbers``. Raises DataError, ShapeError."""
 
     @property
     def cells(self) -> Floats:
@@ -118,19 +122,19 @@ class ReferenceNetwork:
         return np.array(self._best)
 
     def remember(self, cells: Floats, numbers: Floats) -> None:
-        if numbers.shape != (3,):
-            raise DataError(f"network: {numbers.shape[0]} numbers, expected 3")
-        self._sheet.assign(cells)
+        _check_numbers(numbers, 3, self._sheet.activity.shape[1])
+        _take_over(self._sheet, cells)
         self._best = Place(*numbers.tolist())
 
 
 class SteadyNetwork:
-    """A step of the attractor every ``step_s`` seconds of odometry; between them exact motion.
+    """A step of the attractor every ``step_s`` seconds or every cell of way; exact motion between.
 
     The attractor pulls a packet towards the middle of cells, which makes it up to a fifth slower
     than the robot, the slower the smaller the steps. Here it only decides which packet wins: after
     each step the winner is put back to where odometry and views have it. So neither how often
     odometry nor how often views arrive changes the pose. Heading 0 moves the packet along +x.
+    Layers move in their own directions, so that longer ways would tear the packet apart.
 
     Args:
         size: cells along x and y.
@@ -141,9 +145,10 @@ class SteadyNetwork:
     def __init__(self, size: int, global_inhibition: float, step_s: float) -> None:
         self._sheet, self._size = PoseSheet(size), size
         self._inhibition, self._step_s = global_inhibition, step_s
-        # Where the packet belongs, and what it is off; then the way since the last step.
+        # Where the packet belongs, and what it is off; then the way since the last step, and which
+        # part of the way to the next one that is.
         self._base = Place(float(size // 2), float(size // 2), float(HEADINGS // 2))
-        self._slip, self._way, self._seconds = NOWHERE, NOWHERE, 0.0
+        self._slip, self._way, self._progress = NOWHERE, NOWHERE, 0.0
         self._before: Place | None = None
 
     @property
@@ -171,21 +176,23 @@ class SteadyNetwork:
         )
 
     def move(self, way: float, turn: float, dt: float) -> None:
-        """Steps fall on the same stamps however odometry is cut."""
-        if dt <= 0:
+        """Steps fall on the same places and stamps however odometry is cut."""
+        steps = max(dt / self._step_s, abs(way))
+        if not steps:
             return
-        left, most = dt, _SETTLED * self._step_s
-        if self._seconds + dt > most + self._step_s:
-            left = math.fmod(self._seconds + dt, self._step_s) + most - self._seconds
-            self._go(way, turn, (dt - left) / dt)
-        while self._seconds + left >= self._step_s * (1 - 1e-9):
-            part = max(self._step_s - self._seconds, 0.0)
-            self._go(way, turn, part / dt)
+        if self._progress + steps > _MOST:
+            self._go(way, turn, 1.0)
+            self._restart(self.best)
+            self._progress = math.fmod(self._progress + steps, 1.0)
+            return
+        left = steps
+        while self._progress + left >= 1 - 1e-9:
+            part = min(max(1 - self._progress, 0.0), left)
+            self._go(way, turn, part / steps)
             self._step()
             left -= part
-        left = max(left, 0.0)
-        self._go(way, turn, left / dt)
-        self._seconds += left
+        self._go(way, turn, left / steps)
+        self._progress += left
 
     def _go(self, way: float, turn: float, part: float) -> None:
         piece = arc(way * part, turn * part)
@@ -197,7 +204,7 @@ class SteadyNetwork:
         self._sheet.settle(self._inhibition)
         self._follow(self._sheet)
         here = self.best
-        self._way, self._seconds = NOWHERE, 0.0
+        self._way, self._progress = NOWHERE, 0.0
         self._place_packet(here, Place(*self._sheet.decode()))
 
     def _place_packet(self, expected: Place, found: Place) -> None:
@@ -210,19 +217,18 @@ class SteadyNetwork:
             self._base, self._slip = found, NOWHERE
 
     def inject(self, place: Place, energy: float) -> None:
-        """Spread over the cells around the place; the packet moves as far as its mean does."""
-        before = Place(*self._sheet.decode())
-        place = after(place, back(self._way))
-        slip = self._slip
+        """Spread over the cells around the place; the packet moves as far as its mean does.
+
+        Which packet wins is seen after the next step of the attractor: before it, the few cells
+        that a view has just told are more active than any of a packet's.
+        """
+        place, slip = after(place, back(self._way)), self._slip
         self._sheet.inject(place.x - slip.x, place.y - slip.y, place.th - slip.th, energy)
         self._sheet.assign(self._sheet.activity / (1 + energy))
-        found = Place(*self._sheet.decode())
-        moved = differences(found, before, self._size)
-        if np.abs(moved).max() < _JUMP:
-            base = Place(*(np.array(self._base) + moved).tolist())
-            self._base = on_sheet(base, self._size)
-        else:
-            self._place_packet(self._base, found)
+        away = differences(place, self._base, self._size)
+        if np.abs(away).max() <= _REACH:
+            base = np.array(self._base) + away * (energy / (1 + energy))
+            self._base = on_sheet(Place(*base.tolist()), self._size)
 
     def accept(self) -> None:
         self._before = None
@@ -230,22 +236,49 @@ class SteadyNetwork:
     def go_back(self) -> None:
         if self._before is None:
             return
+        self._restart(self._before)
+        self._before = None
+
+    def _restart(self, place: Place) -> None:
+        """One packet, and nothing else."""
         cells = np.zeros((HEADINGS, self._size, self._size))
         cells[0, 0, 0] = np.finfo(np.float64).tiny
         self._sheet.assign(cells)
-        self._sheet.inject(*self._before, 1.0)
-        self._base, self._slip, self._way = self._before, NOWHERE, NOWHERE
-        self._before = None
+        self._sheet.inject(*place, 1.0)
+        for _ in range(_FORMED):
+            self._sheet.settle(self._inhibition)
+        self._base, self._way = place, NOWHERE
+        off = differences(place, Place(*self._sheet.decode()), self._size)
+        self._slip = Place(*off.tolist())
 
     def numbers(self) -> Floats:
         before = (math.nan,) * 3 if self._before is None else self._before
-        return np.array([*self._base, *self._slip, *self._way, self._seconds, *before])
+        return np.array([*self._base, *self._slip, *self._way, self._progress, *before])
 
     def remember(self, cells: Floats, numbers: Floats) -> None:
-        if numbers.shape != (13,) or not np.isfinite(numbers[:10]).all():
-            raise DataError("network: expected 13 numbers, the first ten of them finite")
-        self._sheet.assign(cells)
+        _check_numbers(numbers, 13, self._size)
+        _take_over(self._sheet, cells)
         values = numbers.tolist()
         self._base, self._slip, self._way = (Place(*values[i : i + 3]) for i in (0, 3, 6))
-        self._seconds = values[9]
+        self._progress = values[9]
         self._before = None if math.isnan(values[10]) else Place(*values[10:])
+
+
+def _check_numbers(numbers: Floats, count: int, size: int) -> None:
+    """First a place on the sheet; behind the tenth one where the packet was, or NaN."""
+    if numbers.shape != (count,):
+        raise DataError(f"network: numbers of the shape {numbers.shape}, expected {(count,)}")
+    nowhere = count > 10 and bool(np.isnan(numbers[10:]).all())
+    if not np.isfinite(numbers[:10] if nowhere else numbers).all():
+        raise DataError(f"network: {numbers.tolist()}: expected finite numbers")
+    if any(not 0 <= x < end for x, end in zip(numbers[:3], (size, size, HEADINGS), strict=True)):
+        raise DataError(f"network: place {numbers[:3].tolist()} is not on the sheet")
+    if not 0 <= numbers[9:10].sum() <= 1:
+        raise DataError(f"network: {numbers[9]} of a step, expected 0 to 1")
+
+
+def _take_over(sheet: PoseSheet, cells: Floats) -> None:
+    expected = sheet.activity.shape
+    if cells.shape != expected:
+        raise ShapeError(f"the activity has cells of the shape {cells.shape}, expected {expected}")
+    sheet.assign(cells)

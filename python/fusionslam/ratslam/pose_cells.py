@@ -75,7 +75,8 @@ class PoseCellsConfig(Section):
     )
     step_s: float = option(
         0.5,
-        "robust: odometry between two steps of the attractor; openratslam takes one with each",
+        "robust: odometry between two steps of the attractor, which also takes one every cell of "
+        "way; openratslam takes one with each odometry",
         unit="s",
         ge=1e-3,
         le=3600,
@@ -88,8 +89,8 @@ class PoseCells:
     The two presets differ in this:
 
     - ``openratslam`` takes a step of the attractor with each odometry, ``robust`` one every
-      ``step_s`` of stamped time, with exact motion between: the pose does not depend on how often
-      odometry arrives, and at dt 0 nothing moves.
+      ``step_s`` of stamped time and every cell of way, with exact motion between: the pose does not
+      depend on how often odometry arrives, and at dt 0 nothing moves.
     - Views: ``openratslam`` adds energy to one cell, for views older than the last ten or, while
       there are fewer than ten, for any; ``robust`` spreads it over the cells around the place, for
       views older than the last ten only, and a view that the robot keeps looking at wears only so

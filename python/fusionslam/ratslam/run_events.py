@@ -14,6 +14,8 @@ from fusionslam.messages import Odometry
 from fusionslam.ratslam.events import Event, Look, Motion
 from fusionslam.ratslam.sources import MatcherSource, TemplateSource, ViewSource
 from fusionslam.ratslam.tours import Progress, Tour
+from fusionslam.ratslam.visual_motion import seen_motions
+from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
 from fusionslam.sim.motion.odometry import OdometryConfig, simulate_odometry
 from fusionslam.sim.motion.trajectory import Trajectory
 from fusionslam.views.drives import DRIFT
@@ -94,6 +96,7 @@ def events_of(
     odometry: str | None = None,
     errors: OdometryConfig = DRIFT,
     *,
+    seen: VisualOdometryConfig | None = None,
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> RunEvents:
@@ -104,6 +107,7 @@ def events_of(
         source: what recognises places.
         odometry: one of ``ODOMETRY``; None for the topic where there is one, else the truth.
         errors: of truth+noise.
+        seen: how speed is seen in images, of visual odometry; None for the defaults.
         jobs: images that are rendered at a time.
         progress: told about that.
 
@@ -111,8 +115,11 @@ def events_of(
         DataError: the tour lacks what is asked for. ConfigError: an unknown kind of odometry.
     """
     stamps_ns, item = _looks(tour, source, jobs, progress)
-    title, motions = motions_of(tour, odometry, errors)
-    return RunEvents(tour.name, title, _during(motions, stamps_ns), stamps_ns, item, tour.truth)
+    if odometry == "visual":
+        title, motions = seen_motions(tour, seen, jobs=jobs, progress=progress)
+    else:
+        title, motions = motions_of(tour, odometry, errors)
+    return RunEvents(tour.name, title, during(motions, stamps_ns), stamps_ns, item, tour.truth)
 
 
 def motions_of(
@@ -177,10 +184,15 @@ def _image_looks(
     return stamps_ns, made.views.__getitem__
 
 
-def _during(
+def during(
     motions: Sequence[Odometry | Motion], stamps_ns: NDArray[np.int64]
 ) -> list[Odometry | Motion]:
-    """Odometry from the last one before the first view to the first one after the last view."""
+    """Odometry from the last one before the first view to the first one after the last view.
+
+    Args:
+        motions: in the order of stamps.
+        stamps_ns: int64 (m), m > 0, increasing, of the views.
+    """
     stamps = np.array([motion.stamp_ns for motion in motions], np.int64)
     first = max(int(np.searchsorted(stamps, stamps_ns[0], side="right")) - 1, 0)
     last = int(np.searchsorted(stamps, stamps_ns[-1], side="left")) + 1

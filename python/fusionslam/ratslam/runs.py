@@ -19,6 +19,7 @@ from fusionslam.ratslam.run_record import NO_NODE, REFUSED, RatSlamRun
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.ratslam.sources import SourceOptions, source_named
 from fusionslam.ratslam.tours import Progress, open_tour
+from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
 from fusionslam.sim.motion.odometry import OdometryConfig
 from fusionslam.sim.motion.trajectory import Trajectory
 from fusionslam.views.drives import DRIFT
@@ -32,8 +33,8 @@ _OF_THE_MAP = ("nodes", "node_stamps_ns", "node_views", "links")
 # The first and last true pose count for steps this far before and after.
 _BEYOND_S = 0.1
 
-Watch = Callable[[Step, RatSlam], None]
-"""Called after each step."""
+Watch = Callable[[Step, RatSlam, Event], None]
+"""Called after each step, with what was taken."""
 
 
 class RunRecorder:
@@ -129,6 +130,7 @@ def run_ratslam(
     *,
     options: SourceOptions | None = None,
     errors: OdometryConfig = DRIFT,
+    seen: VisualOdometryConfig | None = None,
     jobs: int = 1,
     progress: Progress | None = None,
     watch: Watch | None = None,
@@ -143,6 +145,7 @@ def run_ratslam(
         config: of the cells and the map.
         options: what views are made with.
         errors: of odometry "truth+noise".
+        seen: how speed is seen in images, of odometry "visual"; None for the defaults.
         jobs: images that are rendered at a time.
         progress: told about progress.
         watch: called after each step.
@@ -153,7 +156,7 @@ def run_ratslam(
     """
     chosen = source_named(views, options)
     opened = open_tour(source, jobs=jobs, progress=progress)
-    events = events_of(opened, chosen, odometry, errors, jobs=jobs, progress=progress)
+    events = events_of(opened, chosen, odometry, errors, seen=seen, jobs=jobs, progress=progress)
     recorder = RunRecorder(RatSlam(config, views=chosen), events)
     run_events(recorder, progress, watch)
     return recorder.record()
@@ -174,7 +177,7 @@ def run_events(
     for done, event in enumerate(events, 1):
         step = recorder.step(event)
         if step is not None and watch is not None:
-            watch(step, recorder.slam)
+            watch(step, recorder.slam, event)
         if progress is not None:
             progress(label, done, len(events))
 
@@ -195,15 +198,21 @@ def truth_at(truth: Trajectory | None, stamps_ns: list[int]) -> NDArray[np.float
     """float64 (n, 3): true poses at stamps; NaN where they are not known. None if all are not."""
     if truth is None:
         return None
+    poses = true_poses(truth, stamps_ns)
+    missing = np.count_nonzero(np.isnan(poses[:, 0]))
+    if missing:
+        logger.warning("%d of %d steps have no true pose", missing, len(poses))
+    return None if missing == len(poses) else poses
+
+
+def true_poses(truth: Trajectory, stamps_ns: list[int]) -> NDArray[np.float64]:
+    """float64 (n, 3): true x, y and heading in (-pi, pi] at stamps; NaN where not known."""
     seconds = np.array(stamps_ns) / 1e9
     inside = np.clip(seconds, truth.seconds[0], truth.seconds[-1])
     known = np.abs(seconds - inside) <= _BEYOND_S
-    if not known.all():
-        missing = np.count_nonzero(~known)
-        logger.warning("%d of %d steps have no true pose", missing, len(known))
     places = np.stack(truth.places(inside), axis=1)
     places[:, 2] = np.pi - (np.pi - places[:, 2]) % (2 * np.pi)
-    return np.where(known[:, None], places, np.nan) if known.any() else None
+    return np.where(known[:, None], places, np.nan)
 
 
 def _per_step(steps: list[Step]) -> dict[str, NDArray[Any]]:
