@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
-from fusionslam.evaluation.views import view_rule
+from fusionslam.evaluation.view_rules import view_rule
 from fusionslam.ratslam import RatSlam, RatSlamConfig, RatSlamRun, Sighting, ViewSource
 from fusionslam.ratslam.run_events import RunEvents, events_of
 from fusionslam.ratslam.runs import RunRecorder, truth_at
