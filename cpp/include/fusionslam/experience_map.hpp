@@ -145,7 +145,7 @@ struct MapState {
   std::vector<std::int64_t> pending_ends;  ///< p x 2
   std::vector<double> pending;             ///< p x 12
 
-  static constexpr std::size_t link_values = 6, robot_values = 9, robot_counts = 3,
+  static constexpr std::size_t link_values = 6, robot_values = 11, robot_counts = 2,
                                pending_values = 12;
 };
 

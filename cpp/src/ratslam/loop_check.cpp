@@ -99,12 +99,16 @@ void remember(MapArrays& map, const Pending& loop) {
   map.pending.push_back(loop);
 }
 
-LoopCheck compared(const MapArrays& map, const Pending& loop) {
+/// How uncertain odometry and links are about where the robot is in the frame of a node.
+Drift drift_since(const MapArrays& map, std::int64_t node) {
+  DriftSearch search(map, node, without_limit);
+  search.reach(map.current);
+  return search.drift(map.current, map.pose());
+}
+
+LoopCheck compared(const MapArrays& map, const Pending& loop, const Drift& drift) {
   const Pose2 robot = map.pose(), claimed = composed(map.nodes[loop.target], loop.place);
   const double x = claimed.x - robot.x, y = claimed.y - robot.y;
-  DriftSearch search(map, loop.target, without_limit);
-  search.reach(map.current);
-  const Drift drift = search.drift(map.current, robot);
   LoopCheck check;
   check.error_m = std::hypot(x, y);
   check.error_rad = std::abs(wrapped(claimed.heading - robot.heading));
@@ -126,6 +130,22 @@ std::string words(const LoopCheck& check) {
 
 }  // namespace
 
+Arrival arrival_by(const MapArrays& map, const Pending& loop) {
+  const double place_m = map.config.place_m * map.config.place_m;
+  const double place_rad = map.config.place_rad * map.config.place_rad;
+  const Drift drift = drift_since(map, loop.target);
+  if (!compared(map, loop, drift).accepted) return {loop.place, place_m, place_rad};
+  // What the link says is odometry's way since the current node and the view.
+  const double m = drift.largest() + loop.measure.variance_m - place_m;
+  const double rad = drift.rotation + loop.measure.variance_rad - place_rad;
+  const double share_m = m / (m + place_m), share_rad = rad / (rad + place_rad);
+  const Pose2 seen = seen_from(map.nodes[loop.target], map.pose());
+  return {{seen.x + share_m * (loop.place.x - seen.x), seen.y + share_m * (loop.place.y - seen.y),
+           wrapped(seen.heading + share_rad * wrapped(loop.place.heading - seen.heading))},
+          share_m * place_m,
+          share_rad * place_rad};
+}
+
 std::vector<std::size_t> agreeing_loops(const MapArrays& map, const Pending& loop) {
   std::vector<std::size_t> found;
   if (map.pending.empty()) return found;
@@ -137,7 +157,7 @@ std::vector<std::size_t> agreeing_loops(const MapArrays& map, const Pending& loo
 
 LoopCheck check_loop(MapArrays& map, const MapAction& action) {
   const Pending loop = claimed_loop(map, action);
-  LoopCheck check = compared(map, loop);
+  LoopCheck check = compared(map, loop, drift_since(map, loop.target));
   if (!map.robust()) {
     check.accepted = true;
     check.reason = "the openratslam preset closes every loop";
