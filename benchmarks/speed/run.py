@@ -17,6 +17,7 @@ from benchmarks.speed import (
     inputs,
     learning_cases,
     memory,
+    pose_cell_cases,
     search_cases,
     settings,
     similarity_cases,
@@ -43,6 +44,7 @@ ROWS: dict[str, Rows] = {
     "learning": learning_cases.learning_cases,
     "similarity": similarity_cases.similarity_cases,
     "alignment": alignment_cases.alignment_cases,
+    "cells": pose_cell_cases.pose_cell_cases,
     "frame": system_cases.frame_cases,
     "describe": system_cases.describe_cases,
 }

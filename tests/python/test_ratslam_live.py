@@ -172,6 +172,16 @@ def test_what_was_seen_is_shown_small(tmp_path: Path, kind: str) -> None:
     np.testing.assert_allclose(read[:, [0, 100, 200, 319]].mean((0, 2)), [200, 200, 0, 0], atol=3)
 
 
+def test_of_many_images_five_a_second_are_shown(tmp_path: Path) -> None:
+    slam, image = RatSlam(views=TemplateSource()), views_of_a_stripe()
+    with LiveView(tmp_path / "run.rrd") as view:
+        for k in range(30):
+            event = Look(START + k * 50 * MS, image)
+            view.step(slam.step(event), slam, event)
+    times = [elapsed for elapsed, _, _ in rows(tmp_path / "run.rrd")["/image"]]
+    assert times == [k * 200 * MS for k in range(8)]
+
+
 def test_of_what_a_template_keeps_its_blocks_are_shown(tmp_path: Path) -> None:
     source = TemplateSource()
     slam, kept = RatSlam(views=source), source.templates.view(views_of_a_stripe())
@@ -256,8 +266,8 @@ slam, noise = RatSlam(), np.random.default_rng(0)
 try:
     with LiveView({path!r}) as view:
         for k in range(20):
-            step = slam.step(Sighting(k, k))
-            view.step(step, slam, Look(k, noise.integers(0, 255, (240, 320, 3), np.uint8)))
+            step = slam.step(Sighting(k * 10**9, k))
+            view.step(step, slam, Look(0, noise.integers(0, 255, (240, 320, 3), np.uint8)))
 except DataError as error:
     print(error)
 """
@@ -271,7 +281,7 @@ def test_a_full_disk_is_an_error_and_leaves_no_file(tmp_path: Path) -> None:
         text=True,
         timeout=60,
     )
-    assert result.stdout == f"cannot write {path}: is the disk full?\n", result.stderr
+    assert result.stdout == f"cannot write {path}: File too large\n", result.stderr
     assert list(tmp_path.iterdir()) == []
 
 
@@ -310,6 +320,8 @@ class Viewer:
 
     def log(self, *_: Any) -> None:
         self.rows += 1
+
+    def send_blueprint(self, _: Any) -> None: ...
 
     def set_time(self, *_: Any, **__: Any) -> None: ...
 

@@ -271,3 +271,12 @@ def test_names_that_are_html_or_paths_are_harmless(tmp_path: Path) -> None:
     assert Page(text).open == []
     assert not re.search(r"<(i|u|s|em)>", text) and "&lt;em&gt;why" in text
     assert [path.name for path in tmp_path.iterdir()] == ["r"]
+
+
+def test_the_start_is_the_first_pose_that_is_on_the_map() -> None:
+    actions = [(0, 0, 0), (1, 0, 0), (1, 0, 1), (1, 1, 2)]
+    far = np.array([(50.0, 50.0, 0.0), *[(0.0, 0.0, 0.0)] * 3])
+    run = alone(actions=actions, nodes=HALL[1:], links=[(0, 1), (1, 2)], offsets=far, truth=None)
+    lines = draw_map(scene_of(run, judge_map(run))).axes[0].lines
+    (start,) = [line for line in lines if line.get_label() == "start"]
+    assert np.ravel(start.get_xydata()).tolist() == [1.0, 0.0]

@@ -262,6 +262,13 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
         RatSlam().save(tmp_path / "file" / "state.npz")
 
 
+def test_a_device_is_never_replaced_by_a_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(DataError, match="pipe: it is a device, expected a file"):
+        RatSlam().save(tmp_path / "pipe")
+    assert [path.name for path in tmp_path.iterdir()] == ["pipe"] and (tmp_path / "pipe").is_fifo()
+
+
 def test_the_file_is_a_plain_archive_without_pickles(saved: Path) -> None:
     with zipfile.ZipFile(saved) as archive:
         assert archive.testzip() is None

@@ -12,25 +12,9 @@ import pytest
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualSpeed, fit_speed
 from fusionslam.sensors import Camera
+from painted_room import HEIGHT, RADIUS_M, VIEW, WIDTH, room_image
 
-WIDTH, HEIGHT, VIEW = 320, 24, 1.0
-RADIUS_M = 3.0
 TENTH = 100_000_000
-
-
-def room_image(x: float = 0.0, yaw: float = 0.0, view: float = VIEW, seed: int = 5) -> np.ndarray:
-    """What a pinhole camera at (x, 0) sees of the painted wall of a round room, by its rays."""
-    focal = WIDTH / 2 / np.tan(view / 2)
-    # The optical frame has x to the right: a column left of the centre looks counter-clockwise.
-    ray = yaw - np.arctan((np.arange(WIDTH) - (WIDTH - 1) / 2) / focal)
-    along = x * np.cos(ray)
-    far = -along + np.sqrt(along**2 + RADIUS_M**2 - x**2)
-    on_wall = np.arctan2(far * np.sin(ray), x + far * np.cos(ray))
-    rng = np.random.default_rng(seed)
-    waves, phases = np.arange(1, 90), rng.uniform(0, 2 * np.pi, 89)
-    paint = (np.cos(np.outer(on_wall, waves) + phases) * rng.uniform(0.3, 1, 89)).sum(1)
-    rows = rng.uniform(0.9, 1.1, (HEIGHT, 1))
-    return np.clip((120 + 9 * paint) * rows, 0, 255).round().astype(np.uint8)
 
 
 def drive(odometry: VisualOdometry, images: list, gap_ns: int = TENTH) -> list[VisualSpeed]:
@@ -147,6 +131,21 @@ def test_the_camera_says_how_wide_it_sees():
         VisualOdometry(camera=Camera(-matrix))
 
 
+def test_rows_that_nobody_looks_at_may_be_missing_where_the_camera_says_its_size():
+    matrix = np.array([[290, 0, (WIDTH - 1) / 2, 0], [0, 290, 12, 0], [0, 0, 1, 0]], float)
+    camera = Camera(matrix, size=(WIDTH, HEIGHT))
+    images = [room_image(), room_image(x=0.03, yaw=0.05)]
+    used = VisualOdometry().rows_used(HEIGHT)
+    assert used < HEIGHT
+    upper = [image[:used] for image in images]
+    assert drive(VisualOdometry(camera=camera), upper) == drive(
+        VisualOdometry(camera=camera), images
+    )
+    for image in (images[0][: used - 1], np.vstack([images[0], images[0]])):
+        with pytest.raises(ShapeError, match="expected 320x24 of the calibration"):
+            VisualOdometry(camera=camera).process(image, 0)
+
+
 def test_images_without_contrast_say_so_and_give_no_nan():
     blank = np.full((HEIGHT, WIDTH), 77, np.uint8)
     for images in ([blank, blank], [room_image(), blank], [blank, room_image()]):
@@ -226,6 +225,22 @@ def test_a_broken_state_is_refused():
 def test_bad_configurations_name_the_key(changes, message):
     with pytest.raises(ConfigError, match=message):
         VisualOdometry(**changes)
+
+
+def test_shifts_between_the_references_images_are_those_that_it_was_given(test_data: Path):
+    folder = test_data / "reference" / "ratslam"
+    images = np.load(folder / "lv_images.npz")["images"]
+    _, lap, place, moved_px = np.loadtxt(folder / "lv_truth.csv", int, delimiter=",", skiprows=1).T
+    again = np.flatnonzero(lap == 1)
+    pairs = [(images[2 * place[frame]], images[frame]) for frame in again]
+    theirs = [drive(VisualOdometry(preset="openratslam"), pair)[0].shift_px for pair in pairs]
+    # Truth counts the crop that moved: what is seen moves against it, and has another exposure.
+    assert np.abs(theirs + moved_px[again]).max() <= 2
+    ours = [drive(VisualOdometry(max_turn=4.0), pair)[0] for pair in pairs]
+    assert not any(seen.why for seen in ours)
+    assert np.abs([seen.shift_px for seen in ours] + moved_px[again]).max() < 1
+    others = [drive(VisualOdometry(), images[[n, n + 1]])[0] for n in range(1, 119, 2)]
+    assert all("deviations" in seen.why for seen in others)
 
 
 def test_turns_and_speeds_of_a_simulated_drive_are_near_the_truth(test_data: Path):

@@ -66,27 +66,59 @@ void pad(const double* layer, std::size_t n, std::size_t reach, double* padded) 
   }
 }
 
+/// Which layers hold activity. A packet is in a few of them; what is left out of the work is 0.
+struct Active {
+  std::array<bool, layers_count> layers{};
+
+  Active(const double* cells, std::size_t area, const SheetKernels& kernels) {
+    for (std::size_t th = 0; th < layers_count; ++th)
+      layers[th] = kernels.largest(cells + th * area, area) > 0;
+  }
+  /// Whether any layer of first to last does, counted on beyond the wrap.
+  bool any(std::size_t first, std::size_t last) const {
+    for (std::size_t th = first; th <= last; ++th)
+      if (layers[th % layers_count]) return true;
+    return false;
+  }
+};
+
 struct Blurring {
   Blur blur;
   Window window;
   std::size_t reach;
 };
 
-/// The wrapped convolution of all cells, one axis after the other. `layers` has room for 2 reach
-/// further ones; `padded` for two padded layers.
-void convolve(const double* cells, std::size_t n, const Blurring& by, double* layers,
-              double* padded, double* out) {
-  const std::size_t wide = n + 2 * by.reach, area = n * n;
+/// A layer blurred along x, then along y. `padded` has room for two padded layers.
+void blur_layer(const double* layer, std::size_t n, const Blurring& by, double* padded,
+                double* out) {
+  const std::size_t wide = n + 2 * by.reach;
   double* const rows = padded + wide * wide;
+  pad(layer, n, by.reach, padded);
+  for (std::size_t y = 0; y < wide; ++y)
+    by.blur(padded + y * wide + by.reach, 1, n, by.window, rows + y * n);
+  by.blur(rows + by.reach * n, n, n * n, by.window, out);
+}
+
+/// The wrapped convolution of all cells, one axis after the other. `layers` has room for 2 reach
+/// further ones.
+void convolve(const double* cells, std::size_t n, const SheetKernels& kernels, const Blurring& by,
+              double* layers, double* padded, double* out) {
+  const std::size_t area = n * n, before = by.reach * area;
+  const Active active(cells, area, kernels);
   for (std::size_t th = 0; th < layers_count; ++th) {
-    pad(cells + th * area, n, by.reach, padded);
-    for (std::size_t y = 0; y < wide; ++y)
-      by.blur(padded + y * wide + by.reach, 1, n, by.window, rows + y * n);
-    by.blur(rows + by.reach * n, n, area, by.window, layers + (th + by.reach) * area);
+    double* const to = layers + before + th * area;
+    if (active.layers[th])
+      blur_layer(cells + th * area, n, by, padded, to);
+    else
+      std::fill_n(to, area, 0.0);
   }
-  std::copy_n(layers + layers_count * area, by.reach * area, layers);
-  std::copy_n(layers + by.reach * area, by.reach * area, layers + (layers_count + by.reach) * area);
-  by.blur(layers + by.reach * area, area, layers_count * area, by.window, out);
+  std::copy_n(layers + layers_count * area, before, layers);
+  std::copy_n(layers + before, before, layers + before + layers_count * area);
+  for (std::size_t th = 0; th < layers_count; ++th)
+    if (active.any(th + layers_count - by.reach, th + layers_count + by.reach))
+      by.blur(layers + before + th * area, area, area, by.window, out + th * area);
+    else
+      std::fill_n(out + th * area, area, 0.0);
 }
 
 /// A layer moved by whole cells, with a row before the first one and a column before the first.
@@ -179,10 +211,10 @@ void PoseSheet::settle(double global_inhibition) {
   const SheetKernels& kernels = detail::sheet_kernels(simd_level());
   static const Window excitation = gaussian(3, 1), inhibition = gaussian(2, 2);
   const auto n = static_cast<std::size_t>(size_);
-  convolve(cells_.data(), n, {kernels.blur3, excitation, 3}, layers_.data(), padded_.data(),
-           blurred_.data());
-  convolve(blurred_.data(), n, {kernels.blur2, inhibition, 2}, layers_.data(), padded_.data(),
-           next_.data());
+  convolve(cells_.data(), n, kernels, {kernels.blur3, excitation, 3}, layers_.data(),
+           padded_.data(), blurred_.data());
+  convolve(blurred_.data(), n, kernels, {kernels.blur2, inhibition, 2}, layers_.data(),
+           padded_.data(), next_.data());
   // Written to `layers_`: `cells_` stay what they are until it is known that activity is left.
   const double sum = kernels.inhibit(blurred_.data(), next_.data(), global_inhibition,
                                      cells_.size(), layers_.data());
@@ -198,13 +230,21 @@ void PoseSheet::move(std::span<const double> x, std::span<const double> y, doubl
   check_ways(x, y, layers);
   const SheetKernels& kernels = detail::sheet_kernels(simd_level());
   const auto n = static_cast<std::size_t>(size_), area = layer_size();
+  const Active active(cells_.data(), area, kernels);
   for (std::size_t th = 0; th < layers_count; ++th)
-    move_layer(cells_.data() + th * area, n, {x[th], size_}, {y[th], size_}, kernels,
-               padded_.data(), next_.data() + th * area);
+    if (active.layers[th])
+      move_layer(cells_.data() + th * area, n, {x[th], size_}, {y[th], size_}, kernels,
+                 padded_.data(), next_.data() + th * area);
+    else
+      std::fill_n(next_.data() + th * area, area, 0.0);
   const Way turn(layers, headings);
   for (std::size_t th = 0; th < layers_count; ++th) {
     const std::size_t from = (th + layers_count - turn.whole) % layers_count;
     const std::size_t before = (from + layers_count - 1) % layers_count;
+    if (!active.layers[from] && !active.layers[before]) {
+      std::fill_n(cells_.data() + th * area, area, 0.0);
+      continue;
+    }
     kernels.mix(next_.data() + from * area, turn.here, next_.data() + before * area, turn.beyond,
                 area, cells_.data() + th * area);
   }

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fusionslam._files import make_folder
 from fusionslam.cli import options as opt
 from fusionslam.cli.guard import INTERRUPTED, needs_extra
 from fusionslam.cli.screen import Step, progress
@@ -51,6 +52,12 @@ def ratslam(
     preset: Annotated[
         str | None, typer.Option("--preset", help="robust (ours, the default) or openratslam.")
     ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            "--seed", min=0, help="Decides the noise of --odometry truth+noise, where it has some."
+        ),
+    ] = None,
     save: Annotated[
         Path | None,
         typer.Option("--save", metavar="STATE", help="Write a file that --resume goes on from."),
@@ -87,14 +94,18 @@ def ratslam(
 
     Ctrl-C keeps the map so far, and what is needed to go on with it.
     """
-    from fusionslam.ratslam.run_events import events_of
+    from fusionslam.ratslam.run_events import ODOMETRY, events_of
     from fusionslam.ratslam.runs import RunRecorder
 
+    make_folder(output)
     if not no_report:
         needs_extra("report")
     if live is not None:
         needs_extra("live")
     changes = [*([f"ratslam.preset={preset}"] if preset else []), *(settings or [])]
+    changes += [f"odometry.seed={seed}"] if seed is not None else []
+    if odometry is not None:
+        opt.one_of("--odometry", odometry, ODOMETRY)
     whole = whole_config(None, config, changes, recording={"shapes": "collision"})
     slam, earlier = _mapper(whole, views, resume, changes)
     reading = (kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)

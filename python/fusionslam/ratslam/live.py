@@ -12,6 +12,7 @@
 import logging
 import os
 from contextlib import ExitStack
+from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,9 +49,10 @@ _GROWTH = 100
 since its start: a file grows with n log n, not n^2."""
 _APART_M = 0.1
 """Points of a way that are nearer than this to the last one are left out."""
-_START_S = 10.0
-"""A viewer that has not answered by then does not start."""
-_END_BYTES = 64
+_ANSWER_S = 10.0
+"""A viewer that has not answered by then is not there."""
+_IMAGE_NS = 2 * 10**8
+"""Images are shown no more often: they are most of a file."""
 _IMAGE_WIDTH = 320
 
 
@@ -65,8 +67,8 @@ class LiveView:
     timelines, and no other.
 
     Args:
-        path: of the .rrd to write, whole once the view is closed, also after an error; None opens
-            the viewer instead.
+        path: of the .rrd to write when the view is closed, which is also after an error; until then
+            it is kept in memory. None opens the viewer instead.
         name: of what runs, for people.
         truth: where the robot truly is; None if nobody knows.
 
@@ -85,25 +87,31 @@ class LiveView:
         if path is not None:
             _check(Path(path))
         self._rerun = _rerun()
-        self._path, self._truth, self._files, self._closed = path, truth, ExitStack(), False
+        self._truth, self._files, self._closed = truth, ExitStack(), False
         self._first_ns: int | None = None
+        self._imaged_ns: int | None = None
         self._grown_ns = self._robots_ns = 0
         self._moved: RigidMotion | None = None
         self._ways: dict[str, list[list[float]]] = {which: [] for which in _COLOURS}
         self._last: tuple[Step, RatSlam] | None = None
         # Without properties: they hold the time of the wall clock, as does log_time.
-        self._recording = self._rerun.RecordingStream(f"fusionslam {name}", send_properties=False)
+        self._recording = self._rerun.RecordingStream(
+            f"fusionslam {name}",
+            send_properties=False,
+            batcher_config=None if path is None else _large_chunks(self._rerun),
+        )
         self._recording.set_log_time_enabled(False)
         self._temporary = None if path is None else self._files.enter_context(atomic_path(path))
-        self._open()
+        # In memory: rerun's own writer may wait for ever for a disk that is full.
+        self._kept = None if path is None else self._recording.binary_stream()
+        if self._kept is None:
+            self._open_viewer()
+        self._recording.send_blueprint(_blueprint())
 
-    def _open(self) -> None:
-        if self._temporary is not None:
-            self._recording.save(self._temporary, default_blueprint=_blueprint())
-            return
+    def _open_viewer(self) -> None:
         try:
-            self._recording.spawn(default_blueprint=_blueprint())
-            self._recording.flush(timeout_sec=_START_S)
+            self._recording.spawn()
+            self._recording.flush(timeout_sec=_ANSWER_S)
         except (RuntimeError, OSError) as error:
             raise FusionSlamError(
                 f"the viewer of rerun does not start ({error}): is there a screen? A .rrd file "
@@ -155,24 +163,22 @@ class LiveView:
         if self._closed:
             return
         self._closed = True
+        if self._last is not None:
+            self._set_time(self._last[0].stamp_ns)
+            self._grown(self._last[1])
         with self._files:
-            if self._last is not None:
-                self._set_time(self._last[0].stamp_ns)
-                self._grown(self._last[1])
-            if self._temporary is not None:
-                self._recording.disconnect()
-                if not _is_whole(self._temporary):
-                    raise DataError(f"cannot write {self._path}: is the disk full?")
-            else:
-                self._leave()
+            if self._temporary is not None and self._kept is not None:
+                self._temporary.write_bytes(self._kept.read() or b"")
+        if self._temporary is None:
+            self._leave_viewer()
+        self._recording.disconnect()
 
-    def _leave(self) -> None:
+    def _leave_viewer(self) -> None:
         """What people did to their viewer is no fault of the run."""
         try:
-            self._recording.flush(timeout_sec=_START_S)
+            self._recording.flush(timeout_sec=_ANSWER_S)
         except RuntimeError as error:
             logger.warning("the viewer of rerun was closed before the end: %s", error)
-        self._recording.disconnect()
 
     def _pause_ns(self) -> int:
         return max(_GROWN_NS, (self._grown_ns - (self._first_ns or 0)) // _GROWTH)
@@ -217,8 +223,11 @@ class LiveView:
         for name, number in (("id", step.view_id), ("node", step.node)):
             if number is not None:
                 self._log(f"views/{name}", self._rerun.Scalars([float(number)]))
+        if self._imaged_ns is not None and step.stamp_ns - self._imaged_ns < _IMAGE_NS:
+            return
         image = _image_of(event, slam)
         if image is not None:
+            self._imaged_ns = step.stamp_ns
             every = -(-image.shape[1] // _IMAGE_WIDTH)
             small = np.ascontiguousarray(image[::every, ::every])
             self._log("image", self._rerun.Image(small).compress(jpeg_quality=75))
@@ -270,17 +279,11 @@ def _check(path: Path) -> None:
         raise DataError(f"cannot write {path}: it is a folder")
 
 
-def _is_whole(path: Path) -> bool:
-    """Whether a file ends as an .rrd that was closed: in its last bytes is the name it began with.
-
-    What rerun cannot write it leaves out, and says so only to people.
-    """
-    if path.stat().st_size < 2 * _END_BYTES:
-        return False
-    with path.open("rb") as file:
-        name = file.read(4)
-        file.seek(-_END_BYTES, os.SEEK_END)
-        return name in file.read()
+def _large_chunks(rerun: Any) -> Any:
+    """Rows of a file go together by their size; nobody waits for them."""
+    config = rerun.ChunkBatcherConfig.DEFAULT()
+    config.flush_tick = timedelta(days=1)
+    return config
 
 
 def _blueprint() -> Any:

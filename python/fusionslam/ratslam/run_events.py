@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.messages import Odometry
 from fusionslam.ratslam.events import Event, Look, Motion
 from fusionslam.ratslam.sources import MatcherSource, TemplateSource, ViewSource
@@ -29,6 +29,14 @@ RATE_HZ = 30.0
 """Odometry messages a second that are made of the truth."""
 
 _NO_ERRORS = OdometryConfig()
+
+
+@dataclass(frozen=True)
+class Unreadable:
+    """Something to look at that cannot be read, and why."""
+
+    stamp_ns: int
+    error: FusionSlamError
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +85,7 @@ class RunEvents:
     def __len__(self) -> int:
         return len(self.motions) + len(self.look_stamps_ns)
 
-    def __iter__(self) -> Iterator[Event]:
+    def __iter__(self) -> Iterator[Event | Unreadable]:
         """The events in the order of their stamps, of equal ones odometry first; read when asked
         for."""
         stamps = [motion.stamp_ns for motion in self.motions]
@@ -86,8 +94,15 @@ class RunEvents:
         for look, place in enumerate(places):
             yield from self.motions[done:place]
             done = place
-            yield Look(int(self.look_stamps_ns[look]), self.item(look))
+            yield self._look(look)
         yield from self.motions[done:]
+
+    def _look(self, index: int) -> Look | Unreadable:
+        stamp_ns = int(self.look_stamps_ns[index])
+        try:
+            return Look(stamp_ns, self.item(index))
+        except (DataError, ShapeError) as error:
+            return Unreadable(stamp_ns, error)
 
 
 def events_of(

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._files import uninterrupted
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.errors import DataError, FusionSlamError, ShapeError
 from fusionslam.ratslam.events import Event
-from fusionslam.ratslam.run_events import RunEvents, events_of
+from fusionslam.ratslam.run_events import RunEvents, Unreadable, events_of
 from fusionslam.ratslam.run_record import NO_NODE, REFUSED, RatSlamRun
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.ratslam.sources import SourceOptions, source_named
@@ -62,18 +62,21 @@ class RunRecorder:
         """Whether anything was taken yet."""
         return bool(self._steps)
 
-    def step(self, event: Event) -> Step | None:
+    def step(self, event: Event | Unreadable) -> Step | None:
         """Take an event; None of one that is refused, which is noted."""
+        if isinstance(event, Unreadable):
+            self._refuse(event.error)
+            return None
         with uninterrupted():
             try:
                 step = self.slam.step(event)
-            except DataError as error:
+            except (DataError, ShapeError) as error:
                 self._refuse(error)
                 return None
             self._keep(step)
         return step
 
-    def _refuse(self, error: DataError) -> None:
+    def _refuse(self, error: FusionSlamError) -> None:
         level = logging.WARNING if self._refused is None else logging.INFO
         logger.log(level, "%s: left out: %s", self.events.name, error)
         self._refused = self._refused or error
@@ -89,11 +92,13 @@ class RunRecorder:
             self._notes.append(f"{step.stamp_ns / 1e9:.3f} s: {step.why}")
 
     def record(self) -> RatSlamRun:
-        """Everything so far. Raises what was refused first, if nothing was taken."""
-        if not self._steps:
-            raise self._refused or DataError(f"{self.events.name}: no events")
+        """Everything so far. Raises what was refused first, if nothing was seen."""
         slam, steps = self.slam, self._steps
         looked = [step for step in steps if step.looked]
+        if self._refused is not None and not looked:
+            raise self._refused
+        if not steps:
+            raise DataError(f"{self.events.name}: no events")
         th, x, y = (self._sums(place) for place in range(3))
         run = RatSlamRun(
             name=self.events.name,
@@ -176,7 +181,7 @@ def run_events(
     events = recorder.events.after(*recorder.slam.seen_ns)
     for done, event in enumerate(events, 1):
         step = recorder.step(event)
-        if step is not None and watch is not None:
+        if step is not None and watch is not None and not isinstance(event, Unreadable):
             watch(step, recorder.slam, event)
         if progress is not None:
             progress(label, done, len(events))

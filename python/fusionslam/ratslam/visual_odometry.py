@@ -47,10 +47,10 @@ class VisualOdometryConfig(Section):
         "robust", "robust (ours) or openratslam (Ball et al. 2013, as its program behaves)"
     )
     turn_rows: Rows = option(
-        (0.0, 0.5), "rows that turning is seen in, first and end", unit="parts of the height"
+        (0.0, 0.6), "rows that turning is seen in, first and end", unit="parts of the height"
     )
     speed_rows: Rows = option(
-        (0.0, 0.5), "rows that speed is seen in, first and end", unit="parts of the height"
+        (0.0, 0.6), "rows that speed is seen in, first and end", unit="parts of the height"
     )
     field_of_view: float = option(
         1.0, "angle from the left edge to the right one", unit="rad", gt=0, lt=float(np.pi)

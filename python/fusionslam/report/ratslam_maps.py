@@ -188,8 +188,10 @@ def lines_between(
 
 def _ends(axis: "Axes", scene: Scene) -> None:
     """Where the path starts and ends; one does not hide the other."""
+    # Before its first node the robot is not on the map yet.
+    first = int(np.argmax(scene.run.node_ids >= 0))
     for row, marker, size, fill, label in (
-        (0, "D", 8, "white", "start"),
+        (first, "D", 8, "white", "start"),
         (-1, "s", 4.5, INK, "end"),
     ):
         place = scene.path[row, :2]

@@ -70,6 +70,8 @@ def draw_views(scene: Scene) -> "Figure | None":
     run = scene.run
     if not run.is_view.any():
         return None
+    from matplotlib.ticker import MaxNLocator
+
     figure = new_figure(_WIDTH, 4.6)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     seconds, ids = run.seconds[run.is_view], run.view_ids[run.is_view]
@@ -77,7 +79,9 @@ def draw_views(scene: Scene) -> "Figure | None":
     for mask, color, name in ((~new & (ids >= 0), RIGHT, "known view"), (new, MAP, "new view")):
         label = f"{name}: {np.count_nonzero(mask)}"
         above.plot(seconds[mask], ids[mask], "o", mew=0, ms=3, color=color, label=label)
-    above.set(ylabel="view", ylim=(-0.04 * max(ids.max(), 1) - 1, max(ids.max(), 1) * 1.04 + 1))
+    most = max(int(ids.max()), 1)
+    above.set(ylabel="view", ylim=(-0.04 * most - 0.5, 1.04 * most + 0.5))
+    above.yaxis.set_major_locator(MaxNLocator(integer=True))
     above.grid(alpha=0.25)
     _marks(below, scene, seconds[ids < 0])
     below.set_xlabel("time (s)")

@@ -23,7 +23,7 @@ from fusionslam.report.ratslam_plots import (
     draw_views,
     new_views,
 )
-from fusionslam.report.ratslam_scene import Scene, scene_of
+from fusionslam.report.ratslam_scene import Scene, denied, scene_of
 from fusionslam.report.ratslam_tables import (
     REFUSALS,
     error_table,
@@ -165,7 +165,8 @@ def what_happened(scene: Scene) -> str:
     duration = float(run.seconds[-1])
     made = f"{counted_word(len(run.nodes), 'node')} and {counted_word(len(run.links), 'link')}"
     loops = counted_word(int(scene.loops.sum()), "loop")
-    verdict = f", {int(scene.false.sum())} of them false" if report.false_loops is not None else ""
+    judged = report.false_loops is not None and scene.loops.any()
+    verdict = f", {int(scene.false.sum())} of them false" if judged else ""
     refused = f"{counted_word(len(run.refused), 'loop')} refused"
     became = Counter(refusals(scene))
     told = [f"{became[kind]} {kind}" for kind in REFUSALS if became[kind]]
@@ -231,12 +232,20 @@ def _way_home(scene: Scene) -> "Figure | None":
 
 
 def _map_caption(scene: Scene) -> str:
+    """What the picture shows, and no more."""
+    known = scene.truth is not None
+    marks = (
+        (scene.right.any(), "rings, closed rightly" if known else "rings, closed"),
+        (scene.false.any(), "crosses, closed while the robot was elsewhere"),
+        (
+            denied(scene.run).any(),
+            "triangles and broken lines, refused as they do not fit the odometry",
+        ),
+    )
+    told = "; ".join(words for there, words in marks if there)
     laid = "Map and dead reckoning are each turned and shifted onto the truth, not stretched. "
-    start = "Dots are nodes, lines links. Marks are the ends of loops: "
-    refused = "triangles and broken lines, refused because it does not fit the odometry."
-    if scene.truth is None:
-        return f"{start}rings, closed; {refused}"
-    return f"{laid}{start}rings, closed rightly; crosses, closed while elsewhere; {refused}"
+    loops = f" Marks are the ends of loops: {told}." if told else ""
+    return f"{laid if known else ''}Dots are nodes, lines links.{loops}"
 
 
 def _left_out(number: int, most: int, what: str) -> list[str]:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the page is made of: chapters of sentences, tables and pictures."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fusionslam.report.pictures import Picture
@@ -59,9 +59,14 @@ class Head:
     text: Callable[[str], str]
 
 
-def table_of(rows: Sequence[str], heads: Sequence[Head]) -> Table:
-    """A table of texts, whose rows are called by name."""
-    cells = [(row, [Cell(head.text(row) or DASH) for head in heads]) for row in rows]
+def table_of(
+    rows: Sequence[str], heads: Sequence[Head], labels: Mapping[str, str] | None = None
+) -> Table:
+    """A table of texts, whose rows are called by name, or as ``labels`` says."""
+    names = labels or {}
+    cells = [
+        (names.get(row, row), [Cell(head.text(row) or DASH) for head in heads]) for row in rows
+    ]
     return Table([(head.title, head.hint) for head in heads], cells)
 
 

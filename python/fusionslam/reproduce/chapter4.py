@@ -61,9 +61,7 @@ def _colors(study: DescriptorStudy, folder: Path) -> Chapter:
                 lambda s, i=place: f"{PUBLISHED_COLOR_SPACES[s][i]:.3f}",  # type: ignore[misc]
             ),
         ]
-    table = table_of(COLOR_SPACES, heads)
-    named = [(SPACES[label], cells) for label, cells in table.rows]
-    table = type(table)(table.heads, named)
+    table = table_of(COLOR_SPACES, heads, SPACES)
     chapter.show(f"c-M2DP on {case}, LiDAR and camera, as its author computes it", table, "colours")
     curves = {SPACES[space]: _color_curve(study, space) for space in COLOR_SPACES}
     caption = f"Figure 4.1: c-M2DP in three colour spaces, on {case}. {_MARKS}"
@@ -95,7 +93,7 @@ def _times(study: DescriptorStudy) -> Chapter:
                 Head("thesis, ms", "mean over KITTI 05", lambda name, s=stage, k=known: k(name, s)),  # type: ignore[misc]
             ]
         if source in _TABLES:
-            table = table_of(tuple(NAMES), heads)
+            table = table_of(tuple(NAMES), heads, NAMES)
             title = f"Table {_TABLES[source][0]}, {_SOURCES[source]}, here on {case}"
             chapter.show(title, table, "descriptor")
     thinned = (

@@ -103,6 +103,7 @@ def accuracy_chapter(study: ViewStudy, methods: Sequence[str], folder: Path) -> 
     for drive in study.drives:
         for frame in ("odometry", "robot"):
             chapter.picture(_curves(study, drive.world, frame, methods, folder))
+    chapter.say("Ours has no curve here, as that takes long; fusionslam views curve makes one.")
     best = _best_thresholds(study, methods)
     if best.rows:
         chapter.show("Figure 5.5 in figures: the most accurate threshold", best, "world and way")

@@ -17,6 +17,8 @@ WITHOUT_SENSOR = "every_3rd"
 """Accuracy alone says little: what this scores, which looks at nothing, stands beside it."""
 QUICK_EACH = 4
 """Of how many scans a quick run looks at one."""
+QUICK_M = 100.0
+"""How far a quick run drives through a made world."""
 KITTI_SEQUENCES = ("06", "05", "00", "07")
 """Those of tables 4.4 and 4.5, in their order."""
 
@@ -35,7 +37,9 @@ class ReproduceConfig(Section):
     kitti: str | None = option(
         None, "folder of KITTI odometry for the descriptors; null: the simulated town"
     )
-    quick: bool = option(False, f"one scan of {QUICK_EACH}, no stereo, no CSHOT")
+    quick: bool = option(
+        False, f"one scan of {QUICK_EACH}, short drives through made worlds, no stereo, no CSHOT"
+    )
 
 
 def checked(config: ReproduceConfig) -> ReproduceConfig:

@@ -14,7 +14,7 @@ from fusionslam.evaluation import MapReport, ViewRun, judge_map
 from fusionslam.messages import NANOSECONDS
 from fusionslam.ratslam import RatSlam, RatSlamConfig
 from fusionslam.ratslam.events import Event, Look, Sighting
-from fusionslam.ratslam.run_events import RunEvents, during, motions_of
+from fusionslam.ratslam.run_events import RunEvents, Unreadable, during, motions_of
 from fusionslam.ratslam.run_record import RatSlamRun
 from fusionslam.ratslam.runs import RunRecorder, run_events
 from fusionslam.ratslam.sources import MatcherSource
@@ -88,7 +88,7 @@ class MapStudy:
 class SightingEvents(RunEvents):
     """Events whose views are recognised already: its items are ``Sighting``."""
 
-    def __iter__(self) -> Iterator[Event]:
+    def __iter__(self) -> Iterator[Event | Unreadable]:
         for event in super().__iter__():
             yield event.item if isinstance(event, Look) else event
 

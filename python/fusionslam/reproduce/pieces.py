@@ -24,7 +24,8 @@ class Pieces:
     """A folder of pieces.
 
     A piece counts as finished if its file is there: files appear whole, and their names carry a
-    digest of all that decides what is in them.
+    digest of all that decides what is in them, as far as that is configured; of the code it is the
+    version.
     """
 
     folder: Path
@@ -64,7 +65,7 @@ class Pieces:
 
     def path(self, name: str, made_with: Mapping[str, Any], suffix: str = ".npz") -> Path:
         """Where a piece lies once it is finished."""
-        text = json.dumps([_core.__version__, _core_state(), made_with], sort_keys=True)
+        text = json.dumps([_core.__version__, made_with], sort_keys=True)
         key = hashlib.sha256(text.encode()).hexdigest()[:12]
         return self.folder / f"{name}.{key}{suffix}"
 
@@ -97,7 +98,3 @@ def state_of(path: Path) -> list[Any]:
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
     return [str(path.resolve()), status.st_size, status.st_mtime_ns]
-
-
-def _core_state() -> list[Any]:
-    return state_of(Path(str(_core.__file__)))[1:]

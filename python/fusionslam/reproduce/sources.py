@@ -15,7 +15,7 @@ from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.evaluation.view_published import world_of
 from fusionslam.ratslam.tours import Tour, open_tour
-from fusionslam.reproduce.config import QUICK_EACH, ReproduceConfig
+from fusionslam.reproduce.config import QUICK_EACH, QUICK_M, ReproduceConfig
 from fusionslam.reproduce.pieces import state_of
 from fusionslam.views.drives import Drive, Step, open_drive
 from fusionslam.views.images import Images
@@ -30,7 +30,7 @@ class Source:
     Attributes:
         world: "warehouse", "house" or "hospital".
         path: of the recording; None for a world that is made.
-        quick: whether only one scan of some is looked at.
+        quick: whether only one scan of some is looked at, and made worlds are driven less far.
         jobs: frames worked on at a time.
         step: told about progress.
     """
@@ -51,7 +51,8 @@ class Source:
         """What the drive is, for people."""
         thinned = f", one scan of {QUICK_EACH}" if self.quick else ""
         if self.path is None:
-            return f"{self.world}, made by fusionslam{thinned}"
+            part = f", {QUICK_M:g} m of it" if self.quick else ""
+            return f"{self.world}, made by fusionslam{part}{thinned}"
         return f"{self.path.stem}, a recording in the thesis's world{thinned}"
 
     @cached_property
@@ -124,13 +125,13 @@ def _recordings(folder: Path) -> dict[str | None, Path]:
 
 
 def _rarer(config: Any) -> Any:
-    """The same drive with a part of its scans and images."""
+    """A short drive with a part of its scans and images."""
     robot = config.robot
     slower: dict[str, Any] = {
         kind: {name: {"rate_hz": one.rate_hz / QUICK_EACH} for name, one in mounted.items()}
         for kind, mounted in (("lidars", robot.lidars), ("cameras", robot.cameras))
     }
-    return merged(config, {"robot": slower})
+    return merged(config, {"robot": slower, "plan": {"length_m": QUICK_M}})
 
 
 def _thinned(drive: Drive) -> Drive:
