@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "drift.hpp"
 #include "fusionslam/errors.hpp"
 #include "map_arrays.hpp"
 
@@ -16,15 +17,22 @@ namespace {
 
 // A deviation of nothing would make a link of unlimited weight.
 constexpr double least_variance = 1e-6;
+// Odometry whose variance is so many times a view's does not count beside it.
+constexpr double unsure = 100;
 
-void arrive(MapArrays& map, std::int64_t node, const Pose2& offset, bool by_view) {
+/// How sure the robot's place is in the frame of its node.
+struct Sureness {
+  double m = 0, rad = 0;  ///< variances
+};
+
+void arrive(MapArrays& map, std::int64_t node, const Pose2& offset, const Sureness& sureness) {
   map.current = node;
   const Pose2 pose = composed(map.nodes[node], offset);
   map.dx = pose.x - map.nodes[node].x;
   map.dy = pose.y - map.nodes[node].y;
   map.facing = pose.heading;
-  map.variance_m = map.variance_rad = 0;
-  map.arrived_by_view = by_view;
+  map.variance_m = sureness.m;
+  map.variance_rad = sureness.rad;
   if (map.robust()) map.seconds = 0;
 }
 
@@ -52,12 +60,10 @@ Measure measured(const MapArrays& map, const Pose2& node) {
   measure.heading = wrapped(std::atan2(map.dy, map.dx) - node.heading);
   measure.facing = wrapped(map.facing - node.heading);
   measure.duration = map.seconds;
-  const double by_view = map.arrived_by_view ? 1 : 0;
-  const double place_m = map.config.place_m, place_rad = map.config.place_rad;
   // On a way of length d a heading that goes astray evenly puts the end off by d / sqrt(3) of it.
-  measure.variance_m = least_variance + map.variance_m + by_view * place_m * place_m +
-                       map.variance_rad * measure.distance * measure.distance / 3;
-  measure.variance_rad = least_variance + map.variance_rad + by_view * place_rad * place_rad;
+  measure.variance_m =
+      least_variance + map.variance_m + map.variance_rad * measure.distance * measure.distance / 3;
+  measure.variance_rad = least_variance + map.variance_rad;
   return measure;
 }
 
@@ -72,16 +78,16 @@ void create_node(MapArrays& map, const MapAction& action) {
   link.measure.facing = wrapped(link.measure.facing);
   if (action.target > 0) add_link(map, link);
   // The reference does not start anew at its first node: the way to it counts twice.
-  if (action.target > 0 || map.robust()) arrive(map, action.target, {}, false);
+  if (action.target > 0 || map.robust()) arrive(map, action.target, {}, {});
 }
 
 void create_reference_edge(MapArrays& map, const MapAction& action) {
-  if (link_between(map, map.current, action.target) < 0) {
+  if (action.target != map.current && link_between(map, map.current, action.target) < 0) {
     Link link{map.current, action.target, measured(map, map.nodes[map.current]), true};
     link.measure.facing = wrapped(link.measure.facing + action.relative_rotation);
     add_link(map, link);
   }
-  arrive(map, action.target, {0, 0, action.relative_rotation}, true);
+  arrive(map, action.target, {0, 0, action.relative_rotation}, {});
 }
 
 void add_squares(MapArrays& map, const Link& link, double sign) {
@@ -142,8 +148,22 @@ void create_edge(MapArrays& map, const MapAction& action) {
   for (const std::size_t number : confirmed) add_loop(map, map.pending[number]);
   for (auto number = confirmed.rbegin(); number != confirmed.rend(); ++number)
     map.pending.erase(map.pending.begin() + static_cast<std::ptrdiff_t>(*number));
+  const double view_m = map.config.place_m * map.config.place_m;
+  const double view_rad = map.config.place_rad * map.config.place_rad;
+  const Pose2 robot = seen_from(map.nodes[loop.target], map.pose());
+  // What odometry is worth against the view; none where it comes from too far to be worth anything.
+  const auto drift = drift_since(map, loop.target, unsure * (view_m + view_rad));
+  double m = 1, rad = 1;
+  if (drift) {
+    const double own_m = drift->largest() + map.variance_m,
+                 own_rad = drift->rotation + map.variance_rad;
+    m = own_m / (own_m + view_m), rad = own_rad / (own_rad + view_rad);
+  }
   add_loop(map, loop);
-  arrive(map, action.target, loop.place, true);
+  arrive(map, loop.target,
+         {robot.x + m * (loop.place.x - robot.x), robot.y + m * (loop.place.y - robot.y),
+          wrapped(robot.heading + rad * wrapped(loop.place.heading - robot.heading))},
+         {m * view_m, rad * view_rad});
 }
 
 void check_finite(const MapAction& action) {
@@ -202,17 +222,17 @@ ExperienceMap::ExperienceMap(ExperienceMap&&) noexcept = default;
 ExperienceMap& ExperienceMap::operator=(ExperienceMap&&) noexcept = default;
 
 void ExperienceMap::on_odometry(double v, double w, double dt) {
-  if (!std::isfinite(v) || !std::isfinite(w) || !std::isfinite(dt) || dt < 0)
+  MapArrays& map = *map_;
+  const ExperienceMapConfig& config = map.config;
+  const double way = v * dt, turn = w * dt, facing = wrapped(map.facing + turn);
+  const double dx = map.dx + way * std::cos(facing), dy = map.dy + way * std::sin(facing);
+  const double seconds = map.seconds + dt;
+  // Not finite where any of the values is not; v and w count at no time, too.
+  if (!std::isfinite(dx + dy + facing + seconds) || dt < 0)
     throw DataError("odometry v " + std::to_string(v) + " m/s, w " + std::to_string(w) +
                     " rad/s, dt " + std::to_string(dt) +
                     " s: expected finite values and a time that is not negative");
-  MapArrays& map = *map_;
-  const ExperienceMapConfig& config = map.config;
-  const double way = v * dt, turn = w * dt;
-  map.facing = wrapped(map.facing + turn);
-  map.dx += way * std::cos(map.facing);
-  map.dy += way * std::sin(map.facing);
-  map.seconds += dt;
+  map.dx = dx, map.dy = dy, map.facing = facing, map.seconds = seconds;
   map.variance_m += config.drift_m * config.drift_m * std::abs(way);
   map.variance_rad += config.drift_turn * config.drift_turn * std::abs(turn) +
                       config.drift_heading * config.drift_heading * std::abs(way);

@@ -102,9 +102,9 @@ void remember(MapArrays& map, const Pending& loop) {
 LoopCheck compared(const MapArrays& map, const Pending& loop) {
   const Pose2 robot = map.pose(), claimed = composed(map.nodes[loop.target], loop.place);
   const double x = claimed.x - robot.x, y = claimed.y - robot.y;
-  DriftSearch search(map, loop.target, without_limit);
-  search.reach(map.current);
-  const Drift drift = search.drift(map.current, robot);
+  // What no way leads to may be anywhere.
+  const Drift drift = drift_since(map, loop.target, without_limit)
+                          .value_or(Drift{without_limit, 0, without_limit, without_limit});
   LoopCheck check;
   check.error_m = std::hypot(x, y);
   check.error_rad = std::abs(wrapped(claimed.heading - robot.heading));
@@ -149,9 +149,14 @@ LoopCheck check_loop(MapArrays& map, const MapAction& action) {
   }
   const auto candidates = agreeing_loops(map, loop);
   const std::size_t group = 1 + largest_group(map, candidates);
-  check.accepted = group >= static_cast<std::size_t>(map.config.agreeing);
+  const double farthest = std::max(1.0, map.config.agreed_sigmas / map.config.sigmas);
+  const bool beyond =
+      check.error_m > farthest * check.allowed_m || check.error_rad > farthest * check.allowed_rad;
+  check.accepted = !beyond && group >= static_cast<std::size_t>(map.config.agreeing);
   check.reason = words(check) + "; " + std::to_string(group - 1) + " earlier loops agree with it" +
-                 (check.accepted ? "" : ", expected " + std::to_string(map.config.agreeing - 1));
+                 (check.accepted ? ""
+                  : beyond       ? ", too far off for any number"
+                                 : ", expected " + std::to_string(map.config.agreeing - 1));
   if (!check.accepted) remember(map, loop);
   return check;
 }

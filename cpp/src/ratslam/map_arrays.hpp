@@ -82,7 +82,6 @@ struct MapArrays {
   std::int64_t current = 0;
   double dx = 0, dy = 0, facing = 0;  ///< since the current node, in the frame of the map
   double seconds = 0, variance_m = 0, variance_rad = 0;
-  bool arrived_by_view = false;  ///< the robot's place at the current node is a view's
 
   std::vector<std::int64_t> due;          ///< nodes whose surroundings are to be relaxed
   double credit = 0;                      ///< nodes that may be moved by now
@@ -90,6 +89,8 @@ struct MapArrays {
   double squares_m = 0, squares_rad = 0;  ///< sums of the links' squared errors
 
   std::vector<Pending> pending;
+
+  std::vector<int> rows;  ///< of each node in the part that is being solved; -1 elsewhere
 
   Pose2 pose() const {
     const Pose2 node = nodes.empty() ? Pose2{} : nodes[current];

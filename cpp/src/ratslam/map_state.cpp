@@ -72,6 +72,9 @@ void check_values(const MapState& state) {
   expect_finite(state.robot, "robot");
   expect_finite(state.pending, "pending");
   expect_nodes(state.ends, count, "ends");
+  for (std::size_t i = 0; i < state.ends.size(); i += 2)
+    expect(state.ends[i] != state.ends[i + 1],
+           "a link joins node " + std::to_string(state.ends[i]) + " to itself");
   expect_nodes(state.due, count, "due");
   expect_nodes(state.pending_ends, count, "pending_ends");
   const std::int64_t current = state.counts[0];
@@ -92,7 +95,7 @@ MapState ExperienceMap::state() const {
   }
   state.robot = {map.dx,           map.dy,     map.facing,    map.seconds,    map.variance_m,
                  map.variance_rad, map.credit, map.squares_m, map.squares_rad};
-  state.counts = {map.current, map.arrived_by_view, map.local_only};
+  state.counts = {map.current, map.local_only};
   state.due = map.due;
   for (const Pending& loop : map.pending) {
     state.pending_ends.insert(state.pending_ends.end(), {loop.source, loop.target});
@@ -130,7 +133,7 @@ void ExperienceMap::restore(const MapState& state) {
   map->variance_m = robot[4], map->variance_rad = robot[5], map->credit = robot[6];
   map->squares_m = robot[7], map->squares_rad = robot[8];
   map->current = state.counts[0];
-  map->arrived_by_view = state.counts[1] != 0, map->local_only = state.counts[2] != 0;
+  map->local_only = state.counts[1] != 0;
   map->due = state.due;
   map_ = std::move(map);
 }
