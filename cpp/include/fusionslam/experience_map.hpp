@@ -37,7 +37,7 @@ struct ExperienceMapConfig {
   double place_m = 0.4;
   double place_rad = 0.2;
   double sigmas = 3.0;
-  int agreeing = 4;
+  int agreeing = 64;
   double agreed_sigmas = 9.0;
   double agreement_m = 0.5;
   double outlier = 3.0;
