@@ -52,7 +52,7 @@ def _colors(study: DescriptorStudy, folder: Path) -> Chapter:
 
     heads = []
     for place, precision in enumerate((1.0, 0.9)):
-        title = f"recall at {precision:.0%} precision"
+        title = f"recall at {100 * precision:.0f} % precision"
         heads += [
             Head(title, f"here, on {case}", lambda s, p=precision: shown(at(s, p), "{:.3f}")),  # type: ignore[misc]
             Head(
@@ -273,6 +273,7 @@ def descriptor_claims(study: DescriptorStudy) -> list[Claim]:
             of("cm2dp", "robust", full_recall),
             of("cm2dp", "author", full_recall),
             "{:.3f}",
+            ties=True,
         ),
     ]
     if study.stored is not None:
