@@ -64,5 +64,6 @@ def test_wrong_views_in_the_warehouse_do_not_fold_its_map(warehouse: Course) -> 
     assert wrong > 50
     report = judge_map(warehouse.drive(ROBUST, DRIFT, told))
     nodes, reckoned, _ = errors_of(report)
-    assert nodes < reckoned
-    assert report.false_loops == 0
+    assert nodes < 0.75 * reckoned
+    # One that is no farther off than odometry may be is believed.
+    assert report.false_loops < 0.05 * wrong
