@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError
 from fusionslam.evaluation.view_rules import view_rule
 from fusionslam.ratslam import RatSlam, RatSlamConfig, RatSlamRun, Sighting, ViewSource
-from fusionslam.ratslam.run_events import RunEvents, events_of
+from fusionslam.ratslam.run_events import RunEvents, during, events_of, motions_of
 from fusionslam.ratslam.runs import RunRecorder, truth_at
 from fusionslam.ratslam.sources import SOURCES, source_named
 from fusionslam.ratslam.tours import Tour, open_tour
@@ -78,8 +78,12 @@ class Course:
             sightings: one for each look; None for what the source says.
         """
         seen = self.sightings if sightings is None else sightings
+        title, motions = motions_of(self.tour, "truth+noise", errors)
         events = replace(
-            events_of(self.tour, self.source, "truth+noise", errors), item=seen.__getitem__
+            self._looks,
+            odometry=title,
+            motions=during(motions, self._looks.look_stamps_ns),
+            item=seen.__getitem__,
         )
         recorder = RunRecorder(RatSlam(config), events)
         for event in events:
