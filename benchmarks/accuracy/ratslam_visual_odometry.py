@@ -1,18 +1,18 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""How far is visual odometry from the truth? A Markdown table.
+"""How far is visual odometry from the truth, and what map does a camera make? Markdown tables.
 
     python -m benchmarks.accuracy.ratslam_visual_odometry [--write]
 
 Drives of the test data are rendered at 10 Hz by a camera of a quarter of the robot's columns and
 rows: the whole ones would take a quarter of an hour. Made worlds are seen in their bags, at 2 Hz
-and by the whole camera. Worlds of the test data are left out where FUSIONSLAM_TEST_DATA does not
-name them.
+and by the whole camera. Maps are made of visual odometry and of visual templates, which the whole
+camera sees. Worlds of the test data are left out where FUSIONSLAM_TEST_DATA does not name them.
 """
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +20,12 @@ from numpy.typing import NDArray
 
 from benchmarks.accuracy.data import ROOT, world_files
 from benchmarks.accuracy.markdown import table, write_between
+from fusionslam.evaluation.maps import judge_map
+from fusionslam.ratslam import RatSlam, TemplateSource
+from fusionslam.ratslam.run_events import events_of
+from fusionslam.ratslam.runs import RunRecorder, run_events
 from fusionslam.ratslam.tours import open_tour
-from fusionslam.ratslam.visual_motion import visual_speeds
+from fusionslam.ratslam.visual_motion import image_stamps_ns, visual_motions, visual_speeds
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualSpeed, fit_speed
 from fusionslam.sim.motion.trajectory import Trajectory, read_trajectory
 from fusionslam.views.images import Images, rendered_images
@@ -31,6 +35,8 @@ CAMERA = Path(__file__).with_name("quarter_camera.yaml")
 MADE = ("warehouse", "house", "hospital")
 HEADER = ["drive", "images", "preset", "turn rate off by", "in 90 % by less than", "heading off by"]
 HEADER += ["speed off by", "way seen of way driven", "fitted", "doubted"]
+MAPS = ["drive", "preset of the map", "odometry alone", "every pose on the map", "its heading"]
+MAPS += ["nodes", "loops made, false", "refused, of them true"]
 Floats = NDArray[np.float64]
 
 
@@ -51,12 +57,19 @@ class Seen:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="put the table into docs/ratslam.md")
+    parser.add_argument("--write", action="store_true", help="put them into docs/ratslam.md")
     arguments = parser.parse_args()
-    text = table(HEADER, [row for seen in drives() for row in rows(seen)])
-    print(text)
+    rendered = list(drives())
+    found = {
+        "ratslam-visual-odometry": table(
+            HEADER, [row for seen in (*rendered, *made_drives()) for row in rows(seen)]
+        ),
+        "ratslam-camera": table(MAPS, [row for seen in rendered for row in map_rows(seen)]),
+    }
+    print("\n\n".join(found.values()))
     if arguments.write:
-        write_between(PAGE, "ratslam-visual-odometry", text)
+        for name, text in found.items():
+            write_between(PAGE, name, text)
 
 
 def drives() -> Iterator[Seen]:
@@ -71,6 +84,9 @@ def drives() -> Iterator[Seen]:
             rendered_images(path, way.seconds, poses, robot=str(CAMERA), bottom=used),
             way,
         )
+
+
+def made_drives() -> Iterator[Seen]:
     for name in MADE:
         tour = open_tour(name)
         made = tour.images()
@@ -103,6 +119,31 @@ def rows(seen: Seen) -> Iterator[list[str]]:
             f"{ways[0]:.0f} of {ways[1]:.0f} m",
             fitted,
             f"{100 * np.mean([bool(one.why) for one in found]):.1f} %",
+        ]
+
+
+def map_rows(seen: Seen) -> Iterator[list[str]]:
+    """Maps of a drive out of one camera: its speed, and visual templates."""
+    tour = open_tour(world_files()[seen.name].parents[1] / "recordings" / f"{seen.name}.npz")
+    odometry = VisualOdometry(camera=seen.images.camera)
+    speeds = visual_speeds(seen.images, odometry)
+    motions = visual_motions(image_stamps_ns(seen.images), speeds)
+    for preset in ("robust", "openratslam"):
+        source = TemplateSource()
+        events = replace(events_of(tour, source, "truth"), motions=motions, odometry="visual")
+        recorder = RunRecorder(RatSlam(preset=preset, views=source), events)
+        run_events(recorder)
+        judged = judge_map(recorder.record())
+        assert judged.dead_reckoning is not None and judged.trajectory is not None
+        yield [
+            seen.name,
+            preset,
+            f"{judged.dead_reckoning.rmse_m:.2f} m",
+            f"{judged.trajectory.rmse_m:.2f} m",
+            f"{judged.trajectory.heading_rmse_deg:.1f}°",
+            str(judged.node_count),
+            f"{judged.loops}, {judged.false_loops}",
+            f"{judged.refused}, {judged.refused_true}",
         ]
 
 

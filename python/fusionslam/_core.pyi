@@ -779,8 +779,8 @@ class PoseSheet:
         Takes over stored activity, of any shape with as many cells.
         
         Raises:
-            ShapeError: another number of cells. DataError: a cell that is negative or not finite, or none
-            that is active. The sheet is then as before.
+            ShapeError: another number of cells. DataError: a cell that is negative or not finite, or a sum
+            that is 0 or not finite. The sheet is then as before.
         """
     def decode(self) -> tuple[float, float, float]:
         """
@@ -792,6 +792,9 @@ class PoseSheet:
     def inject(self, x: typing.SupportsFloat | typing.SupportsIndex, y: typing.SupportsFloat | typing.SupportsIndex, th: typing.SupportsFloat | typing.SupportsIndex, energy: typing.SupportsFloat | typing.SupportsIndex) -> None:
         """
         Adds energy at a place in cells: to the eight cells round it, whose mean it is.
+        
+        Raises:
+            DataError: a number that is not finite, or negative energy.
         """
     def move(self, x: numpy.typing.NDArray[numpy.float64], y: numpy.typing.NDArray[numpy.float64], layers: typing.SupportsFloat | typing.SupportsIndex) -> None:
         """
@@ -802,7 +805,7 @@ class PoseSheet:
             layers: that everything then moves by along the headings.
         
         Raises:
-            ShapeError: not 36 ways.
+            ShapeError: not 36 ways. DataError: one that is not finite.
         """
     def settle(self, global_inhibition: typing.SupportsFloat | typing.SupportsIndex) -> None:
         """

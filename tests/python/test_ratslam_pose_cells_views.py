@@ -68,7 +68,7 @@ def test_one_wrong_view_does_not_move_the_pose() -> None:
 
 def test_a_view_that_one_stares_at_wears_off_and_one_that_rested_does_not() -> None:
     cells = learned()
-    for _ in range(3):
+    for _ in range(20):
         cells.on_view(0)
         cells.on_odometry(0.0, 0.0, 0.5)
     before = cells.activity
@@ -89,6 +89,18 @@ def test_the_pose_goes_where_the_robot_is_in_the_frame_of_the_view(
     # The view was seen from the middle, heading against x.
     expected = (10 - place[0] / CELL_M, 10 - place[1] / CELL_M, 18 + turned / LAYER)
     assert apart(cells.best, expected) < 0.15
+
+
+def test_a_view_between_two_steps_tells_of_the_robot_there() -> None:
+    cells = learned()
+    cells.on_odometry(0.7 * CELL_M, 0.9, 0.3)
+    before = cells.best
+    # What is told is what is so: nothing is to be corrected.
+    ahead = ((10 - before.x) * CELL_M, (10 - before.y) * CELL_M)
+    cells.on_view(0, (before.th - 18) * LAYER, ahead)
+    assert apart(cells.best, before) < 1e-9
+    cells.on_view(1, (before.th - 18) * LAYER, ahead)
+    assert 0.05 < apart(cells.best, before) < 0.2
 
 
 def test_energy_goes_between_cells_where_the_place_is_between_cells() -> None:
@@ -141,6 +153,7 @@ def test_an_edge_tells_the_robot_in_the_frame_of_the_node_not_of_the_view() -> N
         cells.on_odometry(0.9999 * CELL_M, 0.0, 1.0)
         cells.action()
     action = edge(looked(cells, 0, 8, 0.2, (0.1, -0.3)), 0, 0.2, (0.1, -0.3))
+    assert apart(cells.best, (10, 10, 18)) < 0.15
     assert (action.source, action.target) == (11, 0)
     assert action.relative_rotation == pytest.approx(0, abs=1e-9)
     assert action.relative_place == pytest.approx((0, 0), abs=1e-9)
@@ -186,10 +199,24 @@ def test_after_a_refused_loop_the_pose_is_where_odometry_leads() -> None:
 def test_the_view_of_a_refused_loop_rests() -> None:
     cells, loop, before = false_loop()
     cells.refuse(loop)
+    activity = cells.activity
+    cells.on_view(0)
+    np.testing.assert_array_equal(cells.activity, activity)
     for _ in range(20):
         cells.on_view(0)
         cells.on_odometry(0.0, 0.0, 0.5)
     assert apart(cells.best, before) < 0.01
+
+
+def test_a_refused_loop_goes_back_no_farther_than_to_the_last_one_that_was_kept() -> None:
+    cells = learned(25, size=40)
+    for view, place in ((0, 20), (12, 8)):
+        loop = edge(looked(cells, view, 8), view)
+        assert abs(cells.best.x - place) < 0.5
+        if view == 0:
+            cells.on_odometry(0.0, 0.0, 0.5)
+    cells.refuse(loop)
+    assert abs(cells.best.x - 20) < 0.5
 
 
 def test_a_loop_that_is_not_refused_is_kept() -> None:
