@@ -105,7 +105,10 @@ def _nearest(
     """The nearest known view and the pose in its frame; a new one if none is near."""
     best, found = RADIUS, (len(known), (0.0, 0.0, 0.0))
     for number, view in enumerate(known):
-        apart, turn = pose[:2] - view[:2], np.remainder(pose[2] - view[2] + np.pi, 2 * np.pi) - np.pi
+        apart, turn = (
+            pose[:2] - view[:2],
+            np.remainder(pose[2] - view[2] + np.pi, 2 * np.pi) - np.pi,
+        )
         if np.hypot(*apart) < best and abs(turn) < 0.3:
             forward = _direction(view[2])
             left = np.array([-forward[1], forward[0]])
