@@ -17,7 +17,8 @@ class Settings:
         batch: rows of the table whose rows are all compared with each other.
         clusters: sizes of the clouds that are clustered.
         scenes: numbers of stored scenes that one is compared with.
-        clouds, searches: sizes of the curves.
+        maps: nodes of experience maps.
+        clouds, searches, towns: sizes of the curves.
         memory, index: sizes for the peak memory of descriptors and of the index.
         frames: of the sequence that is described.
         limits, slow, curve: of a row, of a row that takes seconds, of a point of a curve.
@@ -31,8 +32,10 @@ class Settings:
     batch: int
     clusters: tuple[int, ...]
     scenes: tuple[int, int]
+    maps: tuple[int, int]
     clouds: tuple[int, ...]
     searches: tuple[int, ...]
+    towns: tuple[int, ...]
     memory: tuple[int, ...]
     index: int
     frames: int
@@ -50,8 +53,10 @@ FULL = Settings(
     batch=4541,
     clusters=(2_000, 20_000, 100_000),
     scenes=(1_000, 100_000),
+    maps=(136, 10_000),
     clouds=(2_000, 5_000, 10_000, 25_000, 50_000, 100_000, 200_000, 500_000),
     searches=(1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000),
+    towns=(136, 400, 1_000, 3_000, 10_000, 30_000, 100_000),
     memory=(25_000, 100_000, 500_000),
     index=1_000_000,
     frames=350,
@@ -69,8 +74,10 @@ QUICK = Settings(
     batch=300,
     clusters=(500, 1_000),
     scenes=(50, 200),
+    maps=(136, 400),
     clouds=(500, 1_000, 2_000),
     searches=(200, 500, 1_000),
+    towns=(136, 400),
     memory=(1_000, 4_000),
     index=5_000,
     frames=6,
