@@ -49,11 +49,11 @@ def test_a_step_tells_all_that_happened() -> None:
     assert slam.memory.node_views == [0] and slam.memory.node_stamps_ns == [TENTH]
 
 
-def test_motions_and_sightings_of_two_laps_close_the_loop_against_drift() -> None:
+def test_motions_and_sightings_of_four_laps_close_the_loop_against_drift() -> None:
     slam = RatSlam()
-    events = circle_events(2.0)
+    events = circle_events(4.0)
     steps = take(slam, events)
-    truth = np.stack(circles(2.0).places(np.array([s.stamp_ns for s in steps]) / 1e9), axis=1)
+    truth = np.stack(circles(4.0).places(np.array([s.stamp_ns for s in steps]) / 1e9), axis=1)
     live = errors_of([step.pose for step in steps], truth)
     alone = errors_of([step.dead_reckoning for step in steps], truth)
     assert alone > 0.2 and live < 0.6 * alone
