@@ -833,6 +833,11 @@ class ExperienceMapConfig:
     def __repr__(self) -> str:
         ...
     @property
+    def agreed_sigmas(self) -> float:
+        """
+        beyond so many deviations agreement does not help either
+        """
+    @property
     def agreeing(self) -> int:
         """
         beyond that only if so many loops agree, itself counted

@@ -38,9 +38,10 @@ struct ExperienceMapConfig {
   double place_rad = 0.2;
   double sigmas = 3.0;
   int agreeing = 64;
+  double agreed_sigmas = 9.0;
   double agreement_m = 0.5;
   double outlier = 3.0;
-  int work = 250;
+  int work = 60;
   double tolerance = 1e-4;
 
   template <class Config, class Visitor>
@@ -66,9 +67,11 @@ struct ExperienceMapConfig {
     visitor("place_rad", config.place_rad,
             OptionInfo{"deviation of the heading that it gives", "rad", 1e-3, 10});
     visitor("sigmas", config.sigmas,
-            OptionInfo{"a loop is believed up to so many deviations from odometry", "", 0, 1e6});
+            OptionInfo{"a loop is believed up to so many deviations from odometry", "", 0.1, 1e6});
     visitor("agreeing", config.agreeing,
             OptionInfo{"beyond that only if so many loops agree, itself counted", "", 2, 64});
+    visitor("agreed_sigmas", config.agreed_sigmas,
+            OptionInfo{"beyond so many deviations agreement does not help either", "", 0, 1e6});
     visitor(
         "agreement_m", config.agreement_m,
         OptionInfo{"loops with more drift between them do not speak for each other", "m", 0, 1e6});

@@ -59,4 +59,10 @@ Drift DriftSearch::drift(std::int64_t node, const Pose2& pose) const {
   return drift;
 }
 
+std::optional<Drift> drift_since(const MapArrays& map, std::int64_t node, double limit) {
+  DriftSearch search(map, node, limit);
+  if (!search.reach(map.current)) return std::nullopt;
+  return search.drift(map.current, map.pose());
+}
+
 }  // namespace fusionslam::detail

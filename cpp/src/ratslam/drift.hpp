@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <unordered_map>
 #include <vector>
 
@@ -54,5 +55,9 @@ class DriftSearch {
   std::unordered_map<std::int64_t, Reached> reached_;
   std::vector<Waiting> waiting_;
 };
+
+/// How uncertain the robot's place is, seen from a node, but for the way since its current node;
+/// nothing if all ways have a larger sum of variances than `limit`.
+std::optional<Drift> drift_since(const MapArrays& map, std::int64_t node, double limit);
 
 }  // namespace fusionslam::detail

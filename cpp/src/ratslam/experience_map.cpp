@@ -77,7 +77,7 @@ void create_node(MapArrays& map, const MapAction& action) {
 }
 
 void create_reference_edge(MapArrays& map, const MapAction& action) {
-  if (link_between(map, map.current, action.target) < 0) {
+  if (action.target != map.current && link_between(map, map.current, action.target) < 0) {
     Link link{map.current, action.target, measured(map, map.nodes[map.current]), true};
     link.measure.facing = wrapped(link.measure.facing + action.relative_rotation);
     add_link(map, link);
@@ -204,17 +204,17 @@ ExperienceMap::ExperienceMap(ExperienceMap&&) noexcept = default;
 ExperienceMap& ExperienceMap::operator=(ExperienceMap&&) noexcept = default;
 
 void ExperienceMap::on_odometry(double v, double w, double dt) {
-  if (!std::isfinite(v) || !std::isfinite(w) || !std::isfinite(dt) || dt < 0)
+  MapArrays& map = *map_;
+  const ExperienceMapConfig& config = map.config;
+  const double way = v * dt, turn = w * dt, facing = wrapped(map.facing + turn);
+  const double dx = map.dx + way * std::cos(facing), dy = map.dy + way * std::sin(facing);
+  const double seconds = map.seconds + dt;
+  // Not finite where any of the values is not; v and w count at no time, too.
+  if (!std::isfinite(dx + dy + facing + seconds) || dt < 0)
     throw DataError("odometry v " + std::to_string(v) + " m/s, w " + std::to_string(w) +
                     " rad/s, dt " + std::to_string(dt) +
                     " s: expected finite values and a time that is not negative");
-  MapArrays& map = *map_;
-  const ExperienceMapConfig& config = map.config;
-  const double way = v * dt, turn = w * dt;
-  map.facing = wrapped(map.facing + turn);
-  map.dx += way * std::cos(map.facing);
-  map.dy += way * std::sin(map.facing);
-  map.seconds += dt;
+  map.dx = dx, map.dy = dy, map.facing = facing, map.seconds = seconds;
   map.variance_m += config.drift_m * config.drift_m * std::abs(way);
   map.variance_rad += config.drift_turn * config.drift_turn * std::abs(turn) +
                       config.drift_heading * config.drift_heading * std::abs(way);

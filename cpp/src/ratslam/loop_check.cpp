@@ -17,6 +17,8 @@ namespace {
 
 constexpr std::size_t most_pending = 64;  // older ones are forgotten
 constexpr double without_limit = std::numeric_limits<double>::infinity();
+// Odometry whose variance is so many times a view's does not count beside it.
+constexpr double unsure = 100;
 
 /// Where two loops put the robot, and how sure that is along one side: the robot's own way between
 /// them, or the way between their targets.
@@ -99,13 +101,6 @@ void remember(MapArrays& map, const Pending& loop) {
   map.pending.push_back(loop);
 }
 
-/// How uncertain odometry and links are about where the robot is in the frame of a node.
-Drift drift_since(const MapArrays& map, std::int64_t node) {
-  DriftSearch search(map, node, without_limit);
-  search.reach(map.current);
-  return search.drift(map.current, map.pose());
-}
-
 LoopCheck compared(const MapArrays& map, const Pending& loop, const Drift& drift) {
   const Pose2 robot = map.pose(), claimed = composed(map.nodes[loop.target], loop.place);
   const double x = claimed.x - robot.x, y = claimed.y - robot.y;
@@ -133,11 +128,11 @@ std::string words(const LoopCheck& check) {
 Arrival arrival_by(const MapArrays& map, const Pending& loop) {
   const double place_m = map.config.place_m * map.config.place_m;
   const double place_rad = map.config.place_rad * map.config.place_rad;
-  const Drift drift = drift_since(map, loop.target);
-  if (!compared(map, loop, drift).accepted) return {loop.place, place_m, place_rad};
+  const auto drift = drift_since(map, loop.target, unsure * (place_m + place_rad));
+  if (!drift || !compared(map, loop, *drift).accepted) return {loop.place, place_m, place_rad};
   // What the link says is odometry's way since the current node and the view.
-  const double m = drift.largest() + loop.measure.variance_m - place_m;
-  const double rad = drift.rotation + loop.measure.variance_rad - place_rad;
+  const double m = drift->largest() + loop.measure.variance_m - place_m;
+  const double rad = drift->rotation + loop.measure.variance_rad - place_rad;
   const double share_m = m / (m + place_m), share_rad = rad / (rad + place_rad);
   const Pose2 seen = seen_from(map.nodes[loop.target], map.pose());
   return {{seen.x + share_m * (loop.place.x - seen.x), seen.y + share_m * (loop.place.y - seen.y),
@@ -157,7 +152,10 @@ std::vector<std::size_t> agreeing_loops(const MapArrays& map, const Pending& loo
 
 LoopCheck check_loop(MapArrays& map, const MapAction& action) {
   const Pending loop = claimed_loop(map, action);
-  LoopCheck check = compared(map, loop, drift_since(map, loop.target));
+  // What no way leads to may be anywhere.
+  const Drift drift = drift_since(map, loop.target, without_limit)
+                          .value_or(Drift{without_limit, 0, without_limit, without_limit});
+  LoopCheck check = compared(map, loop, drift);
   if (!map.robust()) {
     check.accepted = true;
     check.reason = "the openratslam preset closes every loop";
@@ -169,9 +167,14 @@ LoopCheck check_loop(MapArrays& map, const MapAction& action) {
   }
   const auto candidates = agreeing_loops(map, loop);
   const std::size_t group = 1 + largest_group(map, candidates);
-  check.accepted = group >= static_cast<std::size_t>(map.config.agreeing);
+  const double farthest = std::max(1.0, map.config.agreed_sigmas / map.config.sigmas);
+  const bool beyond =
+      check.error_m > farthest * check.allowed_m || check.error_rad > farthest * check.allowed_rad;
+  check.accepted = !beyond && group >= static_cast<std::size_t>(map.config.agreeing);
   check.reason = words(check) + "; " + std::to_string(group - 1) + " earlier loops agree with it" +
-                 (check.accepted ? "" : ", expected " + std::to_string(map.config.agreeing - 1));
+                 (check.accepted ? ""
+                  : beyond       ? ", too far off for any number"
+                                 : ", expected " + std::to_string(map.config.agreeing - 1));
   if (!check.accepted) remember(map, loop);
   return check;
 }

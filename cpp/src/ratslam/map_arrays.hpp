@@ -91,6 +91,8 @@ struct MapArrays {
 
   std::vector<Pending> pending;
 
+  std::vector<int> rows;  ///< of each node in the part that is being solved; -1 elsewhere
+
   Pose2 pose() const {
     const Pose2 node = nodes.empty() ? Pose2{} : nodes[current];
     return {node.x + dx, node.y + dy, facing};

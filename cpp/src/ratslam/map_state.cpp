@@ -72,6 +72,9 @@ void check_values(const MapState& state) {
   expect_finite(state.robot, "robot");
   expect_finite(state.pending, "pending");
   expect_nodes(state.ends, count, "ends");
+  for (std::size_t i = 0; i < state.ends.size(); i += 2)
+    expect(state.ends[i] != state.ends[i + 1],
+           "a link joins node " + std::to_string(state.ends[i]) + " to itself");
   expect_nodes(state.due, count, "due");
   expect_nodes(state.pending_ends, count, "pending_ends");
   const std::int64_t current = state.counts[0];

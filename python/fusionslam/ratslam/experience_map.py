@@ -159,7 +159,8 @@ class ExperienceMap:
         target put it elsewhere. Of that difference, drift along the way of least drift allows
         ``sigmas`` deviations. A loop beyond it is refused, and remembered: once ``agreeing`` loops
         at different places, this one counted, claim one and the same shift between map and
-        odometry, the last of them is accepted, and ``apply`` links the earlier ones too. So
+        odometry of no more than ``agreed_sigmas`` deviations, the last of them is accepted, and
+        ``apply`` links the earlier ones too. So
         nobody needs to ask again about a refused loop; what was done in its stead (a new node of
         the same view) stays, and ends up in the right place.
 

@@ -150,11 +150,17 @@ def _view_reason(method: str, name: str, where: str) -> str:
     return where
 
 
+_TOWN = (
+    "a simulated town, not KITTI: half of its revisits are driven the other way, and images of two "
+    "visits differ in exposure"
+)
+
+
 def descriptor_differences(study: DescriptorStudy) -> list[Difference]:
     """Colour spaces, times, and on KITTI what tables 4.4 and 4.5 hold."""
     town = study.cases == [TOWN]
     case = TOWN if town else study.cases[0]
-    where = "a simulated town, not KITTI" if town else UNKNOWN
+    where = _TOWN if town else UNKNOWN
     names = {title: name for name, title in NAMES.items()}
     spaces = {title: name for name, title in SPACES.items()}
     found = _difference(
@@ -172,7 +178,7 @@ def descriptor_differences(study: DescriptorStudy) -> list[Difference]:
             lambda t, s=source: _scaled(PUBLISHED_SECONDS.get(("05", s, names[t])), 1e3),  # type: ignore[misc]
             lambda t, s=source: describe_ms(study.find(case, s, names[t], "author")),  # type: ignore[misc]
             "{:.1f}",
-            f"another machine, vector instructions; {where if town else 'other clouds'}",
+            f"another machine, vector instructions{'; another sensor' * town}",
         )
         found += [] if town else _recalls(study, source)
     return found

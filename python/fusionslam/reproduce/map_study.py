@@ -64,11 +64,13 @@ class MapStudy:
 
     Attributes:
         words: by world, which drive it is.
+        made: the worlds that are ours, not the thesis's.
         methods: what recognised the views, in order.
         maps: what was made.
     """
 
     words: dict[str, str]
+    made: tuple[str, ...]
     methods: tuple[str, ...]
     maps: list[Mapped]
 
@@ -110,7 +112,9 @@ def study_maps(
         # Ours says where in a view the robot is, which the original has no place for.
         if (method, preset) != (OURS, "openratslam")
     ]
-    return MapStudy({source.world: source.words for source in drives}, config.views, maps)
+    words = {source.world: source.words for source in drives}
+    made = tuple(source.world for source in drives if source.made)
+    return MapStudy(words, made, config.views, maps)
 
 
 def _mapped(
