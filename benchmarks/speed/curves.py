@@ -17,6 +17,7 @@ from benchmarks.speed.timing import Call, Times, alternate, exponent, timer
 
 DESCRIPTORS = "descriptors"
 SEARCH = "search"
+MAP = "map"
 WIDTH = 192
 
 
@@ -25,7 +26,7 @@ class Curve:
     """Least times by size: growth shows best without what else the machine did.
 
     Attributes:
-        panel: DESCRIPTORS or SEARCH.
+        panel: DESCRIPTORS, SEARCH or MAP.
         work: what is done; curves of one work have one colour.
         who: "fusionslam" or the peer.
         sizes, seconds: what was measured.

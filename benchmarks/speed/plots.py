@@ -8,7 +8,7 @@ from typing import Any
 
 import matplotlib
 
-from benchmarks.speed.curves import DESCRIPTORS, OURS, SEARCH, Curve
+from benchmarks.speed.curves import DESCRIPTORS, MAP, OURS, SEARCH, Curve
 from benchmarks.speed.memory import Memory
 
 matplotlib.use("Agg")
@@ -19,6 +19,7 @@ from matplotlib.ticker import NullFormatter
 TITLES = {
     DESCRIPTORS: ("Describing a cloud, one thread", "points"),
     SEARCH: ("Exact nearest neighbour of one query, one thread", "descriptors searched"),
+    MAP: ("A loop closed on an experience map, mean of many, one thread", "nodes"),
 }
 _MARKERS = "osD^vP"
 

@@ -16,6 +16,7 @@ from benchmarks.speed import (
     fusion_cases,
     inputs,
     learning_cases,
+    map_cases,
     memory,
     pose_cell_cases,
     search_cases,
@@ -45,6 +46,7 @@ ROWS: dict[str, Rows] = {
     "similarity": similarity_cases.similarity_cases,
     "alignment": alignment_cases.alignment_cases,
     "cells": pose_cell_cases.pose_cell_cases,
+    "map": map_cases.map_cases,
     "frame": system_cases.frame_cases,
     "describe": system_cases.describe_cases,
 }
@@ -92,6 +94,7 @@ def benchmark(
     lines: list[Curve] = []
     if "curves" in parts:
         lines = curves.descriptor_curves(made, sizes, step) + curves.search_curves(sizes, step)
+        lines += map_cases.map_curves(sizes, step)
     memories = _memories(made, sizes, folder, step) if "memory" in parts else []
     return Run(facts(), _words(made), results, lines, memories, time.perf_counter() - begin, quick)
 

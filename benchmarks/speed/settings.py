@@ -18,7 +18,8 @@ class Settings:
         clusters: sizes of the clouds that are clustered.
         scenes: numbers of stored scenes that one is compared with.
         pose_cell_steps: after which the answers of pose cells are compared.
-        clouds, searches: sizes of the curves.
+        maps: nodes of experience maps.
+        clouds, searches, towns: sizes of the curves.
         memory, index: sizes for the peak memory of descriptors and of the index.
         frames: of the sequence that is described.
         limits, slow, curve: of a row, of a row that takes seconds, of a point of a curve.
@@ -33,8 +34,10 @@ class Settings:
     clusters: tuple[int, ...]
     scenes: tuple[int, int]
     pose_cell_steps: int
+    maps: tuple[int, int]
     clouds: tuple[int, ...]
     searches: tuple[int, ...]
+    towns: tuple[int, ...]
     memory: tuple[int, ...]
     index: int
     frames: int
@@ -53,8 +56,10 @@ FULL = Settings(
     clusters=(2_000, 20_000, 100_000),
     scenes=(1_000, 100_000),
     pose_cell_steps=150,
+    maps=(136, 10_000),
     clouds=(2_000, 5_000, 10_000, 25_000, 50_000, 100_000, 200_000, 500_000),
     searches=(1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000),
+    towns=(136, 400, 1_000, 3_000, 10_000, 30_000, 100_000),
     memory=(25_000, 100_000, 500_000),
     index=1_000_000,
     frames=350,
@@ -73,8 +78,10 @@ QUICK = Settings(
     clusters=(500, 1_000),
     scenes=(50, 200),
     pose_cell_steps=10,
+    maps=(136, 400),
     clouds=(500, 1_000, 2_000),
     searches=(200, 500, 1_000),
+    towns=(136, 400),
     memory=(1_000, 4_000),
     index=5_000,
     frames=6,

@@ -78,7 +78,7 @@ struct ExperienceMapConfig {
     visitor("outlier", config.outlier,
             OptionInfo{"a loop's link pulls no harder than at so many deviations", "", 0.1, 1e6});
     visitor("work", config.work,
-            OptionInfo{"nodes that may be moved per action, on average over time", "", 1, 1e9});
+            OptionInfo{"nodes that may be moved per action, and a 50th of the map", "", 1, 1e9});
     visitor("tolerance", config.tolerance,
             OptionInfo{"relaxation ends when no node moves farther", "m", 1e-12, 1});
   }

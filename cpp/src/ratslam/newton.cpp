@@ -26,6 +26,10 @@ constexpr int most_halvings = 8;
 constexpr double chord_cost = 0.125;
 // One step that needs new factors, and room for those that follow: what does not fit is owed.
 constexpr double whole_cost = 2;
+// Part of the map that may be moved per action, so that large maps do not wait longer.
+constexpr double work_share = 0.02;
+// Where nodes beside a part would move farther, relaxing the whole does not wait.
+constexpr double urgent_m = 0.01;
 
 /// What solving a part came to.
 struct Solved {
@@ -152,7 +156,8 @@ void solve_whole(MapArrays& map, Relaxation& done) {
 }
 
 /// Relaxes ever larger surroundings of what is due, until those next to them are at rest or the
-/// work that may be done is.
+/// work that may be done is used up. What is left then is the whole map's, at once where it is
+/// much.
 void solve_parts(MapArrays& map, Relaxation& done) {
   for (std::int64_t count = first_part;; count *= part_growth) {
     const auto nodes = nodes_around(map, count);
@@ -166,11 +171,15 @@ void solve_parts(MapArrays& map, Relaxation& done) {
     done.sweeps += solved.steps;
     done.nodes = part.size();
     map.credit -= solved.work;
-    if (part.unrest_beside() <= map.config.tolerance) {
+    const double unrest = part.unrest_beside();
+    if (unrest > urgent_m && map.credit > 0) {
+      solve_whole(map, done);
+      return;
+    }
+    if (unrest <= map.config.tolerance || map.credit < static_cast<double>(count * part_growth)) {
       map.due.clear();
       return;
     }
-    if (map.credit < static_cast<double>(count * part_growth)) return;
   }
 }
 
@@ -179,7 +188,7 @@ void solve_parts(MapArrays& map, Relaxation& done) {
 Relaxation relax_by_newton(MapArrays& map, bool whole) {
   Relaxation done;
   const auto size = static_cast<double>(map.size());
-  map.credit = std::min(map.credit + map.config.work, most_steps * size);
+  map.credit = std::min(map.credit + map.config.work + work_share * size, most_steps * size);
   if (!map.due.empty() || map.local_only) {
     const RobotOnNode robot(map);
     const bool ready = map.local_only && map.credit >= whole_cost * size;
