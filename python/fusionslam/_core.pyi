@@ -854,7 +854,7 @@ class ExperienceMapConfig:
     @property
     def work(self) -> int:
         """
-        nodes that may be moved per action, on average over time
+        nodes that may be moved per action, and a 50th of the map
         """
 class ExperienceMap:
     """
