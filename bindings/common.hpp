@@ -159,6 +159,17 @@ struct DisparityArg {
   }
 };
 
+/// float64, of any shape.
+struct NumbersArg {
+  py::array_t<double, py::array::c_style | py::array::forcecast> array;
+
+  explicit NumbersArg(py::handle source)
+      : array(contiguous<double>(as_numbers(source, "numbers"))) {}
+  std::span<const double> values() const {
+    return {array.data(), static_cast<std::size_t>(array.size())};
+  }
+};
+
 inline constexpr char projection_name[] = "projection";
 inline constexpr char transform_name[] = "transform";
 inline constexpr char camera_matrix_name[] = "camera_matrix";
@@ -231,6 +242,7 @@ void bind_descriptors(py::module_& module);
 void bind_experience_map(py::module_& module);
 void bind_fusion(py::module_& module);
 void bind_matching(py::module_& module);
+void bind_pose_cells(py::module_& module);
 void bind_similarity(py::module_& module);
 void bind_views(py::module_& module);
 
@@ -269,6 +281,7 @@ FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::TransformArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::CameraMatrixArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::RectificationArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::DistortionArg, "numpy.float64");
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::NumbersArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::DescriptorArg, "numpy.float32");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::DescriptorTableArg, "numpy.float32");
 

@@ -49,6 +49,7 @@ Raises:
   bind_views(module);
   bind_similarity(module);
   bind_alignment(module);
+  bind_pose_cells(module);
   bind_experience_map(module);
 }
 

@@ -17,6 +17,7 @@ class Settings:
         batch: rows of the table whose rows are all compared with each other.
         clusters: sizes of the clouds that are clustered.
         scenes: numbers of stored scenes that one is compared with.
+        pose_cell_steps: after which the answers of pose cells are compared.
         maps: nodes of experience maps.
         clouds, searches, towns: sizes of the curves.
         memory, index: sizes for the peak memory of descriptors and of the index.
@@ -32,6 +33,7 @@ class Settings:
     batch: int
     clusters: tuple[int, ...]
     scenes: tuple[int, int]
+    pose_cell_steps: int
     maps: tuple[int, int]
     clouds: tuple[int, ...]
     searches: tuple[int, ...]
@@ -53,6 +55,7 @@ FULL = Settings(
     batch=4541,
     clusters=(2_000, 20_000, 100_000),
     scenes=(1_000, 100_000),
+    pose_cell_steps=150,
     maps=(136, 10_000),
     clouds=(2_000, 5_000, 10_000, 25_000, 50_000, 100_000, 200_000, 500_000),
     searches=(1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000),
@@ -74,6 +77,7 @@ QUICK = Settings(
     batch=300,
     clusters=(500, 1_000),
     scenes=(50, 200),
+    pose_cell_steps=10,
     maps=(136, 400),
     clouds=(500, 1_000, 2_000),
     searches=(200, 500, 1_000),

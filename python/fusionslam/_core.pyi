@@ -7,7 +7,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['Alignment', 'AlignmentConfig', 'AlignmentIndex', 'DescriptorIndex', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'RangeImage', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['Alignment', 'AlignmentConfig', 'AlignmentIndex', 'DescriptorIndex', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'PoseSheet', 'RangeImage', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -763,6 +763,62 @@ class AlignmentIndex:
     @property
     def config(self) -> AlignmentConfig:
         ...
+class PoseSheet:
+    """
+    The sheet of pose cells: float64 (36, n, n) by heading, y and x, wrapped on all axes.
+    
+    It starts with all activity in the middle cell. Threads may share it.
+    
+    Raises:
+        ConfigError: a size that is not 7 to 1000.
+    """
+    def __init__(self, size: typing.SupportsInt | typing.SupportsIndex) -> None:
+        ...
+    def assign(self, activity: numpy.typing.NDArray[numpy.float64]) -> None:
+        """
+        Takes over stored activity, of any shape with as many cells.
+        
+        Raises:
+            ShapeError: another number of cells. DataError: a cell that is negative or not finite, or a sum
+            that is 0 or not finite. The sheet is then as before.
+        """
+    def decode(self) -> tuple[float, float, float]:
+        """
+        Where the packet is: x, y and th in cells.
+        
+        The circular means over the box of seven cells a side around the largest cell, the first one of
+        equally large ones.
+        """
+    def inject(self, x: typing.SupportsFloat | typing.SupportsIndex, y: typing.SupportsFloat | typing.SupportsIndex, th: typing.SupportsFloat | typing.SupportsIndex, energy: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        """
+        Adds energy at a place in cells: to the eight cells round it, whose mean it is.
+        
+        Raises:
+            DataError: a number that is not finite, or negative energy.
+        """
+    def move(self, x: numpy.typing.NDArray[numpy.float64], y: numpy.typing.NDArray[numpy.float64], layers: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        """
+        Moves activity, exactly over whole cells and linearly between them.
+        
+        Args:
+            x, y: float64 (36,), cells that each layer moves by, finite and of any length.
+            layers: that everything then moves by along the headings.
+        
+        Raises:
+            ShapeError: not 36 ways. DataError: one that is not finite.
+        """
+    def settle(self, global_inhibition: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        """
+        One step of the attractor: excitation, inhibition, and the sum 1.
+        
+        Raises:
+            ConfigError: no activity is left; the sheet is then as before.
+        """
+    @property
+    def activity(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        float64 (36, n, n) by heading, y and x; not negative: a copy.
+        """
 class ExperienceMapConfig:
     """
     How the map is corrected.

@@ -22,6 +22,7 @@ _EXTRAS = {
     "onnx": (("onnxruntime",), "the second stage of views"),
     "learn": (("torch", "safetensors", "onnx", "h5py"), "views train"),
     "tune": (("pymoo",), "tune"),
+    "live": (("rerun-sdk",), "ratslam --live"),
 }
 """By the name of an extra, its packages and what needs them."""
 

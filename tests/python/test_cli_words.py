@@ -243,7 +243,8 @@ def test_doctor_fails_where_something_is_broken(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.undo()
     result = run("doctor")
     assert result.exit_code == 0
-    for name in ("embreex", "pycollada", "rosbags", "matplotlib", "torch", "onnxruntime", "pymoo"):
+    names = ("embreex", "pycollada", "rosbags", "matplotlib", "torch", "onnxruntime", "pymoo")
+    for name in (*names, "rerun-sdk"):
         assert f"{name} {version(name)}" in " ".join(result.stdout.split())
     monkeypatch.setattr("fusionslam.cli.guard.find_spec", lambda name: name != "rosbags" or None)
     result = run("doctor")

@@ -6,9 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
+from bag_maker import drive as bag_events
+from bag_maker import write_bag
 from tiny_kitti import write_sequence
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "python"
@@ -47,3 +50,25 @@ def test_overlay_draws_a_picture_of_the_images_size(drive: Path, tmp_path: Path)
     done = run("overlay.py", drive, 3, tmp_path / "overlay.png")
     assert done.returncode == 0, done.stderr
     assert Image.open(tmp_path / "overlay.png").size == (128, 48)
+
+
+def test_ratslam_maps_its_own_square_and_closes_the_loops(tmp_path: Path) -> None:
+    done = run("ratslam.py", tmp_path / "nodes.csv")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "39 nodes, 44 links\n"
+    x, y, _ = np.loadtxt(tmp_path / "nodes.csv", delimiter=",", skiprows=1).T
+    assert np.ptp(x) == pytest.approx(4, abs=0.2) and np.ptp(y) == pytest.approx(4, abs=0.2)
+
+
+def test_ratslam_maps_what_a_bag_shows(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    write_bag(tmp_path / "drive.bag", bag_events())
+    done = run("ratslam.py", tmp_path / "nodes.csv", tmp_path / "drive.bag")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "2 nodes, 1 links"
+
+
+def test_ratslam_names_a_bag_that_is_not_there(tmp_path: Path) -> None:
+    done = run("ratslam.py", tmp_path / "nodes.csv", tmp_path / "nothing.bag")
+    assert done.returncode == 1 and "nothing.bag" in done.stderr
+    assert "Traceback" not in done.stderr

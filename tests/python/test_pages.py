@@ -37,7 +37,7 @@ def beside(tmp_path: Path, kitti: Path, monkeypatch: pytest.MonkeyPatch) -> Path
 
 
 @pytest.mark.parametrize(
-    "page", ["bags", "sensors", "motion", "fusion", "scenes", "views", "../README"]
+    "page", ["bags", "sensors", "motion", "fusion", "scenes", "views", "ratslam", "../README"]
 )
 def test_the_python_of_a_page_runs_as_it_is_printed(page: str, beside: Path) -> None:
     pytest.importorskip("rosbags")

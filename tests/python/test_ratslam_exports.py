@@ -111,9 +111,27 @@ def test_g2o_holds_vertices_and_edges_that_optimisers_read(tmp_path: Path) -> No
     np.testing.assert_array_equal(numbers(tmp_path / "map.g2o", "FIX"), [[0]])
     edges = numbers(tmp_path / "map.g2o", "EDGE_SE2")
     np.testing.assert_array_equal(edges[:, :2].T, [run.links["source"], run.links["target"]])
-    information = np.zeros((3, 3))
-    information[np.triu_indices(3)] = edges[0, 5:]
-    np.testing.assert_array_equal(information, np.diag([1, 1, 4]))  # of 1 m, and of 0.5 rad
+    assert (edges[0, 5:] == [1, 0, 0, 1, 0, 4]).all()  # of 1 m, and of 0.5 rad
+
+
+def test_an_edge_of_g2o_weighs_what_its_link_deviates(tmp_path: Path) -> None:
+    run = square_run()
+    run.links["sd_m"], run.links["sd_rad"] = [0.1, 0.3, 2.0, 1.0], [0.02, 0.5, 1.0, 3.0]
+    write_g2o(tmp_path / "map.g2o", run)
+    for edge, link in zip(numbers(tmp_path / "map.g2o", "EDGE_SE2"), run.links, strict=True):
+        information = np.zeros((3, 3))
+        information[np.triu_indices(3)] = edge[5:]
+        deviations = [link["sd_m"], link["sd_m"], link["sd_rad"]]
+        np.testing.assert_allclose(np.linalg.inv(information), np.diag(np.square(deviations)))
+
+
+@pytest.mark.parametrize("name", ["sd_m", "sd_rad"])
+def test_a_link_that_deviates_by_nothing_has_no_edge_of_g2o(tmp_path: Path, name: str) -> None:
+    run = square_run()
+    run.links[name][2] = 0.0
+    with pytest.raises(DataError, match=r"links: row 2 deviates by .* expected above 0"):
+        write_g2o(tmp_path / "map.g2o", run)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_following_an_edge_of_g2o_leads_from_one_node_to_the_next(tmp_path: Path) -> None:

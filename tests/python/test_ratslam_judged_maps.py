@@ -46,6 +46,24 @@ def test_alignment_is_scipys(seed: int) -> None:
     assert found.rmse_m == pytest.approx(distance / np.sqrt(len(truth)), abs=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_figures_are_those_of_kabsch_by_singular_values(seed: int) -> None:
+    poses, truth = noisy(seed)
+    here, there = poses[:, :2].mean(0), truth[:, :2].mean(0)
+    u, _, vt = np.linalg.svd((poses[:, :2] - here).T @ (truth[:, :2] - there))
+    mirror = np.diag([1, np.sign(np.linalg.det(vt.T @ u.T))])
+    turned = vt.T @ mirror @ u.T
+    apart = np.linalg.norm((poses[:, :2] - here) @ turned.T + there - truth[:, :2], axis=1)
+    angles = Rotation.from_rotvec(np.pad(truth[:, 2:], ((0, 0), (2, 0)))).inv()
+    angles *= Rotation.from_rotvec([0, 0, np.arctan2(turned[1, 0], turned[0, 0])])
+    angles *= Rotation.from_rotvec(np.pad(poses[:, 2:], ((0, 0), (2, 0))))
+    found = pose_errors(poses, truth)
+    assert found.rmse_m == pytest.approx(np.sqrt((apart**2).mean()), rel=1e-9)
+    assert (found.mean_m, found.max_m) == pytest.approx((apart.mean(), apart.max()), rel=1e-9)
+    heading = np.degrees(np.sqrt((angles.magnitude() ** 2).mean()))
+    assert found.heading_rmse_deg == pytest.approx(heading, rel=1e-9)
+
+
 def test_no_other_motion_comes_nearer() -> None:
     poses, truth = noisy(7)
 
@@ -120,6 +138,17 @@ def test_a_map_without_loops_links_no_revisit() -> None:
     assert (report.loops, report.false_loops, report.loop_links) == (0, 0, 0)
     assert (report.linked_revisits, report.revisits) == (0, 4)
     assert report.near_loop_link_share is None
+
+
+def test_a_map_of_one_node_has_no_errors_and_no_links() -> None:
+    places = [(3.0, 4.0, 0.5), (3.5, 4.0, 0.5)]
+    report = judge_map(little_run(places, [(1, 0, 0), (0, 0, 0)], [(0.0, 0.0, 0.0)], []))
+    assert report.nodes is not None and report.live is not None
+    assert (report.nodes.n, report.nodes.rmse_m, report.nodes.heading_rmse_deg) == (1, 0, 0)
+    assert report.live.rmse_m == pytest.approx(0, abs=1e-12)
+    assert (report.judged_links, report.near_link_share, report.loops) == (0, None, 0)
+    assert (report.revisits, report.linked_revisits, report.false_loop_share) == (1, 1, None)
+    assert str(report)
 
 
 def test_a_new_node_that_gets_a_link_to_the_old_one_counts_as_linked() -> None:

@@ -31,13 +31,13 @@ struct ExperienceMapConfig {
   double initial_heading = 0.0;
   int loops = 20;
   double correction = 0.5;
-  double drift_m = 0.07;
-  double drift_turn = 0.02;
-  double drift_heading = 0.02;
-  double place_m = 0.3;
-  double place_rad = 0.1;
+  double drift_m = 0.03;
+  double drift_turn = 0.01;
+  double drift_heading = 0.005;
+  double place_m = 0.4;
+  double place_rad = 0.2;
   double sigmas = 3.0;
-  int agreeing = 4;
+  int agreeing = 64;
   double agreed_sigmas = 9.0;
   double agreement_m = 0.5;
   double outlier = 3.0;
@@ -148,7 +148,7 @@ struct MapState {
   std::vector<std::int64_t> pending_ends;  ///< p x 2
   std::vector<double> pending;             ///< p x 12
 
-  static constexpr std::size_t link_values = 6, robot_values = 9, robot_counts = 2,
+  static constexpr std::size_t link_values = 6, robot_values = 11, robot_counts = 2,
                                pending_values = 12;
 };
 

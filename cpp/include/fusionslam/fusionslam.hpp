@@ -9,6 +9,7 @@
 #include "fusionslam/fusion.hpp"
 #include "fusionslam/interrupt.hpp"
 #include "fusionslam/matching.hpp"
+#include "fusionslam/pose_cells.hpp"
 #include "fusionslam/range_image.hpp"
 #include "fusionslam/sensors.hpp"
 #include "fusionslam/simd.hpp"

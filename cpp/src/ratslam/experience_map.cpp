@@ -7,7 +7,6 @@
 #include <string>
 #include <utility>
 
-#include "drift.hpp"
 #include "fusionslam/errors.hpp"
 #include "map_arrays.hpp"
 
@@ -17,22 +16,16 @@ namespace {
 
 // A deviation of nothing would make a link of unlimited weight.
 constexpr double least_variance = 1e-6;
-// Odometry whose variance is so many times a view's does not count beside it.
-constexpr double unsure = 100;
 
-/// How sure the robot's place is in the frame of its node.
-struct Sureness {
-  double m = 0, rad = 0;  ///< variances
-};
-
-void arrive(MapArrays& map, std::int64_t node, const Pose2& offset, const Sureness& sureness) {
+void arrive(MapArrays& map, std::int64_t node, const Arrival& arrival) {
   map.current = node;
-  const Pose2 pose = composed(map.nodes[node], offset);
+  const Pose2 pose = composed(map.nodes[node], arrival.offset);
   map.dx = pose.x - map.nodes[node].x;
   map.dy = pose.y - map.nodes[node].y;
   map.facing = pose.heading;
-  map.variance_m = sureness.m;
-  map.variance_rad = sureness.rad;
+  map.variance_m = map.variance_rad = 0;
+  map.arrived_m = arrival.variance_m;
+  map.arrived_rad = arrival.variance_rad;
   if (map.robust()) map.seconds = 0;
 }
 
@@ -60,10 +53,12 @@ Measure measured(const MapArrays& map, const Pose2& node) {
   measure.heading = wrapped(std::atan2(map.dy, map.dx) - node.heading);
   measure.facing = wrapped(map.facing - node.heading);
   measure.duration = map.seconds;
-  // On a way of length d a heading that goes astray evenly puts the end off by d / sqrt(3) of it.
-  measure.variance_m =
-      least_variance + map.variance_m + map.variance_rad * measure.distance * measure.distance / 3;
-  measure.variance_rad = least_variance + map.variance_rad;
+  // On a way of length d a heading that goes astray evenly puts the end off by d / sqrt(3) of it;
+  // one that was so from the start, by d.
+  const double square = measure.distance * measure.distance;
+  measure.variance_m = least_variance + map.variance_m + map.arrived_m +
+                       (map.variance_rad / 3 + map.arrived_rad) * square;
+  measure.variance_rad = least_variance + map.variance_rad + map.arrived_rad;
   return measure;
 }
 
@@ -78,7 +73,7 @@ void create_node(MapArrays& map, const MapAction& action) {
   link.measure.facing = wrapped(link.measure.facing);
   if (action.target > 0) add_link(map, link);
   // The reference does not start anew at its first node: the way to it counts twice.
-  if (action.target > 0 || map.robust()) arrive(map, action.target, {}, {});
+  if (action.target > 0 || map.robust()) arrive(map, action.target, {});
 }
 
 void create_reference_edge(MapArrays& map, const MapAction& action) {
@@ -87,7 +82,7 @@ void create_reference_edge(MapArrays& map, const MapAction& action) {
     link.measure.facing = wrapped(link.measure.facing + action.relative_rotation);
     add_link(map, link);
   }
-  arrive(map, action.target, {0, 0, action.relative_rotation}, {});
+  arrive(map, action.target, {{0, 0, action.relative_rotation}});
 }
 
 void add_squares(MapArrays& map, const Link& link, double sign) {
@@ -144,26 +139,13 @@ void add_loop(MapArrays& map, const Pending& loop) {
 
 void create_edge(MapArrays& map, const MapAction& action) {
   const Pending loop = claimed_loop(map, action);
+  const Arrival arrival = arrival_by(map, loop);
   auto confirmed = agreeing_loops(map, loop);
   for (const std::size_t number : confirmed) add_loop(map, map.pending[number]);
   for (auto number = confirmed.rbegin(); number != confirmed.rend(); ++number)
     map.pending.erase(map.pending.begin() + static_cast<std::ptrdiff_t>(*number));
-  const double view_m = map.config.place_m * map.config.place_m;
-  const double view_rad = map.config.place_rad * map.config.place_rad;
-  const Pose2 robot = seen_from(map.nodes[loop.target], map.pose());
-  // What odometry is worth against the view; none where it comes from too far to be worth anything.
-  const auto drift = drift_since(map, loop.target, unsure * (view_m + view_rad));
-  double m = 1, rad = 1;
-  if (drift) {
-    const double own_m = drift->largest() + map.variance_m,
-                 own_rad = drift->rotation + map.variance_rad;
-    m = own_m / (own_m + view_m), rad = own_rad / (own_rad + view_rad);
-  }
   add_loop(map, loop);
-  arrive(map, loop.target,
-         {robot.x + m * (loop.place.x - robot.x), robot.y + m * (loop.place.y - robot.y),
-          wrapped(robot.heading + rad * wrapped(loop.place.heading - robot.heading))},
-         {m * view_m, rad * view_rad});
+  arrive(map, action.target, arrival);
 }
 
 void check_finite(const MapAction& action) {

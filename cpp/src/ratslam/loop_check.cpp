@@ -17,6 +17,8 @@ namespace {
 
 constexpr std::size_t most_pending = 64;  // older ones are forgotten
 constexpr double without_limit = std::numeric_limits<double>::infinity();
+// Odometry whose variance is so many times a view's does not count beside it.
+constexpr double unsure = 100;
 
 /// Where two loops put the robot, and how sure that is along one side: the robot's own way between
 /// them, or the way between their targets.
@@ -99,12 +101,9 @@ void remember(MapArrays& map, const Pending& loop) {
   map.pending.push_back(loop);
 }
 
-LoopCheck compared(const MapArrays& map, const Pending& loop) {
+LoopCheck compared(const MapArrays& map, const Pending& loop, const Drift& drift) {
   const Pose2 robot = map.pose(), claimed = composed(map.nodes[loop.target], loop.place);
   const double x = claimed.x - robot.x, y = claimed.y - robot.y;
-  // What no way leads to may be anywhere.
-  const Drift drift = drift_since(map, loop.target, without_limit)
-                          .value_or(Drift{without_limit, 0, without_limit, without_limit});
   LoopCheck check;
   check.error_m = std::hypot(x, y);
   check.error_rad = std::abs(wrapped(claimed.heading - robot.heading));
@@ -126,6 +125,22 @@ std::string words(const LoopCheck& check) {
 
 }  // namespace
 
+Arrival arrival_by(const MapArrays& map, const Pending& loop) {
+  const double place_m = map.config.place_m * map.config.place_m;
+  const double place_rad = map.config.place_rad * map.config.place_rad;
+  const auto drift = drift_since(map, loop.target, unsure * (place_m + place_rad));
+  if (!drift || !compared(map, loop, *drift).accepted) return {loop.place, place_m, place_rad};
+  // What the link says is odometry's way since the current node and the view.
+  const double m = drift->largest() + loop.measure.variance_m - place_m;
+  const double rad = drift->rotation + loop.measure.variance_rad - place_rad;
+  const double share_m = m / (m + place_m), share_rad = rad / (rad + place_rad);
+  const Pose2 seen = seen_from(map.nodes[loop.target], map.pose());
+  return {{seen.x + share_m * (loop.place.x - seen.x), seen.y + share_m * (loop.place.y - seen.y),
+           wrapped(seen.heading + share_rad * wrapped(loop.place.heading - seen.heading))},
+          share_m * place_m,
+          share_rad * place_rad};
+}
+
 std::vector<std::size_t> agreeing_loops(const MapArrays& map, const Pending& loop) {
   std::vector<std::size_t> found;
   if (map.pending.empty()) return found;
@@ -137,7 +152,10 @@ std::vector<std::size_t> agreeing_loops(const MapArrays& map, const Pending& loo
 
 LoopCheck check_loop(MapArrays& map, const MapAction& action) {
   const Pending loop = claimed_loop(map, action);
-  LoopCheck check = compared(map, loop);
+  // What no way leads to may be anywhere.
+  const Drift drift = drift_since(map, loop.target, without_limit)
+                          .value_or(Drift{without_limit, 0, without_limit, without_limit});
+  LoopCheck check = compared(map, loop, drift);
   if (!map.robust()) {
     check.accepted = true;
     check.reason = "the openratslam preset closes every loop";

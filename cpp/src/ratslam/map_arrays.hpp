@@ -82,6 +82,7 @@ struct MapArrays {
   std::int64_t current = 0;
   double dx = 0, dy = 0, facing = 0;  ///< since the current node, in the frame of the map
   double seconds = 0, variance_m = 0, variance_rad = 0;
+  double arrived_m = 0, arrived_rad = 0;  ///< variances of its pose when it came to that node
 
   std::vector<std::int64_t> due;          ///< nodes whose surroundings are to be relaxed
   double credit = 0;                      ///< nodes that may be moved by now
@@ -116,6 +117,15 @@ Relaxation relax_by_sweeps(MapArrays& map);
 Relaxation relax_by_newton(MapArrays& map, bool whole);
 
 LoopCheck check_loop(MapArrays& map, const MapAction& action);
+
+/// Where the robot is in the frame of a node that it comes to, and its variances.
+struct Arrival {
+  Pose2 offset;
+  double variance_m = 0, variance_rad = 0;
+};
+
+/// What odometry and the view say together where they do not contradict each other; else the view.
+Arrival arrival_by(const MapArrays& map, const Pending& loop);
 
 /// Numbers of the pending loops that agree with this one.
 std::vector<std::size_t> agreeing_loops(const MapArrays& map, const Pending& loop);

@@ -94,7 +94,8 @@ MapState ExperienceMap::state() const {
     state.loops.push_back(link.loop);
   }
   state.robot = {map.dx,           map.dy,     map.facing,    map.seconds,    map.variance_m,
-                 map.variance_rad, map.credit, map.squares_m, map.squares_rad};
+                 map.variance_rad, map.credit, map.squares_m, map.squares_rad, map.arrived_m,
+                 map.arrived_rad};
   state.counts = {map.current, map.local_only};
   state.due = map.due;
   for (const Pending& loop : map.pending) {
@@ -132,6 +133,7 @@ void ExperienceMap::restore(const MapState& state) {
   map->dx = robot[0], map->dy = robot[1], map->facing = robot[2], map->seconds = robot[3];
   map->variance_m = robot[4], map->variance_rad = robot[5], map->credit = robot[6];
   map->squares_m = robot[7], map->squares_rad = robot[8];
+  map->arrived_m = robot[9], map->arrived_rad = robot[10];
   map->current = state.counts[0];
   map->local_only = state.counts[1] != 0;
   map->due = state.due;

@@ -4,7 +4,17 @@
 
 import typer
 
-from fusionslam.cli import about, calibration, data, ratslam, results, simulate, view_bench, views
+from fusionslam.cli import (
+    about,
+    calibration,
+    data,
+    ratslam,
+    reproduce,
+    results,
+    simulate,
+    view_bench,
+    views,
+)
 from fusionslam.cli.guard import Guarded
 from fusionslam.cli.view_show import show
 
@@ -33,6 +43,7 @@ for command in (
     results.report,
     views.tune,
     ratslam.ratslam,
+    reproduce.reproduce,
     about.config,
     about.doctor,
 ):

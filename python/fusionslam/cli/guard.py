@@ -24,6 +24,7 @@ _EXTRAS = {
     "onnx": ("onnxruntime",),
     "learn": ("torch", "safetensors", "onnx", "h5py"),
     "tune": ("pymoo",),
+    "live": ("rerun",),
 }
 
 

@@ -205,6 +205,7 @@ def everything() -> "Section":
     from fusionslam.config import Section, option
     from fusionslam.pipeline import PipelineConfig
     from fusionslam.ratslam.slam import RatSlamConfig
+    from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
     from fusionslam.sim import SimConfig
     from fusionslam.sim.motion.odometry import OdometryConfig
     from fusionslam.views.drives import DRIFT
@@ -228,6 +229,9 @@ def everything() -> "Section":
         ratslam: RatSlamConfig = option(RatSlamConfig(), "views and odometry to a map")
         visual_templates: VisualTemplatesConfig = option(
             VisualTemplatesConfig(), "ratslam: views of images, --views visual"
+        )
+        visual_odometry: VisualOdometryConfig = option(
+            VisualOdometryConfig(), "ratslam: speed out of images, --odometry visual"
         )
         odometry: OdometryConfig = option(
             DRIFT, "ratslam: how far odometry is off, --odometry truth+noise"

@@ -2,19 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command that makes maps: ratslam."""
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fusionslam._files import make_folder
 from fusionslam.cli import options as opt
 from fusionslam.cli.guard import INTERRUPTED, needs_extra
 from fusionslam.cli.screen import Step, progress
 from fusionslam.cli.views import whole_config
 
 if TYPE_CHECKING:
+    from fusionslam.ratslam.run_events import RunEvents
     from fusionslam.ratslam.run_record import RatSlamRun
-    from fusionslam.ratslam.runs import RunRecorder
+    from fusionslam.ratslam.runs import RunRecorder, Watch
     from fusionslam.ratslam.slam import RatSlam
     from fusionslam.ratslam.tours import Tour
 
@@ -48,6 +52,12 @@ def ratslam(
     preset: Annotated[
         str | None, typer.Option("--preset", help="robust (ours, the default) or openratslam.")
     ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            "--seed", min=0, help="Decides the noise of --odometry truth+noise, where it has some."
+        ),
+    ] = None,
     save: Annotated[
         Path | None,
         typer.Option("--save", metavar="STATE", help="Write a file that --resume goes on from."),
@@ -55,6 +65,14 @@ def ratslam(
     resume: Annotated[
         Path | None,
         typer.Option("--resume", metavar="STATE", help="Go on with the map that --save wrote."),
+    ] = None,
+    live: Annotated[
+        str | None,
+        typer.Option(
+            "--live",
+            metavar="FILE.rrd",
+            help='Show the map as it grows, in a file for the viewer of rerun; "viewer" opens it.',
+        ),
     ] = None,
     kind: opt.KindOption = None,
     sequence: opt.Sequence = None,
@@ -76,31 +94,66 @@ def ratslam(
 
     Ctrl-C keeps the map so far, and what is needed to go on with it.
     """
-    from fusionslam.ratslam.run_events import events_of
+    from fusionslam.ratslam.run_events import ODOMETRY, events_of
     from fusionslam.ratslam.runs import RunRecorder
 
+    make_folder(output)
     if not no_report:
         needs_extra("report")
+    if live is not None:
+        needs_extra("live")
     changes = [*([f"ratslam.preset={preset}"] if preset else []), *(settings or [])]
+    changes += [f"odometry.seed={seed}"] if seed is not None else []
+    if odometry is not None:
+        opt.one_of("--odometry", odometry, ODOMETRY)
     whole = whole_config(None, config, changes, recording={"shapes": "collision"})
     slam, earlier = _mapper(whole, views, resume, changes)
     reading = (kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
-    with progress() as step:
-        tour = _tour(data, whole, reading, step, opt.cores(jobs))
-        assert slam.views is not None  # every source that has a name
-        events = events_of(
-            tour, slam.views, odometry, whole.odometry, jobs=opt.cores(jobs), progress=step
-        )
-        recorder = RunRecorder(slam, events, earlier=earlier)
-        interrupted = _interrupted(recorder, step)
+    with ExitStack() as shown:
+        with progress() as step:
+            tour = _tour(data, whole, reading, step, opt.cores(jobs))
+            assert slam.views is not None  # every source that has a name
+            events = events_of(
+                tour,
+                slam.views,
+                odometry,
+                whole.odometry,
+                seen=whole.visual_odometry,
+                jobs=opt.cores(jobs),
+                progress=step,
+            )
+            recorder = RunRecorder(slam, events, earlier=earlier)
+            watch = shown.enter_context(_live(live, events))
+            interrupted = _interrupted(recorder, step, watch)
+        # Before the view is closed: whatever is wrong with its file, the map is kept.
+        _finish(recorder, output, save, interrupted=interrupted, no_report=no_report)
+
+
+def _finish(
+    recorder: "RunRecorder", output: Path, save: Path | None, *, interrupted: bool, no_report: bool
+) -> None:
+    """Write everything and say where; of an interrupted run also how to go on."""
     run = recorder.record()
     if interrupted:
         save = save or output / "state.npz"
-    _write(run, slam, output, save)
+    _write(run, recorder.slam, output, save)
     print(_page(run, output, no_report or interrupted))
     if interrupted:
         typer.echo(f"interrupted: --resume {save} goes on from there", err=True)
         raise typer.Exit(INTERRUPTED)
+
+
+@contextmanager
+def _live(live: str | None, events: "RunEvents") -> "Iterator[Watch | None]":
+    """What shows each step; None where nobody looks."""
+    if live is None:
+        yield None
+        return
+    from fusionslam.ratslam.live import LiveView
+
+    path = None if live == "viewer" else live
+    with LiveView(path, events.name, events.truth) as view:
+        yield view.step
 
 
 def _mapper(
@@ -138,12 +191,12 @@ def _tour(data: str, whole: Any, reading: tuple[Any, ...], step: Step, jobs: int
     return open_tour(data, recording=whole.recording, jobs=jobs, progress=step)
 
 
-def _interrupted(recorder: "RunRecorder", step: Step) -> bool:
+def _interrupted(recorder: "RunRecorder", step: Step, watch: "Watch | None") -> bool:
     """Take all events, or those before Ctrl-C; there must be one."""
     from fusionslam.ratslam.runs import run_events
 
     try:
-        run_events(recorder, step)
+        run_events(recorder, step, watch)
     except KeyboardInterrupt:
         if not recorder.has_steps:
             raise

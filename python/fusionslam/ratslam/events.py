@@ -98,7 +98,8 @@ class StampOrder:
             return []
         self._count += 1
         heapq.heappush(self._waiting, (*key, self._count, event))
-        self._newest = max(event.stamp_ns, self._newest or event.stamp_ns)
+        known = event.stamp_ns if self._newest is None else self._newest
+        self._newest = max(event.stamp_ns, known)
         return self._until(self._newest - self._wait_ns)
 
     def flush(self) -> list[Event]:

@@ -20,6 +20,7 @@ from fusionslam import _core
 from fusionslam.config import Section, core_section, merged
 from fusionslam.errors import DataError
 from fusionslam.ratslam.actions import Action
+from fusionslam.ratslam.routes import Route, quickest_route
 
 Floats = NDArray[np.float64]
 
@@ -91,13 +92,6 @@ class Relaxation(NamedTuple):
     sweeps: int
     nodes: int
     settled: bool
-
-
-class Route(NamedTuple):
-    """A way over the map: ids of the nodes, both ends among them, and how long it takes."""
-
-    ids: list[int]
-    seconds: float
 
 
 class ExperienceMap:
@@ -212,21 +206,7 @@ class ExperienceMap:
         Raises:
             DataError: an unknown node, or two that no links join.
         """
-        from scipy.sparse.csgraph import dijkstra
-
-        count = len(self)
-        for node in (a, b):
-            if not 0 <= node < count:
-                raise DataError(f"path from node {a} to node {b}: there are {count} nodes")
-        seconds, before = dijkstra(
-            _durations(self.links, count), directed=False, indices=a, return_predecessors=True
-        )
-        if not np.isfinite(seconds[b]):
-            raise DataError(f"path from node {a} to node {b}: no links join them")
-        ids = [int(b)]
-        while ids[-1] != a:
-            ids.append(int(before[ids[-1]]))
-        return Route(ids[::-1], float(seconds[b]))
+        return quickest_route(self.links, len(self), a, b)
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything but the configuration, as arrays that ``restore`` takes."""
@@ -250,17 +230,3 @@ def _plain(action: Action) -> tuple[int, int, int, float, tuple[float, float]]:
     x, y = action.relative_place
     kind, source, target = int(action.kind), int(action.source), int(action.target)
     return kind, source, target, float(action.relative_rotation), (float(x), float(y))
-
-
-def _durations(links: NDArray[np.void], count: int) -> Any:
-    """Seconds of the quickest link between each two nodes, as a sparse matrix."""
-    from scipy.sparse import coo_matrix
-
-    ends = np.sort(np.stack([links["source"], links["target"]], 1), axis=1)
-    # The quickest first; a matrix would add parallel links up.
-    order = np.lexsort((links["duration"], ends[:, 1], ends[:, 0]))
-    first = np.unique(ends[order], axis=0, return_index=True)[1]
-    chosen = order[first]
-    # What takes no time is a link all the same; the matrix would hold no entry there.
-    seconds = np.maximum(links["duration"][chosen], np.finfo(np.float64).tiny)
-    return coo_matrix((seconds, tuple(ends[chosen].T)), shape=(count, count)).tocsr()

@@ -78,7 +78,8 @@ def write_map_json(path: PathLike, run: RatSlamRun) -> None:
     Its keys: ``format``; ``name``, ``views``, ``odometry``, ``preset``, ``config`` of the run;
     ``units`` by field; ``nodes``, a list of objects (id, x, y, heading, stamp_ns, view); ``links``,
     a list of objects (source and target by id; distance and heading of the way and facing, the
-    rotation, both seen from the source's heading; duration); ``trajectory``, of equally long lists:
+    rotation, both seen from the source's heading; duration; the deviations to be expected of the
+    way, along each axis, and of the rotation); ``trajectory``, of equally long lists:
     stamps_ns, node and view by id (-1 for none), and poses [x, y, heading] live, final and
     dead_reckoning, and truth, null as a whole or at steps where nobody knows it.
 
@@ -133,18 +134,18 @@ def write_g2o(path: PathLike, run: RatSlamRun) -> None:
 
     An edge's measurement is what odometry and view said of the target as seen from the source:
     x, y in metres, rotation in radians; its information matrix (1/m^2, 1/rad^2) is what relaxation
-    weighs it by.
+    weighs it by: it follows from the link's deviations.
 
     Raises:
-        DataError: a value that is not finite, or the file cannot be written.
+        DataError: a value that is not finite, a deviation that is not above 0, or the file cannot
+            be written.
     """
     _check(run)
     lines = [f"VERTEX_SE2 {node} {_numbers(pose)}" for node, pose in enumerate(run.nodes)]
     lines += ["FIX 0"] if lines else []
-    for link in run.links:
+    for link, (place, rotation) in zip(run.links, _information(run.links), strict=True):
         way = link["distance"] * np.array([np.cos(link["heading"]), np.sin(link["heading"])])
         measured = _numbers([*way, link["facing"]])
-        place, rotation = link["sd_m"] ** -2.0, link["sd_rad"] ** -2.0
         information = _numbers([place, 0.0, 0.0, place, 0.0, rotation])
         lines.append(f"EDGE_SE2 {link['source']} {link['target']} {measured} {information}")
     with atomic_path(path) as temporary:
@@ -247,6 +248,15 @@ def _matrices(poses: Floats) -> Floats:
     matrices[:, 1, 0], matrices[:, 1, 1] = s, c
     matrices[:, :2, 3] = poses[:, :2]
     return matrices
+
+
+def _information(links: NDArray[np.void]) -> Floats:
+    """float64 (n, 2): 1/m^2 and 1/rad^2. Raises DataError of the first that is none."""
+    deviations = np.stack([links["sd_m"], links["sd_rad"]], axis=1)
+    if (wrong := np.flatnonzero((deviations <= 0).any(axis=1))).size:
+        found = deviations[wrong[0]].tolist()
+        raise DataError(f"links: row {wrong[0]} deviates by {found} m and rad, expected above 0")
+    return deviations**-2.0
 
 
 def _numbers(values: Any) -> str:

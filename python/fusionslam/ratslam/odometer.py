@@ -16,6 +16,13 @@ Ground = tuple[float, float, float]
 """x, y in metres and heading in radians."""
 
 
+class Limits(NamedTuple):
+    """Seconds of silence that are noted, and m/s from which odometry is not believed."""
+
+    gap: float
+    max_speed: float
+
+
 class Stride(NamedTuple):
     """One step of odometry: m/s forwards, rad/s, seconds; and what is to be said of it."""
 
@@ -43,12 +50,12 @@ def said_by(event: Event) -> Odometry2D | None:
         DataError: neither pose nor velocity is finite.
     """
     if isinstance(event, Motion):
-        said = Odometry2D(event.stamp_ns, None, _finite(event.v, event.w))
+        said = Odometry2D(int(event.stamp_ns), None, _finite(event.v, event.w))
     elif isinstance(event, Odometry):
         speed = _finite(float(event.linear[0]), float(event.angular[2]))
-        said = Odometry2D(event.stamp_ns, _ground(event.pose), speed)
+        said = Odometry2D(int(event.stamp_ns), _ground(event.pose), speed)
     elif isinstance(event, Frame) and event.odometry is not None:
-        said = Odometry2D(event.stamp_ns, _ground(event.odometry), None)
+        said = Odometry2D(int(event.stamp_ns), _ground(event.odometry), None)
     else:
         return None
     if said.pose is None and said.speed is None:
@@ -56,16 +63,17 @@ def said_by(event: Event) -> Odometry2D | None:
     return said
 
 
-def stride_between(before: Odometry2D | None, now: Odometry2D, gap: float) -> Stride | None:
+def stride_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -> Stride | None:
     """How the robot moved from one message to the next; None of the first one.
 
-    A silence longer than ``gap`` is noted. Poses tell all the same how far the robot came in it;
-    a velocity is believed for ``gap`` seconds and no longer.
+    A silence longer than ``limits.gap`` is noted. Poses tell all the same how far the robot came in
+    it; a velocity is believed for that long and no longer. What is faster than ``limits.max_speed``
+    jumped: the velocity counts if there is one, else the robot did not move.
 
     Args:
         before: the message before.
         now: the one that arrived.
-        gap: seconds.
+        limits: of what is believed.
 
     Raises:
         DataError: a stamp that is not later, or nothing that tells the motion.
@@ -77,14 +85,26 @@ def stride_between(before: Odometry2D | None, now: Odometry2D, gap: float) -> St
         raise DataError(
             f"odometry at {now.stamp_ns} ns: expected a stamp later than {before.stamp_ns} ns"
         )
-    if before.pose is not None and now.pose is not None:
-        forward, turn = _moved(before.pose, now.pose)
-        note = f"odometry was silent for {dt:.2f} s: {forward:.2f} m in one step" * (dt > gap)
-        return Stride(forward / dt, turn / dt, dt, note)
+    if before.pose is None or now.pose is None:
+        return _by_speed(now, dt, limits)
+    forward, turn = _moved(before.pose, now.pose)
+    way = float(np.hypot(now.pose[0] - before.pose[0], now.pose[1] - before.pose[1]))
+    if way > limits.max_speed * dt:
+        known = now._replace(speed=now.speed or (0.0, 0.0))
+        return _by_speed(known, dt, limits, f"odometry jumped {way:.4g} m, which is left out")
+    silent = f"odometry was silent for {dt:.2f} s: {forward:.2f} m in one step"
+    return Stride(forward / dt, turn / dt, dt, silent * (dt > limits.gap))
+
+
+def _by_speed(now: Odometry2D, dt: float, limits: Limits, note: str = "") -> Stride:
     if now.speed is None:
         raise DataError(f"odometry at {now.stamp_ns} ns: no pose before it, and no velocity")
-    note = f"odometry was silent for {dt:.2f} s: its velocity counts for {gap:g} s" * (dt > gap)
-    return Stride(*now.speed, min(dt, gap), note)
+    v, w = now.speed
+    if abs(v) > limits.max_speed:
+        return Stride(0.0, 0.0, dt, f"odometry says {v:.4g} m/s, which is left out")
+    if not note and dt > limits.gap:
+        note = f"odometry was silent for {dt:.2f} s: its velocity counts for {limits.gap:g} s"
+    return Stride(v, w, min(dt, limits.gap), note)
 
 
 def _moved(before: Ground, now: Ground) -> tuple[float, float]:
@@ -102,4 +122,4 @@ def _ground(pose: NDArray[np.float64]) -> Ground | None:
 
 
 def _finite(v: float, w: float) -> tuple[float, float] | None:
-    return (v, w) if np.isfinite([v, w]).all() else None
+    return (float(v), float(w)) if np.isfinite([v, w]).all() else None

@@ -9,8 +9,10 @@
 Action(kind=<ActionKind.CREATE_NODE: 1>, source=0, target=0, relative_rotation=0.0, ...)
 """
 
-from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+import math
+import operator
+from collections.abc import Mapping
+from typing import Any, Literal, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +20,32 @@ from numpy.typing import NDArray
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.ratslam.actions import Action, ActionKind
+from fusionslam.ratslam.cell_state import EXPERIENCE_TABLES, VIEW_TABLES, checked_state
+from fusionslam.ratslam.networks import Network, ReferenceNetwork, SteadyNetwork
+from fusionslam.ratslam.places import (
+    HEADINGS,
+    LAYER,
+    NOWHERE,
+    Place,
+    after,
+    back,
+    differences,
+    on_sheet,
+)
+from fusionslam.ratslam.rows import Rows
+
+__all__ = ["HEADINGS", "Place", "PoseCells", "PoseCellsConfig"]
 
 Floats = NDArray[np.float64]
 
-HEADINGS = 36
-"""Layers of the sheet: headings ten degrees apart."""
-_REACH = 3
+INJECT = {"robust": 0.15, "openratslam": 0.05}
+"""Energy of a view by preset: the reference run's; ours lets five views in a row win a packet."""
 _OLDER_THAN = 10
+_TABLES = (*VIEW_TABLES, *EXPERIENCE_TABLES)
+# Ways longer than this, in cells, say nothing about the place in a cell any more.
+_FARTHEST = 1e9
+# The decay from which a view has no energy left: 30 - exp(1.2 decay) is 0.
+_WORN = math.log(30) / 1.2
 
 
 class PoseCellsConfig(Section):
@@ -34,33 +55,50 @@ class PoseCellsConfig(Section):
         "robust", "robust (ours) or openratslam (Ball et al. 2013, as its program behaves)"
     )
     size: int = option(20, "cells along x and along y", ge=7, le=1000)
-    cell_m: float = option(0.4, "side of a cell", unit="m", gt=0)
-    inject: float = option(0.05, "energy that a recognised view adds", ge=0)
-    restore: float = option(0.05, "what the decay of a view falls by with each view", ge=0)
-    active_decay: float = option(1.0, "decay of a view at rest", ge=0)
-    global_inhibition: float = option(2e-5, "taken from every cell in each step", ge=0)
-    delta_pc: float = option(2.0, "an experience is another one from here on", unit="cells", gt=0)
-
-
-class Place(NamedTuple):
-    """A pose on the sheet in cells: x, y in [0, n), th in [0, 36)."""
-
-    x: float
-    y: float
-    th: float
-
-
-@dataclass
-class _View:
-    """Where a view was seen first, how worn it is, and its experiences."""
-
-    place: Place
-    decay: float
-    experiences: list[int] = field(default_factory=list)
+    cell_m: float = option(0.4, "side of a cell", unit="m", gt=0, allow_inf_nan=False)
+    inject: float | None = option(
+        None,
+        "energy that a recognised view adds to the activity, whose sum is 1; null: the preset's, "
+        "0.15 of robust, 0.05 of openratslam",
+        ge=0,
+        le=10,
+    )
+    restore: float = option(
+        0.05, "what the decay of a view falls by with each view", ge=0, allow_inf_nan=False
+    )
+    active_decay: float = option(1.0, "decay of a view at rest", ge=0, allow_inf_nan=False)
+    global_inhibition: float = option(
+        2e-5, "taken from every cell in each step of the attractor", ge=0, le=1e-3
+    )
+    delta_pc: float = option(
+        2.0, "an experience is another one from here on", unit="cells", gt=0, allow_inf_nan=False
+    )
+    step_s: float = option(
+        0.5,
+        "robust: odometry between two steps of the attractor, which also takes one every cell of "
+        "way; openratslam takes one with each odometry",
+        unit="s",
+        ge=1e-3,
+        le=3600,
+    )
 
 
 class PoseCells:
     """A continuous attractor network of pose cells.
+
+    The two presets differ in this:
+
+    - ``openratslam`` takes a step of the attractor with each odometry, ``robust`` one every
+      ``step_s`` of stamped time and every cell of way, with exact motion between: the pose does not
+      depend on how often odometry arrives, and at dt 0 nothing moves.
+    - Views: ``openratslam`` adds energy to one cell, for views older than the last ten or, while
+      there are fewer than ten, for any; ``robust`` spreads it over the cells around the place, for
+      views older than the last ten only, and a view that the robot keeps looking at wears only so
+      far that it adds nothing.
+    - Rotations and places relative to a match: ``openratslam`` turns the place by the rotation.
+      ``robust`` takes both as the robot's pose in the frame of the view, moves the place by it, and
+      remembers it with each experience, so that actions tell the robot's pose against the node.
+    - Steps of a cell or more: ``openratslam`` refuses them, ``robust`` takes any.
 
     Args:
         config: None for the defaults.
@@ -71,45 +109,39 @@ class PoseCells:
     """
 
     def __init__(self, config: PoseCellsConfig | None = None, **changes: Any) -> None:
-        self.config = merged(config or PoseCellsConfig(), changes)
-        n = self.config.size
-        self._activity = np.zeros((HEADINGS, n, n))
-        self._activity[HEADINGS // 2, n // 2, n // 2] = 1.0
-        self._best = Place(float(n // 2), float(n // 2), float(HEADINGS // 2))
-        self._views: list[_View] = []
-        self._view = self._previous = 0
-        self._rotation = 0.0
-        self._experiences: list[tuple[Place, int]] = []
-        self._current = 0
-        self._moved = self._seen = False
+        self._start(merged(config or PoseCellsConfig(), changes))
+
+    def _start(self, config: PoseCellsConfig) -> None:
+        self.config = config
+        self._robust = config.preset == "robust"
+        self._energy = INJECT[config.preset] if config.inject is None else config.inject
+        self._network = _network(config)
+        # Of each view: its place, its decay, and how many views had arrived by then.
+        self._places, self._decays, self._since = Rows(np.float64, 3), Rows(np.float64), Rows(int)
+        self._arrived = self._view = self._previous = 0
+        # Of each experience: the robot's place, its view, and the robot in the view's frame.
+        self._experiences, self._views_of = Rows(np.float64, 3), Rows(int)
+        self._offsets = Rows(np.float64, 3)
+        self._known: list[Rows] = []
+        self._relative, self._current = NOWHERE, 0
+        self._moved = self._seen = self._in_doubt = False
 
     @property
     def activity(self) -> Floats:
-        """float64 (36, n, n) by th, y, x; not negative, its sum is 1. A view of the state."""
-        return self._activity
+        """float64 (36, n, n) by th, y, x; not negative: a copy.
+
+        Its sum is 1; in the openratslam preset views add to it until the next odometry.
+        """
+        return self._network.activity
 
     @property
     def best(self) -> Place:
         """The decoded pose in cells."""
-        return self._best
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        import pickle
-
-        kept = {k: v for k, v in vars(self).items() if k != "config"}
-        return {"all": np.frombuffer(pickle.dumps(kept), np.uint8)}
-
-    def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        import pickle
-
-        vars(self).update(pickle.loads(state["all"].tobytes()))
-
-    def refuse(self, action: Action) -> Action:
-        raise NotImplementedError
+        return self._network.best
 
     def on_view(
         self,
-        view_id: int,
+        view_id: SupportsIndex,
         relative_rotation: float = 0.0,
         relative_place: tuple[float, float] = (0.0, 0.0),
     ) -> None:
@@ -118,144 +150,247 @@ class PoseCells:
         Args:
             view_id: known, or the next one.
             relative_rotation: radians, counter-clockwise, that the robot is turned against it.
+            relative_place: metres, x forward and y to the left, where the robot is in the frame of
+                the view. The openratslam preset does not use it.
 
         Raises:
-            DataError: an id that skips numbers or is negative, or a rotation that is not finite.
+            DataError: an id that skips numbers or is negative, a rotation or place that is not
+                finite. Nothing is changed.
         """
-        if not 0 <= view_id <= len(self._views):
-            raise DataError(f"view {view_id}: expected 0 to {len(self._views)}, the next new one")
-        if not np.isfinite(relative_rotation):
-            raise DataError(f"view {view_id}: relative rotation {relative_rotation}")
-        config = self.config
-        if view_id == len(self._views):
-            self._views.append(_View(self._best, config.active_decay))
+        known, relative = len(self._places), self._checked(relative_rotation, relative_place)
+        try:
+            view = operator.index(view_id)
+        except TypeError:
+            raise DataError(f"view {view_id!r}: expected a whole number") from None
+        if not 0 <= view <= known:
+            raise DataError(f"view {view}: expected 0 to {known}, the next new one")
+        self._decide()
+        if view == known:
+            self._learn(relative)
         else:
-            self._inject(view_id, relative_rotation)
-        for view in self._views:
-            view.decay = max(view.decay - config.restore, config.active_decay)
-        self._previous, self._view = self._view, view_id
-        self._rotation, self._seen = relative_rotation, True
+            self._recall(view, relative)
+        self._arrived += 1
+        self._previous, self._view = self._view, view
+        self._relative, self._seen = relative, True
 
-    def _inject(self, view_id: int, rotation: float) -> None:
-        config, view = self.config, self._views[view_id]
-        if view_id == self._view:
-            view.decay += config.active_decay
-        energy = config.inject * (30 - np.exp(1.2 * view.decay)) / 30
-        underflows = config.preset == "openratslam" and len(self._views) < _OLDER_THAN
-        if energy <= 0 or not (underflows or view_id < len(self._views) - _OLDER_THAN):
+    def _checked(self, rotation: float, place: tuple[float, float]) -> Place:
+        try:
+            x, y = place
+            values = np.array((x, y, rotation), np.float64)
+        except (TypeError, ValueError, OverflowError):
+            raise DataError(
+                f"relative rotation {rotation!r}, place {place!r}: expected a number and x, y"
+            ) from None
+        if not np.isfinite(values).all() or np.abs(values).max() > _FARTHEST * self.config.cell_m:
+            raise DataError(
+                f"relative rotation {rotation}, place {place}: expected finite numbers, "
+                f"of no more than {_FARTHEST * self.config.cell_m:g}"
+            )
+        x, y = (values[:2] / self.config.cell_m).tolist() if self._robust else (0.0, 0.0)
+        return Place(x, y, float(values[2]) / LAYER)
+
+    def _learn(self, relative: Place) -> None:
+        place = self.best
+        if self._robust:
+            place = on_sheet(after(place, back(relative)), self.config.size)
+        self._places.append(place)
+        self._decays.append(self.config.active_decay)
+        self._since.append(self._arrived)
+        self._known.append(Rows(int))
+
+    def _recall(self, view: int, relative: Place) -> None:
+        decay = self._decay(view)
+        if view == self._view:
+            decay += self.config.active_decay
+            self._wear(view, min(decay, _WORN) if self._robust else decay)
+        count = len(self._places)
+        underflows = not self._robust and count < _OLDER_THAN
+        if decay >= _WORN or not (underflows or view < count - _OLDER_THAN):
             return
-        layer = int(np.floor(view.place.th + rotation * HEADINGS / (2 * np.pi))) % HEADINGS
-        self._activity[layer, int(view.place.y), int(view.place.x)] += energy
+        energy = self._energy * (30 - math.exp(1.2 * decay)) / 30
+        place = Place(*self._places.all[view].tolist())
+        if self._robust:
+            place = after(place, relative)
+        else:
+            place = Place(place.x, place.y, place.th + relative.th)
+        self._network.inject(place, energy)
+
+    def _decay(self, view: int) -> float:
+        """It falls with each view that arrives, down to what it is at rest."""
+        fallen = self.config.restore * (self._arrived - int(self._since.all[view]))
+        return max(float(self._decays.all[view]) - fallen, self.config.active_decay)
+
+    def _wear(self, view: int, decay: float) -> None:
+        self._decays.all[view], self._since.all[view] = decay, self._arrived
 
     def on_odometry(self, v: float, w: float, dt: float) -> None:
-        """Move the activity: one step of the network.
+        """Move the activity.
 
         Args:
             v: metres a second forward.
             w: radians a second, counter-clockwise.
             dt: seconds.
+
+        Raises:
+            DataError: a value that is not finite, dt under 0, a way of more than 1e9 cells, or, in
+                the openratslam preset, of a cell or more. Nothing is changed.
         """
-        config = self.config
-        cells = _convolved(self._activity, 7, 1.0)
-        cells = cells - _convolved(cells, 5, 2.0)
-        cells = np.maximum(cells - config.global_inhibition, 0)
-        cells /= cells.sum()
-        cells = _shifted(cells, v * dt / config.cell_m)
-        self._activity = _turned(cells, w * dt * HEADINGS / (2 * np.pi))
-        self._best = _decoded(self._activity)
+        try:
+            v, w, dt = float(v), float(w), float(dt)
+        except (TypeError, ValueError, OverflowError):
+            raise DataError(f"odometry v {v!r}, w {w!r}, dt {dt!r}: expected numbers") from None
+        way, turn = v * dt / self.config.cell_m, w * dt
+        if not (math.isfinite(v) and math.isfinite(w) and 0 <= dt < math.inf):
+            raise DataError(
+                f"odometry v {v}, w {w}, dt {dt}: expected finite numbers and dt of 0 or more"
+            )
+        if not max(abs(way), abs(turn)) <= _FARTHEST:
+            raise DataError(
+                f"odometry v {v}, w {w}, dt {dt}: a way of {way:.3g} cells and a turn of "
+                f"{turn:.3g} rad, expected no more than {_FARTHEST:g}"
+            )
+        self._network.move(way, turn, dt)
+        self._decide()
         self._moved = True
+
+    def _decide(self) -> None:
+        """Who goes on after an edge without refusing it takes it for right."""
+        if self._in_doubt:
+            self._network.accept()
+        self._in_doubt = False
 
     def action(self) -> Action:
         """What the experience map has to do now; call it once after each step of odometry."""
         if not (self._moved and self._seen):
             return Action(ActionKind.NONE)
-        source = self._current
-        known = self._views[self._view].experiences
-        if not self._experiences or not known:
-            return self._created(source)
-        far = self._distance(self._current) > self.config.delta_pc
+        known = self._known[self._view].all
+        if not len(known):
+            return self._created(self._current)
+        far = self._distances([self._current])[0] > self.config.delta_pc
         if not far and self._view == self._previous:
             return Action(ActionKind.NONE)
-        others = [one for one in known if one != self._current]
-        nearest = min(others, key=self._distance, default=None)
-        if nearest is None or self._distance(nearest) >= self.config.delta_pc:
-            if nearest is None and not far:
-                return Action(ActionKind.NONE)
-            return self._created(source)
-        self._current = nearest
-        self._previous = self._view
-        return Action(ActionKind.CREATE_EDGE, source, nearest, self._rotation)
+        others = known[known != self._current]
+        if not len(others):
+            return self._created(self._current) if far else Action(ActionKind.NONE)
+        distances = self._distances(others)
+        nearest = int(distances.argmin())
+        if distances[nearest] >= self.config.delta_pc:
+            return self._created(self._current)
+        return self._joined(int(others[nearest]))
 
     def _created(self, source: int) -> Action:
-        self._experiences.append((self._best, self._view))
-        self._current = len(self._experiences) - 1
-        self._views[self._view].experiences.append(self._current)
-        self._previous = self._view
-        return Action(ActionKind.CREATE_NODE, source, self._current, self._rotation)
+        target = len(self._experiences)
+        self._experiences.append(self.best)
+        self._views_of.append(self._view)
+        self._offsets.append(self._relative)
+        self._known[self._view].append(target)
+        self._current, self._previous = target, self._view
+        rotation = 0.0 if self._robust else self._relative.th * LAYER
+        return Action(ActionKind.CREATE_NODE, source, target, rotation)
 
-    def _distance(self, experience: int) -> float:
-        place = self._experiences[experience][0]
-        n, turned = self.config.size, self._rotation * HEADINGS / (2 * np.pi)
-        return float(
-            np.sqrt(
-                _wrapped(self._best.x - place.x, n) ** 2
-                + _wrapped(self._best.y - place.y, n) ** 2
-                + _wrapped(self._best.th - turned - place.th, HEADINGS) ** 2
-            )
+    def _joined(self, target: int) -> Action:
+        source, self._current = self._current, target
+        self._previous, self._in_doubt = self._view, True
+        way = self._way_from(target)
+        cell = self.config.cell_m
+        rotation = math.remainder(way.th * LAYER, 2 * math.pi) if self._robust else way.th * LAYER
+        place = (way.x * cell, way.y * cell)
+        return Action(ActionKind.CREATE_EDGE, source, target, rotation, place)
+
+    def refuse(self, action: Action) -> Action:
+        """What to do instead of the last action, an edge that the map found to be wrong.
+
+        The robust preset also goes back to where odometry leads to from before the jump, if the
+        packet had jumped, and lets the view rest until others were seen.
+
+        Args:
+            action: what ``action()`` gave, before any further odometry or view.
+
+        Returns:
+            A new experience of the same view at this place, reached from where the robot was.
+
+        Raises:
+            DataError: the action was no edge, or not the last one.
+        """
+        if not self._in_doubt or action.target != self._current:
+            raise DataError(f"{action.kind.name} to {action.target} is not the last edge")
+        self._in_doubt = False
+        self._network.go_back()
+        if self._robust:
+            self._wear(self._view, _WORN)
+        return self._created(action.source)
+
+    def _way_from(self, experience: int) -> Place:
+        """The robot in the frame of an experience of the current view, in cells, by its match."""
+        if not self._robust:
+            return self._relative
+        offset = Place(*self._offsets.all[experience].tolist())
+        return after(back(offset), self._relative)
+
+    def _distances(self, experiences: Any) -> Floats:
+        """Cells, from the pose to where it is expected if these experiences are matched."""
+        places = self._experiences.all[experiences]
+        if self._robust:
+            same = self._views_of.all[experiences] == self._view
+            places = np.where(same[:, None], self._expected(experiences), places)
+        else:
+            places = places + np.array((0, 0, self._relative.th))
+        apart = differences(self.best, places, self.config.size)
+        distances: Floats = np.sqrt((apart**2).sum(axis=-1))
+        return distances
+
+    def _expected(self, experiences: Any) -> Floats:
+        """Where the robot is by the match of these experiences' view, float64 (k, 3)."""
+        places, offsets = self._experiences.all[experiences], self._offsets.all[experiences]
+        # The view's frame, then the robot in it.
+        heading = (places[:, 2] - offsets[:, 2]) * LAYER
+        dx, dy = (np.array(self._relative[:2]) - offsets[:, :2]).T
+        expected: Floats = np.stack(
+            (
+                places[:, 0] + np.cos(heading) * dx - np.sin(heading) * dy,
+                places[:, 1] + np.sin(heading) * dx + np.cos(heading) * dy,
+                places[:, 2] - offsets[:, 2] + self._relative.th,
+            ),
+            axis=1,
         )
+        return expected
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Everything that ``restore`` needs to go on exactly from here, but the configuration."""
+        counts = (self._arrived, self._view, self._previous, self._current)
+        return {
+            "cells": self._network.cells,
+            "network": self._network.numbers(),
+            "relative": np.array(self._relative),
+            "counts": np.array(counts, np.int64),
+            "flags": np.array((self._moved, self._seen, self._in_doubt)),
+            **{name: getattr(self, f"_{name}").all.copy() for name in _TABLES},
+        }
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from what ``state`` gave, of cells of the same configuration.
+
+        Raises:
+            DataError: arrays that are missing, or of another shape or configuration; values that
+                cannot be. ShapeError: another number of cells. Nothing is changed.
+        """
+        made = PoseCells(self.config)
+        made._take(checked_state(state))
+        vars(self).update(vars(made))
+
+    def _take(self, state: Mapping[str, NDArray[Any]]) -> None:
+        self._network.remember(state["cells"], state["network"])
+        self._relative = Place(*state["relative"].tolist())
+        self._arrived, self._view, self._previous, self._current = state["counts"].tolist()
+        self._moved, self._seen, self._in_doubt = state["flags"].tolist()
+        for name in _TABLES:
+            setattr(self, f"_{name}", Rows.of(state[name]))
+        self._known = [Rows(int) for _ in range(len(self._places))]
+        for experience, view in enumerate(self._views_of.all.tolist()):
+            self._known[view].append(experience)
 
 
-def _wrapped(difference: float, period: int) -> float:
-    around = abs(difference) % period
-    return min(around, period - around)
-
-
-def _convolved(cells: Floats, width: int, deviation: float) -> Floats:
-    """The wrapped convolution with a Gaussian box, one axis after the other."""
-    offsets = np.arange(width) - width // 2
-    weights = np.exp(-(offsets**2) / (2 * deviation**2))
-    weights /= weights.sum()
-    for axis in range(3):
-        cells = sum(
-            weight * np.roll(cells, offset, axis)
-            for weight, offset in zip(weights, offsets, strict=True)
-        )
-    return cells
-
-
-def _shifted(cells: Floats, way: float) -> Floats:
-    moved = np.empty_like(cells)
-    for layer in range(HEADINGS):
-        angle = layer * 2 * np.pi / HEADINGS + (np.pi if way < 0 else 0)
-        dx, dy = abs(way) * np.sin(angle), abs(way) * np.cos(angle)
-        ix, iy = int(np.floor(dx)), int(np.floor(dy))
-        fx, fy = dx - ix, dy - iy
-        row = np.roll(cells[layer], ix, 1)
-        row = (1 - fx) * row + fx * np.roll(row, 1, 1)
-        row = np.roll(row, iy, 0)
-        moved[layer] = (1 - fy) * row + fy * np.roll(row, 1, 0)
-    return moved
-
-
-def _turned(cells: Floats, layers: float) -> Floats:
-    whole = int(np.floor(layers))
-    part = layers - whole
-    rolled = np.roll(cells, whole, 0)
-    return (1 - part) * rolled + part * np.roll(rolled, 1, 0)
-
-
-def _decoded(cells: Floats) -> Place:
-    top = np.unravel_index(int(cells.argmax()), cells.shape)
-    offsets = np.arange(-_REACH, _REACH + 1)
-    axes = [(start + offsets) % size for start, size in zip(top, cells.shape, strict=True)]
-    box = cells[np.ix_(*axes)]
-    found = []
-    for axis, rows in enumerate(axes):
-        size = cells.shape[axis]
-        sums = box.sum(axis=tuple(other for other in range(3) if other != axis))
-        # The reference counts cells from 1 here: its start comes out just below 10, and the cell
-        # that a view injects into, the floor of it, is the one before.
-        angles = (rows + 1) * 2 * np.pi / size
-        mean = np.arctan2((sums * np.sin(angles)).sum(), (sums * np.cos(angles)).sum())
-        found.append(float((mean * size / (2 * np.pi) - 1) % size))
-    return Place(found[2], found[1], found[0])
+def _network(config: PoseCellsConfig) -> Network:
+    if config.preset == "openratslam":
+        return ReferenceNetwork(config.size, config.global_inhibition)
+    return SteadyNetwork(config.size, config.global_inhibition, config.step_s)

@@ -9,11 +9,13 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.messages import Odometry
 from fusionslam.ratslam.events import Event, Look, Motion
 from fusionslam.ratslam.sources import MatcherSource, TemplateSource, ViewSource
 from fusionslam.ratslam.tours import Progress, Tour
+from fusionslam.ratslam.visual_motion import seen_motions
+from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
 from fusionslam.sim.motion.odometry import OdometryConfig, simulate_odometry
 from fusionslam.sim.motion.trajectory import Trajectory
 from fusionslam.views.drives import DRIFT
@@ -27,6 +29,14 @@ RATE_HZ = 30.0
 """Odometry messages a second that are made of the truth."""
 
 _NO_ERRORS = OdometryConfig()
+
+
+@dataclass(frozen=True)
+class Unreadable:
+    """Something to look at that cannot be read, and why."""
+
+    stamp_ns: int
+    error: FusionSlamError
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +85,7 @@ class RunEvents:
     def __len__(self) -> int:
         return len(self.motions) + len(self.look_stamps_ns)
 
-    def __iter__(self) -> Iterator[Event]:
+    def __iter__(self) -> Iterator[Event | Unreadable]:
         """The events in the order of their stamps, of equal ones odometry first; read when asked
         for."""
         stamps = [motion.stamp_ns for motion in self.motions]
@@ -84,8 +94,15 @@ class RunEvents:
         for look, place in enumerate(places):
             yield from self.motions[done:place]
             done = place
-            yield Look(int(self.look_stamps_ns[look]), self.item(look))
+            yield self._look(look)
         yield from self.motions[done:]
+
+    def _look(self, index: int) -> Look | Unreadable:
+        stamp_ns = int(self.look_stamps_ns[index])
+        try:
+            return Look(stamp_ns, self.item(index))
+        except (DataError, ShapeError) as error:
+            return Unreadable(stamp_ns, error)
 
 
 def events_of(
@@ -94,6 +111,7 @@ def events_of(
     odometry: str | None = None,
     errors: OdometryConfig = DRIFT,
     *,
+    seen: VisualOdometryConfig | None = None,
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> RunEvents:
@@ -104,6 +122,7 @@ def events_of(
         source: what recognises places.
         odometry: one of ``ODOMETRY``; None for the topic where there is one, else the truth.
         errors: of truth+noise.
+        seen: how speed is seen in images, of visual odometry; None for the defaults.
         jobs: images that are rendered at a time.
         progress: told about that.
 
@@ -111,8 +130,11 @@ def events_of(
         DataError: the tour lacks what is asked for. ConfigError: an unknown kind of odometry.
     """
     stamps_ns, item = _looks(tour, source, jobs, progress)
-    title, motions = motions_of(tour, odometry, errors)
-    return RunEvents(tour.name, title, _during(motions, stamps_ns), stamps_ns, item, tour.truth)
+    if odometry == "visual":
+        title, motions = seen_motions(tour, seen, jobs=jobs, progress=progress)
+    else:
+        title, motions = motions_of(tour, odometry, errors)
+    return RunEvents(tour.name, title, during(motions, stamps_ns), stamps_ns, item, tour.truth)
 
 
 def motions_of(
@@ -177,10 +199,15 @@ def _image_looks(
     return stamps_ns, made.views.__getitem__
 
 
-def _during(
+def during(
     motions: Sequence[Odometry | Motion], stamps_ns: NDArray[np.int64]
 ) -> list[Odometry | Motion]:
-    """Odometry from the last one before the first view to the first one after the last view."""
+    """Odometry from the last one before the first view to the first one after the last view.
+
+    Args:
+        motions: in the order of stamps.
+        stamps_ns: int64 (m), m > 0, increasing, of the views.
+    """
     stamps = np.array([motion.stamp_ns for motion in motions], np.int64)
     first = max(int(np.searchsorted(stamps, stamps_ns[0], side="right")) - 1, 0)
     last = int(np.searchsorted(stamps, stamps_ns[-1], side="left")) + 1

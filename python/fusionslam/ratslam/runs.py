@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._files import uninterrupted
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.errors import DataError, FusionSlamError, ShapeError
 from fusionslam.ratslam.events import Event
-from fusionslam.ratslam.run_events import RunEvents, events_of
+from fusionslam.ratslam.run_events import RunEvents, Unreadable, events_of
 from fusionslam.ratslam.run_record import NO_NODE, REFUSED, RatSlamRun
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.ratslam.sources import SourceOptions, source_named
 from fusionslam.ratslam.tours import Progress, open_tour
+from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
 from fusionslam.sim.motion.odometry import OdometryConfig
 from fusionslam.sim.motion.trajectory import Trajectory
 from fusionslam.views.drives import DRIFT
@@ -32,8 +33,8 @@ _OF_THE_MAP = ("nodes", "node_stamps_ns", "node_views", "links")
 # The first and last true pose count for steps this far before and after.
 _BEYOND_S = 0.1
 
-Watch = Callable[[Step, RatSlam], None]
-"""Called after each step."""
+Watch = Callable[[Step, RatSlam, Event], None]
+"""Called after each step, with what was taken."""
 
 
 class RunRecorder:
@@ -61,18 +62,21 @@ class RunRecorder:
         """Whether anything was taken yet."""
         return bool(self._steps)
 
-    def step(self, event: Event) -> Step | None:
+    def step(self, event: Event | Unreadable) -> Step | None:
         """Take an event; None of one that is refused, which is noted."""
+        if isinstance(event, Unreadable):
+            self._refuse(event.error)
+            return None
         with uninterrupted():
             try:
                 step = self.slam.step(event)
-            except DataError as error:
+            except (DataError, ShapeError) as error:
                 self._refuse(error)
                 return None
             self._keep(step)
         return step
 
-    def _refuse(self, error: DataError) -> None:
+    def _refuse(self, error: FusionSlamError) -> None:
         level = logging.WARNING if self._refused is None else logging.INFO
         logger.log(level, "%s: left out: %s", self.events.name, error)
         self._refused = self._refused or error
@@ -88,11 +92,13 @@ class RunRecorder:
             self._notes.append(f"{step.stamp_ns / 1e9:.3f} s: {step.why}")
 
     def record(self) -> RatSlamRun:
-        """Everything so far. Raises what was refused first, if nothing was taken."""
-        if not self._steps:
-            raise self._refused or DataError(f"{self.events.name}: no events")
+        """Everything so far. Raises what was refused first, if nothing was seen."""
         slam, steps = self.slam, self._steps
         looked = [step for step in steps if step.looked]
+        if self._refused is not None and not looked:
+            raise self._refused
+        if not steps:
+            raise DataError(f"{self.events.name}: no events")
         th, x, y = (self._sums(place) for place in range(3))
         run = RatSlamRun(
             name=self.events.name,
@@ -129,6 +135,7 @@ def run_ratslam(
     *,
     options: SourceOptions | None = None,
     errors: OdometryConfig = DRIFT,
+    seen: VisualOdometryConfig | None = None,
     jobs: int = 1,
     progress: Progress | None = None,
     watch: Watch | None = None,
@@ -143,6 +150,7 @@ def run_ratslam(
         config: of the cells and the map.
         options: what views are made with.
         errors: of odometry "truth+noise".
+        seen: how speed is seen in images, of odometry "visual"; None for the defaults.
         jobs: images that are rendered at a time.
         progress: told about progress.
         watch: called after each step.
@@ -153,7 +161,7 @@ def run_ratslam(
     """
     chosen = source_named(views, options)
     opened = open_tour(source, jobs=jobs, progress=progress)
-    events = events_of(opened, chosen, odometry, errors, jobs=jobs, progress=progress)
+    events = events_of(opened, chosen, odometry, errors, seen=seen, jobs=jobs, progress=progress)
     recorder = RunRecorder(RatSlam(config, views=chosen), events)
     run_events(recorder, progress, watch)
     return recorder.record()
@@ -173,8 +181,8 @@ def run_events(
     events = recorder.events.after(*recorder.slam.seen_ns)
     for done, event in enumerate(events, 1):
         step = recorder.step(event)
-        if step is not None and watch is not None:
-            watch(step, recorder.slam)
+        if step is not None and watch is not None and not isinstance(event, Unreadable):
+            watch(step, recorder.slam, event)
         if progress is not None:
             progress(label, done, len(events))
 
@@ -195,15 +203,21 @@ def truth_at(truth: Trajectory | None, stamps_ns: list[int]) -> NDArray[np.float
     """float64 (n, 3): true poses at stamps; NaN where they are not known. None if all are not."""
     if truth is None:
         return None
+    poses = true_poses(truth, stamps_ns)
+    missing = np.count_nonzero(np.isnan(poses[:, 0]))
+    if missing:
+        logger.warning("%d of %d steps have no true pose", missing, len(poses))
+    return None if missing == len(poses) else poses
+
+
+def true_poses(truth: Trajectory, stamps_ns: list[int]) -> NDArray[np.float64]:
+    """float64 (n, 3): true x, y and heading in (-pi, pi] at stamps; NaN where not known."""
     seconds = np.array(stamps_ns) / 1e9
     inside = np.clip(seconds, truth.seconds[0], truth.seconds[-1])
     known = np.abs(seconds - inside) <= _BEYOND_S
-    if not known.all():
-        missing = np.count_nonzero(~known)
-        logger.warning("%d of %d steps have no true pose", missing, len(known))
     places = np.stack(truth.places(inside), axis=1)
     places[:, 2] = np.pi - (np.pi - places[:, 2]) % (2 * np.pi)
-    return np.where(known[:, None], places, np.nan) if known.any() else None
+    return np.where(known[:, None], places, np.nan)
 
 
 def _per_step(steps: list[Step]) -> dict[str, NDArray[Any]]:

@@ -7,7 +7,7 @@
 >>> for event in (Motion(0, 0.5, 0.0), Sighting(0, 0), Motion(33_000_000, 0.5, 0.0)):
 ...     step = slam.step(event)
 >>> step.why
-'node 0 made: view 0 is new'
+'node 0 made of view 0'
 """
 
 import os
@@ -15,13 +15,27 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.messages import Odometry
 from fusionslam.ratslam.actions import Action, ActionKind
 from fusionslam.ratslam.events import Event, Look, Motion, Sighting
-from fusionslam.ratslam.experience_map import ExperienceMap, ExperienceMapConfig, LoopCheck
-from fusionslam.ratslam.odometer import Ground, Odometry2D, Stride, said_by, stride_between
+from fusionslam.ratslam.experience_map import (
+    ExperienceMap,
+    ExperienceMapConfig,
+    LoopCheck,
+    Relaxation,
+)
+from fusionslam.ratslam.odometer import (
+    Ground,
+    Limits,
+    Odometry2D,
+    Stride,
+    said_by,
+    stride_between,
+)
 from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
 from fusionslam.ratslam.sources import ViewSource
 from fusionslam.ratslam.stopwatch import Stopwatch
@@ -45,6 +59,22 @@ class RatSlamConfig(Section):
         gt=0,
         le=3600,
     )
+    max_speed: float = option(
+        50.0,
+        "odometry that is faster jumped, as when its node starts anew: the jump is left out",
+        unit="m/s",
+        gt=0,
+        le=1000,
+    )
+
+    ambiguous: int = option(
+        3, "a view that was seen at so many other places does not speak against odometry", ge=1
+    )
+
+    @property
+    def limits(self) -> Limits:
+        """Of what odometry is believed."""
+        return Limits(self.gap, self.max_speed)
 
 
 @dataclass(frozen=True)
@@ -63,6 +93,7 @@ class Step:
         loop: how well a loop fitted the map; None where none was found, or none is checked.
         why: what happened, in a sentence; empty where nothing did.
         refused: the edge that was not made, as its loop did not fit.
+        relaxation: how well links fit after nodes were moved; None where nothing was done.
         looked: whether somebody looked.
         seconds: what looking, the cells and the map took.
     """
@@ -78,6 +109,7 @@ class Step:
     loop: LoopCheck | None = None
     why: str = ""
     refused: Action | None = None
+    relaxation: Relaxation | None = None
     looked: bool = False
     seconds: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), compare=False)
 
@@ -174,14 +206,15 @@ class RatSlam:
             DataError: a stamp before that of the event before, odometry or views that are not later
                 than the last ones, values that are not finite, a view id that skips numbers, or
                 nothing to look with. ShapeError: what is looked at has another shape. Cells and
-                map are unchanged then.
+                map are unchanged then, but for the odometry of a frame whose image or cloud is
+                at fault: it counts all the same.
         """
         watch = Stopwatch()
         said, stride = self._check(event)
+        self._move(said, stride, watch)
         sighting = self._look(event, watch)
-        self._move(stride, watch)
-        self._see(sighting, watch)
-        self._remember(event, said, sighting)
+        if sighting is not None:
+            self._see(event, sighting, watch)
         done = self._act(stride, sighting, watch)
         return self._told(event, stride, sighting, done, watch)
 
@@ -218,8 +251,27 @@ class RatSlam:
         if _is_looking(event) and stamp_ns == known.looked_ns:
             raise DataError(f"view at {stamp_ns} ns: expected a stamp later than the last view's")
         said = said_by(event)
-        stride = None if said is None else stride_between(known.odometry, said, self.config.gap)
+        stride = None if said is None else stride_between(known.odometry, said, self.config.limits)
         return said, stride
+
+    def _move(self, said: Odometry2D | None, stride: Stride | None, watch: Stopwatch) -> None:
+        if stride is not None:
+            v, w, dt, _ = stride
+            pieces = self._pieces(v * dt)
+            with watch.of("cells"):
+                for _ in range(pieces):
+                    self.cells.on_odometry(v, w, dt / pieces)
+            with watch.of("map"):
+                self.map.on_odometry(v, w, dt)
+            self.alone.on_odometry(v, w, dt)
+            self.memory.moved = True
+        if said is not None:
+            self.memory.odometry, self.memory.newest_ns = said, said.stamp_ns
+
+    def _pieces(self, way: float) -> int:
+        """The original's cells take steps of less than a cell."""
+        cells = self.cells.config
+        return 1 if cells.preset == "robust" else int(abs(way) / cells.cell_m) + 1
 
     def _look(self, event: Event, watch: Stopwatch) -> Sighting | None:
         if not _is_looking(event):
@@ -232,31 +284,14 @@ class RatSlam:
             item = event.item if isinstance(event, Look) else event
             return self.views.look(item, event.stamp_ns)
 
-    def _move(self, stride: Stride | None, watch: Stopwatch) -> None:
-        if stride is None:
-            return
-        v, w, dt, _ = stride
-        with watch.of("cells"):
-            self.cells.on_odometry(v, w, dt)
-        with watch.of("map"):
-            self.map.on_odometry(v, w, dt)
-        self.alone.on_odometry(v, w, dt)
-        self.memory.moved = True
-
-    def _see(self, sighting: Sighting | None, watch: Stopwatch) -> None:
-        if sighting is None or sighting.view_id == NO_VIEW:
-            return
-        with watch.of("cells"):
-            self.cells.on_view(
-                sighting.view_id, sighting.relative_rotation, sighting.relative_place
-            )
-        self.memory.view = sighting.view_id
-
-    def _remember(self, event: Event, said: Odometry2D | None, sighting: Sighting | None) -> None:
-        known = self.memory
-        known.newest_ns = event.stamp_ns
-        known.odometry = said or known.odometry
-        known.looked_ns = known.looked_ns if sighting is None else event.stamp_ns
+    def _see(self, event: Event, sighting: Sighting, watch: Stopwatch) -> None:
+        if sighting.view_id != NO_VIEW:
+            with watch.of("cells"):
+                self.cells.on_view(
+                    sighting.view_id, sighting.relative_rotation, sighting.relative_place
+                )
+            self.memory.view = int(sighting.view_id)
+        self.memory.looked_ns = self.memory.newest_ns = int(event.stamp_ns)
 
     def _act(self, stride: Stride | None, sighting: Sighting | None, watch: Stopwatch) -> "_Done":
         # The original's cells act on odometry only, and on a view with the odometry after it.
@@ -269,7 +304,7 @@ class RatSlam:
         with watch.of("map"):
             done = self._checked(action)
             self.map.apply(done.action)
-            self.map.relax()
+            done = done._replace(relaxation=self.map.relax())
         if done.action.kind == ActionKind.CREATE_NODE:
             self.memory.node_stamps_ns.append(self.memory.newest_ns or 0)
             self.memory.node_views.append(self.memory.view)
@@ -280,9 +315,30 @@ class RatSlam:
         if action.kind != ActionKind.CREATE_EDGE or self.preset == "openratslam":
             return _Done(action)
         loop = self.map.check(action)
+        if loop.accepted and not self._fits(loop):
+            loop = self._doubted(action, loop)
         if loop.accepted:
             return _Done(action, loop)
         return _Done(self.cells.refuse(action), loop, refused=action)
+
+    @staticmethod
+    def _fits(loop: LoopCheck) -> bool:
+        """Whether odometry alone believes it; else other loops had to speak for it."""
+        return loop.error_m <= loop.allowed_m and loop.error_rad <= loop.allowed_rad
+
+    def _doubted(self, action: Action, loop: LoopCheck) -> LoopCheck:
+        """A view that is seen all over the map says nothing against odometry.
+
+        Where everything looks the same, loops agree with each other, and are wrong.
+        """
+        places = self.map.nodes[:, :2]
+        alike = places[np.array(self.memory.node_views) == self.memory.view]
+        apart = np.linalg.norm(alike - places[action.target], axis=1)
+        elsewhere = int(np.count_nonzero(apart > loop.error_m / 2))
+        if elsewhere < self.config.ambiguous:
+            return loop
+        reason = f"{loop.reason}; but the view was seen at {elsewhere} other places, too"
+        return loop._replace(accepted=False, reason=reason)
 
     def _told(
         self,
@@ -294,8 +350,8 @@ class RatSlam:
     ) -> Step:
         known = sighting is not None and sighting.view_id != NO_VIEW
         return Step(
-            stamp_ns=event.stamp_ns,
-            view_id=sighting.view_id if sighting is not None and known else None,
+            stamp_ns=int(event.stamp_ns),
+            view_id=int(sighting.view_id) if sighting is not None and known else None,
             action=done.action,
             node=self.map.current if self.memory.node_views else None,
             pose=self.map.pose,
@@ -305,6 +361,7 @@ class RatSlam:
             loop=done.loop,
             why="; ".join(filter(None, self._reasons(stride, sighting, done))),
             refused=done.refused,
+            relaxation=done.relaxation,
             looked=sighting is not None,
             seconds=watch.seconds,
         )
@@ -331,6 +388,7 @@ class _Done(NamedTuple):
     action: Action
     loop: LoopCheck | None = None
     refused: Action | None = None
+    relaxation: Relaxation | None = None
 
 
 def _plain(sighting: Sighting) -> str:

@@ -10,7 +10,8 @@
 
 import json
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -255,15 +256,24 @@ def _image_of(item: Any) -> NDArray[Any]:
 
 def _written(save: Callable[[Path], None]) -> bytes:
     """What a function writes to a file."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "views.npz"
+    with _temporary() as path:
         save(path)
         return path.read_bytes()
 
 
 def _read(content: bytes, load: Callable[[Path], Any]) -> Any:
     """What a function reads from a file."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "views.npz"
+    with _temporary() as path:
         path.write_bytes(content)
         return load(path)
+
+
+@contextmanager
+def _temporary() -> Iterator[Path]:
+    """A file that is gone afterwards. Raises DataError where there is no room for it."""
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            yield Path(folder) / "views.npz"
+    except OSError as error:
+        where = tempfile.gettempdir()
+        raise DataError(f"cannot write into {where}: {error.strerror or error}") from error

@@ -5,6 +5,7 @@
 from fusionslam.report.assembly import write_report
 from fusionslam.report.ratslam import write_ratslam_report
 from fusionslam.report.ratslam_maps import map_figure
+from fusionslam.report.ratslam_paths import path_figure
 from fusionslam.report.views import (
     has_view_runs,
     load_view_runs,
@@ -16,6 +17,7 @@ __all__ = [
     "has_view_runs",
     "load_view_runs",
     "map_figure",
+    "path_figure",
     "write_ratslam_report",
     "write_report",
     "write_stored_view_report",

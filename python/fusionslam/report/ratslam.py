@@ -14,6 +14,7 @@ from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.ratslam.run_record import RatSlamRun
 from fusionslam.report.assembly import about_report, check_extra, environment
 from fusionslam.report.plots import styled
+from fusionslam.report.ratslam_config import config_table
 from fusionslam.report.ratslam_sections import DrivePart, drive_part
 from fusionslam.report.ratslam_tables import MOST
 from fusionslam.report.views_previews import file_name
@@ -115,16 +116,17 @@ def _write_figures(path: Path, judged: Judged, about: Mapping[str, Any]) -> None
 
 
 def _page(drives: Sequence[DrivePart], about: Mapping[str, Any], judged: Judged) -> str:
+    runs = [run for run, _ in judged]
     return (
         environment()
         .get_template("ratslam.html.j2")
         .render(
             title=about["title"] or f"Maps of {about['dataset']}",
             drives=drives,
-            runs=len(judged),
+            runs=len(runs),
             about=about,
             rule=judged[0][1].rule,
             most=MOST,
-            config=json.dumps(about["config"], indent=2),
+            config=config_table([_label(run) for run in runs], runs),
         )
     )

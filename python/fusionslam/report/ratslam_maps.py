@@ -3,7 +3,7 @@
 """Pictures of experience maps: over the truth and dead reckoning, or several side by side."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.ratslam.run_record import RatSlamRun
-from fusionslam.report.plots import CURVE_COLORS, FALSE, MISSED, PATH, TRUE, new_figure, styled
-from fusionslam.report.ratslam_scene import Scene, scene_of
+from fusionslam.report.plots import CURVE_COLORS, PATH, new_figure, styled
+from fusionslam.report.ratslam_scene import Scene, denied, scene_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 MAP, RECKONED = CURVE_COLORS[0], CURVE_COLORS[3]
 """Colours of the map and of dead reckoning in all pictures."""
-_INK = "#333333"
+RIGHT, WRONG, DENIED = CURVE_COLORS[2], CURVE_COLORS[1], CURVE_COLORS[4]
+"""Colours of loops: closed rightly, closed wrongly, refused."""
+INK = "#333333"
 _MARGIN = 0.05
 _FLATTEST, _STEEPEST = 0.25, 1.6
 
@@ -30,18 +32,18 @@ Bounds = NDArray[np.float64]
 
 def draw_map(scene: Scene) -> "Figure":
     """The map over the truth and dead reckoning, with its links and loops."""
-    bounds = _bounds([scene], scene.reckoned)
-    ratio = _ratio(bounds)
+    bounds = bounds_of([scene], scene.reckoned)
+    ratio = ratio_of(bounds)
     width = 8.2 if ratio < 1 else 6.0
     figure = new_figure(width, 1.4 + (width - 0.8) * ratio)
     axis = figure.add_subplot()
-    _truth(axis, scene, lw=3.5)
+    draw_truth(axis, scene, lw=3.5)
     axis.plot(
         *scene.reckoned[:, :2].T, color=RECKONED, lw=1, ls="--", zorder=2, label="dead reckoning"
     )
     _map(axis, scene, counted=True)
     _ends(axis, scene)
-    _frame(axis, bounds)
+    frame(axis, bounds)
     axis.set(xlabel="x (m)", ylabel="y (m)")
     figure.legend(loc="outside lower center", ncols=4)
     return figure
@@ -83,17 +85,17 @@ def side_by_side(
 ) -> "Figure":
     """As ``map_figure``, of what is laid over the truth already."""
     exact = next((scene for scene in scenes if scene.truth is not None), None)
-    bounds, count = _bounds(scenes), len(scenes) + (exact is not None)
-    figure, panels = _panels(count, _ratio(bounds), columns)
+    bounds, count = bounds_of(scenes), len(scenes) + (exact is not None)
+    figure, panels = _panels(count, ratio_of(bounds), columns)
     if exact is not None:
         first, panels = panels[0], panels[1:]
-        _truth(first, exact, color=_INK, lw=1.2)
-        _frame(first, bounds)
+        draw_truth(first, exact, color=INK, lw=1.2)
+        frame(first, bounds)
         first.set_title("exact trajectory")
     for axis, scene, name in zip(panels, scenes, names, strict=False):
-        _truth(axis, scene, lw=2.5)
+        draw_truth(axis, scene, lw=2.5)
         _map(axis, scene, counted=False)
-        _frame(axis, bounds)
+        frame(axis, bounds)
         axis.set_title(f"{name}\n{_figures(scene)}")
     found = [axis.get_legend_handles_labels() for axis in panels]
     handles = {name: one for ones, names in found for one, name in zip(ones, names, strict=True)}
@@ -124,31 +126,36 @@ def _figures(scene: Scene) -> str:
     return words if errors is None else f"{words}, RMSE {errors.rmse_m:.2f} m"
 
 
-def _truth(axis: "Axes", scene: Scene, *, lw: float, color: str = PATH) -> None:
+def draw_truth(axis: "Axes", scene: Scene, *, lw: float, color: str = PATH) -> None:
+    """The true path, where somebody knows it."""
     if scene.truth is not None:
         axis.plot(*scene.truth[:, :2].T, color=color, lw=lw, alpha=0.75, zorder=1, label="truth")
 
 
 def _map(axis: "Axes", scene: Scene, *, counted: bool) -> None:
     """Links and nodes, and loops by what became of them."""
-    axis.add_collection(_lines(scene, _ends_of(scene.run.links[~scene.loops]), MAP, 1.0, 3))
+    axis.add_collection(lines_between(scene, pairs_of(scene.run.links[~scene.loops]), MAP, 1.0, 3))
     axis.plot(*scene.nodes[:, :2].T, ".-", color=MAP, ms=3, lw=0, zorder=4)
     axis.plot([], [], ".-", color=MAP, ms=3, lw=1, label="experience map")
-    links = scene.run.links
-    name = "loop" if scene.truth is None else "right loop"
-    for pairs, color, order, kind in (
-        (_ends_of(scene.run.refused), MISSED, 5, "refused loop"),
-        (_ends_of(links[scene.right]), TRUE, 6, name),
-        (_ends_of(links[scene.false]), FALSE, 7, "false loop"),
+    run, name = scene.run, "loop" if scene.truth is None else "right loop"
+    refused = pairs_of(run.refused[denied(run)])
+    for order, (pairs, color, fill, marker, style, kind) in enumerate(
+        (
+            (refused, DENIED, "white", "^", "--", "refused loop"),
+            (pairs_of(run.links[scene.right]), RIGHT, "white", "o", "-", name),
+            (pairs_of(run.links[scene.false]), WRONG, WRONG, "X", "-", "false loop"),
+        ),
+        start=5,
     ):
         if len(pairs):
             label = counted_word(len(pairs), kind) if counted else f"{kind}s"
-            style = "--" if color == MISSED else "-"
-            axis.add_collection(_lines(scene, pairs, color, 1.3, order, style, alpha=0.85))
+            # Hundreds of long lines must not hide the map.
+            alpha = float(np.clip(40 / len(pairs), 0.2, 0.85))
+            axis.add_collection(lines_between(scene, pairs, color, 1.3, order, style, alpha=alpha))
             # Right loops are short: without their ends they would not be seen.
-            ends = scene.nodes[np.unique(pairs), :2].T
-            axis.plot(*ends, "o", mfc="none", mec=color, ms=5, mew=1, zorder=order)
-            axis.plot([], [], "o", ls=style, color=color, mfc="none", ms=5, lw=1.3, label=label)
+            drawn: dict[str, Any] = {"mfc": fill, "mec": color, "ms": 4.5, "mew": 1.1}
+            axis.plot(*scene.nodes[np.unique(pairs), :2].T, marker, zorder=order, **drawn)
+            axis.plot([], [], marker, ls=style, color=color, lw=1.3, label=label, **drawn)
 
 
 def counted_word(number: int, word: str) -> str:
@@ -156,11 +163,12 @@ def counted_word(number: int, word: str) -> str:
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
-def _ends_of(links: NDArray[np.void]) -> NDArray[np.int64]:
+def pairs_of(links: NDArray[np.void]) -> NDArray[np.int64]:
+    """int64 (l, 2): sources and targets."""
     return np.stack([links["source"], links["target"]], axis=1)
 
 
-def _lines(
+def lines_between(
     scene: Scene,
     pairs: NDArray[np.int64],
     color: str,
@@ -180,15 +188,17 @@ def _lines(
 
 def _ends(axis: "Axes", scene: Scene) -> None:
     """Where the path starts and ends; one does not hide the other."""
+    # Before its first node the robot is not on the map yet.
+    first = int(np.argmax(scene.run.node_ids >= 0))
     for row, marker, size, fill, label in (
-        (0, "D", 8, "white", "start"),
-        (-1, "s", 4.5, _INK, "end"),
+        (first, "D", 8, "white", "start"),
+        (-1, "s", 4.5, INK, "end"),
     ):
         place = scene.path[row, :2]
-        axis.plot(*place, marker, mfc=fill, mec=_INK, ms=size, ls="", zorder=8, label=label)
+        axis.plot(*place, marker, mfc=fill, mec=INK, ms=size, ls="", zorder=8, label=label)
 
 
-def _bounds(scenes: Sequence[Scene], *more: Bounds) -> Bounds:
+def bounds_of(scenes: Sequence[Scene], *more: Bounds) -> Bounds:
     """float64 (2, 2): low and high corner of maps and truths, with a margin."""
     shown = [scene.nodes for scene in scenes] + [scene.path for scene in scenes]
     shown += [scene.truth for scene in scenes if scene.truth is not None] + list(more)
@@ -198,11 +208,13 @@ def _bounds(scenes: Sequence[Scene], *more: Bounds) -> Bounds:
     return np.stack([low - edge, high + edge])
 
 
-def _ratio(bounds: Bounds) -> float:
+def ratio_of(bounds: Bounds) -> float:
+    """Height of a picture of what lies within over its width."""
     wide, tall = bounds[1] - bounds[0]
     return float(np.clip(tall / wide, _FLATTEST, _STEEPEST))
 
 
-def _frame(axis: "Axes", bounds: Bounds) -> None:
+def frame(axis: "Axes", bounds: Bounds) -> None:
+    """Show what lies within, metres alike on both axes."""
     axis.set(xlim=bounds[:, 0], ylim=bounds[:, 1])
     axis.set_aspect("equal")

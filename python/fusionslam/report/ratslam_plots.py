@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What happened in a run of RatSLAM over time: cells, views and actions, errors, step times."""
+"""What happened in a run of RatSLAM over time: cells, views and actions, errors."""
 
 from typing import TYPE_CHECKING
 
@@ -9,17 +9,14 @@ from numpy.typing import NDArray
 
 from fusionslam.ratslam.actions import ActionKind
 from fusionslam.ratslam.run_record import RatSlamRun
-from fusionslam.report.plots import CURVE_COLORS, FALSE, MISSED, PATH, TRUE, new_figure
-from fusionslam.report.ratslam_maps import MAP, RECKONED
+from fusionslam.report.plots import CURVE_COLORS, PATH, new_figure
+from fusionslam.report.ratslam_maps import DENIED, MAP, RECKONED, RIGHT, WRONG
 from fusionslam.report.ratslam_scene import Scene, moved
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-STAGES = ("looking", "pose cells", "map")
-"""What the columns of ``step_seconds`` are called."""
-_STAGE_COLORS = (CURVE_COLORS[2], CURVE_COLORS[4], CURVE_COLORS[0])
 _COLUMNS = 900
 _WIDTH = 9.2
 
@@ -40,7 +37,7 @@ def draw_activity(run: RatSlamRun) -> "Figure | None":
         top = reach or float(size)
         _activity(axis, run, activity, top)
         decoded = run.cells[run.is_view, column] * top / size
-        axis.plot(run.seconds[run.is_view], decoded, ",", color="white", alpha=0.55)
+        axis.plot(run.seconds[run.is_view], decoded, ".", ms=1.6, mew=0, color="white", alpha=0.8)
         axis.set(ylabel=label, ylim=(0, top))
     panels[0].set_yticks(range(0, 361, 90))
     panels[-1].set_xlabel("time (s)")
@@ -73,14 +70,18 @@ def draw_views(scene: Scene) -> "Figure | None":
     run = scene.run
     if not run.is_view.any():
         return None
+    from matplotlib.ticker import MaxNLocator
+
     figure = new_figure(_WIDTH, 4.6)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     seconds, ids = run.seconds[run.is_view], run.view_ids[run.is_view]
     new = new_views(ids)
-    for mask, color, name in ((~new & (ids >= 0), TRUE, "known view"), (new, MAP, "new view")):
+    for mask, color, name in ((~new & (ids >= 0), RIGHT, "known view"), (new, MAP, "new view")):
         label = f"{name}: {np.count_nonzero(mask)}"
         above.plot(seconds[mask], ids[mask], "o", mew=0, ms=3, color=color, label=label)
-    above.set(ylabel="view", ylim=(-0.04 * max(ids.max(), 1) - 1, max(ids.max(), 1) * 1.04 + 1))
+    most = max(int(ids.max()), 1)
+    above.set(ylabel="view", ylim=(-0.04 * most - 0.5, 1.04 * most + 0.5))
+    above.yaxis.set_major_locator(MaxNLocator(integer=True))
     above.grid(alpha=0.25)
     _marks(below, scene, seconds[ids < 0])
     below.set_xlabel("time (s)")
@@ -101,10 +102,10 @@ def _marks(axis: "Axes", scene: Scene, blind: Floats) -> None:
     right = scene.made[scene.right]
     rows = (
         ("nothing seen", blind, PATH),
-        ("refused loop", (run.refused["stamp_ns"] - run.stamps_ns[0]) / 1e9, MISSED),
-        ("false loop", seconds[scene.made[scene.false]], FALSE),
-        ("new loop", seconds[right], TRUE),
-        ("known node", seconds[kinds == ActionKind.CREATE_EDGE], TRUE),
+        ("refused loop", (run.refused["stamp_ns"] - run.stamps_ns[0]) / 1e9, DENIED),
+        ("false loop", seconds[scene.made[scene.false]], WRONG),
+        ("right loop" if scene.truth is not None else "loop", seconds[right], RIGHT),
+        ("known node", seconds[kinds == ActionKind.CREATE_EDGE], RIGHT),
         ("new node", seconds[kinds == ActionKind.CREATE_NODE], MAP),
     )
     shown = [row for row in rows if len(row[1])]
@@ -136,34 +137,5 @@ def draw_errors(scene: Scene) -> "Figure | None":
     axis.set(xlabel="time (s)", ylabel="metres from the truth")
     axis.set_ylim(bottom=0)
     axis.grid(alpha=0.25)
-    figure.legend(loc="outside upper left", ncols=3)
-    return figure
-
-
-def draw_step_times(run: RatSlamRun) -> "Figure | None":
-    """What each stage of a step took, over time and over the size of the map.
-
-    None where nothing was timed.
-    """
-    times = np.where(run.step_seconds > 0, run.step_seconds * 1e3, np.nan)
-    if not np.isfinite(times).any():
-        return None
-    figure = new_figure(_WIDTH, 3.6)
-    left, right = figure.subplots(1, 2, sharey=True)
-    kinds = run.actions[:, 0]
-    nodes = np.cumsum(kinds == ActionKind.CREATE_NODE)
-    for column, (stage, color) in enumerate(zip(STAGES, _STAGE_COLORS, strict=True)):
-        known = times[:, column]
-        if np.isfinite(known).any():
-            label = f"{stage}: median {np.nanmedian(known):.2g} ms"
-            left.plot(run.seconds, known, ".", ms=2, color=color)
-            left.plot([], [], "o", color=color, label=label)
-    changed = kinds != ActionKind.NONE
-    right.plot(nodes[changed], times[changed, 2], ".", ms=3, color=_STAGE_COLORS[2])
-    left.set(xlabel="time (s)", ylabel="milliseconds", yscale="log", title="every step")
-    right.set(xlabel="nodes of the map", title="map, in steps that change it")
-    left.yaxis.set_major_formatter("{x:g}")
-    for axis in (left, right):
-        axis.grid(alpha=0.25)
     figure.legend(loc="outside upper left", ncols=3)
     return figure

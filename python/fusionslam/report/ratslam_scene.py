@@ -28,8 +28,8 @@ class Scene:
         nodes: float64 (k, 3), metres and radians.
         path: float64 (n, 3), every step on the map as it is in the end.
         reckoned: float64 (n, 3), dead reckoning.
-        made: int64 (l), the step in which the robot arrived at a known node and the link between
-            was made: a loop; -1 for links that came with a node.
+        made: int64 (l), the step in which the robot arrived at a known node, or was not allowed to
+            at first, for which each link was made: a loop; -1 for links that came with a node.
         false: bool (l), which loops join poses that are not near each other; none without truth.
     """
 
@@ -71,6 +71,33 @@ def scene_of(run: RatSlamRun, report: MapReport) -> Scene:
     )
 
 
+def denied(run: RatSlamRun) -> Mask:
+    """Bool (r), which refused loops have no link in the end: others may agree with one later."""
+    pairs = zip(run.links["source"].tolist(), run.links["target"].tolist(), strict=True)
+    linked = {frozenset(pair) for pair in pairs}
+    ends = zip(run.refused["source"].tolist(), run.refused["target"].tolist(), strict=True)
+    return np.array([frozenset(pair) not in linked for pair in ends], np.bool_)
+
+
+def link_misfits(run: RatSlamRun) -> Floats:
+    """float64 (l): metres from where a link says that its target is to where the map has it."""
+    links, nodes = run.links, run.nodes
+    source, target = nodes[links["source"]], nodes[links["target"]]
+    way = source[:, 2] + links["heading"]
+    said = source[:, :2] + (links["distance"] * np.stack([np.cos(way), np.sin(way)])).T
+    return np.asarray(np.hypot(*(target[:, :2] - said).T))
+
+
+def near(run: RatSlamRun, report: MapReport, steps: Integers, nodes: Integers) -> Floats:
+    """float64 (m): 1 where the robot truly was in the view radius of these nodes, else 0.
+
+    NaN where nobody knows. Arguments as of ``offs``.
+    """
+    metres, degrees = offs(run, steps, nodes)
+    within = (metres <= report.rule.loop_distance) & (degrees <= report.rule.loop_angle)
+    return np.where(np.isnan(metres), np.nan, within)
+
+
 def moved(poses: Floats, errors: PoseErrors | None) -> Floats:
     """Poses laid over the truth; as they are where nobody knows it."""
     return poses if errors is None else errors.motion.apply(poses)
@@ -103,19 +130,21 @@ def offs(run: RatSlamRun, steps: Integers, nodes: Integers) -> tuple[Floats, Flo
 
 
 def _arrivals(run: RatSlamRun) -> Integers:
-    """The step in which each link was made, where that was an arrival at a known node."""
+    """The step of the loop that each link was made for; -1 where it was made with a node."""
     changes = np.flatnonzero(run.actions[:, 0] != ActionKind.NONE)[::-1].tolist()
     first = {(int(run.actions[row, 1]), int(run.actions[row, 2])): row for row in changes}
+    for row, one in zip(steps_at(run, run.refused["stamp_ns"]), run.refused, strict=True):
+        # One that was refused at first is linked as soon as others agree with it.
+        first.setdefault((int(one["source"]), int(one["target"])), int(row))
     pairs = zip(run.links["source"].tolist(), run.links["target"].tolist(), strict=True)
     steps = np.array([first.get(pair, -1) for pair in pairs], np.int64)
-    arrived = (steps >= 0) & (run.actions[steps, 0] == ActionKind.CREATE_EDGE)
-    return np.where(arrived, steps, -1)
+    with_node = run.actions[steps, 0] == ActionKind.CREATE_NODE
+    with_node &= run.actions[steps, 2] == run.links["target"]
+    return np.where((steps >= 0) & ~with_node, steps, -1)
 
 
 def _false_links(run: RatSlamRun, report: MapReport, made: Integers) -> Mask:
     """Loops made while the robot truly was somewhere else than at the node it arrived at."""
     false = made >= 0
-    metres, degrees = offs(run, made[false], run.links["target"][false])
-    rule = report.rule
-    false[false] = (metres > rule.loop_distance) | (degrees > rule.loop_angle)
+    false[false] = near(run, report, made[false], run.links["target"][false]) == 0
     return false

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the report of maps says of one drive, and of each run over it."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,25 +10,30 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fusionslam.errors import DataError
 from fusionslam.evaluation import MapReport
+from fusionslam.ratslam.routes import quickest_route
 from fusionslam.ratslam.run_record import RatSlamRun
 from fusionslam.report.pictures import Picture, keep
 from fusionslam.report.ratslam_maps import counted_word, draw_map, side_by_side
+from fusionslam.report.ratslam_paths import draw_route
 from fusionslam.report.ratslam_plots import (
     draw_activity,
     draw_errors,
-    draw_step_times,
     draw_views,
     new_views,
 )
-from fusionslam.report.ratslam_scene import Scene, scene_of
+from fusionslam.report.ratslam_scene import Scene, denied, scene_of
 from fusionslam.report.ratslam_tables import (
-    cost_table,
+    REFUSALS,
+    error_table,
+    joins_table,
     loop_table,
-    map_table,
     reason_table,
+    refusals,
     refused_table,
 )
+from fusionslam.report.ratslam_times import cost_table, draw_step_times
 from fusionslam.report.tables import Table
 from fusionslam.report.views_previews import file_name
 
@@ -60,7 +66,8 @@ class DrivePart:
     id: str
     answer: str
     unjudged: list[str]
-    figures: Table
+    errors: Table | None
+    joins: Table
     maps: Picture | None
     costs: Table | None
     runs: list[RunPart]
@@ -88,7 +95,8 @@ def drive_part(folder: Path, id: str, name: str, judged: Judged) -> DrivePart:
         id=id,
         answer=answer(labels, reports),
         unjudged=[*unjudged],
-        figures=map_table(labels, reports),
+        errors=error_table(labels, reports),
+        joins=joins_table(labels, scenes),
         maps=_maps(folder, name, labels, scenes),
         costs=cost_table(labels, runs),
         runs=[_run_part(folder, label, one) for label, one in zip(labels, scenes, strict=True)],
@@ -129,7 +137,7 @@ def _maps(folder: Path, name: str, labels: list[str], scenes: list[Scene]) -> Pi
     figure = side_by_side([scene for _, scene in drawn], [label for label, _ in drawn])
     caption = (
         "The maps at one scale, each turned and shifted onto the truth as well as it can be, not "
-        "stretched. Rings mark the ends of loops."
+        "stretched. Marks are the ends of loops."
     )
     return keep(folder, f"ratslam_maps_{file_name(name)}", figure, caption)
 
@@ -142,7 +150,7 @@ def _run_part(folder: Path, label: str, scene: Scene) -> RunPart:
         words=[*_missing(scene)],
         pictures=[*_pictures(folder, scene)],
         loops=loop_table(scene),
-        refused=refused_table(run),
+        refused=refused_table(scene),
         reasons=reason_table(run),
         notes=[*run.notes[:_NOTES], *_left_out(len(run.notes), _NOTES, "notes")],
     )
@@ -157,10 +165,12 @@ def what_happened(scene: Scene) -> str:
     duration = float(run.seconds[-1])
     made = f"{counted_word(len(run.nodes), 'node')} and {counted_word(len(run.links), 'link')}"
     loops = counted_word(int(scene.loops.sum()), "loop")
-    verdict = f", {int(scene.false.sum())} of them false" if report.false_loops is not None else ""
+    judged = report.false_loops is not None and scene.loops.any()
+    verdict = f", {int(scene.false.sum())} of them false" if judged else ""
     refused = f"{counted_word(len(run.refused), 'loop')} refused"
-    if report.refused_true is not None and len(run.refused):
-        refused += f", {report.refused_true} of them right"
+    became = Counter(refusals(scene))
+    told = [f"{became[kind]} {kind}" for kind in REFUSALS if became[kind]]
+    refused += f" ({', '.join(told)})" if told else ""
     return (
         f"{duration:.1f} s, {counted_word(len(run), 'step')}: {seen}; {made}; "
         f"{loops} closed{verdict}; {refused}."
@@ -197,6 +207,7 @@ def _pictures(folder: Path, scene: Scene) -> list[Picture]:
         ("errors", draw_errors(scene), _ERRORS),
         ("views", draw_views(scene), _VIEWS),
         ("cells", draw_activity(run), _CELLS),
+        ("way", _way_home(scene), _WAY),
         ("times", draw_step_times(run), _TIMES),
     ]
     name = file_name(run.name, run.views, run.odometry, run.preset)
@@ -207,15 +218,34 @@ def _pictures(folder: Path, scene: Scene) -> list[Picture]:
     ]
 
 
+def _way_home(scene: Scene) -> "Figure | None":
+    """From where the robot is in the end back to its first node; None where there is no way."""
+    run = scene.run
+    if len(run.nodes) < 2 or run.node_ids[-1] <= 0:
+        return None
+    try:
+        route = quickest_route(run.links, len(run.nodes), int(run.node_ids[-1]), 0)
+    except DataError:
+        # A stored map may be in pieces.
+        return None
+    return draw_route(scene, route)
+
+
 def _map_caption(scene: Scene) -> str:
-    laid = "Map and dead reckoning are each turned and shifted onto the truth, not stretched. "
-    start = "Dots are nodes, lines links. Rings mark the ends of loops: "
-    if scene.truth is None:
-        return f"{start}green: closed; orange: refused because it does not fit the odometry."
-    return (
-        f"{laid}{start}green: closed rightly; red: closed although the robot was elsewhere; "
-        "orange: refused because it does not fit the odometry."
+    """What the picture shows, and no more."""
+    known = scene.truth is not None
+    marks = (
+        (scene.right.any(), "rings, closed rightly" if known else "rings, closed"),
+        (scene.false.any(), "crosses, closed while the robot was elsewhere"),
+        (
+            denied(scene.run).any(),
+            "triangles and broken lines, refused as they do not fit the odometry",
+        ),
     )
+    told = "; ".join(words for there, words in marks if there)
+    laid = "Map and dead reckoning are each turned and shifted onto the truth, not stretched. "
+    loops = f" Marks are the ends of loops: {told}." if told else ""
+    return f"{laid if known else ''}Dots are nodes, lines links.{loops}"
 
 
 def _left_out(number: int, most: int, what: str) -> list[str]:
@@ -236,6 +266,10 @@ _CELLS = (
     "Activity of the pose cells, summed over the other two axes; the colours are stretched for "
     "small values. White: the decoded pose. All axes wrap around; a jump is a recognised view that "
     "moved the packet."
+)
+_WAY = (
+    "What a map is for: the quickest way along links, by the time they took, from where the robot "
+    "is in the end back to where it began. fusionslam.report.path_figure shows any other one."
 )
 _TIMES = (
     "Milliseconds a step, on a logarithmic scale. Right: only steps that change the map, by how "

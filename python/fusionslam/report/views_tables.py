@@ -87,7 +87,10 @@ def rerun_table(judged: Judged) -> Table | None:
 def own_rows(judged: Judged) -> list[ViewRow]:
     """The runs, then the baselines: what every table starts with."""
     run, report = judged[0]
-    return [*(_row(each.method, own, each) for each, own in judged), *_baselines(run, report.rule)]
+    return [
+        *(view_row(each.method, own, each) for each, own in judged),
+        *_baselines(run, report.rule),
+    ]
 
 
 def _beside(
@@ -103,7 +106,7 @@ def _beside(
 def _baselines(run: ViewRun, rule: ViewRule) -> list[ViewRow]:
     """What programs without a sensor score on the drive of a run."""
     return [
-        _row(f"no sensor: {name}", judge_views(ids, run.poses, run.stamps, rule=rule))
+        view_row(f"no sensor: {name}", judge_views(ids, run.poses, run.stamps, rule=rule))
         for name, ids in baselines(len(run)).items()
     ]
 
@@ -141,7 +144,8 @@ def _curve_row(curve: ViewCurve, index: int, used: float | None) -> ViewRow:
     return ViewRow(label=label, **figures)
 
 
-def _row(label: str, report: ViewReport, run: ViewRun | None = None) -> ViewRow:
+def view_row(label: str, report: ViewReport, run: ViewRun | None = None) -> ViewRow:
+    """What was found of a run, and what it cost."""
     return ViewRow(
         label=label,
         accuracy=report.accuracy,

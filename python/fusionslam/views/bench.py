@@ -96,7 +96,7 @@ def bench_views(
             for method in methods:
                 entrant = ENTRANTS[method]
                 task = Task(entrant.title, drive, frame, jobs, step)
-                found = still.get(method) or _run(entrant, task)
+                found = still.get(method) or run_entrant(entrant, task)
                 if entrant.any_frame:
                     still[method] = found
                 results.append(_result(method, task, *found))
@@ -109,7 +109,8 @@ def _check(what: str, names: Sequence[str], known: Sequence[str]) -> None:
             raise ConfigError(f"{what} is {name!r}, expected one of {', '.join(known)}")
 
 
-def _run(entrant: Entrant, task: Task) -> tuple[ViewRun | None, str]:
+def run_entrant(entrant: Entrant, task: Task) -> tuple[ViewRun | None, str]:
+    """What a way gave; or None, and why there is nothing."""
     try:
         return entrant.run(task), ""
     except FusionSlamError as error:

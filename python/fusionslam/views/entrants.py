@@ -68,6 +68,7 @@ class Entrant:
         any_frame: whether the frame of the clouds makes no difference to it.
         published: what the thesis calls it, if it is in its tables.
         rerun: what it is called, by frame, among the figures that were measured again.
+        matcher: makes what it compares with, to try other thresholds; None where there is none.
     """
 
     title: str
@@ -76,6 +77,7 @@ class Entrant:
     any_frame: bool = False
     published: str | None = None
     rerun: Mapping[FrameName, str] = field(default_factory=dict)
+    matcher: Callable[[], ViewMatcher] | None = None
 
 
 def by_matcher(
@@ -207,6 +209,10 @@ def _two_stages(preset: Preset, model: str) -> ViewMatcher:
     return ViewMatcher(ViewMatcherConfig(method="scenes", preset=preset, second_stage=model))
 
 
+def _both() -> ViewMatcher:
+    return _two_stages("author", "thesis")
+
+
 def _cm2dp() -> ViewMatcher:
     return ViewMatcher(ViewMatcherConfig(method="descriptor", descriptor="cm2dp"))
 
@@ -217,6 +223,7 @@ ENTRANTS: dict[str, Entrant] = {
         "our default: scans laid over each other, in the robot's frame",
         by_matcher(ViewMatcher, frame="robot"),
         any_frame=True,
+        matcher=ViewMatcher,
     ),
     "first_stage": Entrant(
         "first stage",
@@ -224,12 +231,14 @@ ENTRANTS: dict[str, Entrant] = {
         by_matcher(_author),
         published="first stage",
         rerun=_FIRST_STAGE,
+        matcher=_author,
     ),
     "both_stages": Entrant(
         "both stages",
         "the same, and the thesis's network, trained anew, has to agree with every match",
-        by_matcher(lambda: _two_stages("author", "thesis")),
+        by_matcher(_both),
         published="both stages",
+        matcher=_both,
     ),
     "templates": Entrant(
         "templates",

@@ -9,7 +9,7 @@ import time
 import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from fusionslam._files import atomic_path
 from fusionslam.config import merged
 from fusionslam.pipeline import in_order
+from fusionslam.sensors import Camera
 from fusionslam.views.templates import VisualTemplates, VisualTemplatesConfig
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ class Images:
         image: reads or renders the i-th, uint8 (H, W) or (H, W, 3); may be called by any thread.
         origin: where they come from, for people.
         key: what they are made of, for the cache; None for images that need not be kept.
+        camera: of the whole images; None where nobody knows.
     """
 
     seconds: Array
@@ -55,6 +57,7 @@ class Images:
     image: Callable[[int], Image]
     origin: str
     key: str | None = None
+    camera: Camera | None = None
 
     def __len__(self) -> int:
         return len(self.seconds)
@@ -92,9 +95,11 @@ def recorded_images(dataset: "Dataset", seconds: Array, poses: Array | None) -> 
 
     if "left" not in dataset.sensors:
         return None
+    camera = dataset.cameras.get("left")
     if isinstance(dataset, BagDataset):
-        return _bag_images(dataset, seconds, poses)
-    return Images(seconds, poses, lambda i: dataset[i].images["left"], "images of the recording")
+        return replace(_bag_images(dataset, seconds, poses), camera=camera)
+    origin = "images of the recording"
+    return Images(seconds, poses, lambda i: dataset[i].images["left"], origin, camera=camera)
 
 
 def _bag_images(dataset: Any, seconds: Array, poses: Array | None) -> Images:
@@ -168,6 +173,7 @@ def rendered_images(
         _Renderer(world, drive, robot, _upper_part(camera, bottom), times),
         f"rendered in {world.name}",
         _key(world, robot, camera, drive, times),
+        Camera(np.pad(camera.matrix(), ((0, 0), (0, 1))), size=(camera.width, camera.height)),
     )
 
 

@@ -1,0 +1,349 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""``VisualOdometry``: speed and turn rate out of a camera's images alone (Milford & Wyeth 2004).
+
+>>> eyes = VisualOdometry()
+>>> eyes.process(first, 0)                       # one image alone: no speed yet
+>>> eyes.process(second, 100_000_000)
+VisualSpeed(v=0.41, w=0.12, dt=0.1, ...)
+"""
+
+import logging
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import model_validator
+
+from fusionslam.config import Section, merged, option
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.messages import NANOSECONDS
+from fusionslam.ratslam.profiles import (
+    Lens,
+    best_shift,
+    best_stretch,
+    profile,
+    row_range,
+    standardised,
+)
+from fusionslam.sensors import Camera
+
+logger = logging.getLogger(__name__)
+
+Floats = NDArray[np.float64]
+Rows = tuple[float, float]
+
+_LEAST_WAY_M = 1.0
+_LEAST_COLUMNS = 16
+# Deviations: what one turn and one growth explain leaves a quarter of that at most.
+_UNLIKE = 0.5
+
+
+class VisualOdometryConfig(Section):
+    """What of an image is used, and what becomes of it; options of one preset say so."""
+
+    preset: Literal["robust", "openratslam"] = option(
+        "robust", "robust (ours) or openratslam (Ball et al. 2013, as its program behaves)"
+    )
+    turn_rows: Rows = option(
+        (0.0, 0.6), "rows that turning is seen in, first and end", unit="parts of the height"
+    )
+    speed_rows: Rows = option(
+        (0.0, 0.6), "rows that speed is seen in, first and end", unit="parts of the height"
+    )
+    field_of_view: float = option(
+        1.0, "angle from the left edge to the right one", unit="rad", gt=0, lt=float(np.pi)
+    )
+    focal_px: float | None = option(
+        None, "robust: focal length, in place of the field of view", unit="px", gt=0
+    )
+    centre_px: float | None = option(
+        None, "robust: column of the optical axis; none: the middle", unit="px", ge=0
+    )
+    max_shift: int = option(40, "openratslam: largest shift that is tried", unit="px", ge=1)
+    rate_hz: float = option(10.0, "openratslam: images a second, whatever stamps say", gt=0)
+    difference_scale: float = option(
+        20.0, "openratslam: speed at a mean difference of 1, black to white", unit="m/s", gt=0
+    )
+    max_turn: float = option(2.0, "robust: fastest turn that is looked for", unit="rad/s", gt=0)
+    max_stretch: float = option(
+        0.6, "robust: fastest growth that is looked for: speed by distance", unit="1/s", gt=0
+    )
+    distance_m: float = option(
+        4.0, "robust: how far away what is seen is, in the mean; see fit_speed", unit="m", gt=0
+    )
+    max_speed: float = option(1.0, "no more than this is reported", unit="m/s", gt=0)
+    max_gap_s: float = option(1.0, "robust: images farther apart are not compared", unit="s", gt=0)
+
+    @model_validator(mode="after")
+    def _rows_are_a_part_of_the_image(self) -> "VisualOdometryConfig":
+        for name in ("turn_rows", "speed_rows"):
+            first, end = getattr(self, name)
+            if not 0 <= first < end <= 1:
+                raise ValueError(f"{name} is {(first, end)}, expected 0 <= first < end <= 1")
+        return self
+
+
+class VisualSpeed(NamedTuple):
+    """What two images tell.
+
+    Attributes:
+        v: metres a second forwards, as far as the scale is right: one camera cannot know it.
+        w: radians a second, counter-clockwise.
+        dt: seconds from the image before to this one.
+        shift_px: columns that the image moved to the right.
+        change: what v is a multiple of: growth of the image in 1/s, or the least difference.
+        why: why v and w are not to be trusted; empty where nothing speaks against them.
+    """
+
+    v: float
+    w: float
+    dt: float
+    shift_px: float
+    change: float
+    why: str = ""
+
+
+class Sight(NamedTuple):
+    """What is used of an image.
+
+    Attributes:
+        shape: rows and columns of the image.
+        turn, speed: float64 (columns), 0 .. 1, mean brightness of each column in the rows for it.
+    """
+
+    shape: tuple[int, int]
+    turn: Floats
+    speed: Floats
+
+
+class _Held(NamedTuple):
+    stamp_ns: int
+    sight: Sight
+
+
+class VisualOdometry:
+    """Speed and turn rate by comparing each image with the one before.
+
+    Args:
+        config: None for the defaults.
+        camera: whose images they are: its focal length and centre replace the configured ones.
+        changes: values of the configuration that differ from it.
+
+    Raises:
+        ConfigError: an unknown key, or a value out of range.
+    """
+
+    def __init__(
+        self,
+        config: VisualOdometryConfig | None = None,
+        *,
+        camera: Camera | None = None,
+        **changes: Any,
+    ) -> None:
+        config = merged(config or VisualOdometryConfig(), changes)
+        self.config = config if camera is None else _with_camera(config, camera)
+        self._camera_size = None if camera is None else camera.size
+        self._before: _Held | None = None
+
+    def process(self, image: NDArray[np.uint8], stamp_ns: int) -> VisualSpeed | None:
+        """Compare an image with the one before it.
+
+        Args:
+            image: uint8 (H, W) grey or (H, W, 3) RGB, without distortion. Where the camera says
+                its size, rows below those that are used may be missing.
+            stamp_ns: when it was taken.
+
+        Returns:
+            None for the first image, and for one that comes more than ``max_gap_s`` after the
+            one before (logged): there is nothing to compare it with.
+
+        Raises:
+            ShapeError: another shape or type, or another size than the image before.
+            DataError: a stamp that is not later than the one before. An image that is refused
+                changes nothing.
+        """
+        return self.compare(self.sight(image), stamp_ns)
+
+    def compare(self, sight: Sight, stamp_ns: int) -> VisualSpeed | None:
+        """``process`` for what ``sight`` made of an image. Returns and raises the same."""
+        now, before = _Held(int(stamp_ns), sight), self._before
+        if before is not None:
+            _check_order(before, now)
+        self._before = now
+        if before is None:
+            return None
+        dt = (now.stamp_ns - before.stamp_ns) / NANOSECONDS
+        if self.config.preset == "openratslam":
+            return self._as_the_original(before.sight, sight, dt)
+        if dt > self.config.max_gap_s:
+            logger.warning("no image for %.2f s before %d ns: no speed", dt, now.stamp_ns)
+            return None
+        return self._robust(before.sight, sight, dt)
+
+    def sight(self, image: NDArray[np.uint8]) -> Sight:
+        """What is used of an image; nothing else changes. Raises ShapeError as ``process``."""
+        pixels = np.asarray(image)
+        colours = pixels.ndim == 3 and pixels.shape[2] == 3
+        if pixels.dtype != np.uint8 or not (pixels.ndim == 2 or colours):
+            raise ShapeError(
+                f"image: {pixels.dtype} {pixels.shape}, expected uint8 (H, W) or (H, W, 3)"
+            )
+        shape = self._whole_shape(pixels.shape[0], pixels.shape[1])
+        ranges = (
+            row_range(rows, shape[0]) for rows in (self.config.turn_rows, self.config.speed_rows)
+        )
+        turn, speed = (profile(pixels, first, end) for first, end in ranges)
+        return Sight(shape, turn, speed)
+
+    def rows_used(self, height: int) -> int:
+        """How many rows of an image, from the top, are looked at."""
+        return max(
+            row_range(rows, height)[1] for rows in (self.config.turn_rows, self.config.speed_rows)
+        )
+
+    def _whole_shape(self, height: int, width: int) -> tuple[int, int]:
+        """Rows and columns of an image of which lower rows that nobody looks at may be missing."""
+        found = f"image: {_size((height, width))}, expected"
+        if width < _LEAST_COLUMNS or not height:
+            raise ShapeError(f"{found} {_LEAST_COLUMNS} columns or more")
+        if self._camera_size is None:
+            return height, width
+        whole = self._camera_size[::-1]
+        if width != whole[1] or not self.rows_used(whole[0]) <= height <= whole[0]:
+            raise ShapeError(f"{found} {_size(whole)} of the calibration")
+        return whole
+
+    def _lens(self, width: int) -> Lens:
+        config = self.config
+        focal = config.focal_px or width / 2 / np.tan(config.field_of_view / 2)
+        centre = (width - 1) / 2 if config.centre_px is None else config.centre_px
+        return Lens(width, float(focal), float(centre))
+
+    def _as_the_original(self, before: Sight, now: Sight, dt: float) -> VisualSpeed:
+        config, width = self.config, now.shape[1]
+        shift, _ = best_shift(before.turn, now.turn, config.max_shift)
+        _, difference = best_shift(before.speed, now.speed, config.max_shift)
+        return VisualSpeed(
+            v=min(difference * config.difference_scale, config.max_speed),
+            w=shift * config.field_of_view / width * config.rate_hz,
+            dt=dt,
+            shift_px=float(shift),
+            change=difference,
+        )
+
+    def _robust(self, before: Sight, now: Sight, dt: float) -> VisualSpeed:
+        config, lens = self.config, self._lens(now.shape[1])
+        turned, turns = (standardised(lens.by_angle(sight.turn)) for sight in (before, now))
+        sped, speeds = (standardised(lens.by_angle(sight.speed)) for sight in (before, now))
+        if not all(values.any() for values in (turned, turns, sped, speeds)):
+            return VisualSpeed(0.0, 0.0, dt, 0.0, 0.0, "an image without contrast")
+        reach = min(int(np.ceil(config.max_turn * dt / lens.step)), lens.width // 2)
+        shift, _ = best_shift(turned, turns, max(reach, 1))
+        found = best_stretch(sped, speeds, shift, lens, config.max_stretch * dt)
+        unlike = f"the images differ by {found.error:.2f} deviations" * (found.error > _UNLIKE)
+        growth = found.stretch / dt
+        return VisualSpeed(
+            v=float(np.clip(growth * config.distance_m, -config.max_speed, config.max_speed)),
+            w=found.shift * lens.step / dt,
+            dt=dt,
+            shift_px=found.shift,
+            change=growth,
+            why=unlike,
+        )
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Everything that the next image is compared with, as arrays; empty before the first."""
+        held = self._before
+        if held is None:
+            return {}
+        return {
+            "stamp_ns": np.array(held.stamp_ns, np.int64),
+            "shape": np.array(held.sight.shape, np.int64),
+            "turn": held.sight.turn.copy(),
+            "speed": held.sight.speed.copy(),
+        }
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on exactly where ``state`` was taken.
+
+        Raises:
+            DataError: an array is missing, of another shape, or not finite; nothing changes then.
+        """
+        self._before = _held_of(state) if state else None
+
+
+def fit_speed(
+    config: VisualOdometryConfig, seen: Sequence[VisualSpeed], speeds: ArrayLike
+) -> VisualOdometryConfig:
+    """The configuration whose speeds fit some that are known, of wheels or a tape measure.
+
+    One camera cannot tell a fast drive through a large room from a slow one through a small
+    room; a few metres that are known settle it, for rooms of that size. Pieces of a second are
+    fitted by least squares: noise that single steps have would make the scale too small.
+
+    Args:
+        config: that they were seen with.
+        seen: what ``process`` found, n steps.
+        speeds: float (n), metres a second that were driven during each.
+
+    Raises:
+        ShapeError: another number of speeds.
+        DataError: a speed that is not finite, less than 1 m of way, or nothing seen to move.
+    """
+    driven = np.asarray(speeds, np.float64)
+    if driven.shape != (len(seen),):
+        raise ShapeError(f"speeds: {driven.shape}, expected ({len(seen)},): one for each step")
+    if (bad := np.flatnonzero(~np.isfinite(driven))).size:
+        raise DataError(f"speed {bad[0]} is {driven[bad[0]]}, expected a number")
+    seconds = np.array([one.dt for one in seen])
+    way = float(np.abs(driven * seconds).sum())
+    if way < _LEAST_WAY_M:
+        raise DataError(f"{way:.2f} m were driven, expected {_LEAST_WAY_M} m or more to fit to")
+    pieces = np.floor(np.cumsum(seconds) - seconds / 2).astype(np.int64)
+    moved = np.bincount(pieces, np.array([one.change for one in seen]) * seconds)
+    known = np.bincount(pieces, driven * seconds)
+    scale = float(moved @ known / (moved @ moved)) if moved.any() else 0.0
+    if not scale > 0:
+        raise DataError("the images do not move as the speeds say: nothing to fit to")
+    name = "distance_m" if config.preset == "robust" else "difference_scale"
+    return merged(config, {name: scale})
+
+
+def _check_order(before: _Held, now: _Held) -> None:
+    if before.sight.shape != now.sight.shape:
+        sizes = _size(now.sight.shape), _size(before.sight.shape)
+        raise ShapeError(f"image: {sizes[0]}, expected {sizes[1]} as before")
+    if now.stamp_ns <= before.stamp_ns:
+        raise DataError(
+            f"image at {now.stamp_ns} ns: expected a stamp after {before.stamp_ns} ns, that of "
+            "the image before"
+        )
+
+
+def _with_camera(config: VisualOdometryConfig, camera: Camera) -> VisualOdometryConfig:
+    focal, centre = float(camera.projection[0, 0]), float(camera.projection[0, 2])
+    if not (focal > 0 and centre >= 0):
+        raise ConfigError(f"camera: focal length {focal}, centre {centre}, expected positive ones")
+    changes = {"focal_px": focal, "centre_px": centre}
+    if camera.size is not None:
+        changes["field_of_view"] = 2 * float(np.arctan(camera.size[0] / 2 / focal))
+    return merged(config, changes)
+
+
+def _held_of(state: Mapping[str, NDArray[Any]]) -> _Held:
+    try:
+        stamp, (height, width) = int(state["stamp_ns"]), state["shape"].tolist()
+        profiles = [np.array(state[name], np.float64) for name in ("turn", "speed")]
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise DataError(f"visual odometry: no saved state: {error!r}") from error
+    for name, values in zip(("turn", "speed"), profiles, strict=True):
+        if values.shape != (width,) or not np.isfinite(values).all():
+            raise DataError(f"visual odometry: {name} {values.shape}, expected {width} numbers")
+    return _Held(stamp, Sight((int(height), int(width)), *profiles))
+
+
+def _size(shape: tuple[int, int]) -> str:
+    """Width and height, as people say them."""
+    return f"{shape[1]}x{shape[0]}"

@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is to be reproduced: worlds, ways to recognise places, data."""
+
+from fusionslam.config import Section, option
+from fusionslam.errors import ConfigError
+from fusionslam.evaluation.view_published import WORLDS
+from fusionslam.views.entrants import ENTRANTS
+
+PARTS = ("views", "maps", "descriptors")
+"""Views and maps are chapter 5 of Stastny 2022, descriptors chapter 4 of Perdomo 2019."""
+VIEWS = ("first_stage", "both_stages", "templates", "alignment")
+"""The thesis's two approaches, its rival (the original RatSLAM's templates), and ours."""
+OURS = "alignment"
+"""Of these, ours."""
+WITHOUT_SENSOR = "every_3rd"
+"""Accuracy alone says little: what this scores, which looks at nothing, stands beside it."""
+QUICK_EACH = 4
+"""Of how many scans a quick run looks at one."""
+QUICK_M = 100.0
+"""How far a quick run drives through a made world."""
+KITTI_SEQUENCES = ("06", "05", "00", "07")
+"""Those of tables 4.4 and 4.5, in their order."""
+
+
+class ReproduceConfig(Section):
+    """What ``reproduce`` does; the same values in the same folder go on where they stopped."""
+
+    worlds: tuple[str, ...] = option(WORLDS, "worlds of chapter 5 of Stastny 2022")
+    views: tuple[str, ...] = option(VIEWS, "ways to recognise views, as fusionslam bench views")
+    parts: tuple[str, ...] = option(PARTS, "what is reproduced")
+    data: str | None = option(
+        None,
+        "folder with recordings/<world>.npz and with descriptors/, reference/, kitti/ of their "
+        "authors, any of them; null, and what is not there: worlds that are made, nothing stored",
+    )
+    kitti: str | None = option(
+        None, "folder of KITTI odometry for the descriptors; null: the simulated town"
+    )
+    quick: bool = option(
+        False, f"one scan of {QUICK_EACH}, short drives through made worlds, no stereo, no CSHOT"
+    )
+
+
+def checked(config: ReproduceConfig) -> ReproduceConfig:
+    """The configuration, if all its names are known.
+
+    Raises:
+        ConfigError: an unknown name, or none at all.
+    """
+    known = {"worlds": WORLDS, "views": tuple(ENTRANTS), "parts": PARTS}
+    for key, names in known.items():
+        given = getattr(config, key)
+        if not given:
+            raise ConfigError(f"{key}: expected some of {', '.join(names)}")
+        for name in given:
+            if name not in names:
+                raise ConfigError(f"{key} is {name!r}, expected some of {', '.join(names)}")
+    return config

@@ -1,0 +1,197 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Section 5.8 of Stastny 2022: RatSLAM with every way to recognise views, and the maps it makes."""
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from fusionslam.evaluation import MapReport, ViewRun, judge_map
+from fusionslam.messages import NANOSECONDS
+from fusionslam.ratslam import RatSlam, RatSlamConfig
+from fusionslam.ratslam.events import Event, Look, Sighting
+from fusionslam.ratslam.run_events import RunEvents, Unreadable, during, motions_of
+from fusionslam.ratslam.run_record import RatSlamRun
+from fusionslam.ratslam.runs import RunRecorder, run_events
+from fusionslam.ratslam.sources import MatcherSource
+from fusionslam.reproduce.config import OURS, QUICK_EACH, ReproduceConfig
+from fusionslam.reproduce.pieces import Pieces
+from fusionslam.reproduce.sources import Source
+from fusionslam.reproduce.view_study import own_frame, recognised
+from fusionslam.views.drives import DRIFT, FrameName, Step
+from fusionslam.views.entrants import ENTRANTS
+
+ODOMETRIES: dict[str, FrameName] = {"truth": "odometry", "truth+noise": "drift"}
+"""What tells the motion, and the frame that the thesis's clouds are in then."""
+Preset = Literal["openratslam", "robust"]
+PRESETS: tuple[Preset, ...] = get_args(Preset)
+"""RatSLAM as the thesis used it, and ours."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mapped:
+    """A map.
+
+    Attributes:
+        world: of the thesis.
+        odometry: of ``ODOMETRIES``.
+        method: what recognised the views, a name in ``ENTRANTS``.
+        preset: of the cells and the map, of ``PRESETS``.
+        run: None where the views could not be had.
+        note: why there is no run.
+    """
+
+    world: str
+    odometry: str
+    method: str
+    preset: str
+    run: RatSlamRun | None
+    note: str = ""
+
+    @cached_property
+    def report(self) -> MapReport | None:
+        """Judged by the rule of the text: 0.8 m and 22.9 degrees are the view radius."""
+        return None if self.run is None else judge_map(self.run, rule="paper")
+
+
+@dataclass(frozen=True)
+class MapStudy:
+    """All maps of all worlds.
+
+    Attributes:
+        words: by world, which drive it is.
+        made: the worlds that are ours, not the thesis's.
+        methods: what recognised the views, in order.
+        maps: what was made.
+    """
+
+    words: dict[str, str]
+    made: tuple[str, ...]
+    methods: tuple[str, ...]
+    maps: list[Mapped]
+
+    def map(self, world: str, odometry: str, method: str, preset: str) -> Mapped | None:
+        """One of them; None where it was not made."""
+        wanted = (world, odometry, method, preset)
+        found = (m for m in self.maps if (m.world, m.odometry, m.method, m.preset) == wanted)
+        return next((one for one in found if one.run is not None), None)
+
+    def notes(self) -> list[str]:
+        """Why maps are missing, a line each."""
+        found = (f"{m.world}: {ENTRANTS[m.method].title}: {m.note}" for m in self.maps if m.note)
+        return list(dict.fromkeys(found))
+
+
+@dataclass(frozen=True, eq=False)
+class SightingEvents(RunEvents):
+    """Events whose views are recognised already: its items are ``Sighting``."""
+
+    def __iter__(self) -> Iterator[Event | Unreadable]:
+        for event in super().__iter__():
+            yield event.item if isinstance(event, Look) else event
+
+
+def study_maps(
+    config: ReproduceConfig, drives: Sequence[Source], pieces: Pieces, step: Step | None
+) -> MapStudy:
+    """Make the maps of every drive; what is stored already is taken as it is.
+
+    Raises:
+        DataError: a drive cannot be made or read, or the folder cannot be written.
+    """
+    maps = [
+        _mapped(source, odometry, method, preset, pieces, step)
+        for source in drives
+        for odometry in ODOMETRIES
+        for method in config.views
+        for preset in PRESETS
+        # Ours says where in a view the robot is, which the original has no place for.
+        if (method, preset) != (OURS, "openratslam")
+    ]
+    words = {source.world: source.words for source in drives}
+    made = tuple(source.world for source in drives if source.made)
+    return MapStudy(words, made, config.views, maps)
+
+
+def _mapped(
+    source: Source, odometry: str, method: str, preset: Preset, pieces: Pieces, step: Step | None
+) -> Mapped:
+    frame, slam = ODOMETRIES[odometry], RatSlamConfig(preset=preset)
+    views = recognised(source, frame, method, pieces, step)
+    about = (source.world, odometry, method, preset)
+    if views.run is None:
+        return Mapped(*about, None, views.note)
+    known = {
+        "source": source.identity,
+        "odometry": [odometry, DRIFT.model_dump(mode="json")],
+        "method": [method, own_frame(frame, method), _digest(views.run)],
+        "slam": slam.model_dump(mode="json"),
+    }
+    make = _maker(source, odometry, method, slam, views.run, step)
+    name = f"{source.world}-map-{method}-{odometry}-{preset}"
+    run = pieces.kept(name, known, make, RatSlamRun.save, RatSlamRun.load)
+    return Mapped(*about, run)
+
+
+def _digest(run: ViewRun) -> str:
+    """What changes when other views are recognised."""
+    content = run.ids.tobytes() + np.ascontiguousarray(run.stamps).tobytes()
+    return hashlib.sha256(content).hexdigest()[:12]
+
+
+def _maker(
+    source: Source,
+    odometry: str,
+    method: str,
+    config: RatSlamConfig,
+    views: ViewRun,
+    step: Step | None,
+) -> Callable[[], RatSlamRun]:
+    def make() -> RatSlamRun:
+        title = ENTRANTS[method].title
+        if method == OURS:
+            slam = RatSlam(config, views=MatcherSource(ENTRANTS[OURS].matcher()))  # type: ignore[misc]
+            events = _looks(source, odometry)
+        else:
+            slam, events = RatSlam(config), _sightings(source, odometry, views)
+        recorder = RunRecorder(slam, events)
+        what = f"{source.world}: map by {title}, {odometry}, {config.preset}"
+        run_events(recorder, None if step is None else _called(step, what))
+        return replace(recorder.record(), views=title)
+
+    return make
+
+
+def _called(step: Step, label: str) -> Step:
+    return lambda _, done, total: step(label, done, total)
+
+
+def _sightings(source: Source, odometry: str, run: ViewRun) -> RunEvents:
+    """The views of a run. The thesis's objects know no rotation, and its templates do not turn."""
+    stamps_ns = np.round(run.stamps * NANOSECONDS).astype(np.int64)
+    ids = run.ids.tolist()
+    return _events(
+        SightingEvents, source, odometry, stamps_ns, lambda i: Sighting(int(stamps_ns[i]), ids[i])
+    )
+
+
+def _looks(source: Source, odometry: str) -> RunEvents:
+    """The clouds of a drive."""
+    scenes = source.drive.scenes
+    numbers = scenes.numbers.tolist()
+    return _events(
+        RunEvents, source, odometry, scenes.stamps_ns, lambda i: source.drive.cloud(numbers[i])
+    )
+
+
+def _events(
+    kind: type[RunEvents], source: Source, odometry: str, stamps_ns: Any, item: Callable[[int], Any]
+) -> RunEvents:
+    tour = source.tour
+    title, motions = motions_of(tour, odometry, DRIFT)
+    motions = during(motions, stamps_ns)[:: QUICK_EACH if source.quick else 1]
+    return kind(source.drive.name, title, motions, stamps_ns, item, tour.truth)

@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""One page, the same as Markdown, and every figure as JSON."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from fusionslam._files import atomic_path
+from fusionslam.report.assembly import environment
+from fusionslam.reproduce.blocks import Chapter, as_markdown
+from fusionslam.reproduce.claims import Claim, claims_table
+from fusionslam.reproduce.config import QUICK_EACH, ReproduceConfig
+from fusionslam.reproduce.differences import Difference, differences_table, met_sentence
+from fusionslam.reproduce.pieces import save_json
+from fusionslam.reproduce.view_study import ViewStudy
+
+FORMAT = "fusionslam.reproduce.1"
+PAGE = "reproduce.html"
+TITLE = "Two theses, measured again"
+
+
+def claims_chapter(claims: Sequence[Claim]) -> Chapter:
+    """What holds and what does not, first of all."""
+    chapter = Chapter("What the theses conclude, and what came out here")
+    table = claims_table(claims)
+    chapter.show("Decided by the figures below", table, "conclusion", worded=True)
+    return chapter
+
+
+def differences_chapters(differences: Sequence[Difference]) -> list[Chapter]:
+    """What came out otherwise than published; none where nothing is compared."""
+    if not differences:
+        return []
+    chapter = Chapter("Where it differs from what was published")
+    table = differences_table(differences)
+    chapter.say(met_sentence(differences))
+    if table.rows:
+        chapter.show("In the theses' own set-ups", table, "figure", worded=True)
+    return [chapter]
+
+
+def lead(config: ReproduceConfig, about: Mapping[str, Any]) -> str:
+    """What the page is, in a sentence or two."""
+    machine = about["machine"]
+    text = (
+        "The experiments of Perdomo 2019 (c-M2DP) and Stastny 2022 (LiDAR-camera RatSLAM), run by "
+        f"one command on {about['date']}, {machine['cores']} cores of {machine['cpu']}."
+    )
+    if config.quick:
+        text += (
+            f" Quick: only one scan of {QUICK_EACH}, no stereo clouds and no CSHOT. Figures of a "
+            "quick run are no results: run the command without --quick for these."
+        )
+    return text
+
+
+def write_page(
+    folder: Path, chapters: Sequence[Chapter], config: ReproduceConfig, about: Mapping[str, Any]
+) -> Path:
+    """Write ``reproduce.html``, which opens offline, and ``reproduce.md``. Raises DataError."""
+    first = lead(config, about)
+    page = (
+        environment()
+        .get_template("reproduce.html.j2")
+        .render(
+            title=TITLE,
+            lead=first,
+            chapters=chapters,
+            about=about,
+            config=json.dumps(about["config"], indent=2),
+        )
+    )
+    with atomic_path(folder / "reproduce.md") as temporary:
+        head = f"# {TITLE}\n\n{first}\n\n```\n{about['command']}\n```\n\n"
+        temporary.write_text(head + as_markdown(chapters), encoding="utf-8")
+    with atomic_path(folder / PAGE) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return folder / PAGE
+
+
+def write_figures(
+    folder: Path, content: Mapping[str, Any], claims: Sequence[Claim], about: Mapping[str, Any]
+) -> None:
+    """Write ``reproduce.json``: every figure; null where there is none. Raises DataError."""
+    told = [asdict(claim) | {"verdict": claim.verdict} for claim in claims]
+    save_json({"format": FORMAT, **about, "claims": told, **content}, folder / "reproduce.json")
+
+
+def view_figures(study: ViewStudy) -> dict[str, Any]:
+    """All that was found of views."""
+    return {
+        "drives": [asdict(drive) for drive in study.drives],
+        "views": [
+            {
+                "world": outcome.world,
+                "frame": outcome.frame,
+                "method": outcome.method,
+                "note": outcome.note,
+                "figures": outcome.row and asdict(outcome.row),
+                "config": outcome.run.config if outcome.run else {},
+            }
+            for outcome in study.outcomes
+        ],
+    }

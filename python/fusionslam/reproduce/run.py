@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""``reproduce``: every part that is asked for, one page."""
+
+import os
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from fusionslam.report.assembly import about_report, check_extra
+from fusionslam.report.plots import styled
+from fusionslam.reproduce import chapter4, chapter5, chapter58
+from fusionslam.reproduce.blocks import Chapter
+from fusionslam.reproduce.claims import Claim, view_claims
+from fusionslam.reproduce.config import PARTS, ReproduceConfig, checked
+from fusionslam.reproduce.descriptor_study import study_descriptors
+from fusionslam.reproduce.differences import (
+    Difference,
+    descriptor_differences,
+    view_differences,
+)
+from fusionslam.reproduce.map_study import study_maps
+from fusionslam.reproduce.page import (
+    claims_chapter,
+    differences_chapters,
+    view_figures,
+    write_figures,
+    write_page,
+)
+from fusionslam.reproduce.pieces import Pieces, save_json
+from fusionslam.reproduce.sources import Source, sources
+from fusionslam.reproduce.view_study import study_views
+from fusionslam.views.drives import Step
+
+
+class _Report:
+    """What the parts add up to.
+
+    Args:
+        config: what is reproduced.
+        folder: where pictures and finished pieces go.
+        jobs: frames worked on at a time.
+        step: told about progress.
+    """
+
+    def __init__(self, config: ReproduceConfig, folder: Path, jobs: int, step: Step | None) -> None:
+        self.config, self.folder, self.jobs, self.step = config, folder, jobs, step
+        self.pieces = Pieces(folder / "pieces")
+        self.chapters: list[Chapter] = []
+        self.claims: list[Claim] = []
+        self.differences: list[Difference] = []
+        self.figures: dict[str, Any] = {}
+
+    @cached_property
+    def drives(self) -> list[Source]:
+        """Those of the second thesis's parts."""
+        return sources(self.config, self.jobs, self.step)
+
+    def views(self) -> None:
+        """Sections 5.4 to 5.7 of Stastny 2022."""
+        views, folder = self.config.views, self.folder
+        study = study_views(self.config, self.drives, self.pieces, self.step)
+        self.chapters += [
+            chapter5.drives_chapter(study),
+            chapter5.accuracy_chapter(study, views, folder),
+            chapter5.errors_chapter(study, views, folder),
+            chapter5.times_chapter(study, views, folder),
+            chapter5.memory_chapter(study, views),
+        ]
+        self.claims += view_claims(study)
+        self.differences += view_differences(study, views)
+        self.figures |= view_figures(study)
+
+    def maps(self) -> None:
+        """Section 5.8."""
+        study = study_maps(self.config, self.drives, self.pieces, self.step)
+        self.chapters.append(chapter58.maps_chapter(study, self.folder))
+        self.claims += chapter58.map_claims(study)
+        self.figures |= chapter58.map_figures(study)
+
+    def descriptors(self) -> None:
+        """Chapter 4 of Perdomo 2019."""
+        folder = self.folder / "descriptors"
+        study = study_descriptors(self.config, folder, self.jobs, self.step)
+        self.chapters += chapter4.chapters(study, self.folder)
+        self.claims += chapter4.descriptor_claims(study)
+        self.differences += descriptor_differences(study)
+        self.figures |= chapter4.descriptor_figures(study)
+
+
+def reproduce(
+    config: ReproduceConfig,
+    folder: str | os.PathLike[str],
+    *,
+    jobs: int = 1,
+    command: str = "",
+    step: Step | None = None,
+) -> Path:
+    """Measure what both theses measured, and write one page about it.
+
+    What is finished is kept in the folder: the same call goes on where an earlier one stopped.
+
+    Args:
+        config: what is reproduced, with what data.
+        folder: made if need be.
+        jobs: frames worked on at a time.
+        command: what was typed.
+        step: told about progress.
+
+    Returns:
+        The path of ``reproduce.html``.
+
+    Raises:
+        ConfigError: an unknown world, way or part.
+        DataError: data that cannot be used, or a folder that cannot be written.
+        FusionSlamError: an extra that is needed is not installed.
+    """
+    check_extra()
+    checked(config)
+    target = Path(folder)
+    about = about_report("two theses", command, config.model_dump(mode="json"))
+    save_json(about, target / "made_with.json")
+    report = _Report(config, target, jobs, step)
+    with styled():
+        for part in PARTS:
+            if part in config.parts:
+                getattr(report, part)()
+    write_figures(target, report.figures, report.claims, about)
+    first = claims_chapter(report.claims)
+    chapters = [first, *differences_chapters(report.differences), *report.chapters]
+    return write_page(target, chapters, config, about)

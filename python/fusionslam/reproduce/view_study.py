@@ -1,0 +1,220 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Chapter 5 of Stastny 2022 up to section 5.7: every way in every world and frame, judged."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fusionslam.errors import FusionSlamError
+from fusionslam.evaluation import ViewCurve, ViewReport, ViewRun
+from fusionslam.report.views_tables import ViewRow, view_row
+from fusionslam.reproduce.config import OURS, WITHOUT_SENSOR, ReproduceConfig
+from fusionslam.reproduce.pieces import Pieces, load_json, save_json
+from fusionslam.reproduce.sources import Source
+from fusionslam.views.bench import run_entrant
+from fusionslam.views.drives import FRAMES, FrameName, Step, moved
+from fusionslam.views.entrants import ENTRANTS, Entrant, Task
+from fusionslam.views.runs import sweep_thresholds
+
+Rule = str
+
+RULES: dict[FrameName, Rule] = {"robot": "paper", "odometry": "author", "drift": "paper"}
+"""By which rule a frame is judged: the thesis's set-up by that of its program, ours strictly."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What one way gave in one world and frame.
+
+    Attributes:
+        world: of the thesis.
+        frame: of the clouds.
+        method: name in ``ENTRANTS``.
+        run: with its curve, if other thresholds were tried; None where there was none.
+        note: why there is no run.
+    """
+
+    world: str
+    frame: FrameName
+    method: str
+    run: ViewRun | None
+    note: str = ""
+
+    @cached_property
+    def report(self) -> ViewReport | None:
+        """Judged by the rule of the frame."""
+        return None if self.run is None else self.run.judged(RULES[self.frame])
+
+    @cached_property
+    def row(self) -> ViewRow | None:
+        """Every single figure."""
+        if self.run is None or self.report is None:
+            return None
+        return view_row(self.run.method, self.report, self.run)
+
+
+@dataclass(frozen=True)
+class DriveFacts:
+    """What was driven.
+
+    Attributes:
+        world: of the thesis.
+        words: which drive it is.
+        made: whether the world is ours.
+        scans, dropped: with and without something above the floor.
+        revisits: scans that come back after more than 20 s.
+        seconds, metres: how long.
+    """
+
+    world: str
+    words: str
+    made: bool
+    scans: int
+    dropped: int
+    revisits: int
+    seconds: float
+    metres: float
+
+
+@dataclass(frozen=True)
+class ViewStudy:
+    """All worlds: what was driven, and what every way gave there."""
+
+    drives: list[DriveFacts]
+    outcomes: list[Outcome]
+
+    def outcome(self, world: str, frame: FrameName, method: str) -> Outcome | None:
+        """What one way gave; None where it was not asked for."""
+        wanted = (world, frame, method)
+        found = (o for o in self.outcomes if (o.world, o.frame, o.method) == wanted)
+        return next(found, None)
+
+    def figure(self, world: str, frame: FrameName, method: str, name: str) -> float | None:
+        """One figure of ``ViewRow``; None where it does not exist."""
+        outcome = self.outcome(world, frame, method)
+        row = None if outcome is None else outcome.row
+        value: float | None = None if row is None else getattr(row, name)
+        return value
+
+    def notes(self) -> list[str]:
+        """Why runs are missing, a line each."""
+        found = (
+            f"{o.world}: {ENTRANTS[o.method].title}: {o.note}" for o in self.outcomes if o.note
+        )
+        return list(dict.fromkeys(found))
+
+
+class _NotHad(FusionSlamError):
+    """A way that cannot be had here: its cells stay empty and say why."""
+
+
+def study_views(
+    config: ReproduceConfig, drives: Sequence[Source], pieces: Pieces, step: Step | None
+) -> ViewStudy:
+    """Give every drive to every way in every frame; what is stored already is taken as it is.
+
+    Raises:
+        DataError: a drive cannot be made or read, or the folder cannot be written.
+    """
+    methods = list(dict.fromkeys([*config.views, WITHOUT_SENSOR]))
+    outcomes = [
+        _outcome(source, frame, method, pieces, step)
+        for source in drives
+        for method in methods
+        for frame in FRAMES
+    ]
+    return ViewStudy([_facts(source, pieces) for source in drives], outcomes)
+
+
+def _facts(source: Source, pieces: Pieces) -> DriveFacts:
+    def make() -> dict[str, Any]:
+        scenes = source.drive.scenes
+        poses = scenes.true_poses()
+        counted = ViewRun("", "", np.arange(len(scenes)), poses, scenes.seconds).judged("paper")
+        return {
+            "scans": len(scenes),
+            "dropped": source.drive.dropped,
+            "revisits": counted.revisits,
+            "seconds": float(np.ptp(scenes.seconds)),
+            "metres": float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum()),
+        }
+
+    known = {"source": source.identity}
+    name = f"{source.world}-drive"
+    facts = pieces.kept(name, known, make, save_json, load_json, ".json")
+    return DriveFacts(source.world, source.words, source.made, **facts)
+
+
+def recognised(
+    source: Source, frame: FrameName, method: str, pieces: Pieces, step: Step | None
+) -> Outcome:
+    """What one way gives in one world and frame, without its curve. Raises as ``study_views``."""
+    task = _task(source, frame, method, step)
+    try:
+        run = pieces.kept(
+            f"{source.world}-{method}-{own_frame(frame, method)}",
+            _known(source, frame, method),
+            lambda: _ran(ENTRANTS[method], task()),
+            ViewRun.save,
+            ViewRun.load,
+        )
+    except _NotHad as missing:
+        return Outcome(source.world, frame, method, None, str(missing))
+    return Outcome(source.world, frame, method, run)
+
+
+def own_frame(frame: FrameName, method: str) -> FrameName:
+    """The frame in which a way is run: the robot's for one that no frame changes."""
+    return "robot" if ENTRANTS[method].any_frame else frame
+
+
+def _known(source: Source, frame: FrameName, method: str) -> dict[str, Any]:
+    return {"source": source.identity, "method": method, "frame": own_frame(frame, method)}
+
+
+def _task(source: Source, frame: FrameName, method: str, step: Step | None) -> Callable[[], Task]:
+    own, title = own_frame(frame, method), ENTRANTS[method].title
+    return lambda: Task(title, source.drive, own, source.jobs, step)
+
+
+def _outcome(
+    source: Source, frame: FrameName, method: str, pieces: Pieces, step: Step | None
+) -> Outcome:
+    """With the curve, where there is one and the frame is not that of drifting odometry."""
+    outcome, own = recognised(source, frame, method, pieces, step), own_frame(frame, method)
+    # Ours compares scans for longer than objects are compared, and the thesis has no curve of it.
+    compared = ENTRANTS[method].matcher is not None and method != OURS
+    swept = compared and frame != "drift" and own == frame
+    if outcome.run is None or not swept:
+        return outcome
+    rule, task = RULES[frame], _task(source, frame, method, step)
+    curve = pieces.kept(
+        f"{source.world}-{method}-{own}-curve",
+        _known(source, frame, method) | {"rule": rule},
+        lambda: _swept(method, task(), rule),
+        ViewCurve.save,
+        ViewCurve.load,
+        ".json",
+    )
+    return replace(outcome, run=replace(outcome.run, curve=curve))
+
+
+def _ran(entrant: Entrant, task: Task) -> ViewRun:
+    run, note = run_entrant(entrant, task)
+    if run is None:
+        raise _NotHad(note)
+    return run
+
+
+def _swept(method: str, task: Task, rule: Rule) -> ViewCurve:
+    """Precision and recall at other thresholds of the first stage."""
+    make: Callable[[], Any] | None = ENTRANTS[method].matcher
+    assert make is not None  # the caller has seen to it
+    scenes = moved(task.drive.scenes, task.frame)
+    return sweep_thresholds(
+        scenes, make().config, rule=rule, progress=task.progress("other thresholds")
+    )

@@ -1,0 +1,171 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What RatSLAM makes of odometry: gaps, jumps, NaN, stamps going back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fusionslam.errors import DataError
+from fusionslam.messages import Odometry
+from fusionslam.ratslam import Motion, RatSlam, Sighting
+from fusionslam.ratslam.odometer import Limits, Odometry2D, said_by, stride_between
+from fusionslam.sensors import Frame
+from slam_drives import SECOND, circle_events, circles, everything, left_out, odometry, same, take
+
+LIMITS = Limits(gap=0.5, max_speed=50.0)
+TENTH = SECOND // 10
+
+
+def at(seconds: float, x: float, y: float = 0.0, yaw: float = 0.0, v: float = 0.0) -> Odometry:
+    c, s = np.cos(yaw), np.sin(yaw)
+    pose = np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]])
+    return Odometry(
+        stamp_ns=round(seconds * SECOND),
+        frame_id="odom",
+        child_frame_id="base",
+        pose=pose,
+        linear=np.array([v, 0, 0]),
+    )
+
+
+def test_poses_tell_the_way_along_an_arc_and_the_turn() -> None:
+    # A quarter of a circle of radius 1, in a second: the chord is sqrt(2) long.
+    before, now = said_by(at(0, 0, 0, 0)), said_by(at(1, 1, 1, np.pi / 2))
+    stride = stride_between(before, now, Limits(gap=2, max_speed=50))
+    assert stride is not None and stride.note == ""
+    np.testing.assert_allclose(stride[:3], [np.sqrt(2), np.pi / 2, 1])
+
+
+def test_headings_that_cross_the_half_turn_are_a_small_turn() -> None:
+    stride = stride_between(said_by(at(0, 0, 0, 3.1)), said_by(at(0.1, 0, 0, -3.1)), LIMITS)
+    assert stride is not None
+    assert stride.w * stride.dt == pytest.approx(2 * np.pi - 6.2)
+
+
+def test_driving_backwards_is_a_negative_speed() -> None:
+    stride = stride_between(said_by(at(0, 0)), said_by(at(0.1, -0.05)), LIMITS)
+    assert stride is not None and stride.v == pytest.approx(-0.5)
+
+
+def test_the_rate_of_odometry_does_not_change_dead_reckoning() -> None:
+    way = circles(0.5)
+    ends = []
+    for rate_hz in (5.0, 30.0, 200.0):
+        slam = RatSlam()
+        steps = take(slam, odometry(way, rate_hz=rate_hz))
+        ends.append(steps[-1].dead_reckoning)
+    # The last stamps differ by up to a fifth of a second, and so do the poses: chords do not.
+    np.testing.assert_allclose(ends[0], ends[2], atol=0.12)
+    np.testing.assert_allclose(ends[1], ends[2], atol=0.02)
+
+
+def test_a_gap_between_poses_is_noted_and_crossed() -> None:
+    slam = RatSlam()
+    take(slam, [at(0, 0), at(0.1, 0.05)])
+    step = slam.step(at(5.1, 2.55))
+    assert step.why == "odometry was silent for 5.00 s: 2.50 m in one step"
+    assert step.dead_reckoning[0] == pytest.approx(2.55)
+
+
+def test_a_velocity_counts_for_no_longer_than_the_gap() -> None:
+    slam = RatSlam(gap=0.5)
+    take(slam, [Motion(0, 1.0, 0.0), Motion(TENTH, 1.0, 0.0)])
+    step = slam.step(Motion(TENTH + 10 * SECOND, 1.0, 0.0))
+    assert step.why == "odometry was silent for 10.00 s: its velocity counts for 0.5 s"
+    assert step.dead_reckoning[0] == pytest.approx(0.1 + 0.5)
+
+
+@pytest.mark.parametrize("v", [0.5, np.nan])
+def test_a_jump_of_the_pose_is_left_out_and_noted(v: float) -> None:
+    slam = RatSlam()
+    take(slam, [at(0, 50), at(0.1, 50.05)])
+    step = slam.step(at(0.2, 0.0, v=v))
+    assert "odometry jumped 50.05 m, which is left out" in step.why
+    # The velocity counts where there is one.
+    expected = 0.05 + (0.05 if np.isfinite(v) else 0)
+    assert step.dead_reckoning[0] == pytest.approx(expected)
+    assert slam.step(at(0.3, 0.05)).dead_reckoning[0] == pytest.approx(expected + 0.05)
+
+
+def test_a_speed_that_no_robot_has_is_left_out_and_noted() -> None:
+    slam = RatSlam()
+    step = take(slam, [Motion(0, 0.5, 0), Motion(TENTH, 1e300, 0.0)])[-1]
+    assert step.why == "odometry says 1e+300 m/s, which is left out"
+    assert step.dead_reckoning == (0, 0, 0)
+
+
+@pytest.mark.parametrize("preset", ["robust", "openratslam"])
+def test_a_way_longer_than_the_sheet_of_cells_is_taken(preset: str) -> None:
+    slam = RatSlam(preset=preset)
+    take(slam, [at(0, 0), Sighting(0, 0), at(0.1, 0.05)])
+    step = slam.step(at(1.1, 30.05))
+    assert step.dead_reckoning[0] == pytest.approx(30.05)
+    activity = slam.cells.activity
+    assert np.isfinite(activity).all() and activity.sum() == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("event", "expected"),
+    [
+        (at(0.05, 0.1), "expected 100000000 ns or later"),
+        (at(0.1, 0.1), "expected a stamp later than 100000000 ns"),
+        (Motion(TENTH, 0.1, 0.0), "expected a stamp later than 100000000 ns"),
+        (Motion(2 * TENTH, np.nan, 0.0), "neither a finite pose nor velocity"),
+        (Motion(2 * TENTH, 0.0, np.inf), "neither a finite pose nor velocity"),
+        (replace(at(0.2, np.nan), linear=np.full(3, np.nan)), "neither a finite pose nor velocity"),
+    ],
+)
+def test_odometry_at_fault_is_refused_and_changes_nothing(
+    event: Odometry | Motion, expected: str
+) -> None:
+    slam = RatSlam()
+    take(slam, [at(0, 0), Sighting(0, 0), at(0.1, 0.05)])
+    before = everything(slam)
+    with pytest.raises(DataError, match=expected):
+        slam.step(event)
+    assert same(everything(slam), before)
+    assert slam.step(at(0.3, 0.15)).dead_reckoning[0] == pytest.approx(0.15)
+
+
+def test_a_pose_that_is_not_finite_is_replaced_by_the_velocity_beside_it() -> None:
+    slam = RatSlam()
+    steps = take(slam, [at(0, 0), at(0.1, 0.05), at(0.2, np.nan, v=0.5), at(0.3, 9, v=0.5)])
+    # The pose after it has no pose before it to be compared with.
+    assert [step.dead_reckoning[0] for step in steps] == pytest.approx([0, 0.05, 0.1, 0.15])
+
+
+def test_odometry_in_frames_moves_the_robot() -> None:
+    slam = RatSlam()
+    frames = [
+        Frame(index=k, stamp_ns=k * TENTH, odometry=at(0, 0.1 * k).pose, points=None)
+        for k in range(3)
+    ]
+    # Nothing to look with: the view is refused, the odometry counts.
+    assert left_out(slam, frames) == [
+        f"view at {k * TENTH} ns: nothing to look with: give views=" for k in range(3)
+    ]
+    assert slam.step(at(0.3, 0.3)).dead_reckoning[0] == pytest.approx(0.3)
+
+
+def test_a_frame_without_pose_history_needs_one() -> None:
+    said = Odometry2D(TENTH, None, (0.1, 0.0))
+    with pytest.raises(DataError, match="no pose before it, and no velocity"):
+        stride_between(said, Odometry2D(2 * TENTH, (0, 0, 0), None), LIMITS)
+
+
+def test_a_drive_with_faults_ends_where_one_without_does() -> None:
+    events = circle_events(1.0)
+    whole = RatSlam()
+    end = take(whole, events)[-1]
+    broken = RatSlam()
+    faulty = []
+    for number, event in enumerate(events):
+        faulty.append(event)
+        if number % 50 == 10:
+            faulty += [event, Motion(event.stamp_ns, np.nan, 0.0)]
+    said = left_out(broken, faulty)
+    assert len(said) == 2 * len(range(10, len(events), 50))
+    assert same(everything(broken), everything(whole))
+    assert broken.map.pose == end.pose

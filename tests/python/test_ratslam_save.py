@@ -1,0 +1,276 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A ``RatSlam`` that is saved goes on as if it had not been; files at fault are said to be."""
+
+import errno
+import io
+import json
+import os
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusionslam.errors import DataError
+from fusionslam.ratslam import Look, MatcherSource, RatSlam, Sighting, TemplateSource
+from fusionslam.ratslam.events import Event
+from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig
+from object_places import LAPS, place
+from slam_drives import SECOND, circle_events, circles, everything, in_order, odometry, same, take
+
+
+def images(number: int, visit: int) -> np.ndarray:
+    rng = np.random.default_rng([3, number])
+    blocks = rng.integers(0, 256, (10, 12))
+    noise = np.random.default_rng([4, number, visit]).integers(-3, 4, (100, 120))
+    return np.clip(np.kron(blocks, np.ones((10, 10))) + noise, 0, 255).astype(np.uint8)
+
+
+def looks(item: Callable[[int, int], Any]) -> list[Event]:
+    stamps = range(SECOND, (len(LAPS) + 1) * SECOND, SECOND)
+    seen = zip(stamps, LAPS, strict=True)
+    return [Look(stamp_ns, item(number, visit)) for visit, (stamp_ns, number) in enumerate(seen)]
+
+
+def matcher(**values: Any) -> MatcherSource:
+    return MatcherSource(ViewMatcher(ViewMatcherConfig(**values)))
+
+
+SOURCES: dict[str, tuple[Callable[[], Any], Callable[[int, int], Any]]] = {
+    "visual": (lambda: TemplateSource(bottom=100), images),
+    "alignment": (lambda: matcher(method="alignment"), place),
+    "alignment, several": (
+        lambda: matcher(method="alignment", policy="several", store_below=1.0),
+        place,
+    ),
+    "objects": (lambda: matcher(method="scenes"), place),
+    "cm2dp": (lambda: matcher(method="descriptor", max_distance=0.3), place),
+}
+
+
+def drive(name: str) -> tuple[Callable[[], RatSlam], list[Event]]:
+    """How a mapper with a source of views is made, and odometry and looks for it."""
+    make, item = SOURCES[name]
+    way = odometry(circles(0.5), rate_hz=10.0)
+    events = in_order(way, [look for look in looks(item) if look.stamp_ns < way[-1].stamp_ns])
+    return lambda: RatSlam(views=make()), events
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_a_run_with_views_that_is_continued_equals_the_uninterrupted_one(
+    tmp_path: Path, name: str
+) -> None:
+    make, events = drive(name)
+    whole = make()
+    steps = take(whole, events)
+    assert len({step.view_id for step in steps if step.looked}) > 3
+    slam, path = make(), tmp_path / "state.npz"
+    continued = []
+    for start in range(0, len(events), 37):
+        continued += take(slam, events[start : start + 37])
+        slam.save(path)
+        slam = RatSlam.load(path)
+    assert continued == steps
+    assert same(everything(slam), everything(whole))
+
+
+@pytest.mark.parametrize("preset", ["robust", "openratslam"])
+def test_a_run_of_given_ids_that_is_continued_equals_the_uninterrupted_one(
+    tmp_path: Path, preset: str
+) -> None:
+    events = circle_events(1.3)
+    whole, slam = RatSlam(preset=preset), RatSlam(preset=preset)
+    take(whole, events)
+    for start in range(0, len(events), 201):
+        take(slam, events[start : start + 201])
+        slam.save(tmp_path / "state.npz")
+        slam = RatSlam.load(tmp_path / "state.npz")
+    assert slam.config == whole.config
+    assert same(everything(slam), everything(whole))
+
+
+def test_what_was_never_used_is_saved_too(tmp_path: Path) -> None:
+    RatSlam().save(tmp_path / "new.npz")
+    slam = RatSlam.load(tmp_path / "new.npz")
+    assert same(everything(slam), everything(RatSlam()))
+    take(slam, circle_events(0.05))
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    slam = RatSlam(views=TemplateSource(bottom=100))
+    take(slam, drive("visual")[1])
+    slam.save(tmp_path / "state.npz")
+    return tmp_path / "state.npz"
+
+
+def test_cutting_a_file_anywhere_is_one_error_that_names_it(saved: Path) -> None:
+    content = saved.read_bytes()
+    for share in (0, 0.001, 0.1, 0.5, 0.9, 0.999):
+        saved.write_bytes(content[: int(len(content) * share)])
+        with pytest.raises(DataError, match=r"state\.npz"):
+            RatSlam.load(saved)
+
+
+def test_flipped_bytes_are_noticed(saved: Path) -> None:
+    content = saved.read_bytes()
+    rng = np.random.default_rng(0)
+    for at in rng.integers(0, len(content) // 2, 20):
+        damaged = bytearray(content)
+        damaged[at] ^= 0xFF
+        saved.write_bytes(damaged)
+        try:
+            slam = RatSlam.load(saved)
+        except DataError as error:
+            assert "state.npz" in str(error)
+        else:  # in padding, which nobody reads
+            saved.write_bytes(content)
+            assert same(everything(slam), everything(RatSlam.load(saved)))
+
+
+def test_what_is_no_archive_or_not_there_is_named(tmp_path: Path) -> None:
+    (tmp_path / "text.npz").write_text("no archive at all\n")
+    np.savez(tmp_path / "other.npz", a=np.arange(3))
+    np.save(tmp_path / "one.npy", np.arange(3))
+    for name in ("text.npz", "other.npz", "one.npy", "missing.npz", "."):
+        with pytest.raises(DataError, match=str(tmp_path)):
+            RatSlam.load(tmp_path / name)
+
+
+def rewritten(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None]) -> None:
+    """The file with its arrays and what it says about itself changed."""
+    with np.load(path) as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    about = json.loads(str(arrays["about"]))
+    change(about, arrays)
+    arrays["about"] = np.array(json.dumps(about))
+    np.savez(path, **arrays)
+
+
+def without_cells(_: dict[str, Any], arrays: dict[str, Any]) -> None:
+    del arrays[next(name for name in arrays if name.startswith("cells."))]
+
+
+CHANGES: dict[str, tuple[Callable[[dict[str, Any], dict[str, Any]], Any], str]] = {
+    "another version": (lambda about, _: about.update(format="fusionslam.ratslam.0"), "format"),
+    "an unknown key": (lambda about, _: about["config"].update(colour=1), "colour"),
+    "another size": (lambda about, _: about["config"]["cells"].update(size=30), ""),
+    "another preset": (lambda about, _: about["config"].update(preset="openratslam"), ""),
+    "no memory": (lambda about, _: about.pop("memory"), "damaged"),
+    "an unknown memory": (lambda about, _: about["memory"].update(colour=1), "damaged"),
+    "nodes too many": (lambda about, _: about["memory"]["node_views"].append(0), "nodes"),
+    "no cells": (without_cells, ""),
+    "another source": (lambda about, _: about.update(views="smell"), "smell"),
+    "views of another kind": (lambda about, _: about.update(views="view matcher"), ""),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_files_of_something_else_are_refused(saved: Path, change: str) -> None:
+    how, said = CHANGES[change]
+    rewritten(saved, how)
+    with pytest.raises(DataError, match=rf"state\.npz: .*{said}"):
+        RatSlam.load(saved)
+
+
+class Stones:
+    """A source of views of one's own."""
+
+    kind = "stones"
+    title = "stones"
+
+    def __init__(self) -> None:
+        self.seen: list[int] = []
+
+    def look(self, item: int, stamp_ns: int) -> Sighting:
+        self.seen = list(dict.fromkeys([*self.seen, item]))
+        return Sighting(stamp_ns, self.seen.index(item))
+
+    def to_bytes(self) -> bytes:
+        return json.dumps(self.seen).encode()
+
+    def restore(self, content: bytes) -> None:
+        self.seen = json.loads(content)
+
+
+def test_a_source_of_ones_own_is_saved_and_given_again(tmp_path: Path) -> None:
+    slam = RatSlam(views=Stones())
+    take(slam, [Look(1, 70), Look(2, 90), Look(3, 70)])
+    slam.save(tmp_path / "s.npz")
+    with pytest.raises(DataError, match="stones: name a source like that"):
+        RatSlam.load(tmp_path / "s.npz")
+    with pytest.raises(DataError, match="stones, expected visual templates"):
+        RatSlam.load(tmp_path / "s.npz", views=TemplateSource())
+    found = RatSlam.load(tmp_path / "s.npz", views=Stones())
+    assert found.step(Look(4, 90)).view_id == 1
+
+
+class Full(io.FileIO):
+    """A file on a disk that is full after some bytes."""
+
+    room = 0
+
+    def write(self, content: Any) -> int:
+        if self.tell() + len(memoryview(content).cast("B")) > self.room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return super().write(content)
+
+
+def fill_disk(monkeypatch: pytest.MonkeyPatch, room: int) -> None:
+    """From now on no file can have more bytes than these."""
+    real = Path.open
+
+    def opened(path: Path, mode: str = "r", *more: Any, **words: Any) -> Any:
+        return Full(path, "w") if mode == "wb" else real(path, mode, *more, **words)
+
+    monkeypatch.setattr(Path, "open", opened)
+    monkeypatch.setattr(Full, "room", room)
+
+
+@pytest.mark.parametrize("room", [0, 300, 30_000])
+def test_a_full_disk_is_an_error_that_leaves_the_old_file_and_nothing_else(
+    saved: Path, monkeypatch: pytest.MonkeyPatch, room: int
+) -> None:
+    content, slam = saved.read_bytes(), RatSlam.load(saved)
+    take(slam, [Look(100 * SECOND, images(9, 0))])
+    before = everything(slam)
+    with monkeypatch.context() as patch:
+        fill_disk(patch, room)
+        with pytest.raises(DataError, match=r"cannot write .*: No space left on device"):
+            slam.save(saved)
+    assert saved.read_bytes() == content
+    assert [path.name for path in saved.parent.iterdir()] == ["state.npz"]
+    assert same(everything(slam), before)
+    slam.save(saved)
+    assert same(everything(RatSlam.load(saved)), before)
+
+
+def test_no_room_to_unpack_views_is_an_error_too(
+    saved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fill_disk(monkeypatch, 0)
+    with pytest.raises(DataError, match=r"state\.npz: cannot write into .*No space left on device"):
+        RatSlam.load(saved)
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(DataError, match="file is a file, expected a folder"):
+        RatSlam().save(tmp_path / "file" / "state.npz")
+
+
+def test_a_device_is_never_replaced_by_a_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(DataError, match="pipe: it is a device, expected a file"):
+        RatSlam().save(tmp_path / "pipe")
+    assert [path.name for path in tmp_path.iterdir()] == ["pipe"] and (tmp_path / "pipe").is_fifo()
+
+
+def test_the_file_is_a_plain_archive_without_pickles(saved: Path) -> None:
+    with zipfile.ZipFile(saved) as archive:
+        assert archive.testzip() is None
+    with np.load(saved, allow_pickle=False) as stored:
+        assert all(stored[name].dtype != object for name in stored.files)
