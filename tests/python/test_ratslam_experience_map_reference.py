@@ -7,13 +7,14 @@ which the true poses give.
 """
 
 import gzip
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from fusionslam.ratslam import ActionKind, ExperienceMap, PoseCells
+from fusionslam.ratslam import Action, ActionKind, ExperienceMap, PoseCells
 from ratslam_drives import rmse
 
 
@@ -39,17 +40,24 @@ class Reference:
         true = np.vstack([true[:1], true])
         return true + errors * (said - true)
 
-    def mapped(self, preset: str, errors: float) -> tuple[float, float]:
-        """RMSE of all steps by odometry alone, and of the map's nodes."""
-        cells = PoseCells(preset="openratslam")
-        graph = ExperienceMap(preset=preset, initial_heading=np.radians(140))
-        alone, poses, made = ExperienceMap(preset=preset), [], []
-        for step, (row, (v, w)) in enumerate(zip(self.rows, self.odometry(errors), strict=True)):
+    @cache  # noqa: B019
+    def actions(self, errors: float) -> list[Action]:
+        """What the cells say; no map has a part in it as long as all loops are believed."""
+        cells, said = PoseCells(preset="openratslam"), []
+        for row, (v, w) in zip(self.rows, self.odometry(errors), strict=True):
             cells.on_view(int(row["vt_id"]), row["vt_rad"])
             cells.on_odometry(v, w, row["dt"])
-            action = cells.action()
-            graph.on_odometry(v, w, row["dt"])
-            alone.on_odometry(v, w, row["dt"])
+            said.append(cells.action())
+        return said
+
+    def mapped(self, preset: str, errors: float) -> tuple[float, float]:
+        """RMSE of all steps by odometry alone, and of the map's nodes."""
+        graph = ExperienceMap(preset=preset, initial_heading=np.radians(140))
+        alone, poses, made = ExperienceMap(preset=preset), [], []
+        steps = zip(self.actions(errors), self.odometry(errors), self.rows["dt"], strict=True)
+        for step, (action, (v, w), dt) in enumerate(steps):
+            graph.on_odometry(v, w, dt)
+            alone.on_odometry(v, w, dt)
             poses.append(alone.pose)
             if action.kind == ActionKind.CREATE_NODE:
                 made.append(step)
