@@ -187,7 +187,7 @@ def test_a_file_configures_what_the_options_do_not(tmp_path: Path, way: Path) ->
 @pytest.mark.parametrize(
     ("code", "words", "message"),
     [
-        (1, ("warehous",), "warehous: no such world, expected warehouse, house, hospital, town"),
+        (1, ("warehous",), "warehous: no such world, file or folder, expected warehouse, house"),
         (1, ("warehous",), "did you mean 'warehouse'?"),
         (2, ("warehouse", "--robot", "husky"), "robot 'husky': expected car"),
         (2, ("warehouse", "--format", "rosbag"), "--format is 'rosbag', expected one of bag"),

@@ -115,6 +115,11 @@ def test_the_last_rows_are_the_map_and_the_pose_in_the_end(tmp_path: Path) -> No
     assert arrow["origins"][0][:2] == pytest.approx(steps[last_look].pose[:2], abs=1e-6)
 
 
+def test_the_name_of_a_bag_is_no_warning(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    LiveView(tmp_path / "run.rrd", "small_house_20s.bag: a half / b").close()
+    assert "WARN" not in capfd.readouterr().err
+
+
 def test_the_activity_of_the_cells_is_shown_at_each_look(tmp_path: Path) -> None:
     slam, activity = RatSlam(), []
     with LiveView(tmp_path / "run.rrd") as view:

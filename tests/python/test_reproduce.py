@@ -234,6 +234,9 @@ def test_missing_data_and_unknown_names_are_one_line(
     assert "sequences/06" in line
     line = fails(1, "reproduce", *out, *parts, "--kitti", kitti.parent.parent)
     assert "none of KITTI's sequences" in line
+    # Before the views, which come first and take long.
+    line = fails(1, "reproduce", "-o", tmp_path / "late", "--kitti", tmp_path / "nothing")
+    assert "none of KITTI's sequences" in line and not (tmp_path / "late/made_with.json").exists()
     assert "hospital" in fails(2, "reproduce", *out, "--worlds", "castle")
     assert "first_stage" in fails(2, "reproduce", *out, "--views", "crystal_ball")
     assert "maps" in fails(2, "reproduce", *out, "--parts", "")

@@ -11,6 +11,7 @@
 
 import logging
 import os
+import re
 from contextlib import ExitStack
 from datetime import timedelta
 from pathlib import Path
@@ -96,7 +97,8 @@ class LiveView:
         self._last: tuple[Step, RatSlam] | None = None
         # Without properties: they hold the time of the wall clock, as does log_time.
         self._recording = self._rerun.RecordingStream(
-            f"fusionslam {name}",
+            # What an entry of rerun may be called; it warns of other names.
+            "fusionslam " + re.sub(r"[^A-Za-z0-9 _-]", "-", name),
             send_properties=False,
             batcher_config=None if path is None else _large_chunks(self._rerun),
         )

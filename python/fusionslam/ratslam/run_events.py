@@ -141,6 +141,11 @@ def motions_of(
     tour: Tour, odometry: str | None, errors: OdometryConfig
 ) -> tuple[str, list[Odometry | Motion]]:
     """What tells the motion, for people, and all that it says. Raises as ``events_of``."""
+    if odometry is None and tour.topic is None and tour.truth is None:
+        raise DataError(
+            f"{tour.name} has neither odometry messages nor true poses; odometry may be 'visual' "
+            "where there are images"
+        )
     chosen = odometry or ("topic" if tour.topic is not None else "truth")
     if chosen == "topic":
         return f"topic {tour.topic}", [*tour.odometry()]

@@ -65,7 +65,7 @@ class Tour(ABC):
     def true_way(self) -> Trajectory:
         """The truth. Raises DataError where nobody knows it."""
         if self.truth is None:
-            raise DataError(f"{self.name}: no true poses")
+            raise DataError(f"{self.name}: no true poses, in the data or beside them (gt)")
         return self.truth
 
 

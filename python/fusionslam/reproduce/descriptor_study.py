@@ -139,11 +139,12 @@ def _recordings(config: ReproduceConfig, jobs: int, step: Step | None) -> dict[s
         progress = partial(step, "driving through the town") if step is not None else None
         return {TOWN: Recording.at(embedded_drive(jobs=jobs, progress=progress))}
     root = Path(config.kitti).expanduser()
-    found = {
-        f"KITTI {name}": Recording.at(root, sequence=name)
-        for name in KITTI_SEQUENCES
-        if (root / "sequences" / name).is_dir()
-    }
+    return {f"KITTI {name}": Recording.at(root, sequence=name) for name in sequences_of_kitti(root)}
+
+
+def sequences_of_kitti(root: Path) -> list[str]:
+    """Those that the thesis has and the folder holds. Raises DataError where it holds none."""
+    found = [name for name in KITTI_SEQUENCES if (root / "sequences" / name).is_dir()]
     if not found:
         names = ", ".join(f"sequences/{name}" for name in KITTI_SEQUENCES)
         raise DataError(f"{root}: none of KITTI's sequences, expected some of {names}")

@@ -13,7 +13,7 @@ from fusionslam.reproduce import chapter4, chapter5, chapter58
 from fusionslam.reproduce.blocks import Chapter
 from fusionslam.reproduce.claims import Claim, view_claims
 from fusionslam.reproduce.config import PARTS, ReproduceConfig, checked
-from fusionslam.reproduce.descriptor_study import study_descriptors
+from fusionslam.reproduce.descriptor_study import sequences_of_kitti, study_descriptors
 from fusionslam.reproduce.differences import (
     Difference,
     descriptor_differences,
@@ -117,6 +117,8 @@ def reproduce(
     """
     check_extra()
     checked(config)
+    if config.kitti is not None and "descriptors" in config.parts:
+        sequences_of_kitti(Path(config.kitti).expanduser())  # not after hours of views and maps
     target = Path(folder)
     about = about_report("two theses", command, config.model_dump(mode="json"))
     save_json(about, target / "made_with.json")

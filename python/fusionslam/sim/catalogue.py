@@ -73,7 +73,9 @@ def check_world(name: str) -> None:
     if name not in MADE and not Path(name).exists():
         near = get_close_matches(name, MADE, n=1, cutoff=0.5)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise DataError(f"{name}: no such world, expected {', '.join(MADE)} or a file{hint}")
+        raise DataError(
+            f"{name}: no such world, file or folder, expected {', '.join(MADE)} or a path{hint}"
+        )
 
 
 def read_world(path: str | Path, *, lenient: bool = False) -> World:
