@@ -122,4 +122,8 @@ def _ground(pose: NDArray[np.float64]) -> Ground | None:
 
 
 def _finite(v: float, w: float) -> tuple[float, float] | None:
-    return (float(v), float(w)) if np.isfinite([v, w]).all() else None
+    try:
+        speed = float(v), float(w)
+    except (TypeError, ValueError, OverflowError):
+        raise DataError(f"odometry v {v!r}, w {w!r}: expected numbers") from None
+    return speed if np.isfinite(speed).all() else None
