@@ -150,9 +150,9 @@ class RatSlamRun:
             _check(name, array, np.dtype(np.float32), (views, *array.shape[1:2]))
         if len(self.why) != views:
             raise ShapeError(f"why: {len(self.why)} sentences, expected {views}: one a view")
-        ids = np.concatenate([self.node_ids, self.links["source"], self.links["target"]])
-        if ids.size and not NO_NODE <= ids.min() <= ids.max() < nodes:
-            raise DataError(f"a step or link names node {ids.min()} to {ids.max()} of {nodes}")
+        _check_ids("a step", self.node_ids, NO_NODE, nodes)
+        for end in ("source", "target"):
+            _check_ids("a link", self.links[end], 0, nodes)
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -233,6 +233,12 @@ def placed(nodes: Floats, ids: Integers, offsets: Floats) -> Floats:
 
 def _texts() -> list[str]:
     return [one.name for one in fields(RatSlamRun) if one.name not in _ARRAYS]
+
+
+def _check_ids(what: str, ids: Integers, first: int, count: int) -> None:
+    wrong = ids[(ids < first) | (ids >= count)]
+    if wrong.size:
+        raise DataError(f"{what} names node {wrong[0]} of {count}")
 
 
 def _check(name: str, array: Any, kind: np.dtype[Any], shape: tuple[int, ...]) -> None:
