@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fusionslam._files import atomic_path
 from fusionslam.errors import DataError, FusionSlamError, ShapeError
+from fusionslam.evaluation.rigid import wrapped
 from fusionslam.ratslam.experience_map import LINK
 
 Floats = NDArray[np.float64]
@@ -227,8 +228,7 @@ def placed(nodes: Floats, ids: Integers, offsets: Floats) -> Floats:
     c, s = np.cos(origin[:, 2]), np.sin(origin[:, 2])
     x = origin[:, 0] + c * offsets[:, 0] - s * offsets[:, 1]
     y = origin[:, 1] + s * offsets[:, 0] + c * offsets[:, 1]
-    heading = np.pi - (np.pi - origin[:, 2] - offsets[:, 2]) % (2 * np.pi)
-    return np.stack([x, y, heading], axis=1)
+    return np.stack([x, y, wrapped(origin[:, 2] + offsets[:, 2])], axis=1)
 
 
 def _texts() -> list[str]:
