@@ -110,7 +110,7 @@ def _by_speed(now: Odometry2D, dt: float, limits: Limits, note: str = "") -> Str
 
 def _moved(before: Ground, now: Ground) -> tuple[float, float]:
     """Metres forwards, seen from the heading in the middle of the step, and radians turned."""
-    turn = float(wrapped(np.float64(now[2] - before[2])))
+    turn = float(wrapped(np.asarray(now[2] - before[2])))
     middle = before[2] + turn / 2
     dx, dy = now[0] - before[0], now[1] - before[1]
     return float(np.cos(middle) * dx + np.sin(middle) * dy), turn
