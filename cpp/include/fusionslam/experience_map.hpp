@@ -41,7 +41,7 @@ struct ExperienceMapConfig {
   double agreed_sigmas = 9.0;
   double agreement_m = 0.5;
   double outlier = 3.0;
-  int work = 60;
+  int work = 30;
   double tolerance = 1e-4;
 
   template <class Config, class Visitor>

@@ -30,6 +30,8 @@ constexpr double whole_cost = 2;
 constexpr double work_share = 0.02;
 // Where nodes beside a part would move farther, relaxing the whole does not wait.
 constexpr double urgent_m = 0.01;
+// What would move less waits for the whole map's turn.
+constexpr double calm_m = 0.001;
 
 /// What solving a part came to.
 struct Solved {
@@ -159,6 +161,11 @@ void solve_whole(MapArrays& map, Relaxation& done) {
 /// work that may be done is used up. What is left then is the whole map's, at once where it is
 /// much.
 void solve_parts(MapArrays& map, Relaxation& done) {
+  if (std::all_of(map.due.begin(), map.due.end(),
+                  [&](std::int64_t node) { return unrest(map, node) <= calm_m; })) {
+    map.due.clear();
+    return;
+  }
   for (std::int64_t count = first_part;; count *= part_growth) {
     const auto nodes = nodes_around(map, count);
     if (static_cast<std::int64_t>(nodes.size()) + 1 >= map.size()) {

@@ -25,6 +25,20 @@ double trust(const Link& link, double square, double limit) {
 
 }  // namespace
 
+double unrest(const MapArrays& map, std::int64_t node) {
+  double x = 0, y = 0, stiffness = 0;
+  map.around(node, [&](std::int64_t number, std::int64_t) {
+    const Link& link = map.links[number];
+    const Pose2 error = link_error(map, link);
+    const double weight =
+        trust(link, weighed(link, error), map.config.outlier) / link.measure.variance_m;
+    const double sign = link.source == node ? -1 : 1;
+    x += sign * weight * error.x, y += sign * weight * error.y;
+    stiffness += weight;
+  });
+  return stiffness > 0 ? std::hypot(x, y) / stiffness : 0;
+}
+
 Part::Part(MapArrays& map, std::vector<std::int64_t> nodes) : map_(map), nodes_(std::move(nodes)) {
   map_.rows.resize(map_.nodes.size(), -1);
   for (std::size_t i = 0; i < nodes_.size(); ++i) map_.rows[nodes_[i]] = static_cast<int>(i);
@@ -215,23 +229,9 @@ double Part::unrest_beside() const {
   double farthest = 0;
   for (const std::int64_t inside : nodes_)
     map_.around(inside, [&](std::int64_t, std::int64_t other) {
-      if (row(other) < 0 && other != 0) farthest = std::max(farthest, unrest(other));
+      if (row(other) < 0 && other != 0) farthest = std::max(farthest, unrest(map_, other));
     });
   return farthest;
-}
-
-double Part::unrest(std::int64_t node) const {
-  double x = 0, y = 0, stiffness = 0;
-  map_.around(node, [&](std::int64_t number, std::int64_t) {
-    const Link& link = map_.links[number];
-    const Pose2 error = link_error(map_, link);
-    const double weight =
-        trust(link, weighed(link, error), map_.config.outlier) / link.measure.variance_m;
-    const double sign = link.source == node ? -1 : 1;
-    x += sign * weight * error.x, y += sign * weight * error.y;
-    stiffness += weight;
-  });
-  return stiffness > 0 ? std::hypot(x, y) / stiffness : 0;
 }
 
 }  // namespace fusionslam::detail

@@ -12,6 +12,9 @@
 
 namespace fusionslam::detail {
 
+/// How far a node would move by itself: its links' pull against their stiffness.
+double unrest(const MapArrays& map, std::int64_t node);
+
 /// Some nodes of the map, all others held where they are, and the links that they are part of.
 class Part {
  public:
@@ -40,8 +43,7 @@ class Part {
   std::vector<Pose2> poses() const;
   void put_back(const std::vector<Pose2>& poses);
 
-  /// The farthest that a node next to the part would move by itself: its links' pull against their
-  /// stiffness.
+  /// The most unrest of a node next to the part.
   double unrest_beside() const;
 
  private:
@@ -58,7 +60,6 @@ class Part {
   void collect_links();
   void order_nodes();
   void lay_out();
-  double unrest(std::int64_t node) const;
   void add_gradient(const PartLink& link, double place, double rotation, Vector& gradient) const;
   void add_blocks(const PartLink& link, double place, double rotation, double* values) const;
   int column(int number, int axis) const;
