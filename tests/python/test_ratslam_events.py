@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusionslam.errors import ConfigError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.ratslam import Motion, Sighting, StampOrder
 from fusionslam.ratslam.events import Event
 
@@ -57,6 +57,14 @@ def test_stamps_may_be_negative() -> None:
 def test_no_wait_keeps_the_order_of_arrival_where_it_is_that_of_stamps() -> None:
     order = StampOrder(wait=0)
     assert stamps(order.add(Motion(1, 0, 0)) + order.add(Motion(2, 0, 0))) == [1]
+
+
+def test_a_stamp_that_is_no_number_is_refused_and_nothing_is_lost() -> None:
+    order = StampOrder(wait=0.1)
+    order.add(Motion(0, 0.0, 0.0))
+    with pytest.raises(DataError, match="stamp nan: expected whole nanoseconds"):
+        order.add(Motion(float("nan"), 0.0, 0.0))  # type: ignore[arg-type]
+    assert [event.stamp_ns for event in order.flush()] == [0]
 
 
 def test_a_negative_wait_is_refused() -> None:

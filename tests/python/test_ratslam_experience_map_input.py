@@ -53,6 +53,14 @@ def test_a_node_that_is_not_the_next_one_is_an_error(graph: ExperienceMap, targe
     unchanged(graph, lambda: graph.apply(action), f"node {target}: expected 121, the next one")
 
 
+@pytest.mark.parametrize("values", [(NODE, 0, 121.5), (EDGE, None, 0), (np.nan, 0, 0)])
+def test_an_action_that_is_no_whole_numbers_is_an_error(
+    graph: ExperienceMap, values: tuple[Any, Any, Any]
+) -> None:
+    unchanged(graph, lambda: graph.apply(Action(*values)), "expected whole numbers")
+    unchanged(graph, lambda: graph.check(Action(*values)), "expected whole numbers")
+
+
 @pytest.mark.parametrize("target", [121, -1])
 def test_an_edge_to_an_unknown_node_is_an_error(graph: ExperienceMap, target: int) -> None:
     action = Action(EDGE, graph.current, target)

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The quickest way between two nodes."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -65,8 +67,8 @@ def test_networkx_finds_ways_as_quick() -> None:
         assert (route.ids[0], route.ids[-1]) == (a, b)
 
 
-@pytest.mark.parametrize(("a", "b"), [(-1, 0), (0, 3), (7, 9)])
-def test_unknown_nodes_are_errors_that_say_how_many_there_are(a: int, b: int) -> None:
+@pytest.mark.parametrize(("a", "b"), [(-1, 0), (0, 3), (7, 9), (0.5, 0), (0, None)])
+def test_unknown_nodes_are_errors_that_say_how_many_there_are(a: Any, b: Any) -> None:
     with pytest.raises(DataError, match=f"from node {a} to node {b}: there are 3 nodes"):
         line(1.0, 1.0).path(a, b)
 

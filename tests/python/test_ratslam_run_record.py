@@ -97,8 +97,12 @@ def test_arrays_that_do_not_fit_are_named(name: str, wrong: Any) -> None:
 
 
 def test_a_node_that_is_not_there_is_named() -> None:
-    with pytest.raises(DataError, match="node -1 to 2 of 2"):
+    with pytest.raises(DataError, match="a step names node 2 of 2"):
         record(node_ids=np.array([-1, 0, 2], np.int64))
+    links = record().links.copy()
+    links["source"][0] = -1
+    with pytest.raises(DataError, match="a link names node -1 of 2"):
+        record(links=links)
 
 
 def test_another_version_is_refused(tmp_path: Path) -> None:

@@ -112,6 +112,8 @@ def test_what_nobody_recognises_is_no_view() -> None:
         Sighting(SECOND, 0.5),  # type: ignore[arg-type]
         Sighting(0, 0),
         Sighting(-SECOND, 0),
+        Sighting(np.nan, 0),  # type: ignore[arg-type]
+        Sighting(2**64, 0),
         Look(SECOND, image(0)),
     ],
 )

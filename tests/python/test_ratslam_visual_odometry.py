@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualSpeed, fit_speed
+from fusionslam.ratslam import VisualOdometry, VisualSpeed
+from fusionslam.ratslam.visual_odometry import fit_speed
 from fusionslam.sensors import Camera
 from painted_room import HEIGHT, RADIUS_M, VIEW, WIDTH, room_image
 

@@ -24,6 +24,7 @@ from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
 from fusionslam.ratslam.run_record import REFUSED, RatSlamRun
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.ratslam.sources import MatcherSource, TemplateSource, ViewSource
+from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualOdometryConfig, VisualSpeed
 
 __all__ = [
     "REFUSED",
@@ -49,4 +50,7 @@ __all__ = [
     "Step",
     "TemplateSource",
     "ViewSource",
+    "VisualOdometry",
+    "VisualOdometryConfig",
+    "VisualSpeed",
 ]

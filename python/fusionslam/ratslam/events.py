@@ -3,10 +3,12 @@
 """What happens to a robot that makes a map, and its order: that of stamps, however it arrives."""
 
 import heapq
+import operator
 from dataclasses import dataclass
 from typing import Any
 
 from fusionslam.config import Section, merged, option
+from fusionslam.errors import DataError
 from fusionslam.messages import NANOSECONDS, Odometry, Picture
 from fusionslam.sensors import Frame
 
@@ -56,6 +58,20 @@ class Sighting:
 Event = Frame | Odometry | Motion | Picture | Look | Sighting
 """What ``RatSlam.step`` takes."""
 
+# Stamps are stored as int64; differences of two have to fit, too.
+_LATEST_NS = 2**62
+
+
+def stamp_of(event: Event) -> int:
+    """Nanoseconds. Raises DataError for what is no whole number, or none that a run can store."""
+    try:
+        stamp_ns = operator.index(event.stamp_ns)
+    except TypeError:
+        raise DataError(f"stamp {event.stamp_ns!r}: expected whole nanoseconds") from None
+    if abs(stamp_ns) > _LATEST_NS:
+        raise DataError(f"stamp {stamp_ns} ns: expected no more than {_LATEST_NS}")
+    return stamp_ns
+
 
 class OrderConfig(Section):
     """How events of several sources are put in order."""
@@ -91,8 +107,12 @@ class StampOrder:
         self._count = 0
 
     def add(self, event: Event) -> list[Event]:
-        """Take an event; returns those that nothing can come before any more, in order."""
-        key = (event.stamp_ns, _is_view(event))
+        """Take an event; returns those that nothing can come before any more, in order.
+
+        Raises:
+            DataError: a stamp that is no whole number of nanoseconds.
+        """
+        key = (stamp_of(event), _is_view(event))
         if self._given is not None and key < self._given:
             self.too_late += 1
             return []

@@ -10,6 +10,7 @@
 Route(ids=[1, 0], seconds=0.5)
 """
 
+import operator
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -228,5 +229,8 @@ class ExperienceMap:
 
 def _plain(action: Action) -> tuple[int, int, int, float, tuple[float, float]]:
     x, y = action.relative_place
-    kind, source, target = int(action.kind), int(action.source), int(action.target)
+    try:
+        kind, source, target = map(operator.index, action[:3])
+    except TypeError:
+        raise DataError(f"action {tuple(action[:3])}: expected whole numbers") from None
     return kind, source, target, float(action.relative_rotation), (float(x), float(y))

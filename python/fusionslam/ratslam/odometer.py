@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
+from fusionslam.evaluation.rigid import wrapped
 from fusionslam.messages import NANOSECONDS, Odometry
 from fusionslam.ratslam.events import Event, Motion
 from fusionslam.sensors import Frame
@@ -109,7 +110,7 @@ def _by_speed(now: Odometry2D, dt: float, limits: Limits, note: str = "") -> Str
 
 def _moved(before: Ground, now: Ground) -> tuple[float, float]:
     """Metres forwards, seen from the heading in the middle of the step, and radians turned."""
-    turn = float(np.pi - (np.pi - (now[2] - before[2])) % (2 * np.pi))
+    turn = float(wrapped(np.asarray(now[2] - before[2])))
     middle = before[2] + turn / 2
     dx, dy = now[0] - before[0], now[1] - before[1]
     return float(np.cos(middle) * dx + np.sin(middle) * dy), turn
@@ -122,4 +123,8 @@ def _ground(pose: NDArray[np.float64]) -> Ground | None:
 
 
 def _finite(v: float, w: float) -> tuple[float, float] | None:
-    return (float(v), float(w)) if np.isfinite([v, w]).all() else None
+    try:
+        speed = float(v), float(w)
+    except (TypeError, ValueError, OverflowError):
+        raise DataError(f"odometry v {v!r}, w {w!r}: expected numbers") from None
+    return speed if np.isfinite(speed).all() else None

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ways over a map of places and links: the quickest one between two nodes."""
 
-from typing import NamedTuple
+from typing import NamedTuple, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ def quickest_route(links: NDArray[np.void], count: int, a: int, b: int) -> Route
     from scipy.sparse.csgraph import dijkstra
 
     for node in (a, b):
-        if not 0 <= node < count:
+        if not isinstance(node, SupportsIndex) or not 0 <= node < count:
             raise DataError(f"path from node {a} to node {b}: there are {count} nodes")
     ends = np.sort(np.stack([links["source"], links["target"]], axis=1), axis=1)
     # The quickest first: a matrix adds up what stands in it twice.

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fusionslam._files import atomic_path
 from fusionslam.errors import DataError, FusionSlamError, ShapeError
+from fusionslam.evaluation.rigid import wrapped
 from fusionslam.ratslam.experience_map import LINK
 
 Floats = NDArray[np.float64]
@@ -150,9 +151,9 @@ class RatSlamRun:
             _check(name, array, np.dtype(np.float32), (views, *array.shape[1:2]))
         if len(self.why) != views:
             raise ShapeError(f"why: {len(self.why)} sentences, expected {views}: one a view")
-        ids = np.concatenate([self.node_ids, self.links["source"], self.links["target"]])
-        if ids.size and not NO_NODE <= ids.min() <= ids.max() < nodes:
-            raise DataError(f"a step or link names node {ids.min()} to {ids.max()} of {nodes}")
+        _check_ids("a step", self.node_ids, NO_NODE, nodes)
+        for end in ("source", "target"):
+            _check_ids("a link", self.links[end], 0, nodes)
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -227,12 +228,17 @@ def placed(nodes: Floats, ids: Integers, offsets: Floats) -> Floats:
     c, s = np.cos(origin[:, 2]), np.sin(origin[:, 2])
     x = origin[:, 0] + c * offsets[:, 0] - s * offsets[:, 1]
     y = origin[:, 1] + s * offsets[:, 0] + c * offsets[:, 1]
-    heading = np.pi - (np.pi - origin[:, 2] - offsets[:, 2]) % (2 * np.pi)
-    return np.stack([x, y, heading], axis=1)
+    return np.stack([x, y, wrapped(origin[:, 2] + offsets[:, 2])], axis=1)
 
 
 def _texts() -> list[str]:
     return [one.name for one in fields(RatSlamRun) if one.name not in _ARRAYS]
+
+
+def _check_ids(what: str, ids: Integers, first: int, count: int) -> None:
+    wrong = ids[(ids < first) | (ids >= count)]
+    if wrong.size:
+        raise DataError(f"{what} names node {wrong[0]} of {count}")
 
 
 def _check(name: str, array: Any, kind: np.dtype[Any], shape: tuple[int, ...]) -> None:

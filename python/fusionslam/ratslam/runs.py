@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fusionslam._files import uninterrupted
 from fusionslam.errors import DataError, FusionSlamError, ShapeError
+from fusionslam.evaluation.rigid import wrapped
 from fusionslam.ratslam.events import Event
 from fusionslam.ratslam.run_events import RunEvents, Unreadable, events_of
 from fusionslam.ratslam.run_record import NO_NODE, REFUSED, RatSlamRun
@@ -216,7 +217,7 @@ def true_poses(truth: Trajectory, stamps_ns: list[int]) -> NDArray[np.float64]:
     inside = np.clip(seconds, truth.seconds[0], truth.seconds[-1])
     known = np.abs(seconds - inside) <= _BEYOND_S
     places = np.stack(truth.places(inside), axis=1)
-    places[:, 2] = np.pi - (np.pi - places[:, 2]) % (2 * np.pi)
+    places[:, 2] = wrapped(places[:, 2])
     return np.where(known[:, None], places, np.nan)
 
 

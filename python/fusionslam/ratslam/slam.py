@@ -21,7 +21,7 @@ from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.messages import Odometry
 from fusionslam.ratslam.actions import Action, ActionKind
-from fusionslam.ratslam.events import Event, Look, Motion, Sighting
+from fusionslam.ratslam.events import Event, Look, Motion, Sighting, stamp_of
 from fusionslam.ratslam.experience_map import (
     ExperienceMap,
     ExperienceMapConfig,
@@ -66,7 +66,6 @@ class RatSlamConfig(Section):
         gt=0,
         le=1000,
     )
-
     ambiguous: int = option(
         3, "a view that was seen at so many other places does not speak against odometry", ge=1
     )
@@ -245,7 +244,7 @@ class RatSlam:
         return load_ratslam(path, views=views)
 
     def _check(self, event: Event) -> tuple[Odometry2D | None, Stride | None]:
-        stamp_ns, known = event.stamp_ns, self.memory
+        stamp_ns, known = stamp_of(event), self.memory
         if known.newest_ns is not None and stamp_ns < known.newest_ns:
             raise DataError(f"stamp {stamp_ns} ns: expected {known.newest_ns} ns or later")
         if _is_looking(event) and stamp_ns == known.looked_ns:

@@ -55,8 +55,9 @@ def maps_chapter(study: MapStudy, folder: Path) -> Chapter:
     if "hospital" in study.made:
         chapter.say(
             "All wards of the made hospital have one plan, and its corridors are symmetric. What "
-            "looks at clouds in the robot's frame, or at images, takes one ward for another there "
-            "and folds the map; clouds in world coordinates carry the answer with them."
+            "looks at clouds in the robot's frame, or at images, takes one ward for another there: "
+            "it folds a map that closes every loop. Clouds in world coordinates carry the answer "
+            "with them."
         )
     for note in study.notes():
         chapter.say(f"Missing: {note}.")
