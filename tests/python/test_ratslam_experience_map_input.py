@@ -34,7 +34,7 @@ def unchanged(graph: ExperienceMap, work: Callable[[], object], message: str) ->
 def test_odometry_that_is_not_finite_or_goes_back_in_time_is_an_error(
     graph: ExperienceMap, values: tuple[float, float, float]
 ) -> None:
-    unchanged(graph, lambda: graph.on_odometry(*values), "expected finite values and a time")
+    unchanged(graph, lambda: graph.on_odometry(*values), "expected finite values, no way")
 
 
 def test_no_time_is_no_motion(graph: ExperienceMap) -> None:
@@ -44,7 +44,8 @@ def test_no_time_is_no_motion(graph: ExperienceMap) -> None:
 
 
 def test_odometry_that_overflows_is_an_error(graph: ExperienceMap) -> None:
-    unchanged(graph, lambda: graph.on_odometry(1e300, 0.0, 1e300), "odometry")
+    for values in ((1e300, 0.0, 1e300), (1e100, 0.1, 1.0), (0.0, 1e100, 1.0), (0.0, 0.0, 1e100)):
+        unchanged(graph, lambda values=values: graph.on_odometry(*values), "beyond 1e12")
 
 
 @pytest.mark.parametrize("target", [0, 122, -1])
@@ -76,7 +77,9 @@ def test_an_edge_from_where_the_robot_is_not_is_an_error(graph: ExperienceMap) -
     unchanged(graph, lambda: graph.apply(Action(EDGE, 3, 5)), "the robot is at node")
 
 
-@pytest.mark.parametrize(("rotation", "place"), [(np.nan, (0, 0)), (0.0, (np.inf, 0.0))])
+@pytest.mark.parametrize(
+    ("rotation", "place"), [(np.nan, (0, 0)), (0.0, (np.inf, 0.0)), (0.0, (0.0, 1e300))]
+)
 def test_a_rotation_or_place_that_is_not_finite_is_an_error(
     graph: ExperienceMap, rotation: float, place: tuple[float, float]
 ) -> None:
@@ -118,6 +121,7 @@ def put(index: Any, value: Any) -> Callable[[Any], Any]:
         ("ends", put((0, 1), 0), "joins node 0 to itself"),
         ("ends", longer, "ends has"),
         ("links", put((2, 0), np.inf), "links holds a value that is not finite"),
+        ("nodes", put((3, 2), 1e300), "beyond 1e12"),
         ("links", put((2, 4), 0.0), "variance is not above 0"),
         ("links", longer, "links has"),
         ("loops", longer, "ends has"),
@@ -150,3 +154,15 @@ def test_a_state_without_one_of_its_arrays_is_an_error(graph: ExperienceMap, nam
 def test_a_configuration_out_of_range_is_an_error(change: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=next(iter(change))):
         ExperienceMap(**change)
+
+
+def test_headings_of_many_turns_are_taken_as_the_angles_that_they_are() -> None:
+    graph = ExperienceMap(preset="openratslam")
+    graph.apply(Action(NODE))
+    graph.on_odometry(1.0, 0.1, 1.0)
+    graph.apply(Action(NODE, 0, 1))
+    state = graph.state()
+    state["nodes"][1, 2] += 2e9 * np.pi
+    graph.restore(state)
+    graph.relax()
+    assert np.all(np.abs(graph.nodes[:, 2]) <= np.pi)

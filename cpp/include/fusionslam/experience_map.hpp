@@ -52,9 +52,10 @@ struct ExperienceMapConfig {
     visitor("initial_heading", config.initial_heading,
             OptionInfo{"heading of the robot at the start", "rad", -7, 7});
     visitor("loops", config.loops,
-            OptionInfo{"openratslam: sweeps of relaxation after an action", "", 0, 1e6});
+            OptionInfo{"openratslam: sweeps of relaxation after an action", "", 1, 1e6});
     visitor("correction", config.correction,
-            OptionInfo{"openratslam: part of a link's error that a sweep takes away", "", 0, 0.5});
+            OptionInfo{"openratslam: part of a link's error that each of its ends moves by", "", 0,
+                       0.5});
     visitor("drift_m", config.drift_m,
             OptionInfo{"deviation of odometry's way after one metre", "m/sqrt(m)", 1e-4, 10});
     visitor("drift_turn", config.drift_turn,
@@ -128,7 +129,8 @@ struct LoopCheck {
 
 /// What a relaxation did.
 struct Relaxation {
-  double residual_m = 0;    ///< root mean square of the links' errors of place
+  double residual_m = 0;    ///< root mean square of the links' errors of place; openratslam: as the
+                            ///< last sweep came upon them
   double residual_rad = 0;  ///< and of rotation
   double step_m = 0;        ///< farthest move of a node in the last step
   std::int64_t sweeps = 0;  ///< sweeps, or Gauss-Newton steps

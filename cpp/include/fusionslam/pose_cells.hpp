@@ -42,7 +42,7 @@ class PoseSheet {
   /// another number of ways, DataError if one is not finite; the sheet is then unchanged.
   void move(std::span<const double> x, std::span<const double> y, double layers);
 
-  /// Adds energy at a place: to the eight cells round it, so that it is their mean. The place is
+  /// Adds energy at a place: to the eight cells round it, so that it is their mean. The place
   /// may lie outside of the sheet, where it wraps. Throws DataError for numbers that are not finite
   /// or negative energy; the sheet is then unchanged.
   void inject(const SheetPlace& place, double energy);

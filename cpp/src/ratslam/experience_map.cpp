@@ -149,10 +149,10 @@ void create_edge(MapArrays& map, const MapAction& action) {
 }
 
 void check_finite(const MapAction& action) {
-  if (!std::isfinite(action.relative_rotation) || !std::isfinite(action.relative_x) ||
-      !std::isfinite(action.relative_y))
+  const double values[] = {action.relative_rotation, action.relative_x, action.relative_y};
+  if (!std::all_of(values, values + 3, [](double value) { return std::abs(value) <= farthest; }))
     throw DataError("edge to node " + std::to_string(action.target) +
-                    ": relative rotation or place is not finite");
+                    ": relative rotation or place is not finite or beyond 1e12");
 }
 
 void check_source(const MapArrays& map, const MapAction& action) {
@@ -210,10 +210,12 @@ void ExperienceMap::on_odometry(double v, double w, double dt) {
   const double dx = map.dx + way * std::cos(facing), dy = map.dy + way * std::sin(facing);
   const double seconds = map.seconds + dt;
   // Not finite where any of the values is not; v and w count at no time, too.
-  if (!std::isfinite(dx + dy + facing + seconds) || dt < 0)
+  const double largest = std::abs(dx) + std::abs(dy) + std::abs(turn) + seconds;
+  if (!(largest <= farthest) || dt < 0)
     throw DataError("odometry v " + std::to_string(v) + " m/s, w " + std::to_string(w) +
                     " rad/s, dt " + std::to_string(dt) +
-                    " s: expected finite values and a time that is not negative");
+                    " s: expected finite values, no way, turn or time beyond 1e12, and a time that "
+                    "is not negative");
   map.dx = dx, map.dy = dy, map.facing = facing, map.seconds = seconds;
   map.variance_m += config.drift_m * config.drift_m * std::abs(way);
   map.variance_rad += config.drift_turn * config.drift_turn * std::abs(turn) +

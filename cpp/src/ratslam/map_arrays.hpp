@@ -12,6 +12,9 @@
 
 namespace fusionslam::detail {
 
+/// No length, angle, time or variance of a map is larger; squares and sums of such are finite.
+constexpr double farthest = 1e12;
+
 /// The same angle in (-pi, pi].
 inline double wrapped(double angle) {
   constexpr double pi = std::numbers::pi;

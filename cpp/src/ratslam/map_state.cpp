@@ -26,9 +26,9 @@ void expect_size(std::size_t found, std::size_t expected, const char* name) {
 }
 
 void expect_finite(const std::vector<double>& values, const char* name) {
-  expect(
-      std::all_of(values.begin(), values.end(), [](double value) { return std::isfinite(value); }),
-      std::string(name) + " holds a value that is not finite");
+  expect(std::all_of(values.begin(), values.end(),
+                     [](double value) { return std::abs(value) <= detail::farthest; }),
+         std::string(name) + " holds a value that is not finite or beyond 1e12");
 }
 
 void expect_nodes(const std::vector<std::int64_t>& ids, std::int64_t count, const char* name) {
@@ -48,10 +48,13 @@ void put(std::vector<double>& values, const Pose2& pose) {
 
 Measure taken_measure(const double* values) {
   expect(values[4] > 0 && values[5] > 0, "a link's variance is not above 0");
-  return {values[0], values[1], values[2], values[3], values[4], values[5]};
+  return {values[0], detail::wrapped(values[1]), detail::wrapped(values[2]), values[3], values[4],
+          values[5]};
 }
 
-Pose2 taken_pose(const double* values) { return {values[0], values[1], values[2]}; }
+Pose2 taken_pose(const double* values) {
+  return {values[0], values[1], detail::wrapped(values[2])};
+}
 
 void check_sizes(const MapState& state) {
   const std::size_t links = state.loops.size();
@@ -93,9 +96,9 @@ MapState ExperienceMap::state() const {
     put(state.links, link.measure);
     state.loops.push_back(link.loop);
   }
-  state.robot = {map.dx,           map.dy,     map.facing,    map.seconds,    map.variance_m,
-                 map.variance_rad, map.credit, map.squares_m, map.squares_rad, map.arrived_m,
-                 map.arrived_rad};
+  state.robot = {map.dx,          map.dy,           map.facing,     map.seconds,
+                 map.variance_m,  map.variance_rad, map.credit,     map.squares_m,
+                 map.squares_rad, map.arrived_m,    map.arrived_rad};
   state.counts = {map.current, map.local_only};
   state.due = map.due;
   for (const Pending& loop : map.pending) {
@@ -130,7 +133,8 @@ void ExperienceMap::restore(const MapState& state) {
                             taken_pose(values), taken_pose(values + 3), taken_measure(values + 6)});
   }
   const std::vector<double>& robot = state.robot;
-  map->dx = robot[0], map->dy = robot[1], map->facing = robot[2], map->seconds = robot[3];
+  map->dx = robot[0], map->dy = robot[1], map->facing = detail::wrapped(robot[2]),
+  map->seconds = robot[3];
   map->variance_m = robot[4], map->variance_rad = robot[5], map->credit = robot[6];
   map->squares_m = robot[7], map->squares_rad = robot[8];
   map->arrived_m = robot[9], map->arrived_rad = robot[10];
