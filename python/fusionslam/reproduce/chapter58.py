@@ -55,8 +55,9 @@ def maps_chapter(study: MapStudy, folder: Path) -> Chapter:
     if "hospital" in study.made:
         chapter.say(
             "All wards of the made hospital have one plan, and its corridors are symmetric. What "
-            "looks at clouds in the robot's frame, or at images, takes one ward for another there "
-            "and folds the map; clouds in world coordinates carry the answer with them."
+            "looks at clouds in the robot's frame, or at images, takes one ward for another there, "
+            "which folds a map that believes it; clouds in world coordinates carry the answer with "
+            "them."
         )
     for note in study.notes():
         chapter.say(f"Missing: {note}.")
@@ -72,8 +73,8 @@ def _tables(chapter: Chapter, study: MapStudy, odometry: str, words: str) -> Non
         chapter.show(title, _errors(study, odometry, preset), "world")
     if odometry == "truth":
         chapter.say(
-            "Where odometry never errs, no map can be better than odometry alone, whose error is "
-            "that of adding up steps: a map can only show what wrong matches do to it."
+            "Where odometry never errs, odometry alone is off only by what adding up its steps "
+            "loses: there is next to nothing for a map to mend, and wrong matches can fold it."
         )
     chapter.show(
         f"Arrivals at a known node while the robot was elsewhere, of all arrivals, {words}",
