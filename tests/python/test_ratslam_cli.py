@@ -116,7 +116,7 @@ def test_a_recording_without_odometry_and_truth_says_so(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     write_bag(tmp_path / "still.bag", [one for one in drive(1.0) if one.topic != "/odom"])
     line = fails(1, "ratslam", tmp_path / "still.bag", "-o", tmp_path / "out", *QUICK)
-    assert "still has neither odometry messages nor true poses; odometry may be 'visual'" in line
+    assert "still.bag has neither odometry messages nor true poses" in line and "'visual'" in line
 
 
 def test_a_run_that_is_interrupted_and_resumed_equals_the_uninterrupted_one(

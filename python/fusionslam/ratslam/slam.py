@@ -303,11 +303,11 @@ class RatSlam:
         with watch.of("map"):
             done = self._checked(action)
             self.map.apply(done.action)
-            done = done._replace(relaxation=self.map.relax())
-        if done.action.kind == ActionKind.CREATE_NODE:
-            self.memory.node_stamps_ns.append(self.memory.newest_ns or 0)
-            self.memory.node_views.append(self.memory.view)
-        return done
+            # Before nodes are moved, which Ctrl-C may interrupt: each node has its stamp and view.
+            if done.action.kind == ActionKind.CREATE_NODE:
+                self.memory.node_stamps_ns.append(self.memory.newest_ns or 0)
+                self.memory.node_views.append(self.memory.view)
+            return done._replace(relaxation=self.map.relax())
 
     def _checked(self, action: Action) -> "_Done":
         """An edge that does not fit the map is not made: the place becomes a node of its own."""

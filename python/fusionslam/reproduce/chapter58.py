@@ -73,8 +73,8 @@ def _tables(chapter: Chapter, study: MapStudy, odometry: str, words: str) -> Non
         chapter.show(title, _errors(study, odometry, preset), "world")
     if odometry == "truth":
         chapter.say(
-            "Where odometry never errs, no map can be better than odometry alone, whose error is "
-            "that of adding up steps: a map can only show what wrong matches do to it."
+            "Where odometry never errs, odometry alone is off only by what adding up its steps "
+            "loses: there is next to nothing for a map to mend, and wrong matches can fold it."
         )
     chapter.show(
         f"Arrivals at a known node while the robot was elsewhere, of all arrivals, {words}",
