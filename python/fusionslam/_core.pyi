@@ -850,7 +850,7 @@ class ExperienceMapConfig:
     @property
     def correction(self) -> float:
         """
-        openratslam: part of a link's error that a sweep takes away
+        openratslam: part of a link's error that each of its ends moves by
         """
     @property
     def drift_heading(self) -> float:
