@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from benchmarks.accuracy.data import ROOT, world_files
 from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.evaluation.maps import judge_map
-from fusionslam.ratslam import RatSlam, TemplateSource
-from fusionslam.ratslam.run_events import events_of
+from fusionslam.ratslam import RatSlam, RatSlamConfig, TemplateSource
+from fusionslam.ratslam.run_events import events_of, expected_drift
 from fusionslam.ratslam.runs import RunRecorder, run_events
 from fusionslam.ratslam.tours import open_tour
 from fusionslam.ratslam.visual_motion import image_stamps_ns, visual_motions, visual_speeds
@@ -131,7 +131,8 @@ def map_rows(seen: Seen) -> Iterator[list[str]]:
     for preset in ("robust", "openratslam"):
         source = TemplateSource()
         events = replace(events_of(tour, source, "truth"), motions=motions, odometry="visual")
-        recorder = RunRecorder(RatSlam(preset=preset, views=source), events)
+        config = RatSlamConfig.model_validate({"preset": preset, "map": expected_drift("visual")})
+        recorder = RunRecorder(RatSlam(config, views=source), events)
         run_events(recorder)
         judged = judge_map(recorder.record())
         assert judged.dead_reckoning is not None and judged.trajectory is not None

@@ -94,7 +94,7 @@ def ratslam(
 
     Ctrl-C keeps the map so far, and what is needed to go on with it.
     """
-    from fusionslam.ratslam.run_events import ODOMETRY, events_of
+    from fusionslam.ratslam.run_events import ODOMETRY, events_of, expected_drift
     from fusionslam.ratslam.runs import RunRecorder
 
     make_folder(output)
@@ -106,7 +106,8 @@ def ratslam(
     changes += [f"odometry.seed={seed}"] if seed is not None else []
     if odometry is not None:
         opt.one_of("--odometry", odometry, ODOMETRY)
-    whole = whole_config(None, config, changes, recording={"shapes": "collision"})
+    first = {"recording": {"shapes": "collision"}, "ratslam": {"map": expected_drift(odometry)}}
+    whole = whole_config(None, config, changes, **first)
     slam, earlier = _mapper(whole, views, resume, changes)
     reading = (kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     with ExitStack() as shown:

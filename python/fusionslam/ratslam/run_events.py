@@ -25,10 +25,22 @@ OdometryName = Literal["topic", "visual", "truth", "truth+noise"]
 ODOMETRY: tuple[str, ...] = get_args(OdometryName)
 """What may tell how a robot moved."""
 
+_SEEN_DRIFT = {"drift_m": 0.3, "drift_turn": 0.05, "drift_heading": 0.05}
+
 RATE_HZ = 30.0
 """Odometry messages a second that are made of the truth."""
 
 _NO_ERRORS = OdometryConfig()
+
+
+def expected_drift(odometry: str | None) -> dict[str, float]:
+    """Options of the map that differ from its defaults for odometry of this kind: that of a camera
+    alone strays farther than that of wheels, and right loops must not look wrong beside it.
+
+    Args:
+        odometry: one of ``ODOMETRY``, or None.
+    """
+    return dict(_SEEN_DRIFT) if odometry == "visual" else {}
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from fusionslam._files import uninterrupted
 from fusionslam.errors import DataError, FusionSlamError, ShapeError
 from fusionslam.evaluation.rigid import wrapped
 from fusionslam.ratslam.events import Event
-from fusionslam.ratslam.run_events import RunEvents, Unreadable, events_of
+from fusionslam.ratslam.run_events import RunEvents, Unreadable, events_of, expected_drift
 from fusionslam.ratslam.run_record import NO_NODE, REFUSED, RatSlamRun
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.ratslam.sources import SourceOptions, source_named
@@ -148,7 +148,8 @@ def run_ratslam(
         views: what recognises places, one of ``SOURCES``.
         odometry: what tells the motion, one of ``ODOMETRY``; None for the topic where there is one,
             else the truth.
-        config: of the cells and the map.
+        config: of the cells and the map; None for the defaults, with the drift that is to be
+            expected of this odometry.
         options: what views are made with.
         errors: of odometry "truth+noise".
         seen: how speed is seen in images, of odometry "visual"; None for the defaults.
@@ -163,6 +164,7 @@ def run_ratslam(
     chosen = source_named(views, options)
     opened = open_tour(source, jobs=jobs, progress=progress)
     events = events_of(opened, chosen, odometry, errors, seen=seen, jobs=jobs, progress=progress)
+    config = config or RatSlamConfig.model_validate({"map": expected_drift(odometry)})
     recorder = RunRecorder(RatSlam(config, views=chosen), events)
     run_events(recorder, progress, watch)
     return recorder.record()
