@@ -25,7 +25,7 @@ OdometryName = Literal["topic", "visual", "truth", "truth+noise"]
 ODOMETRY: tuple[str, ...] = get_args(OdometryName)
 """What may tell how a robot moved."""
 
-_SEEN_DRIFT = {"drift_m": 0.3, "drift_turn": 0.05, "drift_heading": 0.05}
+_SEEN_DRIFT = {"drift_m": 0.15, "drift_turn": 0.03, "drift_heading": 0.03}
 
 RATE_HZ = 30.0
 """Odometry messages a second that are made of the truth."""
