@@ -83,7 +83,7 @@ def test_what_is_not_there_is_said(recording: Path, tmp_path: Path) -> None:
     with np.load(recording) as stored:
         arrays = {name: stored[name] for name in stored.files if name != "poses"}
     np.savez(tmp_path / "blind.npz", **arrays)
-    with pytest.raises(DataError, match="blind: no true poses"):
+    with pytest.raises(DataError, match="blind has neither odometry messages nor true poses"):
         run_ratslam(tmp_path / "blind.npz", OBJECTS)
 
 
