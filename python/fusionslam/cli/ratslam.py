@@ -175,7 +175,7 @@ def _mapper(
     given = ["--views"] * (views is not None)
     given += [text for text in settings if text.startswith(_OF_THE_STATE)]
     if given:
-        raise ConfigError(f"{given[0]}: {resume} says how its map is made")
+        raise ConfigError(f"{given[0]}: {resume} says how its map is made; leave the option out")
     return load_ratslam(resume), stored_run(resume)
 
 

@@ -84,8 +84,9 @@ class RunEvents:
             else int(np.searchsorted(self.look_stamps_ns, looked_ns, side="right"))
         )
         if not motions and first == len(self.look_stamps_ns):
+            seconds = max(moved_ns or 0, looked_ns or 0) / 1e9
             raise DataError(
-                f"{self.name}: nothing later than {max(moved_ns or 0, looked_ns or 0)} ns"
+                f"{self.name}: nothing later than {seconds:.3f} s, where the map to go on with ended"
             )
         return replace(
             self,
