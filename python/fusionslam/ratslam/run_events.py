@@ -86,7 +86,7 @@ class RunEvents:
         if not motions and first == len(self.look_stamps_ns):
             seconds = max(moved_ns or 0, looked_ns or 0) / 1e9
             raise DataError(
-                f"{self.name}: nothing later than {seconds:.3f} s, where the map to go on with ended"
+                f"{self.name}: nothing later than {seconds:.3f} s, where the earlier map ended"
             )
         return replace(
             self,
