@@ -56,7 +56,7 @@ class OnlineRatSlamConfig(Section):
 
     ratslam: RatSlamConfig = option(RatSlamConfig(), "the cells and the map")
     order: OrderConfig = option(
-        OrderConfig(wait=2.0, in_order=True, jump=1.0), "in which order what arrives is taken"
+        OrderConfig(wait=5.0, in_order=True, jump=1.0), "in which order what arrives is taken"
     )
 
 
