@@ -33,7 +33,7 @@ def show(
 ) -> None:
     """Draw a scan before and after it became objects, or which objects of two scans are alike."""
     from fusionslam.errors import ConfigError
-    from fusionslam.report.scene_clusters import ClusteredScan, clustered
+    from fusionslam.views.scene_clusters import ClusteredScan, clustered
     from fusionslam.report.scene_pictures import write_pair_picture, write_scene_picture
     from fusionslam.views import matcher, recorder
 
