@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from fusionslam.messages import Scan
-from fusionslam.views.scene_clusters import ClusteredScan
 from fusionslam.ros.message_types import MARKERS, header, make
+from fusionslam.views.scene_clusters import ClusteredScan
 
 _GREY = (90, 90, 90)
 _GOLDEN = 0.618034  # of a turn from hue to hue: neighbours differ, however many there are

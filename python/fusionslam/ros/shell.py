@@ -48,7 +48,10 @@ class Shell:
         # Before the node is made, which may take a while: who listens finds the topics at once.
         self._publishers = {
             topic: rospy.Publisher(
-                topic, message_class(type_name), queue_size=common.queue, latch=topic in kind.latched
+                topic,
+                message_class(type_name),
+                queue_size=common.queue,
+                latch=topic in kind.latched,
             )
             for topic, type_name in kind.outputs.items()
         }
@@ -59,6 +62,14 @@ class Shell:
         self._registration = Registration()
         self._last_arrival = self._last_report = time.monotonic()
         self._is_idle = True
+
+    def _publisher(self, topic: str, kind: type[Node[Any]]) -> rospy.Publisher:
+        return rospy.Publisher(
+            topic,
+            message_class(kind.outputs[topic]),
+            queue_size=self.config.node.queue,
+            latch=topic in kind.latched,
+        )
 
     def publish(self, topic: str, message: Any) -> None:
         """As ``Outlet``."""
@@ -199,4 +210,3 @@ def _typed(message: Any, entry: Input) -> tuple[Any, str]:
     except Exception as error:  # genpy raises all kinds
         raise DataError(f"no {found}, or cut short: {error}") from error
     return typed, found
-

@@ -4,6 +4,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import ClassVar
 
 from fusionslam.config import option
 from fusionslam.errors import DataError, ShapeError
@@ -40,7 +41,7 @@ class DataFusion(Node[DataFusionConfig]):
 
     name = "data_fusion"
     defaults = DataFusionConfig()
-    outputs = {COLORED: CLOUD}
+    outputs: ClassVar = {COLORED: CLOUD}
 
     def __init__(self, config: DataFusionConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)

@@ -3,10 +3,10 @@
 """Coloured clouds in, what places are recognised by out (Stastny 2022, 4.2.3)."""
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 from fusionslam.errors import ConfigError
 from fusionslam.messages import Scan
-from fusionslam.views.scene_clusters import clustered
 from fusionslam.ros.message_types import CLOUD, MARKERS, VIEW_DESCRIPTION, builder, header, make
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.data_fusion import COLORED
@@ -14,6 +14,7 @@ from fusionslam.ros.pictures import clustered_cloud, hull_markers
 from fusionslam.ros.view_config import ViewsConfig, cloud_of, matcher_of, source_of
 from fusionslam.sensors import Cloud
 from fusionslam.views.matcher import scene_config
+from fusionslam.views.scene_clusters import clustered
 from fusionslam.views.view_bytes import view_to_bytes
 
 DESCRIPTIONS = "current_scene_description"
@@ -25,7 +26,7 @@ class ViewBuilder(Node[ViewsConfig]):
 
     name = "lv_builder"
     defaults = ViewsConfig()
-    outputs = {DESCRIPTIONS: VIEW_DESCRIPTION, CLUSTERS: CLOUD, HULLS: MARKERS}
+    outputs: ClassVar = {DESCRIPTIONS: VIEW_DESCRIPTION, CLUSTERS: CLOUD, HULLS: MARKERS}
 
     def __init__(self, config: ViewsConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)

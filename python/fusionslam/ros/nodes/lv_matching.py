@@ -5,7 +5,7 @@
 import logging
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from fusionslam.config import option
 from fusionslam.datasets.bags.conversions import stamp_of
@@ -17,7 +17,7 @@ from fusionslam.ros.message_types import IMAGES, VIEW_DESCRIPTION, VIEW_TEMPLATE
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.data_fusion import LEFT
 from fusionslam.ros.nodes.lv_builder import DESCRIPTIONS
-from fusionslam.ros.saving import SavingConfig, Saver
+from fusionslam.ros.saving import Saver, SavingConfig
 from fusionslam.ros.view_config import ViewsConfig, matcher_of, source_of
 from fusionslam.views.view_bytes import view_from_bytes
 
@@ -37,7 +37,7 @@ class ViewMatching(Node[ViewMatchingConfig]):
 
     name = "lv_matching"
     defaults = ViewMatchingConfig()
-    outputs = {TEMPLATES: VIEW_TEMPLATE}
+    outputs: ClassVar = {TEMPLATES: VIEW_TEMPLATE}
 
     def __init__(self, config: ViewMatchingConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
