@@ -14,6 +14,10 @@ class DataError(FusionSlamError, ValueError):
     """The data cannot be used: the message names the file, line, offset or point."""
 
 
+class ClockError(DataError):
+    """A stamp lies before the last one: the clock went back, or a recording started anew."""
+
+
 class ConfigError(FusionSlamError, ValueError):
     """A configuration value is wrong: the message names the key and what was expected."""
 
