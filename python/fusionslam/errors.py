@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The errors that fusionslam raises on purpose.
 
-The C++ core throws the same four kinds; the bindings turn them into these classes.
+The C++ core throws the same kinds but ``ClockError``; the bindings turn them into these classes.
 """
 
 
