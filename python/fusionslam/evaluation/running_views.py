@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fusionslam.errors import ClockError, ShapeError
 from fusionslam.evaluation.true_scans import TrueScans, whole_nanoseconds
 from fusionslam.evaluation.view_report import ViewReport
 from fusionslam.evaluation.view_rules import ViewRule, view_rule
 from fusionslam.evaluation.views import checked_ids, checked_poses, checked_stamps
+from fusionslam.stamps import next_stamp
 
 _REPORTED: list[tuple[str, type]] = [
     ("ids", np.int64),
@@ -110,7 +110,8 @@ class RunningViews:
             DataError, ShapeError: as ``judge_views``. Nothing is added where this raises.
         """
         scan = self._count
-        self._put(scan, self._checked_stamp(stamp_ns), pose)
+        last = int(self._rows["stamp_ns"][scan - 1]) if scan else None
+        self._put(scan, next_stamp(stamp_ns, last), pose)
         view = int(checked_ids([view_id], 1)[0])
         first = self._first.setdefault(view, scan) if view >= 0 else -1
         self._count += 1
@@ -136,16 +137,6 @@ class RunningViews:
             rule=self.rule,
             **columns,
         )
-
-    def _checked_stamp(self, stamp_ns: int) -> int:
-        stamp = np.asarray(stamp_ns)
-        if stamp.shape or stamp.dtype.kind not in "iu":
-            raise ShapeError(f"stamp_ns is {stamp_ns!r}, expected whole nanoseconds")
-        last = int(self._rows["stamp_ns"][self._count - 1]) if self._count else int(stamp)
-        if stamp < last:
-            back = (last - int(stamp)) / 1e9
-            raise ClockError(f"stamp {int(stamp)} ns lies {back:g} s before that of the last view")
-        return int(stamp)
 
     def _put(self, scan: int, stamp_ns: int, pose: ArrayLike) -> None:
         """Write time and pose where the scan will be."""
