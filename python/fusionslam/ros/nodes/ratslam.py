@@ -100,9 +100,10 @@ class Mapper(Node[MapperConfig]):
         ]
 
     def idle(self) -> None:
-        """Take what waits, and show the map as it is."""
+        """Take what waits; show and keep the map as it is."""
         self._publish(self._online.flush())
         self._show()
+        self._saver.close()
 
     def close(self) -> None:
         """Keep the map."""
