@@ -49,7 +49,7 @@ if [ ! -e "$stamp" ] || [ pyproject.toml -nt "$stamp" ]; then
   rm -f "$stamp"
 fi
 if [ ! -e "$stamp" ] ||
-  [ -n "$(find CMakeLists.txt README.md LICENSE cpp bindings python -newer "$stamp" -type f \
+  [ -n "$(find CMakeLists.txt README.md LICENSE cpp bindings python ros -newer "$stamp" -type f \
     -not -name '*.pyc' -print -quit)" ]; then
   echo "Building fusionslam"
   touch "$stamp.new"  # what is edited during the build is built again next time

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError
+from fusionslam.fusion import CloudFrame
 from fusionslam.messages import (
     NANOSECONDS,
     CameraInfo,
@@ -134,7 +135,22 @@ class FrameBuilder:
         self._pending: deque[Pair] = deque()
         self._given_up: Counter[tuple[str, str]] = Counter()
         self._newest_ns: int | None = None
+        self._scan_frame = ""
         self._said: set[tuple[str, str]] = set()
+
+    @property
+    def jumps(self) -> int:
+        """How often the clock of a scanner or camera went back."""
+        return self.sync.jumps + (self.stereo.jumps if self.stereo else 0)
+
+    def frame_of(self, cloud_frame: CloudFrame) -> str:
+        """The name of the frame that clouds of ``fuse`` lie in, as far as it is known by now."""
+        names = {"robot": self.robot.robot, "odometry": self.robot.odometry}
+        if cloud_frame in names:
+            return names[cloud_frame] or ""
+        info = self._infos.get("left")
+        seen = info.frame_id if info is not None else ""
+        return self._scan_frame if cloud_frame == "scan" and self._scan_frame else seen
 
     @property
     def dropped(self) -> Counter[tuple[str, str]]:
@@ -165,6 +181,7 @@ class FrameBuilder:
         if isinstance(message, CameraInfo):
             self._infos[camera] = message
         elif isinstance(message, Scan):
+            self._scan_frame = message.frame_id
             self._synchronise("points", message)
         elif isinstance(message, Picture):
             self._synchronise(camera, message)

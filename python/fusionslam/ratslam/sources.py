@@ -25,6 +25,7 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig
 from fusionslam.messages import Picture
 from fusionslam.ratslam.events import Sighting
+from fusionslam.ratslam.given_views import GivenViews
 from fusionslam.sensors import Frame
 from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig, method_of
 from fusionslam.views.matches import ViewMatch
@@ -48,6 +49,10 @@ class ViewSource(Protocol):
 
     @property
     def title(self) -> str: ...
+
+    @property
+    def known(self) -> int:
+        """Number of ids given so far: the next new one."""
 
     def look(self, item: Any, stamp_ns: int) -> Sighting:
         """The view that something shows; ids count from 0, a new view has the next one.
@@ -82,6 +87,11 @@ class TemplateSource:
     def title(self) -> str:
         """For people."""
         return "visual templates"
+
+    @property
+    def known(self) -> int:
+        """As ``ViewSource``."""
+        return len(self.templates)
 
     def look(self, item: Any, stamp_ns: int) -> Sighting:
         """As ``ViewSource``."""
@@ -133,6 +143,11 @@ class MatcherSource:
         first = names.get(method_of(config), method_of(config))
         return first if config.second_stage is None else f"{first}, then {config.second_stage}"
 
+    @property
+    def known(self) -> int:
+        """As ``ViewSource``."""
+        return self.matcher.stats.new
+
     def look(self, item: Any, stamp_ns: int) -> Sighting:
         """As ``ViewSource``."""
         if isinstance(item, Picture):
@@ -166,9 +181,10 @@ class MatcherSource:
         self.matcher, self._places = matcher, {row[0]: tuple(row[1:]) for row in rows}
 
 
-KINDS: Mapping[str, type[TemplateSource] | type[MatcherSource]] = {
+KINDS: Mapping[str, type[TemplateSource] | type[MatcherSource] | type[GivenViews]] = {
     TemplateSource.kind: TemplateSource,
     MatcherSource.kind: MatcherSource,
+    GivenViews.kind: GivenViews,
 }
 """The sources that are made anew when a saved run is read, by their name in files."""
 
