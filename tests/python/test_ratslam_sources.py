@@ -7,6 +7,7 @@ import pytest
 
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.messages import Picture
+from fusionslam.ratslam.given_views import GivenViews
 from fusionslam.ratslam.sources import (
     KINDS,
     SOURCES,
@@ -104,7 +105,7 @@ def test_the_sources_by_name_are_what_they_say() -> None:
         "cm2dp": "cm2dp",
         "visual": "visual templates",
     }
-    assert {type(source_named(name)) for name in titles} == set(KINDS.values())
+    assert {type(source_named(name)) for name in titles} | {GivenViews} == set(KINDS.values())
     kept = source_named("cm2dp")
     assert isinstance(kept, MatcherSource) and kept.matcher.fusion_config.ground == "none"
     author = source_named("objects", SourceOptions(ViewMatcherConfig(preset="author")))

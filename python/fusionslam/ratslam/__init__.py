@@ -20,6 +20,9 @@ from fusionslam.ratslam.experience_map import (
     Relaxation,
     Route,
 )
+from fusionslam.ratslam.given_views import GivenView, GivenViews
+from fusionslam.ratslam.map_record import LiveMap
+from fusionslam.ratslam.online import OnlineRatSlam, OnlineRatSlamConfig
 from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
 from fusionslam.ratslam.run_record import REFUSED, RatSlamRun
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
@@ -32,10 +35,15 @@ __all__ = [
     "ActionKind",
     "ExperienceMap",
     "ExperienceMapConfig",
+    "GivenView",
+    "GivenViews",
+    "LiveMap",
     "Look",
     "LoopCheck",
     "MatcherSource",
     "Motion",
+    "OnlineRatSlam",
+    "OnlineRatSlamConfig",
     "OrderConfig",
     "Place",
     "PoseCells",

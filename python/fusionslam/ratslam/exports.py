@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A run's map and trajectories in files that others read: JSON, TUM, g2o, GraphML.
+"""Maps and trajectories in files that others read: JSON, TUM, g2o, GraphML.
+
+Of a ``RatSlamRun``, or of a ``LiveMap`` while it grows.
 
 All lengths are metres, angles radians counter-clockwise, stamps nanoseconds, unless the format
 itself says otherwise. Poses are on the map, whose frame begins where the robot began; only the
@@ -19,7 +21,7 @@ from numpy.typing import NDArray
 from fusionslam._files import atomic_path
 from fusionslam.datasets.trajectories import write_poses_tum
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.ratslam.run_record import RatSlamRun
+from fusionslam.ratslam.map_record import MapRecord
 
 PathLike = str | os.PathLike[str]
 Floats = NDArray[np.float64]
@@ -49,8 +51,8 @@ TRAJECTORIES = {
 _GRAPHML = "http://graphml.graphdrawing.org/xmlns"
 
 
-def export_run(folder: PathLike, run: RatSlamRun) -> list[Path]:
-    """Write every format into a folder; truth only if the run has some.
+def export_run(folder: PathLike, run: MapRecord) -> list[Path]:
+    """Write every format into a folder, and the trajectories that are known.
 
     Returns:
         The files: map.json, map.g2o, map.graphml, and those of ``TRAJECTORIES``.
@@ -62,17 +64,13 @@ def export_run(folder: PathLike, run: RatSlamRun) -> list[Path]:
     maps = {"map.json": write_map_json, "map.g2o": write_g2o, "map.graphml": write_graphml}
     for name, write in maps.items():
         write(base / name, run)
-    known = {
-        which: name
-        for which, name in TRAJECTORIES.items()
-        if which != "truth" or run.truth is not None
-    }
+    known = {which: name for which, name in TRAJECTORIES.items() if _poses(run, which) is not None}
     for which, name in known.items():
         write_trajectory(base / name, run, which)
     return [base / name for name in (*maps, *known.values())]
 
 
-def write_map_json(path: PathLike, run: RatSlamRun) -> None:
+def write_map_json(path: PathLike, run: MapRecord) -> None:
     """Write the map and the trajectory as one JSON object.
 
     Its keys: ``format``; ``name``, ``views``, ``odometry``, ``preset``, ``config`` of the run;
@@ -81,7 +79,8 @@ def write_map_json(path: PathLike, run: RatSlamRun) -> None:
     rotation, both seen from the source's heading; duration; the deviations to be expected of the
     way, along each axis, and of the rotation); ``trajectory``, of equally long lists:
     stamps_ns, node and view by id (-1 for none), and poses [x, y, heading] live, final and
-    dead_reckoning, and truth, null as a whole or at steps where nobody knows it.
+    dead_reckoning, and truth: null as a whole where nobody kept them, and truth at steps where
+    nobody knows it.
 
     Raises:
         DataError: a value that is not finite, or the file cannot be written.
@@ -106,7 +105,7 @@ def write_map_json(path: PathLike, run: RatSlamRun) -> None:
         file.write("\n")
 
 
-def write_trajectory(path: PathLike, run: RatSlamRun, which: str = "final") -> None:
+def write_trajectory(path: PathLike, run: MapRecord, which: str = "final") -> None:
     """Write a trajectory as TUM lines: seconds, x y z, quaternion x y z w.
 
     Args:
@@ -122,14 +121,15 @@ def write_trajectory(path: PathLike, run: RatSlamRun, which: str = "final") -> N
     """
     poses = _poses(run, which)
     if poses is None:
-        raise DataError(f"{run.name}: no true poses to write into {path}")
+        said = {"truth": "true", "dead_reckoning": "reckoned"}.get(which, which)
+        raise DataError(f"{run.name}: no {said} poses to write into {path}")
     _check(run)
     last = np.append(np.diff(run.stamps_ns) != 0, True)[: len(poses)]
     kept = last & ~_unknown(poses)
     write_poses_tum(path, run.stamps_ns[kept], _matrices(poses[kept]))
 
 
-def write_g2o(path: PathLike, run: RatSlamRun) -> None:
+def write_g2o(path: PathLike, run: MapRecord) -> None:
     """Write the map for pose graph optimisers: VERTEX_SE2 and EDGE_SE2, the first node fixed.
 
     An edge's measurement is what odometry and view said of the target as seen from the source:
@@ -143,16 +143,22 @@ def write_g2o(path: PathLike, run: RatSlamRun) -> None:
     _check(run)
     lines = [f"VERTEX_SE2 {node} {_numbers(pose)}" for node, pose in enumerate(run.nodes)]
     lines += ["FIX 0"] if lines else []
-    for link, (place, rotation) in zip(run.links, _information(run.links), strict=True):
-        way = link["distance"] * np.array([np.cos(link["heading"]), np.sin(link["heading"])])
-        measured = _numbers([*way, link["facing"]])
+    rows = zip(run.links, measured_ways(run.links), _information(run.links), strict=True)
+    for link, way, (place, rotation) in rows:
         information = _numbers([place, 0.0, 0.0, place, 0.0, rotation])
-        lines.append(f"EDGE_SE2 {link['source']} {link['target']} {measured} {information}")
+        ends = f"{link['source']} {link['target']}"
+        lines.append(f"EDGE_SE2 {ends} {_numbers(way)} {information}")
     with atomic_path(path) as temporary:
         temporary.write_text("".join(line + "\n" for line in lines), encoding="ascii")
 
 
-def write_graphml(path: PathLike, run: RatSlamRun) -> None:
+def measured_ways(links: NDArray[np.void]) -> Floats:
+    """float64 (n, 3): x, y and rotation of the target of each link, as seen from its source."""
+    c, s = np.cos(links["heading"]), np.sin(links["heading"])
+    return np.stack([links["distance"] * c, links["distance"] * s, links["facing"]], axis=1)
+
+
+def write_graphml(path: PathLike, run: MapRecord) -> None:
     """Write the map as a directed GraphML graph; attributes as in ``write_map_json``.
 
     Nodes are "n0", "n1", ...; whole numbers are of type long, others double; what the run says
@@ -200,11 +206,11 @@ def _put(
         data.text = value if isinstance(value, str) else repr(value)
 
 
-def _about(run: RatSlamRun) -> dict[str, str]:
+def _about(run: MapRecord) -> dict[str, str]:
     return {name: getattr(run, name) for name in ("name", "views", "odometry", "preset")}
 
 
-def _nodes(run: RatSlamRun) -> list[dict[str, Any]]:
+def _nodes(run: MapRecord) -> list[dict[str, Any]]:
     rows = zip(
         run.nodes.tolist(), run.node_stamps_ns.tolist(), run.node_views.tolist(), strict=True
     )
@@ -214,12 +220,12 @@ def _nodes(run: RatSlamRun) -> list[dict[str, Any]]:
     ]
 
 
-def _links(run: RatSlamRun) -> list[dict[str, Any]]:
+def _links(run: MapRecord) -> list[dict[str, Any]]:
     names = run.links.dtype.names or ()
     return [dict(zip(names, link, strict=True)) for link in run.links.tolist()]
 
 
-def _poses(run: RatSlamRun, which: str) -> Floats | None:
+def _poses(run: MapRecord, which: str) -> Floats | None:
     if which not in TRAJECTORIES:
         raise ConfigError(f"unknown trajectory {which!r}: expected {', '.join(TRAJECTORIES)}")
     names = {"final": "final_poses", "live": "poses"}
@@ -264,12 +270,13 @@ def _numbers(values: Any) -> str:
     return " ".join(f"{value:.17g}" for value in values)
 
 
-def _check(run: RatSlamRun) -> None:
+def _check(run: MapRecord) -> None:
     """Raise DataError that names the first value which is not finite."""
-    tables = {name: getattr(run, name) for name in ("nodes", "poses", "offsets", "dead_reckoning")}
+    tables: dict[str, NDArray[Any] | None] = {"nodes": run.nodes, "offsets": run.offsets}
+    tables |= {"poses": run.poses, "dead_reckoning": run.dead_reckoning}
     tables |= {f"links, {name}": run.links[name][:, None] for name in run.links.dtype.names or ()}
     if run.truth is not None:
         tables["truth"] = np.where(_unknown(run.truth)[:, None], 0.0, run.truth)
     for name, rows in tables.items():
-        if (bad := np.flatnonzero(~np.isfinite(rows).all(axis=1))).size:
+        if rows is not None and (bad := np.flatnonzero(~np.isfinite(rows).all(axis=1))).size:
             raise DataError(f"{name}: row {bad[0]} is {rows[bad[0]].tolist()}, expected numbers")

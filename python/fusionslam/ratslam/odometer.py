@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a robot moved between two stamps, of poses or of velocities."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.rigid import wrapped
 from fusionslam.messages import NANOSECONDS, Odometry
 from fusionslam.ratslam.events import Event, Motion
@@ -18,10 +19,12 @@ Ground = tuple[float, float, float]
 
 
 class Limits(NamedTuple):
-    """Seconds of silence that are noted, and m/s from which odometry is not believed."""
+    """Seconds of silence that are noted; m/s, and metres in one step, beyond which odometry is not
+    believed."""
 
     gap: float
     max_speed: float
+    max_way: float = math.inf
 
 
 class Stride(NamedTuple):
@@ -48,11 +51,12 @@ def said_by(event: Event) -> Odometry2D | None:
     where the pose is not finite, or of a ``Motion``, which has nothing else.
 
     Raises:
-        DataError: neither pose nor velocity is finite.
+        DataError: neither pose nor velocity is finite. ShapeError: of other shapes than theirs.
     """
     if isinstance(event, Motion):
         said = Odometry2D(int(event.stamp_ns), None, _finite(event.v, event.w))
     elif isinstance(event, Odometry):
+        _check_shapes(event)
         speed = _finite(float(event.linear[0]), float(event.angular[2]))
         said = Odometry2D(int(event.stamp_ns), _ground(event.pose), speed)
     elif isinstance(event, Frame) and event.odometry is not None:
@@ -69,7 +73,8 @@ def stride_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -
 
     A silence longer than ``limits.gap`` is noted. Poses tell all the same how far the robot came in
     it; a velocity is believed for that long and no longer. What is faster than ``limits.max_speed``
-    jumped: the velocity counts if there is one, else the robot did not move.
+    or farther than ``limits.max_way`` jumped: the velocity counts if there is one, else the robot
+    did not move.
 
     Args:
         before: the message before.
@@ -90,7 +95,7 @@ def stride_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -
         return _by_speed(now, dt, limits)
     forward, turn = _moved(before.pose, now.pose)
     way = float(np.hypot(now.pose[0] - before.pose[0], now.pose[1] - before.pose[1]))
-    if way > limits.max_speed * dt:
+    if way > min(limits.max_speed * dt, limits.max_way):
         known = now._replace(speed=now.speed or (0.0, 0.0))
         return _by_speed(known, dt, limits, f"odometry jumped {way:.4g} m, which is left out")
     silent = f"odometry was silent for {dt:.2f} s: {forward:.2f} m in one step"
@@ -101,7 +106,7 @@ def _by_speed(now: Odometry2D, dt: float, limits: Limits, note: str = "") -> Str
     if now.speed is None:
         raise DataError(f"odometry at {now.stamp_ns} ns: no pose before it, and no velocity")
     v, w = now.speed
-    if abs(v) > limits.max_speed:
+    if abs(v) > limits.max_speed or abs(v) * min(dt, limits.gap) > limits.max_way:
         return Stride(0.0, 0.0, dt, f"odometry says {v:.4g} m/s, which is left out")
     if not note and dt > limits.gap:
         note = f"odometry was silent for {dt:.2f} s: its velocity counts for {limits.gap:g} s"
@@ -114,6 +119,15 @@ def _moved(before: Ground, now: Ground) -> tuple[float, float]:
     middle = before[2] + turn / 2
     dx, dy = now[0] - before[0], now[1] - before[1]
     return float(np.cos(middle) * dx + np.sin(middle) * dy), turn
+
+
+def _check_shapes(event: Odometry) -> None:
+    for name, shape in (("pose", (4, 4)), ("linear", (3,)), ("angular", (3,))):
+        found = getattr(event, name)
+        if np.shape(found) != shape or np.asarray(found).dtype.kind not in "fiu":
+            raise ShapeError(
+                f"odometry at {event.stamp_ns} ns: {name} {found!r}, expected numbers {shape}"
+            )
 
 
 def _ground(pose: NDArray[np.float64]) -> Ground | None:

@@ -73,7 +73,7 @@ _DAMAGED = (
 )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class RatSlamRun:
     """A run, step by step: n steps (odometry and views), m of them views, k nodes in the end.
 
@@ -157,6 +157,11 @@ class RatSlamRun:
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
+
+    def __repr__(self) -> str:
+        """In a line: arrays of thousands of rows are no help."""
+        counts = f"{len(self)} steps, {len(self.nodes)} nodes, {len(self.links)} links"
+        return f"<RatSlamRun {self.name}: {counts}>"
 
     @property
     def seconds(self) -> Floats:

@@ -10,8 +10,9 @@
 'node 0 made of view 0'
 """
 
+import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
@@ -19,15 +20,15 @@ import numpy as np
 
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
-from fusionslam.messages import Odometry
 from fusionslam.ratslam.actions import Action, ActionKind
-from fusionslam.ratslam.events import Event, Look, Motion, Sighting, stamp_of
+from fusionslam.ratslam.events import Event, Look, Sighting, is_looking, stamp_of
 from fusionslam.ratslam.experience_map import (
     ExperienceMap,
     ExperienceMapConfig,
     LoopCheck,
     Relaxation,
 )
+from fusionslam.ratslam.memory import Memory
 from fusionslam.ratslam.odometer import (
     Ground,
     Limits,
@@ -42,6 +43,9 @@ from fusionslam.ratslam.stopwatch import Stopwatch
 from fusionslam.views.matches import NO_VIEW
 
 NOTHING = Action(ActionKind.NONE)
+
+# Of less than a cell each: what the original's cells take for one message of odometry.
+_MOST_PIECES = 300
 
 
 class RatSlamConfig(Section):
@@ -69,11 +73,6 @@ class RatSlamConfig(Section):
     ambiguous: int = option(
         3, "a view that was seen at so many other places does not speak against odometry", ge=1
     )
-
-    @property
-    def limits(self) -> Limits:
-        """Of what odometry is believed."""
-        return Limits(self.gap, self.max_speed)
 
 
 @dataclass(frozen=True)
@@ -111,37 +110,6 @@ class Step:
     relaxation: Relaxation | None = None
     looked: bool = False
     seconds: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), compare=False)
-
-
-@dataclass
-class Memory:
-    """What a ``RatSlam`` remembers beside its cells and its map.
-
-    Attributes:
-        odometry: the last that was said.
-        newest_ns: stamp of the newest event.
-        looked_ns: stamp of the last view, recognised or not.
-        view: id of the last one that was recognised; -1 before the first.
-        moved: whether odometry has said yet how the robot moved.
-        node_stamps_ns, node_views: of each node, when and of which view it was made.
-    """
-
-    odometry: Odometry2D | None = None
-    newest_ns: int | None = None
-    looked_ns: int | None = None
-    view: int = NO_VIEW
-    moved: bool = False
-    node_stamps_ns: list[int] = field(default_factory=list)
-    node_views: list[int] = field(default_factory=list)
-
-    @classmethod
-    def of(cls, values: Mapping[str, Any]) -> "Memory":
-        """Of what ``asdict`` and JSON make of one."""
-        said = values["odometry"]
-        if said is not None:
-            stamp_ns, pose, speed = said
-            said = Odometry2D(stamp_ns, pose and tuple(pose), speed and tuple(speed))
-        return cls(**{**values, "odometry": said})
 
 
 class RatSlam:
@@ -182,6 +150,7 @@ class RatSlam:
         # A map without nodes goes where odometry alone would.
         self.alone = ExperienceMap(self.map.config)
         self.memory = Memory()
+        self._limits = Limits(self.config.gap, self.config.max_speed, self._farthest())
 
     @property
     def preset(self) -> str:
@@ -217,6 +186,14 @@ class RatSlam:
         done = self._act(stride, sighting, watch)
         return self._told(event, stride, sighting, done, watch)
 
+    def forget_clock(self) -> None:
+        """Take whatever stamp comes next, as where a recording begins again.
+
+        Cells and map stay. Odometry starts anew: from the last one before to the first one after
+        the robot has not moved.
+        """
+        self.memory.odometry = self.memory.newest_ns = self.memory.looked_ns = None
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one file, whole or not at all: ``load`` goes on exactly from here.
 
@@ -247,10 +224,10 @@ class RatSlam:
         stamp_ns, known = stamp_of(event), self.memory
         if known.newest_ns is not None and stamp_ns < known.newest_ns:
             raise DataError(f"stamp {stamp_ns} ns: expected {known.newest_ns} ns or later")
-        if _is_looking(event) and stamp_ns == known.looked_ns:
+        if is_looking(event) and stamp_ns == known.looked_ns:
             raise DataError(f"view at {stamp_ns} ns: expected a stamp later than the last view's")
         said = said_by(event)
-        stride = None if said is None else stride_between(known.odometry, said, self.config.limits)
+        stride = None if said is None else stride_between(known.odometry, said, self._limits)
         return said, stride
 
     def _move(self, said: Odometry2D | None, stride: Stride | None, watch: Stopwatch) -> None:
@@ -267,13 +244,18 @@ class RatSlam:
         if said is not None:
             self.memory.odometry, self.memory.newest_ns = said, said.stamp_ns
 
+    def _farthest(self) -> float:
+        """Metres in one step that the cells can take in a time that a robot has."""
+        cells = self.cells.config
+        return math.inf if cells.preset == "robust" else _MOST_PIECES * cells.cell_m
+
     def _pieces(self, way: float) -> int:
         """The original's cells take steps of less than a cell."""
         cells = self.cells.config
         return 1 if cells.preset == "robust" else int(abs(way) / cells.cell_m) + 1
 
     def _look(self, event: Event, watch: Stopwatch) -> Sighting | None:
-        if not _is_looking(event):
+        if not is_looking(event):
             return None
         if isinstance(event, Sighting):
             return event
@@ -392,7 +374,3 @@ class _Done(NamedTuple):
 
 def _plain(sighting: Sighting) -> str:
     return "nothing recognised" if sighting.view_id == NO_VIEW else f"view {sighting.view_id}"
-
-
-def _is_looking(event: Event) -> bool:
-    return not isinstance(event, Odometry | Motion)

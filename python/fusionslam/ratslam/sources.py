@@ -25,6 +25,7 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig
 from fusionslam.messages import Picture
 from fusionslam.ratslam.events import Sighting
+from fusionslam.ratslam.given_views import GivenViews
 from fusionslam.sensors import Frame
 from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig, method_of
 from fusionslam.views.matches import ViewMatch
@@ -180,9 +181,10 @@ class MatcherSource:
         self.matcher, self._places = matcher, {row[0]: tuple(row[1:]) for row in rows}
 
 
-KINDS: Mapping[str, type[TemplateSource] | type[MatcherSource]] = {
+KINDS: Mapping[str, type[TemplateSource] | type[MatcherSource] | type[GivenViews]] = {
     TemplateSource.kind: TemplateSource,
     MatcherSource.kind: MatcherSource,
+    GivenViews.kind: GivenViews,
 }
 """The sources that are made anew when a saved run is read, by their name in files."""
 

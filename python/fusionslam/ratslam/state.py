@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from fusionslam._files import atomic_path
 from fusionslam.config import merged
 from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.ratslam.memory import Memory
 from fusionslam.ratslam.run_record import RatSlamRun
-from fusionslam.ratslam.slam import Memory, RatSlam, RatSlamConfig
+from fusionslam.ratslam.slam import RatSlam, RatSlamConfig
 from fusionslam.ratslam.sources import KINDS, ViewSource
 
 FORMAT = "fusionslam.ratslam.1"
@@ -108,7 +109,7 @@ def _views(kind: str | None, given: ViewSource | None) -> ViewSource | None:
     """The source, without views, into which they are read."""
     if given is not None:
         if given.kind != kind:
-            raise DataError(f"it recognises by {kind or 'given ids'}, expected {given.kind}")
+            raise DataError(f"it recognises by {kind or 'nothing'}, expected {given.kind}")
         return given
     if kind is None:
         return None

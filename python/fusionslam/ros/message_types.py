@@ -3,6 +3,7 @@
 """The classes of ROS messages by name, and messages made of values."""
 
 import functools
+import math
 from importlib import import_module
 from typing import Any
 
@@ -28,6 +29,9 @@ POSE = "geometry_msgs/PoseStamped"
 PATH = "nav_msgs/Path"
 MARKERS = "visualization_msgs/MarkerArray"
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
+
+Ground = tuple[float, float, float]
+"""x, y in metres and a heading in radians."""
 
 
 @functools.cache
@@ -77,3 +81,22 @@ def ros_duration(nanoseconds: int) -> Any:
 def header(stamp_ns: int, frame_id: str) -> Any:
     """A std_msgs/Header."""
     return make("std_msgs/Header", stamp=ros_time(stamp_ns), frame_id=frame_id)
+
+
+def ground_pose(place: Ground) -> Any:
+    """A geometry_msgs/Pose of x, y in metres and a heading in radians."""
+    x, y, heading = (float(value) for value in place)
+    position = make("geometry_msgs/Point", x=x, y=y, z=0.0)
+    return make("geometry_msgs/Pose", position=position, orientation=_turned(heading))
+
+
+def ground_transform(place: Ground) -> Any:
+    """A geometry_msgs/Transform of the same."""
+    x, y, heading = (float(value) for value in place)
+    translation = make("geometry_msgs/Vector3", x=x, y=y, z=0.0)
+    return make("geometry_msgs/Transform", translation=translation, rotation=_turned(heading))
+
+
+def _turned(heading: float) -> Any:
+    z, w = math.sin(heading / 2), math.cos(heading / 2)
+    return make("geometry_msgs/Quaternion", x=0.0, y=0.0, z=z, w=w)

@@ -33,7 +33,10 @@ class DataFusionConfig(CommonConfig):
     """Of the node data_fusion."""
 
     fusion: FusionConfig = option(ROBOT_FUSION, "what a cloud is made of, where it lies, ground")
-    online: OnlineConfig = option(OnlineConfig(), "which image belongs to which scan; frames")
+    # rospy may deliver odometry later than scans: at five times a bag's pace, by half a second.
+    online: OnlineConfig = option(
+        OnlineConfig(wait=2.0), "which image belongs to which scan; frames"
+    )
 
 
 class DataFusion(Node[DataFusionConfig]):

@@ -14,8 +14,7 @@ from fusionslam.errors import ConfigError
 from fusionslam.loop_closure import LoopConfig, LoopDetector
 from fusionslam.messages import Scan
 from fusionslam.ros.config import CommonConfig
-from fusionslam.ros.conversions import ground_pose
-from fusionslam.ros.message_types import CLOUD, LOOP_CLOSURE, header, make, ros_time
+from fusionslam.ros.message_types import CLOUD, LOOP_CLOSURE, ground_pose, header, make, ros_time
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.data_fusion import COLORED
 from fusionslam.ros.saving import Saver, SavingConfig
@@ -66,6 +65,10 @@ class LoopClosure(Node[LoopClosureConfig]):
     def inputs(self) -> Sequence[Input]:
         """Coloured clouds."""
         return [Input(COLORED, [CLOUD], self._take)]
+
+    def idle(self) -> None:
+        """Keep what is known now."""
+        self._saver.close()
 
     def close(self) -> None:
         """Keep all descriptors."""

@@ -10,7 +10,7 @@ from fusionslam.messages import Scan
 from fusionslam.ros.message_types import CLOUD, MARKERS, VIEW_DESCRIPTION, builder, header, make
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.data_fusion import COLORED
-from fusionslam.ros.pictures import clustered_cloud, hull_markers
+from fusionslam.ros.scene_messages import clustered_cloud, hull_markers
 from fusionslam.ros.view_config import ViewsConfig, cloud_of, matcher_of, source_of
 from fusionslam.sensors import Cloud
 from fusionslam.views.matcher import scene_config

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from fusionslam.messages import Scan
+from fusionslam.ros.markers import color, marker, point
 from fusionslam.ros.message_types import MARKERS, header, make
 from fusionslam.views.scene_clusters import ClusteredScan
 
@@ -34,11 +35,11 @@ def hull_markers(scan: Scan, objects: ClusteredScan) -> Any:
     top = header(scan.stamp_ns, scan.frame_id)
     markers = [make("visualization_msgs/Marker", header=top, action=_DELETE_ALL)]
     for number, members in enumerate(objects.members):
-        corners = [_point(row) for row in _triangles(objects.points[members])]
+        corners = [point(*row) for row in _triangles(objects.points[members])]
         if corners:
-            markers.append(_marker(top, "hulls", number, _TRIANGLES, points=corners))
-            markers[-1].color = _color(_hue(number), _SEE_THROUGH)
-            markers[-1].scale = make("geometry_msgs/Vector3", x=1.0, y=1.0, z=1.0)
+            look = color(_hue(number), _SEE_THROUGH)
+            markers.append(marker(top, "hulls", number, _TRIANGLES, [1.0] * 3, look))
+            markers[-1].points = corners
     return make(MARKERS, markers=markers)
 
 
@@ -46,37 +47,11 @@ def _hue(number: int) -> tuple[float, float, float]:
     return colorsys.hsv_to_rgb(number * _GOLDEN % 1, 0.75, 1.0)
 
 
-def _triangles(points: NDArray[np.float32]) -> Iterator[NDArray[np.float64]]:
+def _triangles(points: NDArray[np.float32]) -> Iterator[list[float]]:
     """The corners of the hull's triangles, three after three; none of a flat object."""
     try:
         hull = ConvexHull(points.astype(np.float64))
     except QhullError:
         return
     for triangle in hull.simplices:
-        yield from hull.points[triangle]
-
-
-def _marker(top: Any, namespace: str, number: int, kind: int, **fields: Any) -> Any:
-    upright = make("geometry_msgs/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-    place = make("geometry_msgs/Point", x=0.0, y=0.0, z=0.0)
-    pose = make("geometry_msgs/Pose", position=place, orientation=upright)
-    return make(
-        "visualization_msgs/Marker",
-        header=top,
-        ns=namespace,
-        id=number,
-        type=kind,
-        action=0,
-        pose=pose,
-        **fields,
-    )
-
-
-def _point(row: NDArray[np.float64]) -> Any:
-    x, y, z = row.tolist()
-    return make("geometry_msgs/Point", x=x, y=y, z=z)
-
-
-def _color(rgb: tuple[float, float, float], alpha: float) -> Any:
-    r, g, b = rgb
-    return make("std_msgs/ColorRGBA", r=r, g=g, b=b, a=alpha)
+        yield from hull.points[triangle].tolist()

@@ -1,14 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A process that listens to topics of ROS and keeps every message: run by ``ros_world``.
+"""A process that listens to topics of ROS and keeps every message: run by ``world``.
 
 Answers each line of its input: "count" with the number of messages so far, "keep PATH" by writing
-them there, as a pickled list of (topic, type, bytes).
+them there, as a pickled list of (topic, type, bytes, seconds).
 """
 
 import pickle
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,13 @@ def main(topics: list[str]) -> None:
     need_ros()
     import rospy
 
-    kept: list[tuple[str, str, bytes]] = []
+    kept: list[tuple[str, str, bytes, float]] = []
     lock = threading.Lock()
 
     def take(message: Any, topic: str) -> None:
+        now = time.monotonic()
         with lock:
-            kept.append((topic, message._connection_header["type"], message._buff))
+            kept.append((topic, message._connection_header["type"], message._buff, now))
 
     rospy.init_node("listener", disable_signals=True)
     for topic in topics:

@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What files of maps are written of: a run that is over, or a map that still grows."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.ratslam.slam import RatSlam
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class MapRecord(Protocol):
+    """A map and the way on it: a ``RatSlamRun``, or a ``LiveMap``.
+
+    Attributes as of ``RatSlamRun``; None for trajectories that nobody kept.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def views(self) -> str: ...
+    @property
+    def odometry(self) -> str: ...
+    @property
+    def preset(self) -> str: ...
+    @property
+    def config(self) -> Mapping[str, Any]: ...
+    @property
+    def nodes(self) -> Floats: ...
+    @property
+    def node_stamps_ns(self) -> Integers: ...
+    @property
+    def node_views(self) -> Integers: ...
+    @property
+    def links(self) -> NDArray[np.void]: ...
+    @property
+    def stamps_ns(self) -> Integers: ...
+    @property
+    def node_ids(self) -> Integers: ...
+    @property
+    def view_ids(self) -> Integers: ...
+    @property
+    def offsets(self) -> Floats: ...
+    @property
+    def final_poses(self) -> Floats: ...
+    @property
+    def poses(self) -> Floats | None: ...
+    @property
+    def dead_reckoning(self) -> Floats | None: ...
+    @property
+    def truth(self) -> Floats | None: ...
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LiveMap:
+    """The map of a ``RatSlam`` as it is now: its way are the nodes, in the order of their making.
+
+    Where the robot was between them nobody keeps: it would grow without end.
+
+    Attributes:
+        name, views, odometry, preset, config: as of ``RatSlamRun``.
+        nodes: float64 (k, 3), x, y in metres and heading in radians.
+        node_stamps_ns: int64 (k), when each was made.
+        node_views: int64 (k), the view it was made of.
+        links: of dtype ``LINK``, in the order of their making.
+    """
+
+    name: str
+    views: str
+    odometry: str
+    preset: str
+    config: Mapping[str, Any]
+    nodes: Floats
+    node_stamps_ns: Integers
+    node_views: Integers
+    links: NDArray[np.void]
+    poses: None = None
+    dead_reckoning: None = None
+    truth: None = None
+
+    @classmethod
+    def of(cls, slam: RatSlam, name: str, odometry: str) -> "LiveMap":
+        """A copy of the map of a ``RatSlam``.
+
+        Args:
+            slam: not changed.
+            name: of what is driven, for people.
+            odometry: what tells the way, for people.
+        """
+        return cls(
+            name=name,
+            views="given ids" if slam.views is None else slam.views.title,
+            odometry=odometry,
+            preset=slam.preset,
+            config=slam.config.model_dump(mode="json"),
+            nodes=slam.map.nodes,
+            node_stamps_ns=np.array(slam.memory.node_stamps_ns, np.int64),
+            node_views=np.array(slam.memory.node_views, np.int64),
+            links=slam.map.links,
+        )
+
+    @property
+    def stamps_ns(self) -> Integers:
+        """int64 (k): of the nodes."""
+        return self.node_stamps_ns
+
+    @property
+    def node_ids(self) -> Integers:
+        """int64 (k): of the nodes."""
+        return np.arange(len(self.nodes))
+
+    @property
+    def view_ids(self) -> Integers:
+        """int64 (k): of the nodes."""
+        return self.node_views
+
+    @property
+    def offsets(self) -> Floats:
+        """float64 (k, 3): none."""
+        return np.zeros_like(self.nodes)
+
+    @property
+    def final_poses(self) -> Floats:
+        """float64 (k, 3): the nodes."""
+        return self.nodes
