@@ -66,8 +66,7 @@ def driven(test_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Driven:
 def test_loops_are_those_of_the_detector(driven: Driven) -> None:
     detector = LoopDetector("cm2dp", window=2, threshold=0.6)
     scans = [
-        value_of(message, "sensor_msgs/PointCloud2", "")
-        for message in driven.messages["/rgb_cloud"]
+        value_of(message, "sensor_msgs/PointCloud2", "") for message in driven.messages["/rgb_cloud"]
     ]
     wanted = []
     for scan in scans:
@@ -114,7 +113,9 @@ def test_views_are_judged_as_the_library_judges_them(driven: Driven) -> None:
     assert written == json.loads(json.dumps(wanted.metrics()))
     assert "accuracy" in driven.log
     pictures = {path.name for path in (driven.folder / "judged").glob("*.jpg")}
-    assert pictures == {f"false_positive_{scan:06d}.jpg" for scan in wanted.false_positive_indices}
+    assert pictures == {
+        f"false_positive_{scan:06d}.jpg" for scan in wanted.false_positive_indices
+    }
 
 
 def test_the_recorded_scenes_are_those_of_views_record(driven: Driven, tmp_path: Path) -> None:
