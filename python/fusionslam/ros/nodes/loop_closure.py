@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal
 from fusionslam.aligned_loops import AlignedLoop, AlignedLoopDetector
 from fusionslam.config import option
 from fusionslam.descriptors import DescriptorConfig
-from fusionslam.errors import ConfigError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.loop_closure import LoopConfig, LoopDetector
 from fusionslam.messages import Scan
 from fusionslam.ros.config import CommonConfig
@@ -18,7 +18,7 @@ from fusionslam.ros.message_types import CLOUD, LOOP_CLOSURE, ground_pose, heade
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.data_fusion import COLORED
 from fusionslam.ros.saving import Saver, SavingConfig
-from fusionslam.ros.view_config import cloud_of
+from fusionslam.ros.view_config import EMPTY, cloud_of
 
 logger = logging.getLogger(__name__)
 
@@ -46,7 +46,7 @@ class LoopClosure(Node[LoopClosureConfig]):
         self._loops = AlignedLoopDetector(
             LoopDetector(config.descriptor, config=config.loop_closure, describe=config.descriptors)
         )
-        self._saver = Saver(config.memory, lambda path: self._loops.save(path))
+        self._saver = Saver(config.memory, lambda path: self._loops.save(path), self.complaints)
         self._go_on(self._saver.path)
 
     def _go_on(self, path: Path | None) -> None:
@@ -75,7 +75,10 @@ class LoopClosure(Node[LoopClosureConfig]):
         self._saver.close()
 
     def _take(self, scan: Scan) -> None:
-        loop = self._loops.add(cloud_of(scan), scan.stamp_ns)
+        cloud = cloud_of(scan)
+        if not len(cloud):
+            raise DataError(EMPTY)
+        loop = self._loops.add(cloud, scan.stamp_ns)
         self.counts["clouds"] += 1
         if loop is not None:
             self.counts["loops"] += 1

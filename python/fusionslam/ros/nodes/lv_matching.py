@@ -42,7 +42,9 @@ class ViewMatching(Node[ViewMatchingConfig]):
     def __init__(self, config: ViewMatchingConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
         self._source = source_of(config)
-        self._saver = Saver(config.memory, lambda path: save_source(self._source, path))
+        self._saver = Saver(
+            config.memory, lambda path: save_source(self._source, path), self.complaints
+        )
         self._go_on(self._saver.path)
 
     def _go_on(self, path: Path | None) -> None:
