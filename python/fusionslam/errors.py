@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The errors that fusionslam raises on purpose.
 
-The C++ core throws the same four kinds; the bindings turn them into these classes.
+The C++ core throws the same kinds but ``ClockError``; the bindings turn them into these classes.
 """
 
 
@@ -12,6 +12,10 @@ class FusionSlamError(Exception):
 
 class DataError(FusionSlamError, ValueError):
     """The data cannot be used: the message names the file, line, offset or point."""
+
+
+class ClockError(DataError):
+    """A stamp lies before the last one: the clock went back, or a recording started anew."""
 
 
 class ConfigError(FusionSlamError, ValueError):

@@ -14,10 +14,10 @@ from bag_maker import drive as bag_drive
 from bag_maker import write_bag
 from command_line import fails, last_line, succeeds
 from fusionslam.errors import DataError, FusionSlamError
-from fusionslam.report.scene_clusters import ClusteredScan, clustered, object_similarities
 from fusionslam.sensors import Cloud
 from fusionslam.views import SceneConfig, SceneSet, SimilarityConfig, scene_similarity
 from fusionslam.views.alignment import AlignmentConfig
+from fusionslam.views.scene_clusters import ClusteredScan, clustered, object_similarities
 from object_places import NOTHING, drive, place, write_recording
 
 pytest.importorskip("matplotlib")

@@ -33,9 +33,9 @@ def show(
 ) -> None:
     """Draw a scan before and after it became objects, or which objects of two scans are alike."""
     from fusionslam.errors import ConfigError
-    from fusionslam.report.scene_clusters import ClusteredScan, clustered
     from fusionslam.report.scene_pictures import write_pair_picture, write_scene_picture
     from fusionslam.views import matcher, recorder
+    from fusionslam.views.scene_clusters import ClusteredScan, clustered
 
     if output.suffix.lower() != ".png":
         raise ConfigError(f"--output is {output}, expected the name of a .png")

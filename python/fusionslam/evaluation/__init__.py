@@ -10,7 +10,8 @@
 
     print(judge_views(ids, poses, stamps))
 
-judges the view ids of a place recognition that stores scenes as it goes, and
+judges the view ids of a place recognition that stores scenes as it goes, ``RunningViews`` does so
+while the robot drives, and
 
     print(judge_map(run))
 
@@ -32,6 +33,7 @@ from fusionslam.evaluation.protocols import (
 )
 from fusionslam.evaluation.published import CITATION, kitti_sequence, published_figures
 from fusionslam.evaluation.rigid import RigidMotion, fit_rigid
+from fusionslam.evaluation.running_views import JudgedView, RunningViews
 from fusionslam.evaluation.runs import DescriptorRun
 from fusionslam.evaluation.sweep import RANKS, evaluate_matches, precision_recall
 from fusionslam.evaluation.view_baselines import always_new, baselines, every_kth
@@ -78,6 +80,7 @@ __all__ = [
     "DescriptorRun",
     "Evaluation",
     "EvaluationConfig",
+    "JudgedView",
     "MapReport",
     "Matches",
     "PoseErrors",
@@ -87,6 +90,7 @@ __all__ = [
     "RerunDescriptor",
     "RerunViews",
     "RigidMotion",
+    "RunningViews",
     "StageCost",
     "ViewCurve",
     "ViewJudge",

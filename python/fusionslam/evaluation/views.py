@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.evaluation.true_scans import TrueScans, whole_nanoseconds
 from fusionslam.evaluation.view_report import ViewReport
 from fusionslam.evaluation.view_rules import ViewRule, view_rule
 
@@ -16,8 +17,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-_BLOCK = 1 << 20
-"""Pairs of poses that are compared at a time: a few tens of megabytes."""
 _SECONDS = 9e9
 """Stamps beyond this (the year 2255) are no seconds."""
 
@@ -60,9 +59,7 @@ class ViewJudge:
         self.rule_name, self.rule = view_rule(rule)
         self.poses = checked_poses(poses)
         self.stamps = checked_stamps(stamps, len(self.poses))
-        # Whole nanoseconds, so that an age of exactly loop_age is that for every pair.
-        self._times = np.rint(self.stamps * 1e9).astype(np.int64)
-        self._loop_age = round(self.rule.loop_age * 1e9)
+        self._truth = TrueScans(self.rule, self.poses, whole_nanoseconds(self.stamps))
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -70,86 +67,23 @@ class ViewJudge:
     @cached_property
     def revisit(self) -> Mask:
         """Bool (n,): the scans that come back to where an older true pose was."""
-        rule = self.rule
-        older = np.searchsorted(self._times, self._times - self._loop_age, side="left")
-        everyone = np.arange(len(self))
-        return self._has_near(everyone, everyone, older, rule.revisit_distance, rule.revisit_angle)
+        return self._truth.revisits(np.arange(len(self)))
 
     def judge(self, ids: ArrayLike) -> ViewReport:
         """What is right and wrong about these ids, integers (n,). Raises ShapeError."""
         views = checked_ids(ids, len(self))
-        first = first_scenes(views)
-        scans = np.arange(len(self))
-        positive = (first >= 0) & (first < scans)
-        distances, angles = self._apart(scans, np.where(positive, first, scans))
-        rule = self.rule
-        wrong = positive & (
-            (distances > rule.false_positive_distance) | (angles > rule.false_positive_angle)
-        )
-        near = (distances <= rule.loop_distance) & (angles <= rule.loop_angle)
-        loop = positive & (self._times - self._times[first] > self._loop_age)
+        first, scans = first_scenes(views), np.arange(len(self))
+        stored = np.flatnonzero(first == scans)
         return ViewReport(
             n=len(self),
-            views=int((first == scans).sum()),
+            views=len(stored),
             unplaced=int((views < 0).sum()),
             rule_name=self.rule_name,
-            rule=rule,
+            rule=self.rule,
             ids=views,
-            matched=np.where(positive, first, -1),
-            distances=np.where(positive, distances, np.nan),
-            angles=np.where(positive, angles, np.nan),
-            false_positive=wrong,
-            false_negative=self._wrongly_new(first, positive),
             revisit=self.revisit,
-            loop=loop,
-            loop_correct=loop & near,
+            **self._truth.judged(scans, first, stored),
         )
-
-    def _wrongly_new(self, first: Ints, positive: Mask) -> Mask:
-        """Bool (n,): the negatives that have an earlier stored scene within reach."""
-        negatives = np.flatnonzero(~positive)
-        stored = np.flatnonzero(first == np.arange(len(self)))
-        earlier = np.searchsorted(stored, negatives, side="left")
-        rule = self.rule
-        wrong = np.zeros(len(self), dtype=np.bool_)
-        wrong[negatives] = self._has_near(
-            negatives, stored, earlier, rule.false_negative_distance, rule.false_negative_angle
-        )
-        return wrong
-
-    def _has_near(
-        self, scans: Ints, others: Ints, counts: Ints, distance: float, angle: float
-    ) -> Mask:
-        """Whether one of the first ``counts[i]`` of the others is within reach of ``scans[i]``."""
-        found = np.zeros(len(scans), dtype=np.bool_)
-        step = max(1, _BLOCK // max(1, len(others)))
-        for start in range(0, len(scans), step):
-            rows = slice(start, start + step)
-            most = int(counts[rows].max())
-            near = self._roughly_near(scans[rows], others[:most], distance)
-            near &= np.arange(most) < counts[rows, None]
-            row, other = np.nonzero(near)
-            distances, angles = self._apart(scans[rows][row], others[other])
-            found[start + row[(distances <= distance) & (angles <= angle)]] = True
-        return found
-
-    def _roughly_near(self, scans: Ints, others: Ints, distance: float) -> Mask:
-        """Bool (n, m): whether positions are within a distance, or by rounding beyond it."""
-        x, y = self.poses[:, 0], self.poses[:, 1]
-        across = x[scans][:, None] - x[others]
-        along = y[scans][:, None] - y[others]
-        across *= across
-        along *= along
-        across += along
-        reach: Mask = across <= (distance * (1 + 1e-9)) ** 2
-        return reach
-
-    def _apart(self, scans: Ints, others: Ints) -> tuple[Floats, Floats]:
-        """Distances (m) and angles (degrees, 0 to 180) between scans, broadcast."""
-        here, there = self.poses[scans], self.poses[others]
-        distances = np.hypot(here[..., 0] - there[..., 0], here[..., 1] - there[..., 1])
-        turn = np.degrees(here[..., 2] - there[..., 2]) % 360.0
-        return distances, np.minimum(turn, 360.0 - turn)
 
 
 def first_scenes(ids: Ints) -> Ints:

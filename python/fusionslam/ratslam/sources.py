@@ -50,6 +50,10 @@ class ViewSource(Protocol):
     @property
     def title(self) -> str: ...
 
+    @property
+    def known(self) -> int:
+        """Number of ids given so far: the next new one."""
+
     def look(self, item: Any, stamp_ns: int) -> Sighting:
         """The view that something shows; ids count from 0, a new view has the next one.
 
@@ -83,6 +87,11 @@ class TemplateSource:
     def title(self) -> str:
         """For people."""
         return "visual templates"
+
+    @property
+    def known(self) -> int:
+        """As ``ViewSource``."""
+        return len(self.templates)
 
     def look(self, item: Any, stamp_ns: int) -> Sighting:
         """As ``ViewSource``."""
@@ -133,6 +142,11 @@ class MatcherSource:
         names = {"descriptor": config.descriptor, "scenes": f"objects {config.preset}"}
         first = names.get(method_of(config), method_of(config))
         return first if config.second_stage is None else f"{first}, then {config.second_stage}"
+
+    @property
+    def known(self) -> int:
+        """As ``ViewSource``."""
+        return self.matcher.stats.new
 
     def look(self, item: Any, stamp_ns: int) -> Sighting:
         """As ``ViewSource``."""

@@ -3,6 +3,7 @@
 """HTML files that say how well places were recognised and mapped, and the figures behind them."""
 
 from fusionslam.report.assembly import write_report
+from fusionslam.report.false_positives import write_false_positive
 from fusionslam.report.ratslam import write_ratslam_report
 from fusionslam.report.ratslam_maps import map_figure
 from fusionslam.report.ratslam_paths import path_figure
@@ -18,6 +19,7 @@ __all__ = [
     "load_view_runs",
     "map_figure",
     "path_figure",
+    "write_false_positive",
     "write_ratslam_report",
     "write_report",
     "write_stored_view_report",

@@ -70,6 +70,13 @@ def write_png(path: str | os.PathLike[str], figure: "Figure") -> None:
         temporary.write_bytes(data)
 
 
+def write_photo(path: str | os.PathLike[str], image: Image.Image) -> None:
+    """Write a picture that is drawn already as JPEG, whole or not at all. Raises DataError."""
+    data = _jpeg(image)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
 def keep_photo(folder: Path, name: str, image: Image.Image, caption: str) -> Picture:
     """Write a picture that is drawn already as JPEG, and return it. Arguments as for ``keep``."""
     return _kept(folder, name + ".jpg", _jpeg(image), caption)

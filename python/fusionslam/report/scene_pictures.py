@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from fusionslam.errors import FusionSlamError
 from fusionslam.report.pictures import write_png
 from fusionslam.report.plots import new_figure, styled
-from fusionslam.report.scene_clusters import ClusteredScan, object_similarities
 from fusionslam.views.alignment import Alignment, AlignmentConfig, align_scenes
+from fusionslam.views.scene_clusters import ClusteredScan, object_similarities
 from fusionslam.views.similarity import SimilarityConfig, scene_similarity
 
 if TYPE_CHECKING:

@@ -17,6 +17,7 @@ Pixels = NDArray[np.uint8]
 HEIGHT = 160
 """Pixels of a preview."""
 _WIDTH = 300
+_WIDEST = 16 * HEIGHT  # wider images are squeezed: files of pictures have bounds
 _QUALITY = 72
 _GROUND = (21, 24, 29)
 _RING = (52, 58, 68)
@@ -63,8 +64,16 @@ def scale_of(clouds: Iterable[Cloud]) -> Scale:
 def image_preview(image: Pixels) -> bytes:
     """JPEG of a camera image, uint8 (H, W, 3) RGB or (H, W), ``HEIGHT`` pixels high."""
     picture = Image.fromarray(image).convert("RGB")
-    width = max(1, round(picture.width * HEIGHT / picture.height))
+    width = max(1, min(round(picture.width * HEIGHT / picture.height), _WIDEST))
     return _jpeg(picture.resize((width, HEIGHT), Image.Resampling.BOX))
+
+
+def missing_preview(words: str) -> bytes:
+    """JPEG that says in words why there is no picture."""
+    picture = Image.new("RGB", (_WIDTH, HEIGHT), _GROUND)
+    draw = ImageDraw.Draw(picture)
+    draw.text(((_WIDTH - draw.textlength(words)) // 2, HEIGHT // 2 - 6), words, _WORDS)
+    return _jpeg(picture)
 
 
 def cloud_preview(cloud: Cloud, scale: Scale) -> bytes:

@@ -66,7 +66,10 @@ class AlignmentComparison(SceneComparison):
                 "the scene has objects but no range image: build it with image=True, as the "
                 "robust preset does, or compare scenes (method scenes)"
             )
-        return View(scene, len(scene) if len(scene.image) >= FEWEST_CELLS else 0)
+        return View(scene, self._recognisable(scene))
+
+    def _recognisable(self, scene: Scene) -> int:
+        return len(scene) if len(scene.image) >= FEWEST_CELLS else 0
 
     def _has_objects_in_range(self, scene: Scene) -> bool:
         """Whether there is something that an image would show: what is further away has none."""

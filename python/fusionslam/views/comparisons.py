@@ -14,8 +14,14 @@ from fusionslam._core import DescriptorIndex
 from fusionslam.descriptors import DescriptorConfig, describe, descriptor_named, length_of
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors import Cloud
-from fusionslam.views.scene_sets import packed, unpacked
-from fusionslam.views.scenes import Scene, SceneConfig, build_scene
+from fusionslam.views.scene_sets import packed, scene_values, unpacked
+from fusionslam.views.scenes import (
+    Scene,
+    SceneConfig,
+    build_scene,
+    scene_from_arrays,
+    scene_to_arrays,
+)
 from fusionslam.views.similarity import SceneIndex, SimilarityConfig
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -64,12 +70,28 @@ class Comparison(Protocol):
     kind: str
     threshold: float
 
+    def made_with(self) -> dict[str, Any]:
+        """All that views depend on, as JSON can hold it: the like is needed to compare them."""
+
     def view(self, item: Item) -> View:
         """What is compared of a cloud, or of what was made of it.
 
         Raises:
             DataError: NaN, or what the comparison needs is missing. ShapeError: it cannot
                 compare what is given.
+        """
+
+    def scene(self, view: View) -> Scene | None:
+        """The objects that a view was made of; None where none were looked for."""
+
+    def arrays_of(self, view: View) -> dict[str, NDArray[Any]]:
+        """A view, exact, as arrays that ``view_of`` reads: to compare it in another process."""
+
+    def view_of(self, arrays: Arrays) -> View:
+        """The view that ``arrays_of`` took apart, to the bit.
+
+        Raises:
+            DataError, ShapeError, KeyError: the arrays are none of this comparison's.
         """
 
     def compare(self, view: View, most: int) -> list[Candidate]:
@@ -130,6 +152,10 @@ class SceneComparison(ABC):
     def _stored(self, scene: Scene) -> bytes:
         """What is kept of a scene."""
 
+    def made_with(self) -> dict[str, Any]:
+        """How clouds become scenes."""
+        return {f"scene.{name}": value for name, value in scene_values(self._scene).items()}
+
     def view(self, item: Item) -> View:
         """A scene, or the scene of a cloud."""
         if isinstance(item, Cloud):
@@ -138,7 +164,25 @@ class SceneComparison(ABC):
             item = build_scene(item.points, item.colors, config=self._scene)
         if not isinstance(item, Scene):
             raise ShapeError(f"expected a Scene or a Cloud, got {type(item).__name__}")
-        return View(item, len(item))
+        return View(item, self._recognisable(item))
+
+    def _recognisable(self, scene: Scene) -> int:
+        """Number of things that the place can be recognised by."""
+        return len(scene)
+
+    def scene(self, view: View) -> Scene:
+        """All of the view."""
+        made: Scene = view.content
+        return made
+
+    def arrays_of(self, view: View) -> dict[str, NDArray[Any]]:
+        """As ``scene_to_arrays``."""
+        return scene_to_arrays(view.content)
+
+    def view_of(self, arrays: Arrays) -> View:
+        """As ``Comparison``."""
+        scene = scene_from_arrays(arrays)
+        return View(scene, self._recognisable(scene))
 
     def add(self, view: View) -> int:
         """Store the scene."""
@@ -228,6 +272,11 @@ class DescriptorComparison:
     def __len__(self) -> int:
         return len(self._rows)
 
+    def made_with(self) -> dict[str, Any]:
+        """Which descriptor, and how clouds are described."""
+        values = self._config.model_dump(mode="json", exclude={"threads"})
+        return {"descriptor": self._descriptor.name, "descriptors": values}
+
     def view(self, item: Item) -> View:
         """A descriptor, float32 (D,), or that of a cloud."""
         if isinstance(item, Cloud):
@@ -252,6 +301,20 @@ class DescriptorComparison:
             return View(describe(cloud, name, self._config), 1)
         except DataError:
             return View(None, 0)
+
+    def scene(self, view: View) -> None:
+        """A descriptor has no objects."""
+
+    def arrays_of(self, view: View) -> dict[str, NDArray[Any]]:
+        """The descriptor, float32 (D,); (0,) for a cloud that cannot be described."""
+        return {"descriptor": np.empty(0, np.float32) if view.content is None else view.content}
+
+    def view_of(self, arrays: Arrays) -> View:
+        """As ``Comparison``."""
+        row = arrays["descriptor"]
+        if row.dtype != np.float32:
+            raise DataError(f"the descriptor is {row.dtype}, expected float32")
+        return View(None, 0) if row.shape == (0,) else self.view(row)
 
     def compare(self, view: View, most: int) -> list[Candidate]:
         """The nearest descriptors."""

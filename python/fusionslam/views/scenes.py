@@ -1,7 +1,66 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""From coloured clouds to scenes; all of it is done by the core."""
+"""From coloured clouds to scenes, which the core does, and from scenes to exact arrays."""
 
-from fusionslam._core import Scene, SceneConfig, build_scene, dbscan
+from collections.abc import Mapping
+from typing import Any
 
-__all__ = ["Scene", "SceneConfig", "build_scene", "dbscan"]
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam._core import RangeImage, Scene, SceneConfig, build_scene, dbscan
+from fusionslam.errors import DataError
+
+__all__ = [
+    "Scene",
+    "SceneConfig",
+    "build_scene",
+    "dbscan",
+    "scene_from_arrays",
+    "scene_to_arrays",
+]
+
+_NOTHING = build_scene(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
+_OBJECTS = _NOTHING.objects.dtype
+_CELLS = _NOTHING.image.cells.dtype
+# Without padding, whose bytes mean nothing: equal scenes have equal bytes.
+_PACKED_CELLS = np.dtype([(name, _CELLS[name]) for name in _CELLS.names or ()])
+
+
+def scene_to_arrays(scene: Scene) -> dict[str, NDArray[Any]]:
+    """A scene, exact, where ``Scene.to_bytes`` rounds.
+
+    Returns:
+        "objects" as ``Scene.objects``; "cells" as ``RangeImage.cells``, without padding;
+        "directions", float32 (5): the image's azimuth_step, elevation_step and sensor.
+    """
+    image = scene.image
+    directions = [image.azimuth_step, image.elevation_step, *image.sensor]
+    return {
+        "objects": scene.objects,
+        "cells": image.cells.astype(_PACKED_CELLS),
+        "directions": np.array(directions, np.float32),
+    }
+
+
+def scene_from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Scene:
+    """The scene that ``scene_to_arrays`` took apart.
+
+    Raises:
+        DataError: another dtype or shape, or what no cloud gives, such as NaN.
+        KeyError: an array is missing.
+    """
+    cells = _checked(arrays, "cells", _PACKED_CELLS)
+    directions = _checked(arrays, "directions", np.dtype(np.float32))
+    if directions.shape != (5,) or not np.isfinite(directions).all():
+        raise DataError(f"directions are {directions.tolist()}, expected 5 finite numbers")
+    azimuth_step, elevation_step, *sensor = directions.tolist()
+    image = RangeImage(cells.astype(_CELLS), azimuth_step, elevation_step, sensor)
+    return Scene(_checked(arrays, "objects", _OBJECTS), image)
+
+
+def _checked(arrays: Mapping[str, NDArray[Any]], name: str, dtype: np.dtype[Any]) -> NDArray[Any]:
+    array = arrays[name]
+    if array.ndim != 1 or array.dtype != dtype:
+        raise DataError(f"{name} is {array.dtype} {array.shape}, expected {dtype} (n,)")
+    return array

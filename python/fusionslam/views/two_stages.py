@@ -10,13 +10,20 @@ from numpy.typing import NDArray
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.sensors import Cloud
 from fusionslam.views.comparisons import Arrays, Candidate, Comparison, Item, View
+from fusionslam.views.scenes import Scene
 
 TWO_STAGES = "two_stage."
 """What the kind of two stages begins with; the kind of the first one follows."""
 
 
 class SecondStage(Protocol):
-    """Tells look-alikes apart, such as the network of ``fusionslam.views.learning``."""
+    """Tells look-alikes apart, such as the network of ``fusionslam.views.learning``.
+
+    Attributes:
+        digest: differs between those whose features cannot be compared with each other.
+    """
+
+    digest: str
 
     def features(self, cloud: Cloud) -> NDArray[np.float32]:
         """What is stored of a cloud, float32 (F,)."""
@@ -67,12 +74,36 @@ class TwoStageComparison:
     def __len__(self) -> int:
         return len(self._features)
 
+    def made_with(self) -> dict[str, Any]:
+        """That of the first stage, and which features."""
+        return {**self._first.made_with(), "second_stage": self._second.digest}
+
     def view(self, item: Item) -> View:
         """What both stages compare of a cloud."""
         if not isinstance(item, Cloud):
             raise ShapeError(f"two stages need a Cloud, got {type(item).__name__}")
         first = self._first.view(item)
         features = self._second.features(item) if first.objects else None
+        return View((first, features), first.objects)
+
+    def scene(self, view: View) -> Scene | None:
+        """That of the first stage."""
+        return self._first.scene(view.content[0])
+
+    def arrays_of(self, view: View) -> dict[str, NDArray[Any]]:
+        """Those of the first stage and the features, float32 (F,); (0,) where there are none."""
+        first, features = view.content
+        row = np.empty(0, np.float32) if features is None else features
+        return {**self._first.arrays_of(first), "features": row}
+
+    def view_of(self, arrays: Arrays) -> View:
+        """As ``Comparison``."""
+        first, features = self._first.view_of(arrays), arrays["features"]
+        if not first.objects:
+            if features.size:
+                raise DataError(f"features {features.shape} of nothing to recognise, expected (0,)")
+            return View((first, None), 0)
+        self._check_features(features)
         return View((first, features), first.objects)
 
     def compare(self, view: View, most: int) -> list[Candidate]:
@@ -122,8 +153,16 @@ class TwoStageComparison:
         features = np.asarray(state["features"], np.float32)
         if len(features) != len(self._first):
             raise DataError(f"{len(features)} rows of features for {len(self._first)} views")
+        for row in features[:1]:  # all are of one length
+            self._check_features(row)
         if not np.isfinite(features).all():
             raise DataError("the features are not finite")
-        if len(features):  # raises if they are another network's, of another length
-            self._second.probability(features[0], features[0])
         self._features = list(features)
+
+    def _check_features(self, row: NDArray[np.float32]) -> None:
+        """Raise DataError or ShapeError for features that no cloud, or another network, gives."""
+        if row.dtype != np.float32 or row.ndim != 1:
+            raise DataError(f"features are {row.dtype} {row.shape}, expected float32 (F,)")
+        if not np.isfinite(row).all():
+            raise DataError("the features are not finite")
+        self._second.probability(row, row)  # raises where the length is another network's

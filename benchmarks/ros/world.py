@@ -1,0 +1,196 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS of one's own, for tests and timings: a master on the loopback with a private port, nodes,
+bags, and a listener."""
+
+import os
+import pickle
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+ROOT = Path(__file__).parents[2]
+_PATIENCE_S = 60.0
+_STEP_S = 0.1
+
+
+def _free_port() -> int:
+    with socket.socket() as any_one:
+        any_one.bind(("127.0.0.1", 0))
+        return int(any_one.getsockname()[1])
+
+
+class RosWorld:
+    """Started by ``with``; everything that it started ends with it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.port = folder, _free_port()
+        self.environment = {
+            **os.environ,
+            "ROS_MASTER_URI": f"http://127.0.0.1:{self.port}",
+            "ROS_IP": "127.0.0.1",
+            "ROS_HOME": str(folder / "ros"),
+            "ROS_LOG_DIR": str(folder / "ros" / "log"),
+            "OPENBLAS_NUM_THREADS": "1",
+            "PYTHONUNBUFFERED": "1",
+        }
+        self.environment.pop("ROS_HOSTNAME", None)
+        self.processes: list[subprocess.Popen[Any]] = []
+
+    def __enter__(self) -> "RosWorld":
+        self.core = self.start_core()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for process in reversed(self.processes):
+            self.end(process)
+
+    def start_core(self) -> "subprocess.Popen[Any]":
+        """The master, on the port of this world, which may have had another one before."""
+        core = self.run("roscore", ["roscore", "-p", str(self.port)])
+        wait_until(self._answers, f"roscore: {self.log('roscore')}")
+        return core
+
+    def run(self, name: str, command: list[str], **more: Any) -> "subprocess.Popen[Any]":
+        """A process in this world, whose output goes into the file ``name.log``."""
+        with (self.folder / f"{name}.log").open("a") as log:
+            process = subprocess.Popen(
+                command,
+                env=self.environment,
+                cwd=self.folder,
+                stderr=log,
+                **{"stdout": log, **more},
+                start_new_session=True,
+            )
+        self.processes.append(process)
+        return process
+
+    def node(self, name: str, *arguments: str, ready: bool = True) -> "subprocess.Popen[Any]":
+        """One of our nodes, as the interpreter of these tests runs it."""
+        before = self.log(name).count("is ready")
+        script = ROOT / "ros" / "nodes" / name
+        process = self.run(name, [sys.executable, str(script), *arguments])
+        if ready:
+            wait_until(
+                lambda: self.log(name).count("is ready") > before or process.poll() is not None,
+                f"{name} to be ready",
+            )
+            assert process.poll() is None, self.log(name)
+        return process
+
+    def log(self, name: str) -> str:
+        """What a process said so far."""
+        path = self.folder / f"{name}.log"
+        return path.read_text() if path.exists() else ""
+
+    def listen(self, *topics: str) -> "Listener":
+        """Keep all messages of these topics from now on."""
+        return Listener(self, topics)
+
+    def play(self, bag: Path, *options: str) -> None:
+        """Play a bag to its end."""
+        player = self.run("rosbag", ["rosbag", "play", "--quiet", *options, str(bag)])
+        assert player.wait(timeout=300) == 0, self.log("rosbag")
+
+    def end(self, process: "subprocess.Popen[Any]", how: int = signal.SIGINT) -> int:
+        """End a process as Ctrl-C does, or as told; returns its exit code."""
+        if process.poll() is None:
+            process.send_signal(how)
+        try:
+            return process.wait(timeout=20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait()
+
+    def _answers(self) -> bool:
+        with socket.socket() as line:
+            return line.connect_ex(("127.0.0.1", self.port)) == 0
+
+
+class Heard(NamedTuple):
+    """A message, and when it arrived, by a clock that only rises."""
+
+    topic: str
+    type_name: str
+    message: Any
+    seconds: float
+
+
+class Listener:
+    """Keeps all messages of some topics."""
+
+    def __init__(self, world: RosWorld, topics: tuple[str, ...]) -> None:
+        self._world = world
+        script = str(Path(__file__).with_name("listener.py"))
+        self._process = world.run(
+            "listener",
+            [sys.executable, script, *topics],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self._answer() == "ready", world.log("listener")
+
+    def count(self) -> int:
+        """Number of messages so far."""
+        return int(self._ask("count"))
+
+    def settle(self, silence_s: float = 3.0) -> None:
+        """Wait until nothing has come for a while: all is worked off."""
+        count, since = self.count(), time.monotonic()
+        while time.monotonic() - since < silence_s:
+            time.sleep(_STEP_S)
+            now = self.count()
+            if now != count:
+                count, since = now, time.monotonic()
+
+    def heard(self) -> list[Heard]:
+        """All messages in the order in which they came."""
+        from fusionslam.ros.message_types import message_class
+
+        path = self._world.folder / "kept.pickle"
+        self._ask(f"keep {path}")
+        found = []
+        for topic, type_name, content, seconds in pickle.loads(path.read_bytes()):
+            message = message_class(type_name)()
+            message.deserialize(content)
+            found.append(Heard(topic, type_name, message, seconds))
+        return found
+
+    def messages(self) -> dict[str, list[Any]]:
+        """The same by topic."""
+        found: dict[str, list[Any]] = defaultdict(list)
+        for each in self.heard():
+            found[each.topic].append(each.message)
+        return found
+
+    def _ask(self, line: str) -> str:
+        to = self._process.stdin
+        assert to is not None  # a pipe was asked for
+        to.write(f"{line}\n")
+        to.flush()
+        return self._answer()
+
+    def _answer(self) -> str:
+        answers = self._process.stdout
+        assert answers is not None  # a pipe was asked for
+        return str(answers.readline()).strip()
+
+
+def wait_until(condition: Any, what: str) -> None:
+    """Wait for something that has to happen; the test fails if it does not."""
+    end = time.monotonic() + _PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, f"waited in vain for {what}"
+        time.sleep(_STEP_S)

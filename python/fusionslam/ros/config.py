@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What all nodes can be told, and how parameters become a configuration."""
+
+import re
+from collections.abc import Mapping
+from typing import Any, Literal, TypeVar
+
+from fusionslam.config import Section, merged, option
+from fusionslam.errors import ConfigError
+
+
+class NodeConfig(Section):
+    """What all nodes have in common."""
+
+    queue: int = option(
+        100, "messages of a topic that wait at most; the oldest make room and are counted", ge=1
+    )
+    stamps: Literal["header", "arrival"] = option(
+        "header", "when a message was measured: as its header says, or when it arrived"
+    )
+    idle: float = option(
+        1.0,
+        "after so long a silence of all topics, by the wall clock, what waits for more is worked "
+        "off as it is",
+        unit="s",
+        gt=0,
+    )
+    only_one: float = option(
+        2.0,
+        "a second publisher of a topic is heard once the first one was silent for so long",
+        unit="s",
+        gt=0,
+    )
+    patience: float = option(
+        10.0,
+        "after so long, by the wall clock, it is said which topics nothing has arrived on",
+        unit="s",
+        gt=0,
+    )
+    report: float = option(1.0, "between two reports on /diagnostics", unit="s", gt=0)
+
+
+class CommonConfig(Section):
+    """What the configuration of every node is derived from."""
+
+    node: NodeConfig = option(NodeConfig(), "queues, stamps and reports")
+
+
+C = TypeVar("C", bound=Section)
+
+
+def from_parameters(defaults: C, parameters: Mapping[str, Any]) -> C:
+    """A node's configuration with the values of its private ROS parameters.
+
+    Args:
+        defaults: of the node.
+        parameters: nested by the same names: ``~fusion/voxel`` is {"fusion": {"voxel": ...}}; the
+            parameter server knows no None, which is written as the text "null".
+
+    Raises:
+        ConfigError: an unknown name (the message has the nearest), a wrong type, or out of range.
+    """
+    try:
+        return merged(defaults, _with_none(parameters), "~")
+    except ConfigError as error:
+        # ROS puts slashes where files put dots.
+        text = re.sub(r"~[\w.]+", lambda key: key[0].replace(".", "/"), str(error))
+        raise ConfigError(text.replace("configuration key", "parameter")) from error
+
+
+def _with_none(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _with_none(inner) for key, inner in value.items()}
+    return None if value == "null" else value

@@ -1,0 +1,46 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where ROS 1 and the messages of fusionslam are on this machine."""
+
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+from fusionslam.errors import FusionSlamError
+
+PACKAGE = "fusionslam_ros"
+
+# Debian's Python modules, pure Python all that is needed; a virtual environment does not see them.
+_DEBIAN = "/usr/lib/python3/dist-packages"
+
+
+def has_ros() -> bool:
+    """Whether rospy can be imported, after ``need_ros`` has made Debian's visible if need be."""
+    if find_spec("rospy") is None and Path(_DEBIAN, "rospy").is_dir():
+        # Last, so that all else comes from the environment that this runs in.
+        sys.path.append(_DEBIAN)
+    return find_spec("rospy") is not None
+
+
+def need_ros() -> None:
+    """Make ROS 1 and our messages importable.
+
+    Raises:
+        FusionSlamError: ROS is not installed, or fusionslam was built without its messages; the
+            message says what to do.
+    """
+    if not has_ros():
+        raise FusionSlamError(
+            "this needs ROS 1, which is not installed: make ros, or on Debian 12 "
+            f"apt-get install --no-install-recommends {' '.join(_debian_packages())}"
+        )
+    if find_spec(PACKAGE) is None:
+        raise FusionSlamError(
+            "fusionslam was built without its ROS messages: source a catkin workspace that holds "
+            f"{PACKAGE}, or install fusionslam again now that python3-genpy is there"
+        )
+
+
+def _debian_packages() -> list[str]:
+    lines = Path(__file__).with_name("debian_packages.txt").read_text().splitlines()
+    return [line for line in lines if not line.startswith("#")]

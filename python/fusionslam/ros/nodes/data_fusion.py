@@ -1,0 +1,157 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scans and images in, coloured clouds out (Stastny 2022, 4.2.2)."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import ClassVar
+
+from fusionslam.config import option
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.fusion import FusionConfig, fuse
+from fusionslam.messages import Message, Picture, Scan
+from fusionslam.online import FrameBuilder, OnlineConfig
+from fusionslam.ros.config import CommonConfig
+from fusionslam.ros.message_types import (
+    CAMERA_INFO,
+    CLOUD,
+    IMAGES,
+    ODOMETRY,
+    TRANSFORMS,
+    builder,
+)
+from fusionslam.ros.node import Input, Node, Outlet
+from fusionslam.sensors import Frame
+from fusionslam.synchronizer import (
+    BUFFER_FULL,
+    CLOCK_JUMP,
+    DUPLICATE,
+    LATE,
+    NO_IMAGE,
+    REASONS,
+)
+from fusionslam.views.recorder import ROBOT_FUSION
+
+logger = logging.getLogger(__name__)
+
+SCANS, COLORED, COLORING = "velodyne_points", "rgb_cloud", "rgb_image"
+LEFT = ("camera/rgb/image_raw", "camera/rgb/camera_info")
+RIGHT = ("camera/right/image_raw", "camera/right/camera_info")
+_NO_POINTS = "a scan without points, or of NaN alone: look at the scanner"
+_NOTHING_SEEN = (
+    "nothing is left of a scan: do camera and scanner look the same way (TF), and what does "
+    "~fusion leave out?"
+)
+_ROBOT = "the robot's frame is ~online/robot_frame, or that of odometry: is it in TF?"
+_ADVICE = {
+    DUPLICATE: "is its driver running twice?",
+    LATE: "~online/sync/lateness waits for what is out of order",
+    NO_IMAGE: "is the camera published, and do both sensors have one clock? How far it may be is "
+    "~online/sync/max_difference",
+    BUFFER_FULL: "are all sensors published, by one clock? ~online/sync/buffer holds more",
+    CLOCK_JUMP: "all starts anew; nothing is to be done for a bag that is played again",
+}
+
+
+class DataFusionConfig(CommonConfig):
+    """Of the node data_fusion."""
+
+    fusion: FusionConfig = option(ROBOT_FUSION, "what a cloud is made of, where it lies, ground")
+    # rospy has a thread for each topic: at five times a bag's pace odometry arrives up to half a
+    # second of stamps after the scan that it belongs to, on a busy machine even later.
+    online: OnlineConfig = option(
+        OnlineConfig(wait=5.0),
+        "which image belongs to which scan; frames",
+    )
+
+
+class DataFusion(Node[DataFusionConfig]):
+    """Pairs scans with images and publishes coloured clouds."""
+
+    name = "data_fusion"
+    defaults = DataFusionConfig()
+    outputs: ClassVar = {COLORED: CLOUD, COLORING: IMAGES[0]}
+
+    def __init__(self, config: DataFusionConfig, outlet: Outlet) -> None:
+        super().__init__(config, outlet)
+        cameras = {"lidar": ("left",), "stereo": ("left", "right"), "cloud": ()}
+        self._source = config.fusion.source
+        self._lead = LEFT[0] if self._source == "stereo" else SCANS
+        self._said: set[tuple[str, str]] = set()
+        self._frames = FrameBuilder(
+            config.online, cameras=cameras[self._source], scans=self._source != "stereo"
+        )
+
+    @property
+    def inputs(self) -> Sequence[Input]:
+        """Scans, images with their calibration, odometry and TF."""
+        found = [
+            Input("odom", [ODOMETRY], self._take, optional=True),
+            Input("/tf", [TRANSFORMS], self._take, shared=True, optional=True),
+            Input("/tf_static", [TRANSFORMS], self._take, shared=True, optional=True),
+        ]
+        if self._source != "stereo":
+            found.append(Input(SCANS, [CLOUD], self._take))
+        if self._source != "cloud":
+            found += self._camera("left", *LEFT)
+        if self._source == "stereo":
+            found += self._camera("right", *RIGHT)
+        return found
+
+    def _camera(self, camera: str, images: str, info: str) -> list[Input]:
+        take = partial(self._take, camera=camera)
+        return [Input(images, IMAGES, take), Input(info, [CAMERA_INFO], take)]
+
+    def idle(self) -> None:
+        """Fuse what waits: nothing that it waits for has come."""
+        self._publish(self._frames.flush())
+
+    def report(self) -> Mapping[str, int]:
+        """Frames and all that was dropped, by reason."""
+        frames = self._frames
+        dropped = {f"{sensor}: {why}": count for (sensor, why), count in frames.dropped.items()}
+        refused = {f"refused {kind}": count for kind, count in frames.refused.items()}
+        more = {"frames": frames.frames, "without odometry": frames.still, "jumps": frames.jumps}
+        return {**self.counts, **more, **dropped, **refused}
+
+    def _take(self, message: Message, camera: str = "left") -> None:
+        self._publish(self._frames.process(message, camera))
+
+    def _publish(self, frames: list[Frame]) -> None:
+        for frame in frames:
+            try:
+                self._fuse(frame)
+            except (DataError, ShapeError) as error:
+                self.complaints.add(self._lead, f"cannot be fused: {error}; {_ROBOT}")
+        self._say_dropped()
+
+    def _say_dropped(self) -> None:
+        for (sensor, reason), count in self._frames.dropped.items():
+            if reason in _ADVICE and (sensor, reason) not in self._said:
+                self._said.add((sensor, reason))
+                why = f"{REASONS[reason]}: {_ADVICE[reason]}"
+                logger.warning("%s: %d dropped, %s; %s", sensor, count, reason, why)
+
+    def _fuse(self, frame: Frame) -> None:
+        cloud = fuse(frame, self.config.fusion)
+        if not len(cloud):
+            self.counts["empty clouds"] += 1
+            self.complaints.add(self._lead, _why_empty(frame))
+        name = self._frames.frame_of(self.config.fusion.frame)
+        scan = Scan(
+            stamp_ns=frame.stamp_ns, frame_id=name, points=cloud.points, colors=cloud.colors
+        )
+        self.outlet.publish(COLORED, builder.build(scan))
+        self._show(frame)
+
+    def _show(self, frame: Frame) -> None:
+        """Debian's RViz decodes no images; and it shows when a cloud got the wrong one."""
+        if "left" in frame.images and self.outlet.is_wanted(COLORING):
+            name = self._frames.frame_of("camera")
+            picture = Picture(stamp_ns=frame.stamp_ns, frame_id=name, image=frame.images["left"])
+            self.outlet.publish(COLORING, builder.build(picture))
+
+
+def _why_empty(frame: Frame) -> str:
+    return _NO_POINTS if frame.points is not None and not len(frame.points) else _NOTHING_SEEN

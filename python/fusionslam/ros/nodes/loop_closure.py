@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Coloured clouds in, loops with the robot's pose out (Perdomo 2019, chapter 3)."""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+from fusionslam.aligned_loops import AlignedLoop, AlignedLoopDetector
+from fusionslam.config import option
+from fusionslam.descriptors import DescriptorConfig
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.loop_closure import LoopConfig, LoopDetector
+from fusionslam.messages import Scan
+from fusionslam.ros.config import CommonConfig
+from fusionslam.ros.message_types import CLOUD, LOOP_CLOSURE, ground_pose, header, make, ros_time
+from fusionslam.ros.node import Input, Node, Outlet
+from fusionslam.ros.nodes.data_fusion import COLORED
+from fusionslam.ros.saving import Saver, SavingConfig
+from fusionslam.ros.view_config import EMPTY, cloud_of
+
+logger = logging.getLogger(__name__)
+
+LOOPS = "loop_closures"
+
+
+class LoopClosureConfig(CommonConfig):
+    """Of the node loop_closure."""
+
+    descriptor: Literal["m2dp", "cm2dp", "shot", "cshot"] = option("cm2dp", "which one is compared")
+    descriptors: DescriptorConfig = option(DescriptorConfig(), "clouds to vectors")
+    loop_closure: LoopConfig = option(LoopConfig(), "vectors to loops")
+    memory: SavingConfig = option(SavingConfig(), "the folder where descriptors are kept")
+
+
+class LoopClosure(Node[LoopClosureConfig]):
+    """Finds the clouds that were taken where an older one was."""
+
+    name = "loop_closure"
+    defaults = LoopClosureConfig()
+    outputs: ClassVar = {LOOPS: LOOP_CLOSURE}
+
+    def __init__(self, config: LoopClosureConfig, outlet: Outlet) -> None:
+        super().__init__(config, outlet)
+        self._loops = AlignedLoopDetector(
+            LoopDetector(config.descriptor, config=config.loop_closure, describe=config.descriptors)
+        )
+        self._saver = Saver(config.memory, lambda path: self._loops.save(path), self.complaints)
+        self._go_on(self._saver.path)
+
+    def _go_on(self, path: Path | None) -> None:
+        if path is None or not path.exists():
+            return
+        loops = AlignedLoopDetector.load(path)
+        if loops.detector.descriptor != self.config.descriptor:
+            raise ConfigError(
+                f"~descriptor is {self.config.descriptor!r}, but {path} holds "
+                f"{loops.detector.descriptor}: give another ~memory/file"
+            )
+        self._loops = loops
+        logger.warning("goes on with %d clouds of %s", len(loops), path)
+
+    @property
+    def inputs(self) -> Sequence[Input]:
+        """Coloured clouds."""
+        return [Input(COLORED, [CLOUD], self._take)]
+
+    def idle(self) -> None:
+        """Keep what is known now."""
+        self._saver.close()
+
+    def close(self) -> None:
+        """Keep all descriptors."""
+        self._saver.close()
+
+    def _take(self, scan: Scan) -> None:
+        cloud = cloud_of(scan)
+        if not len(cloud):
+            raise DataError(EMPTY)
+        loop = self._loops.add(cloud, scan.stamp_ns)
+        self.counts["clouds"] += 1
+        if loop is not None:
+            self.counts["loops"] += 1
+            self.outlet.publish(LOOPS, _message(scan, loop))
+        self._saver.changed()
+
+
+def _message(scan: Scan, found: AlignedLoop) -> Any:
+    return make(
+        LOOP_CLOSURE,
+        header=header(scan.stamp_ns, scan.frame_id),
+        query=found.loop.query,
+        match=found.loop.match,
+        match_stamp=ros_time(found.match_stamp_ns),
+        distance=found.loop.distance,
+        probability=-1.0 if found.probability is None else found.probability,
+        pose=ground_pose(found.pose or (0.0, 0.0, 0.0)),
+    )

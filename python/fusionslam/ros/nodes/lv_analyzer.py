@@ -1,0 +1,178 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""View ids and the truth in, how good they are out (Stastny 2022, 4.2.6)."""
+
+import json
+import logging
+from collections import OrderedDict, deque
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam._files import atomic_path
+from fusionslam.config import option
+from fusionslam.datasets.bags.conversions import stamp_of
+from fusionslam.evaluation.running_views import JudgedView, RunningViews
+from fusionslam.messages import NANOSECONDS, Odometry, Picture
+from fusionslam.poses_in_time import Ground, PosedInTime
+from fusionslam.report.false_positives import write_false_positive
+from fusionslam.report.views_pictures import image_preview
+from fusionslam.ros.config import CommonConfig
+from fusionslam.ros.message_types import (
+    IMAGES,
+    ODOMETRY,
+    VIEW_STATISTICS,
+    VIEW_TEMPLATE,
+    header,
+    make,
+)
+from fusionslam.ros.node import Input, Node, Outlet
+from fusionslam.ros.nodes.data_fusion import LEFT
+from fusionslam.ros.nodes.lv_dataset_creator import TRUTH
+from fusionslam.ros.nodes.lv_matching import TEMPLATES
+
+logger = logging.getLogger(__name__)
+
+STATISTICS = "view_statistics"
+_RECENT = 100
+"""Images that wait for the view they belong to."""
+
+_SHARES = ("accuracy", "precision", "recall", "loop_recall", "loop_precision")
+
+Image = NDArray[np.uint8]
+
+
+class ViewAnalyzerConfig(CommonConfig):
+    """Of the node lv_analyzer."""
+
+    rule: Literal["paper", "author"] = option("paper", "how views are judged")
+    output: str = option(
+        "",
+        "folder for figures and pictures of false positives, at the end and as they come; "
+        "empty: none",
+    )
+    max_pictures: int = option(
+        200, "pictures of false positives at most; later ones are counted", ge=0
+    )
+    max_places: int = option(
+        5000, "places whose first image is remembered; the oldest make room", ge=1
+    )
+    image_difference: float = option(
+        0.2, "an image further from the view's stamp does not show it", unit="s", ge=0
+    )
+
+
+class ViewAnalyzer(Node[ViewAnalyzerConfig]):
+    """Judges the ids by true poses while the robot drives."""
+
+    name = "lv_analyzer"
+    defaults = ViewAnalyzerConfig()
+    outputs: ClassVar = {STATISTICS: VIEW_STATISTICS}
+    latched = (STATISTICS,)
+
+    def __init__(self, config: ViewAnalyzerConfig, outlet: Outlet) -> None:
+        super().__init__(config, outlet)
+        self._running = RunningViews(config.rule)
+        self._waiting: PosedInTime[int] = PosedInTime()
+        self._images: deque[Picture] = deque(maxlen=_RECENT)
+        self._first: OrderedDict[int, bytes | None] = OrderedDict()
+        self._last_ns: int | None = None
+        self._offset_ns = 0
+
+    @property
+    def inputs(self) -> Sequence[Input]:
+        """Ids, the truth, and images, which only pictures need."""
+        found = [
+            Input(TEMPLATES, [VIEW_TEMPLATE], self._take_view),
+            Input(TRUTH, [ODOMETRY], self._take_truth),
+        ]
+        if self.config.output:
+            found.append(Input(LEFT[0], IMAGES, self._images.append, optional=True))
+        return found
+
+    def idle(self) -> None:
+        """No pose is to be expected any more."""
+        self._judge(self._waiting.flush())
+
+    def close(self) -> None:
+        """Say, and write, how good the ids were."""
+        self._judge(self._waiting.flush())
+        if not len(self._running):
+            logger.warning("nothing was judged: no views with a true pose")
+            return
+        report = self._running.report()
+        logger.warning("%s", report)
+        if self.config.output:
+            with atomic_path(self._folder / "views.json") as temporary:
+                temporary.write_text(json.dumps(report.metrics(), indent=1), encoding="utf-8")
+
+    def report(self) -> Mapping[str, int]:
+        """Views judged, and those without a true pose."""
+        return {**self.counts, "views judged": len(self._running), "jumps": self._waiting.jumps}
+
+    @property
+    def _folder(self) -> Path:
+        return Path(self.config.output).expanduser()
+
+    def _take_view(self, message: Any) -> None:
+        stamp_ns = stamp_of(message.header.stamp)
+        self._judge(self._waiting.add(stamp_ns, message.current_id))
+
+    def _take_truth(self, odometry: Odometry) -> None:
+        self._judge(self._waiting.move(odometry))
+
+    def _judge(self, placed: list[tuple[int, int, Ground | None]]) -> None:
+        for stamp_ns, view_id, pose in placed:
+            if pose is None:
+                self.counts["without a true pose"] += 1
+                continue
+            judged = self._running.add(self._on(stamp_ns), view_id, pose)
+            self._remember(judged, stamp_ns)
+        if placed:
+            self.outlet.publish(STATISTICS, self._statistics(placed[-1][0]))
+
+    def _on(self, stamp_ns: int) -> int:
+        """A stamp on a clock that never goes back: the drive goes on when a bag begins anew."""
+        if self._last_ns is not None and stamp_ns + self._offset_ns < self._last_ns:
+            self._offset_ns = self._last_ns + NANOSECONDS - stamp_ns
+        self._last_ns = stamp_ns + self._offset_ns
+        return self._last_ns
+
+    def _remember(self, judged: JudgedView, stamp_ns: int) -> None:
+        """The image of a new place, or a picture of what was taken for it."""
+        if not self.config.output:
+            return
+        image = self._image_at(stamp_ns)
+        if judged.is_first:
+            self._first[judged.id] = None if image is None else image_preview(image)
+            if len(self._first) > self.config.max_places:
+                self._first.popitem(last=False)
+        elif judged.false_positive:
+            self.counts["false positives"] += 1
+            if self.counts["pictures"] < self.config.max_pictures:
+                self.counts["pictures"] += 1
+                earlier = self._first.get(judged.id)
+                path = self._folder / f"false_positive_{judged.scan:06d}.jpg"
+                write_false_positive(path, judged, image, earlier)
+
+    def _image_at(self, stamp_ns: int) -> Image | None:
+        """The image nearest in time, if one is near enough."""
+        near = min(self._images, key=lambda image: abs(image.stamp_ns - stamp_ns), default=None)
+        reach = self.config.image_difference * NANOSECONDS
+        return None if near is None or abs(near.stamp_ns - stamp_ns) > reach else near.image
+
+    def _statistics(self, stamp_ns: int) -> Any:
+        report = self._running.report()
+        shares = {name: getattr(report, name) for name in _SHARES}
+        return make(
+            VIEW_STATISTICS,
+            header=header(stamp_ns, ""),
+            views=report.n,
+            places=report.views,
+            false_positives=report.false_positives,
+            false_negatives=report.false_negatives,
+            **{name: -1.0 if value is None else value for name, value in shares.items()},
+        )

@@ -1,0 +1,110 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Clouds or scenes and the truth in, a file to tune and train with out (Stastny 2022, 4.2.7)."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Literal
+
+from fusionslam.config import option
+from fusionslam.datasets.bags.conversions import stamp_of
+from fusionslam.errors import ClockError, ConfigError, DataError
+from fusionslam.messages import Odometry, Scan
+from fusionslam.poses_in_time import Ground, PosedInTime
+from fusionslam.ros.message_types import CLOUD, ODOMETRY, VIEW_DESCRIPTION
+from fusionslam.ros.node import Input, Node, Outlet
+from fusionslam.ros.nodes.data_fusion import COLORED
+from fusionslam.ros.nodes.lv_builder import DESCRIPTIONS
+from fusionslam.ros.saving import Saver, SavingConfig
+from fusionslam.ros.view_config import ViewsConfig, cloud_of, matcher_of, source_of
+from fusionslam.sensors import Cloud
+from fusionslam.views.matcher import scene_config
+from fusionslam.views.online_recorder import SceneRecorder
+from fusionslam.views.scenes import Scene
+from fusionslam.views.view_bytes import view_from_bytes
+
+TRUTH = "ground_truth"
+
+
+class DatasetCreatorConfig(ViewsConfig):
+    """Of the node lv_dataset_creator."""
+
+    keep: Literal["clouds", "scenes"] = option(
+        "clouds", "what is kept of a scan; scenes take little room, but cannot be built otherwise"
+    )
+    memory: SavingConfig = option(
+        SavingConfig(file="scenes.npz", every=60.0),
+        "the scene set that is written; an older one of that name is replaced",
+    )
+    max_scans: int = option(20_000, "scans kept at most; more are dropped and counted", ge=1)
+
+
+class DatasetCreator(Node[DatasetCreatorConfig]):
+    """Pairs clouds or scenes with true poses and writes a scene set."""
+
+    name = "lv_dataset_creator"
+    defaults = DatasetCreatorConfig()
+    outputs: ClassVar = {}
+
+    def __init__(self, config: DatasetCreatorConfig, outlet: Outlet) -> None:
+        super().__init__(config, outlet)
+        self._waiting: PosedInTime[Cloud | Scene] = PosedInTime()
+        matcher = matcher_of(source_of(config))
+        if matcher is None:
+            raise ConfigError("~source is 'visual': lv_dataset_creator keeps clouds or scenes")
+        self._comparison = matcher.comparison
+        kept = scene_config(matcher.config) if config.keep == "scenes" else None
+        self._recorder = SceneRecorder("a drive", scene_config=kept, max_scans=config.max_scans)
+        self._saver = Saver(config.memory, lambda path: self._recorder.save(path), self.complaints)
+
+    @property
+    def inputs(self) -> Sequence[Input]:
+        """What is kept, and the truth."""
+        what = (
+            Input(COLORED, [CLOUD], self._take_cloud)
+            if self.config.keep == "clouds"
+            else Input(DESCRIPTIONS, [VIEW_DESCRIPTION], self._take_description)
+        )
+        return [what, Input(TRUTH, [ODOMETRY], self._take_truth)]
+
+    def idle(self) -> None:
+        """No pose is to be expected any more."""
+        self._keep(self._waiting.flush())
+
+    def close(self) -> None:
+        """Write the set."""
+        self._keep(self._waiting.flush())
+        self._saver.close()
+
+    def report(self) -> Mapping[str, int]:
+        """Scans kept, dropped, and without a pose."""
+        return {
+            **self.counts,
+            "scans kept": len(self._recorder),
+            "without a true pose": self._recorder.without_pose,
+            "beyond max_scans": self._recorder.dropped,
+            "jumps": self._waiting.jumps,
+        }
+
+    def _take_cloud(self, scan: Scan) -> None:
+        cloud = cloud_of(scan)
+        if cloud.colors is None:
+            raise DataError("the cloud has no colours: listen to the output of data_fusion")
+        self._keep(self._waiting.add(scan.stamp_ns, cloud))
+
+    def _take_description(self, message: Any) -> None:
+        view = view_from_bytes(self._comparison, message.data)
+        if not isinstance(view.content, Scene):
+            raise DataError(f"a view of {message.kind} holds no scene: set ~keep to clouds")
+        self._keep(self._waiting.add(stamp_of(message.header.stamp), view.content))
+
+    def _take_truth(self, odometry: Odometry) -> None:
+        self._keep(self._waiting.move(odometry))
+
+    def _keep(self, placed: list[tuple[int, Cloud | Scene, Ground | None]]) -> None:
+        for stamp_ns, item, pose in placed:
+            try:
+                self._recorder.add(stamp_ns, item, pose)
+            except ClockError:
+                self.counts["of before a jump of the clock"] += 1
+                continue
+            self._saver.changed()

@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Views in, ids of places out (Stastny 2022, 4.2.4); or images, as in the original RatSLAM."""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+from fusionslam.config import option
+from fusionslam.datasets.bags.conversions import stamp_of
+from fusionslam.errors import ConfigError
+from fusionslam.messages import Picture
+from fusionslam.ratslam.events import Sighting
+from fusionslam.ratslam.source_files import restore_source, save_source
+from fusionslam.ros.message_types import IMAGES, VIEW_DESCRIPTION, VIEW_TEMPLATE, header, make
+from fusionslam.ros.node import Input, Node, Outlet
+from fusionslam.ros.nodes.data_fusion import LEFT
+from fusionslam.ros.nodes.lv_builder import DESCRIPTIONS
+from fusionslam.ros.saving import Saver, SavingConfig
+from fusionslam.ros.view_config import ViewsConfig, matcher_of, source_of
+from fusionslam.views.view_bytes import view_from_bytes
+
+logger = logging.getLogger(__name__)
+
+TEMPLATES = "LocalView/Template"
+
+
+class ViewMatchingConfig(ViewsConfig):
+    """Of the node lv_matching."""
+
+    memory: SavingConfig = option(SavingConfig(), "where views are kept when the node ends")
+
+
+class ViewMatching(Node[ViewMatchingConfig]):
+    """Gives every view the id of its place, or a new one."""
+
+    name = "lv_matching"
+    defaults = ViewMatchingConfig()
+    outputs: ClassVar = {TEMPLATES: VIEW_TEMPLATE}
+
+    def __init__(self, config: ViewMatchingConfig, outlet: Outlet) -> None:
+        super().__init__(config, outlet)
+        self._source = source_of(config)
+        self._saver = Saver(
+            config.memory, lambda path: save_source(self._source, path), self.complaints
+        )
+        self._go_on(self._saver.path)
+
+    def _go_on(self, path: Path | None) -> None:
+        if path is None or not path.exists():
+            return
+        wanted = matcher_of(self._source)
+        settings = wanted.config if wanted is not None else None
+        restore_source(self._source, path)
+        found = matcher_of(self._source)
+        if found is not None and found.config != settings:
+            raise ConfigError(
+                f"~views differ from those that {path} was made with: give another ~memory/file"
+            )
+        logger.warning("goes on with %d places of %s", self._source.known, path)
+
+    @property
+    def inputs(self) -> Sequence[Input]:
+        """Views of lv_builder, or images."""
+        if matcher_of(self._source) is None:
+            return [Input(LEFT[0], IMAGES, self._take_image)]
+        return [Input(DESCRIPTIONS, [VIEW_DESCRIPTION], self._take_view)]
+
+    def idle(self) -> None:
+        """Keep what is known now."""
+        self._saver.close()
+
+    def close(self) -> None:
+        """Keep all views."""
+        self._saver.close()
+
+    def _take_view(self, message: Any) -> None:
+        matcher = matcher_of(self._source)
+        assert matcher is not None  # else it listens to images
+        view = view_from_bytes(matcher.comparison, message.data)
+        self._look(view, stamp_of(message.header.stamp), message.header.frame_id)
+
+    def _take_image(self, picture: Picture) -> None:
+        self._look(picture, picture.stamp_ns, picture.frame_id)
+
+    def _look(self, item: Any, stamp_ns: int, frame_id: str) -> None:
+        known = self._source.known
+        sighting = self._source.look(item, stamp_ns)
+        self.counts["new places"] += sighting.view_id >= known
+        self.counts["nothing recognised"] += sighting.view_id < 0
+        self.outlet.publish(TEMPLATES, _template(sighting, frame_id, sighting.view_id >= known))
+        self._saver.changed()
+
+
+def _template(sighting: Sighting, frame_id: str, is_new: bool) -> Any:
+    x, y = sighting.relative_place
+    return make(
+        VIEW_TEMPLATE,
+        header=header(sighting.stamp_ns, frame_id),
+        current_id=sighting.view_id,
+        relative_rad=sighting.relative_rotation,
+        relative_x=x,
+        relative_y=y,
+        is_new=is_new,
+        reason=sighting.reason,
+    )

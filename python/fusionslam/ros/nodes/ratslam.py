@@ -1,0 +1,181 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Odometry and view ids in, a map and the robot's place on it out (Stastny 2022, 4.2.5)."""
+
+import logging
+from collections import deque
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+from fusionslam.config import option
+from fusionslam.datasets.bags.conversions import stamp_of
+from fusionslam.messages import NANOSECONDS, FrameTransform, FrameTransforms, Odometry
+from fusionslam.ratslam.events import Look, OrderConfig
+from fusionslam.ratslam.exports import export_run
+from fusionslam.ratslam.given_views import GivenView
+from fusionslam.ratslam.map_record import LiveMap
+from fusionslam.ratslam.online import OnlineRatSlam, OnlineRatSlamConfig
+from fusionslam.ratslam.slam import RatSlamConfig, Step
+from fusionslam.ros.config import CommonConfig
+from fusionslam.ros.map_messages import action_message, map_markers, map_message, path_message
+from fusionslam.ros.message_types import (
+    MARKERS,
+    ODOMETRY,
+    PATH,
+    POSE,
+    TOPOLOGICAL_ACTION,
+    TOPOLOGICAL_MAP,
+    TRANSFORMS,
+    VIEW_TEMPLATE,
+    builder,
+    ground_pose,
+    header,
+    make,
+)
+from fusionslam.ros.node import Input, Node, Outlet
+from fusionslam.ros.nodes.lv_matching import TEMPLATES
+from fusionslam.ros.saving import Saver, SavingConfig
+
+logger = logging.getLogger(__name__)
+
+ACTIONS, PLACE = "PoseCell/TopologicalAction", "ExperienceMap/RobotPose"
+MAP, MAP_MARKERS, MAP_PATH = "ExperienceMap/Map", "ExperienceMap/MapMarker", "ExperienceMap/Path"
+TF = "/tf"
+_SHOWN = 20_000
+"""Nodes of the way that are shown: the robot's last hours."""
+
+
+class MapperConfig(CommonConfig):
+    """Of the node ratslam."""
+
+    ratslam: RatSlamConfig = option(RatSlamConfig(), "the cells and the map")
+    order: OrderConfig = option(OnlineRatSlamConfig().order, "in which order what arrives is taken")
+    memory: SavingConfig = option(SavingConfig(), "where the map is kept")
+    export: str = option(
+        "", "folder for the map as JSON, g2o, GraphML and TUM when the node ends; empty: none"
+    )
+    map_frame: str = option("map", "the frame of the map")
+    tf: bool = option(True, "whether to publish where the odometry frame is on the map, on /tf")
+    every: float = option(1.0, "between two maps that are published", unit="s", ge=0)
+
+
+class Mapper(Node[MapperConfig]):
+    """Makes the map, and says where the robot is on it."""
+
+    name = "ratslam"
+    defaults = MapperConfig()
+    outputs: ClassVar = {
+        ACTIONS: TOPOLOGICAL_ACTION,
+        PLACE: POSE,
+        MAP: TOPOLOGICAL_MAP,
+        MAP_MARKERS: MARKERS,
+        MAP_PATH: PATH,
+        TF: TRANSFORMS,
+    }
+    latched = (MAP, MAP_MARKERS, MAP_PATH)
+
+    def __init__(self, config: MapperConfig, outlet: Outlet) -> None:
+        super().__init__(config, outlet)
+        self._saver = Saver(config.memory, lambda path: self._online.save(path), self.complaints)
+        self._online = self._begun(self._saver.path)
+        self._visits: deque[int] = deque(maxlen=_SHOWN)
+        self._shown_ns: int | None = None
+        self._is_shown = True
+
+    def _begun(self, path: Path | None) -> OnlineRatSlam:
+        own = OnlineRatSlamConfig(ratslam=self.config.ratslam, order=self.config.order)
+        if path is None or not path.exists():
+            return OnlineRatSlam(own)
+        online = OnlineRatSlam.load(path, own)
+        logger.warning("goes on with %d nodes of %s", len(online.slam.map.nodes), path)
+        return online
+
+    @property
+    def inputs(self) -> Sequence[Input]:
+        """Odometry and what views were recognised."""
+        return [
+            Input("odom", [ODOMETRY], self._take_odometry),
+            Input(TEMPLATES, [VIEW_TEMPLATE], self._take_view),
+        ]
+
+    def idle(self) -> None:
+        """Take what waits; show and keep the map as it is."""
+        self._publish(self._online.flush())
+        self._show()
+        self._saver.close()
+
+    def close(self) -> None:
+        """Keep the map."""
+        self._publish(self._online.flush())
+        self._saver.close()
+        if self.config.export:
+            here = LiveMap.of(self._online.slam, "live map", "odom")
+            export_run(Path(self.config.export).expanduser(), here)
+
+    def report(self) -> Mapping[str, int]:
+        """Nodes, links, loops refused, and what was left out."""
+        graph = self._online.slam.map
+        size = {"nodes": len(graph.nodes), "links": len(graph.links), "jumps": self._online.jumps}
+        return {**self.counts, **size, **self._online.refused}
+
+    def _take_odometry(self, odometry: Odometry) -> None:
+        self._publish(self._online.process(odometry))
+        if self.config.tf and odometry.frame_id:
+            self._publish_frame(odometry)
+
+    def _take_view(self, message: Any) -> None:
+        view = GivenView(
+            view_id=message.current_id,
+            is_new=message.is_new,
+            relative_rotation=message.relative_rad,
+            relative_place=(message.relative_x, message.relative_y),
+            reason=message.reason,
+        )
+        self._publish(self._online.process(Look(stamp_of(message.header.stamp), view)))
+
+    def _publish(self, steps: list[Step]) -> None:
+        for step in steps:
+            self._publish_step(step)
+
+    def _publish_step(self, step: Step) -> None:
+        top = header(step.stamp_ns, self.config.map_frame)
+        self.outlet.publish(PLACE, make(POSE, header=top, pose=ground_pose(step.pose)))
+        if step.node is not None and (not self._visits or self._visits[-1] != step.node):
+            self._visits.append(step.node)
+        self.counts["loops refused"] += step.refused is not None
+        if step.action.kind:
+            self.counts["loops"] += step.action.kind == 2
+            self.outlet.publish(ACTIONS, action_message(step, self.config.map_frame))
+            self._is_shown = False
+            self._saver.changed()
+        if not self._is_shown and self._is_due(step.stamp_ns):
+            self._show()
+
+    def _is_due(self, stamp_ns: int) -> bool:
+        shown = self._shown_ns
+        return shown is None or abs(stamp_ns - shown) >= self.config.every * NANOSECONDS
+
+    def _show(self) -> None:
+        """The map as it is, to whoever listens; the last one is there for those who come later."""
+        last = self._online.last
+        if last is None or self._is_shown:
+            return
+        self._shown_ns, self._is_shown = last.stamp_ns, True
+        top, slam = header(last.stamp_ns, self.config.map_frame), self._online.slam
+        self.outlet.publish(MAP, map_message(top, slam))
+        self.outlet.publish(MAP_MARKERS, map_markers(top, slam))
+        self.outlet.publish(MAP_PATH, path_message(top, slam.map.nodes, list(self._visits)))
+
+    def _publish_frame(self, odometry: Odometry) -> None:
+        """As of the last step, dated as the odometry that came last: it changes at loops alone."""
+        place = self._online.map_from_odometry
+        if place is None:
+            return
+        link = FrameTransform(
+            stamp_ns=odometry.stamp_ns,
+            parent=self.config.map_frame,
+            child=odometry.frame_id,
+            parent_from_child=place,
+        )
+        self.outlet.publish(TF, builder.build(FrameTransforms(transforms=(link,))))

@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Survives a restart of the ROS master, which rospy alone does not."""
+
+import logging
+import threading
+import time
+from http.client import HTTPConnection, HTTPException
+from typing import Any
+from xmlrpc.client import Error, ServerProxy, Transport
+
+import rosgraph
+import rospy
+from rospy.topics import get_topic_manager
+
+logger = logging.getLogger(__name__)
+
+_PERIOD_S = 2.0
+_TIMEOUT_S = 5.0
+_SUCCESS = 1
+
+
+class Registration(threading.Thread):
+    """Tells a master that was started anew what this node offers and wants.
+
+    In a thread of its own: where the network is gone, asking the master takes long.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(name="registration", daemon=True)
+        self._is_complete = True
+
+    def run(self) -> None:
+        """Look, now and then, whether the master still knows this node, until ROS shuts down."""
+        while not rospy.is_shutdown():
+            time.sleep(_PERIOD_S)
+            try:
+                self._renew()
+            except (OSError, HTTPException, Error) as error:
+                logger.debug("the ROS master does not answer: %s", error)
+
+    def _renew(self) -> None:
+        master, name = _proxy(rosgraph.get_master_uri()), rospy.get_name()
+        code, _, _ = master.lookupNode(name, name)
+        if (code == _SUCCESS and self._is_complete) or rospy.is_shutdown():
+            return
+        # The master may go away half-way, knowing some of the topics only.
+        self._is_complete = False
+        _register(master, name)
+        self._is_complete = True
+        logger.warning("the ROS master was started anew: registered again")
+
+
+def _register(master: Any, name: str) -> None:
+    own, topics = rospy.get_node_uri(), get_topic_manager()
+    for topic, type_name in topics.get_publications():
+        master.registerPublisher(name, topic, type_name, own)
+    for topic, type_name in topics.get_subscriptions():
+        _, _, publishers = master.registerSubscriber(name, topic, type_name, own)
+        # What the master tells nodes when publishers change, by the node's own slave API.
+        _proxy(own).publisherUpdate("/master", topic, publishers)
+
+
+class _Impatient(Transport):
+    """Gives up on a server that does not answer."""
+
+    def make_connection(self, host: Any) -> HTTPConnection:
+        connection = super().make_connection(host)
+        connection.timeout = _TIMEOUT_S
+        return connection
+
+
+def _proxy(uri: str) -> Any:
+    return ServerProxy(uri, transport=_Impatient())

@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a node keeps in a file, while it runs and when it ends."""
+
+import logging
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from fusionslam._files import made_folder
+from fusionslam.config import Section, option
+from fusionslam.errors import DataError
+from fusionslam.ros.complaints import Complaints
+
+logger = logging.getLogger(__name__)
+
+_NAME = "~memory/file"
+_ADVICE = "nothing is kept until it can be written: make room, allow it, or give another file"
+
+
+class SavingConfig(Section):
+    """Where a node keeps what it knows."""
+
+    file: str = option("", "the file, with which the node goes on at its next start; empty: none")
+    every: float = option(
+        10.0,
+        "between two writings while something changes; a node that is killed loses no more",
+        unit="s",
+        gt=0,
+    )
+
+
+class Saver:
+    """Writes a file now and then, and at the end; where that fails, it says so and tries again.
+
+    Args:
+        config: which file, how often.
+        save: writes it, whole or not at all; raises DataError.
+        complaints: those of the node.
+    """
+
+    def __init__(
+        self, config: SavingConfig, save: Callable[[Path], None], complaints: Complaints
+    ) -> None:
+        self._config, self._save, self._complaints = config, save, complaints
+        self._saved, self._is_changed = time.monotonic(), False
+        if self.path is not None:
+            self._try(self.path)
+
+    @property
+    def path(self) -> Path | None:
+        """The file; None where nothing is kept."""
+        return Path(self._config.file).expanduser() if self._config.file else None
+
+    def changed(self) -> None:
+        """Something changed: write it if the last writing is long ago."""
+        self._is_changed = True
+        if time.monotonic() - self._saved >= self._config.every:
+            self._write()
+
+    def close(self) -> None:
+        """Write what changed since the last writing."""
+        self._write()
+        if self.path is not None and self._is_changed:
+            logger.error("%s: what is new since the last writing is lost", self.path)
+
+    def _write(self) -> None:
+        if self.path is None or not self._is_changed:
+            return
+        # Before it is tried: a disk that is full is not asked again at once.
+        self._saved = time.monotonic()
+        try:
+            self._save(self.path)
+        except DataError as error:
+            self._complaints.add(_NAME, f"{error}; {_ADVICE}")
+            return
+        self._is_changed = False
+        logger.info("kept %s", self.path)
+
+    def _try(self, path: Path) -> None:
+        """Whether something can be written there is known before the robot drives off."""
+        try:
+            with made_folder(path.parent):
+                pass
+        except DataError as error:
+            self._complaints.add(_NAME, f"{error}; {_ADVICE}")
