@@ -3,13 +3,12 @@
 """What a node keeps in a file, while it runs and when it ends."""
 
 import logging
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fusionslam._files import make_folder
+from fusionslam._files import made_folder
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.ros.complaints import Complaints
@@ -77,15 +76,16 @@ class Saver:
         """Something changed: write it if the last writing is long ago."""
         self._is_changed = True
         if time.monotonic() - self._saved >= self._config.every:
-            self._write()
+            self.write()
 
     def close(self) -> None:
-        """Write what changed since the last writing."""
-        self._write()
+        """Write what changed since the last writing: nothing comes after it."""
+        self.write()
         if self.path is not None and self._is_changed:
             logger.error("%s: what is new since the last writing is lost", self.path)
 
-    def _write(self) -> None:
+    def write(self) -> None:
+        """Write what changed since the last writing."""
         if self.path is None or not self._is_changed:
             return
         # Before it is tried: a disk that is full is not asked again at once.
@@ -101,9 +101,9 @@ class Saver:
     def _try(self, path: Path) -> None:
         """Whether something can be written there is known before the robot drives off."""
         try:
-            make_folder(path.parent)
-            tempfile.TemporaryFile(dir=path.parent).close()
-        except (DataError, OSError) as error:
+            with made_folder(path.parent):
+                pass
+        except DataError as error:
             self._complain(path, error)
 
     def _complain(self, path: Path, error: Exception) -> None:

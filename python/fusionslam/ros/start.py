@@ -4,6 +4,7 @@
 
 import logging
 import sys
+from collections.abc import Callable
 
 from fusionslam.errors import FusionSlamError
 from fusionslam.ros.complaints import Complaints
@@ -24,11 +25,29 @@ def start(name: str, arguments: list[str] | None = None) -> None:
     Raises:
         SystemExit: 2 if it cannot start, 130 if it is interrupted before it could.
     """
+    _guarded(name, lambda: _run(name, sys.argv if arguments is None else [name, *arguments]))
+
+
+def start_player() -> None:
+    """Play a bag to the nodes of the launch file that this process is part of."""
+
+    def play() -> None:
+        import rospy
+
+        from fusionslam.ros.bag_player import play_bag
+
+        rospy.init_node("bag_player")
+        play_bag()
+
+    _guarded("bag_player", play)
+
+
+def _guarded(name: str, action: Callable[[], None]) -> None:
     # A disk that is full is no reason for a traceback with each line that is logged.
     logging.raiseExceptions = False
     try:
         need_ros()
-        _run(name, sys.argv if arguments is None else [name, *arguments])
+        action()
     except FusionSlamError as error:
         _end(_WRONG, f"error: {name}: {error}")
     except KeyboardInterrupt:

@@ -10,7 +10,7 @@ from typing import ClassVar
 from fusionslam.config import option
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.fusion import FusionConfig, fuse
-from fusionslam.messages import Message, Scan
+from fusionslam.messages import Message, Picture, Scan
 from fusionslam.online import FrameBuilder, OnlineConfig
 from fusionslam.ros.config import CommonConfig
 from fusionslam.ros.message_types import (
@@ -34,7 +34,7 @@ from fusionslam.views.recorder import ROBOT_FUSION
 
 logger = logging.getLogger(__name__)
 
-SCANS, COLORED = "velodyne_points", "rgb_cloud"
+SCANS, COLORED, COLORING = "velodyne_points", "rgb_cloud", "rgb_image"
 LEFT = ("camera/rgb/image_raw", "camera/rgb/camera_info")
 RIGHT = ("camera/right/image_raw", "camera/right/camera_info")
 _NO_POINTS = "a scan without points, or of NaN alone: look at the scanner"
@@ -60,10 +60,10 @@ class DataFusionConfig(CommonConfig):
     """Of the node data_fusion."""
 
     fusion: FusionConfig = option(ROBOT_FUSION, "what a cloud is made of, where it lies, ground")
+    # rospy has a thread for each topic: at five times a bag's pace odometry arrives up to half a
+    # second of stamps after the scan that it belongs to, on a busy machine even later.
     online: OnlineConfig = option(
-        # Longer than out of a bag: rospy has a thread for each topic, and at five times the speed
-        # odometry arrives up to half a second of stamps after the scan that it belongs to.
-        OnlineConfig(wait=2.0),
+        OnlineConfig(wait=5.0),
         "which image belongs to which scan; frames",
     )
 
@@ -73,7 +73,7 @@ class DataFusion(Node[DataFusionConfig]):
 
     name = "data_fusion"
     defaults = DataFusionConfig()
-    outputs: ClassVar = {COLORED: CLOUD}
+    outputs: ClassVar = {COLORED: CLOUD, COLORING: IMAGES[0]}
 
     def __init__(self, config: DataFusionConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
@@ -148,6 +148,14 @@ class DataFusion(Node[DataFusionConfig]):
             stamp_ns=frame.stamp_ns, frame_id=name, points=cloud.points, colors=cloud.colors
         )
         self.outlet.publish(COLORED, builder.build(scan))
+        self._show(frame)
+
+    def _show(self, frame: Frame) -> None:
+        """Debian's RViz decodes no images; and it shows when a cloud got the wrong one."""
+        if "left" in frame.images and self.outlet.is_wanted(COLORING):
+            name = self._frames.frame_of("camera")
+            picture = Picture(stamp_ns=frame.stamp_ns, frame_id=name, image=frame.images["left"])
+            self.outlet.publish(COLORING, builder.build(picture))
 
 
 def _why_empty(frame: Frame) -> str:
