@@ -4,12 +4,13 @@
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from fusionslam._files import made_folder
 from fusionslam.config import Section, option
-from fusionslam.errors import DataError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.ros.complaints import Complaints
 
 logger = logging.getLogger(__name__)
@@ -27,6 +28,25 @@ class SavingConfig(Section):
         "between two writings while something changes; a node that is killed loses no more",
         unit="s",
         gt=0,
+    )
+
+
+@contextmanager
+def continued(path: Path) -> Iterator[None]:
+    """Reads what a node goes on from. Raises DataError, which says what to do besides."""
+    try:
+        yield
+    except DataError as error:
+        raise DataError(
+            f"cannot go on from {_NAME}: {error}; move {path} away, or give another one"
+        ) from error
+
+
+def other_settings(name: str, path: Path) -> ConfigError:
+    """What to raise where a file was made with other parameters than the node has."""
+    return ConfigError(
+        f"~{name} differs from what {path} was made with: set it as it was, move the file away, "
+        f"or give another {_NAME}"
     )
 
 
@@ -56,15 +76,16 @@ class Saver:
         """Something changed: write it if the last writing is long ago."""
         self._is_changed = True
         if time.monotonic() - self._saved >= self._config.every:
-            self._write()
+            self.write()
 
     def close(self) -> None:
-        """Write what changed since the last writing."""
-        self._write()
+        """Write what changed since the last writing: nothing comes after it."""
+        self.write()
         if self.path is not None and self._is_changed:
             logger.error("%s: what is new since the last writing is lost", self.path)
 
-    def _write(self) -> None:
+    def write(self) -> None:
+        """Write what changed since the last writing."""
         if self.path is None or not self._is_changed:
             return
         # Before it is tried: a disk that is full is not asked again at once.
@@ -72,7 +93,7 @@ class Saver:
         try:
             self._save(self.path)
         except DataError as error:
-            self._complaints.add(_NAME, f"{error}; {_ADVICE}")
+            self._complain(self.path, error)
             return
         self._is_changed = False
         logger.info("kept %s", self.path)
@@ -83,4 +104,8 @@ class Saver:
             with made_folder(path.parent):
                 pass
         except DataError as error:
-            self._complaints.add(_NAME, f"{error}; {_ADVICE}")
+            self._complain(path, error)
+
+    def _complain(self, path: Path, error: Exception) -> None:
+        # The cause stands on a line of its own: it may name files that are made on the way.
+        self._complaints.add(_NAME, f"cannot write {path}: {_ADVICE}\n{error}")

@@ -151,7 +151,7 @@ class Worker:
         self, value: FrameTransforms, arrival: Arrival
     ) -> FrameTransforms | None:
         each = value.transforms
-        if self._common.stamps == "arrival":
+        if self._common.stamps == "arrival" and not all(one.static for one in each):
             now = self._arrival_ns(arrival)
             each = tuple(one if one.static else replace(one, stamp_ns=now) for one in each)
         kept = tuple(one for one in each if one.static or one.stamp_ns)

@@ -25,7 +25,6 @@ from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.sensors import Frame
 from fusionslam.synchronizer import (
     BUFFER_FULL,
-    CLOCK_JUMP,
     DUPLICATE,
     LATE,
     NO_IMAGE,
@@ -43,6 +42,10 @@ _NOTHING_SEEN = (
     "nothing is left of a scan: do camera and scanner look the same way (TF), and what does "
     "~fusion leave out?"
 )
+_WENT_BACK = (
+    "the clock went back and all starts anew: a bag that is played again needs nothing, else look "
+    "at the sensors' clocks"
+)
 _ROBOT = "the robot's frame is ~online/robot_frame, or that of odometry: is it in TF?"
 _ADVICE = {
     DUPLICATE: "is its driver running twice?",
@@ -50,7 +53,6 @@ _ADVICE = {
     NO_IMAGE: "is the camera published, and do both sensors have one clock? How far it may be is "
     "~online/sync/max_difference",
     BUFFER_FULL: "are all sensors published, by one clock? ~online/sync/buffer holds more",
-    CLOCK_JUMP: "all starts anew; nothing is to be done for a bag that is played again",
 }
 
 
@@ -116,7 +118,10 @@ class DataFusion(Node[DataFusionConfig]):
         return {**self.counts, **more, **dropped, **refused}
 
     def _take(self, message: Message, camera: str = "left") -> None:
+        jumps = self._frames.jumps
         self._publish(self._frames.process(message, camera))
+        if self._frames.jumps > jumps:
+            self.complaints.add(self._lead, _WENT_BACK)
 
     def _publish(self, frames: list[Frame]) -> None:
         for frame in frames:

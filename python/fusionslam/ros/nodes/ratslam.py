@@ -103,7 +103,7 @@ class Mapper(Node[MapperConfig]):
         """Take what waits; show and keep the map as it is."""
         self._publish(self._online.flush())
         self._show()
-        self._saver.close()
+        self._saver.write()
 
     def close(self) -> None:
         """Keep the map."""
