@@ -10,7 +10,7 @@ from fusionslam.errors import FusionSlamError
 from fusionslam.ros.environment import need_ros
 from fusionslam.ros.nodes import node_class
 
-_WRONG = 2
+_WRONG, _INTERRUPTED = 2, 130
 
 
 def start(name: str, arguments: list[str] | None = None) -> None:
@@ -45,6 +45,8 @@ def _guarded(name: str, action: Callable[[], None]) -> None:
     except FusionSlamError as error:
         print(f"error: {name}: {error}", file=sys.stderr)
         raise SystemExit(_WRONG) from error
+    except KeyboardInterrupt:  # before rospy takes care of it
+        raise SystemExit(_INTERRUPTED) from None
 
 
 def _run(name: str, arguments: list[str]) -> None:
