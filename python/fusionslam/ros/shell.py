@@ -16,13 +16,13 @@ from fusionslam.ros.complaints import Complaints
 from fusionslam.ros.config import from_parameters
 from fusionslam.ros.diagnostics import Stopwatch, diagnostics
 from fusionslam.ros.inbox import Arrival, Inbox
-from fusionslam.ros.message_types import DIAGNOSTICS, message_class
+from fusionslam.ros.message_types import DIAGNOSTICS, deserialized, message_class
 from fusionslam.ros.node import Input, Node
 from fusionslam.ros.registration import Registration
 
 logger = logging.getLogger(__name__)
 
-_BUFFER_BYTES = 1 << 24
+BUFFER_BYTES = 1 << 24
 """What a socket reads at a time: rospy's default of 64 KiB delays clouds and images."""
 _POLL_S = 0.1
 _REPORTS = "/diagnostics"
@@ -192,7 +192,7 @@ def _subscribe(entry: Input, arrived: Any) -> Any:
         rospy.AnyMsg if several else message_class(entry.types[0]),
         arrived,
         callback_args=entry.topic,
-        buff_size=_BUFFER_BYTES,
+        buff_size=BUFFER_BYTES,
         tcp_nodelay=True,
     )
 
@@ -204,9 +204,4 @@ def _typed(message: Any, entry: Input) -> tuple[Any, str]:
     found = message._connection_header["type"]
     if found not in entry.types:
         raise DataError(f"its type is {found}, expected {' or '.join(entry.types)}")
-    typed = message_class(found)()
-    try:
-        typed.deserialize(message._buff)
-    except Exception as error:  # genpy raises all kinds
-        raise DataError(f"no {found}, or cut short: {error}") from error
-    return typed, found
+    return deserialized(message, found), found

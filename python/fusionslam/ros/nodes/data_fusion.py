@@ -27,6 +27,7 @@ from fusionslam.views.recorder import ROBOT_FUSION
 SCANS, COLORED = "velodyne_points", "rgb_cloud"
 LEFT = ("camera/rgb/image_raw", "camera/rgb/camera_info")
 RIGHT = ("camera/right/image_raw", "camera/right/camera_info")
+ODOM = "odom"
 
 
 class DataFusionConfig(CommonConfig):
@@ -34,6 +35,13 @@ class DataFusionConfig(CommonConfig):
 
     fusion: FusionConfig = option(ROBOT_FUSION, "what a cloud is made of, where it lies, ground")
     online: OnlineConfig = option(OnlineConfig(), "which image belongs to which scan; frames")
+
+
+def frame_builder(config: DataFusionConfig) -> FrameBuilder:
+    """What makes frames of messages, with the cameras that the source of clouds needs."""
+    source = config.fusion.source
+    cameras = {"lidar": ("left",), "stereo": ("left", "right"), "cloud": ()}
+    return FrameBuilder(config.online, cameras=cameras[source], scans=source != "stereo")
 
 
 class DataFusion(Node[DataFusionConfig]):
@@ -45,17 +53,14 @@ class DataFusion(Node[DataFusionConfig]):
 
     def __init__(self, config: DataFusionConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
-        cameras = {"lidar": ("left",), "stereo": ("left", "right"), "cloud": ()}
         self._source = config.fusion.source
-        self._frames = FrameBuilder(
-            config.online, cameras=cameras[self._source], scans=self._source != "stereo"
-        )
+        self._frames = frame_builder(config)
 
     @property
     def inputs(self) -> Sequence[Input]:
         """Scans, images with their calibration, odometry and TF."""
         found = [
-            Input("odom", [ODOMETRY], self._take, optional=True),
+            Input(ODOM, [ODOMETRY], self._take, optional=True),
             Input("/tf", [TRANSFORMS], self._take, shared=True, optional=True),
             Input("/tf_static", [TRANSFORMS], self._take, shared=True, optional=True),
         ]
