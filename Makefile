@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-.PHONY: demo test bench bench-quick sanitize lint format stub setup clean
+.PHONY: demo test bench bench-quick sanitize lint format stub setup ros clean
 
 BIN := .venv/bin
 SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/src/*/*.?pp cpp/src/*/*.inc bindings/*.?pp tests/cpp/*.?pp examples/cpp/*.cpp benchmarks/peers/*.?pp)
@@ -41,6 +41,10 @@ stub: setup
 setup:
 	@mkdir -p build
 	@scripts/setup.sh
+
+ros:
+	@scripts/ros.sh
+	@$(MAKE) --no-print-directory setup
 
 clean:
 	rm -rf build .venv out

@@ -9,25 +9,28 @@ install(
   COMPONENT python
   USE_SOURCE_PERMISSIONS)
 
-# Debian's own interpreter sees Debian's genpy; that of the build may be any.
-find_program(FUSIONSLAM_SYSTEM_PYTHON python3 PATHS /usr/bin NO_DEFAULT_PATH)
-find_file(FUSIONSLAM_GENMSG genmsg_py.py PATHS /usr/lib/genpy /opt/ros/noetic/lib/genpy NO_DEFAULT_PATH)
-find_path(FUSIONSLAM_ROS_SHARE std_msgs/msg/Header.msg PATHS /usr/share /opt/ros/noetic/share NO_DEFAULT_PATH)
-if(NOT FUSIONSLAM_SYSTEM_PYTHON OR NOT FUSIONSLAM_GENMSG OR NOT FUSIONSLAM_ROS_SHARE)
-  message(STATUS "ROS's genpy was not found: built without ROS messages")
+# Debian's own interpreter sees Debian's genpy; that of the build may be any. Nothing is cached: ROS
+# may come or go between two builds in one folder.
+set(where /usr/share /opt/ros/noetic/share)
+find_program(system_python python3 PATHS /usr/bin NO_DEFAULT_PATH NO_CACHE)
+find_file(genmsg genmsg_py.py PATHS /usr/lib/genpy /opt/ros/noetic/lib/genpy NO_DEFAULT_PATH NO_CACHE)
+find_path(std_msgs std_msgs/msg/Header.msg PATHS ${where} NO_DEFAULT_PATH NO_CACHE)
+find_path(geometry_msgs geometry_msgs/msg/Pose.msg PATHS ${where} NO_DEFAULT_PATH NO_CACHE)
+if(NOT (system_python AND genmsg AND std_msgs AND geometry_msgs))
+  message(STATUS "ROS's genpy or its std_msgs, geometry_msgs are missing: built without ROS messages")
   return()
 endif()
 
 set(made ${CMAKE_BINARY_DIR}/ros_messages/fusionslam_ros)
 set(includes -Ifusionslam_ros:${ros_folder}/msg)
 foreach(package std_msgs geometry_msgs)
-  list(APPEND includes -I${package}:${FUSIONSLAM_ROS_SHARE}/${package}/msg)
+  list(APPEND includes -I${package}:${${package}}/${package}/msg)
 endforeach()
 file(GLOB definitions CONFIGURE_DEPENDS ${ros_folder}/msg/*.msg)
 add_custom_command(
   OUTPUT ${made}/msg/__init__.py
-  COMMAND ${FUSIONSLAM_SYSTEM_PYTHON} ${FUSIONSLAM_GENMSG} -p fusionslam_ros ${includes} -o ${made}/msg ${definitions}
-  COMMAND ${FUSIONSLAM_SYSTEM_PYTHON} ${FUSIONSLAM_GENMSG} --initpy -p fusionslam_ros -o ${made}/msg
+  COMMAND ${system_python} ${genmsg} -p fusionslam_ros ${includes} -o ${made}/msg ${definitions}
+  COMMAND ${system_python} ${genmsg} --initpy -p fusionslam_ros -o ${made}/msg
   COMMAND ${CMAKE_COMMAND} -E touch ${made}/__init__.py
   DEPENDS ${definitions}
   COMMENT "Generating Python messages with genpy"

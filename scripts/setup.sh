@@ -12,32 +12,20 @@ packages=(
   libpcl-dev libopencv-dev libeigen3-dev libqhull-dev doctest-dev
 )
 
-missing=()
-for package in "${packages[@]}"; do
-  [ "$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null)" = installed ] ||
-    missing+=("$package")
-done
-if [ "${#missing[@]}" -gt 0 ]; then
-  if [ "$(id -u)" = 0 ]; then
-    as_root=(env)
-  elif command -v sudo >/dev/null && sudo -v; then
-    as_root=(sudo env)
-  else
-    echo "fusionslam needs these Debian packages; have them installed and run this again:" >&2
-    echo "  apt-get install --no-install-recommends ${missing[*]}" >&2
-    exit 1
-  fi
-  echo "Installing Debian packages: ${missing[*]}"
-  "${as_root[@]}" apt-get update -qq
-  "${as_root[@]}" DEBIAN_FRONTEND=noninteractive \
-    apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
-fi
+scripts/debian.sh "${packages[@]}"
 
 if [ ! -x .venv/bin/python ]; then
   python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))' ||
     { echo "fusionslam needs Python 3.11 or newer, found $(python3 --version)" >&2; exit 1; }
   python3 -m venv .venv
 fi
+
+# Whether ROS came after the last build, which now can make the messages of the nodes.
+lacks_messages() {
+  [ -e /usr/lib/genpy/genmsg_py.py ] && [ -d /usr/share/std_msgs/msg ] &&
+    [ -d /usr/share/geometry_msgs/msg ] &&
+    [ ! -d "$(.venv/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/fusionslam_ros" ]
+}
 
 stamp=.venv/.fusionslam-installed
 if [ ! -e "$stamp" ] || [ pyproject.toml -nt "$stamp" ]; then
@@ -48,7 +36,7 @@ if [ ! -e "$stamp" ] || [ pyproject.toml -nt "$stamp" ]; then
   extras=".[all,dev]"
   rm -f "$stamp"
 fi
-if [ ! -e "$stamp" ] ||
+if [ ! -e "$stamp" ] || lacks_messages ||
   [ -n "$(find CMakeLists.txt README.md LICENSE cpp bindings python ros -newer "$stamp" -type f \
     -not -name '*.pyc' -print -quit)" ]; then
   echo "Building fusionslam"

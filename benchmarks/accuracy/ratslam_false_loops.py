@@ -32,7 +32,7 @@ WAYS: Mapping[str, RatSlamConfig] = {
     "openratslam": RatSlamConfig(preset="openratslam"),
 }
 HEADER = ["world", "views told wrongly", *(f"{way}: RMSE" for way in WAYS)]
-HEADER += [f"{way}: false loops" for way in WAYS] + ["robust: refused", "true ones among them"]
+HEADER += [f"{way}: false arrivals" for way in WAYS] + ["robust: refused", "true ones among them"]
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,8 @@ PRESETS: Mapping[str, RatSlamConfig] = {
     "openratslam": RatSlamConfig(preset="openratslam"),
 }
 
-HEADER = ["world", "views", "dead reckoning", "robust: RMSE", "ATE", "false loops", "refused"]
-HEADER += ["revisits linked", "openratslam: RMSE", "ATE", "false loops", "revisits linked"]
+HEADER = ["world", "views", "dead reckoning", "robust: RMSE", "ATE", "false arrivals", "refused"]
+HEADER += ["revisits linked", "openratslam: RMSE", "ATE", "false arrivals", "revisits linked"]
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ MADE = ("warehouse", "house", "hospital")
 HEADER = ["drive", "images", "preset", "turn rate off by", "in 90 % by less than", "heading off by"]
 HEADER += ["speed off by", "way seen of way driven", "fitted", "doubted"]
 MAPS = ["drive", "preset of the map", "odometry alone", "every pose on the map", "its heading"]
-MAPS += ["nodes", "loops made, false", "refused, of them true"]
+MAPS += ["nodes", "arrivals, false", "refused, of them true"]
 Floats = NDArray[np.float64]
 
 

@@ -43,8 +43,12 @@ def main() -> None:
     arguments = parser.parse_args()
 
     slam = places_of(arguments.bag) if arguments.bag else own_places()
-    np.savetxt(arguments.nodes, slam.map.nodes, delimiter=",", header="x,y,heading", comments="")
-    print(f"{len(slam.map.nodes)} nodes, {len(slam.map.links)} links")
+    nodes = slam.map.nodes
+    try:
+        np.savetxt(arguments.nodes, nodes, delimiter=",", header="x,y,heading", comments="")
+    except OSError as error:
+        sys.exit(f"ratslam.py: cannot write {arguments.nodes}: {error.strerror or error}")
+    print(f"{len(nodes)} nodes, {len(slam.map.links)} links")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import signal
 import tempfile
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from fusionslam.errors import DataError
@@ -41,29 +41,34 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def make_folder(folder: Path) -> None:
-    """Make a folder that much will be written to, before the work is done that it is for.
+@contextmanager
+def made_folder(folder: Path) -> Iterator[None]:
+    """Make a folder before the work is done whose results go there; gone again if none came.
 
     Raises:
-        DataError: it cannot be made.
+        DataError: it cannot be made, or nothing can be written there.
     """
+    # Path.exists raises where a folder on the way must not be entered.
+    new = [one for one in (folder, *folder.parents) if not os.path.exists(one)]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(f"cannot write {folder}: {why_not(folder / 'x', error)}") from error
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=folder).close()
+        except OSError as error:
+            raise DataError(f"cannot write {folder}: {why_not(folder / 'x', error)}") from error
+        yield
+    finally:
+        with suppress(OSError):
+            for one in new:
+                one.rmdir()
 
 
 def why_not(target: Path, error: OSError) -> str:
-    """Why no file can be made at a path: what the system says, or that a folder is a file."""
-    for folder in target.parents:
-        # Path.exists raises where a folder on the way must not be entered.
-        if os.path.exists(folder):
-            return f"{folder} is a file, expected a folder" if folder.is_file() else _why(error)
-    return _why(error)
-
-
-def _why(error: OSError) -> str:
-    return error.strerror or str(error)
+    """Why no file can be made at a path: what the system says, or that a folder is none."""
+    folder = next((one for one in target.parents if os.path.exists(one)), None)
+    if folder is None or folder.is_dir():
+        return error.strerror or str(error)
+    return f"{folder} is {'a file' if folder.is_file() else 'a device'}, expected a folder"
 
 
 @contextmanager

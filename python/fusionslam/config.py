@@ -8,6 +8,7 @@ core's own tables, so their values stand once too.
 """
 
 import difflib
+import re
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar, get_args
@@ -167,7 +168,7 @@ def _setting(text: str) -> tuple[list[str], Any]:
     if not equals:
         raise ConfigError(f"--set {text}: expected stage.key=value")
     try:
-        return key.strip().split("."), yaml.safe_load(value)
+        return key.strip().split("."), _read_yaml(value)
     except yaml.YAMLError as error:
         raise ConfigError(f"--set {text}: the value is no YAML: {error}") from error
 
@@ -181,7 +182,7 @@ def with_file(section: S, path: str | Path, *, new_names: bool = False) -> S:
     import yaml
 
     try:
-        changes = yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
+        changes = _read_yaml(Path(path).read_text(encoding="utf-8")) or {}
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except (UnicodeDecodeError, yaml.YAMLError) as error:
@@ -190,6 +191,18 @@ def with_file(section: S, path: str | Path, *, new_names: bool = False) -> S:
         found = type(changes).__name__
         raise ConfigError(f"{path}: expected stages with their keys, found {found}")
     return merged(section, changes, new_names=new_names)
+
+
+def _read_yaml(text: str) -> Any:
+    """What YAML says, for which 2e-5 is a number: PyYAML's grammar, YAML 1.1, wants 2.0e-5."""
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        """Of this grammar only."""
+
+    power = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$")
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", power, list("-+.0123456789"))
+    return yaml.load(text, Loader)
 
 
 def _yaml_problem(error: Exception) -> str:

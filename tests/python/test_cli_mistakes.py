@@ -18,7 +18,7 @@ from command_line import (
     succeeds,
 )
 from fusionslam import pipeline
-from fusionslam.datasets import write_cloud
+from fusionslam.datasets import KINDS, write_cloud
 from fusionslam.sensors import Cloud
 
 USAGE_ERRORS = [
@@ -69,7 +69,10 @@ def test_a_path_without_a_recording_is_named(command: str, tmp_path: Path) -> No
     output = () if command == "info" else ("-o", tmp_path / "out")
     assert "nowhere does not exist" in fails(1, command, tmp_path / "nowhere", *output)
     (tmp_path / "something").mkdir()
-    assert "something is no recording" in fails(1, command, tmp_path / "something", *output)
+    line = fails(1, command, tmp_path / "something", *output)
+    before, _, after = line.partition("something is no recording that is known here; looked for")
+    assert all(kind in after for kind in KINDS) and ".mcap" in after
+    assert before and len(after) < 300
     (tmp_path / "empty" / "velodyne").mkdir(parents=True)
     assert "empty has no frames" in fails(1, command, tmp_path / "empty", *output)
 

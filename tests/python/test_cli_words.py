@@ -258,7 +258,7 @@ def test_the_page_of_the_command_line_names_every_option_of_every_command() -> N
     rows = re.findall(r"^\| `(--[a-z-]+)` \| ([a-z, -]+) \|", page, flags=re.MULTILINE)
     documented = {(name, command) for name, of in rows for command in of.split(", ")}
     commands = dict(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
-    for group in ("views", "views train"):
+    for group in ("views", "views train", "ros"):
         inner = commands.pop(group).commands
         commands |= {f"{group} {name}": command for name, command in inner.items()}
     existing = {

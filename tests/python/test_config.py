@@ -214,6 +214,15 @@ def test_settings_change_what_they_name_in_order() -> None:
     assert config.descriptors.normal_radius is None
 
 
+@pytest.mark.parametrize("text", ["2.5e-1", "25e-2", ".25E0", "2.5e-01", "0.25"])
+def test_powers_of_ten_are_numbers_as_people_write_them(tmp_path: Path, text: str) -> None:
+    assert with_settings(PipelineConfig(), [f"fusion.voxel={text}"]).fusion.voxel == 0.25
+    (tmp_path / "config.yaml").write_text(f"fusion:\n  voxel: {text}\n")
+    assert with_file(PipelineConfig(), tmp_path / "config.yaml").fusion.voxel == 0.25
+    with pytest.raises(ConfigError, match=r"fusion\.up is '25e'"):
+        with_settings(PipelineConfig(), ["fusion.up=25e"])
+
+
 def test_the_original_is_never_changed() -> None:
     config = PipelineConfig()
     with_settings(config, ["fusion.voxel=3"])

@@ -68,6 +68,14 @@ def test_ratslam_maps_what_a_bag_shows(tmp_path: Path) -> None:
     assert done.stdout.splitlines()[-1] == "2 nodes, 1 links"
 
 
+def test_ratslam_says_in_a_line_that_it_cannot_write(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "nowhere" / "nodes.csv"):
+        done = run("ratslam.py", path)
+        assert done.returncode == 1
+        assert done.stderr.startswith(f"ratslam.py: cannot write {path}: ")
+        assert done.stderr.count("\n") == 1
+
+
 def test_ratslam_names_a_bag_that_is_not_there(tmp_path: Path) -> None:
     done = run("ratslam.py", tmp_path / "nodes.csv", tmp_path / "nothing.bag")
     assert done.returncode == 1 and "nothing.bag" in done.stderr

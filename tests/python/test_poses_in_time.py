@@ -13,7 +13,7 @@ from fusionslam import open_dataset
 from fusionslam.datasets.bags.reader import open_bag
 from fusionslam.errors import ClockError, DataError
 from fusionslam.messages import Odometry
-from fusionslam.poses_in_time import PosesInTime
+from fusionslam.poses_in_time import Ground, PosedInTime, PosesInTime
 from fusionslam.transforms import TransformError
 from fusionslam.views.recorder import places_of
 
@@ -113,3 +113,62 @@ def test_in_a_bag_it_says_where_the_frames_truly_were(test_data: Path) -> None:
     expected = places_of(dataset.poses)
     found = np.array([poses.at(stamp) for stamp in dataset.stamps_ns.tolist()])
     np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def waiting(**options: Any) -> PosedInTime[str]:
+    """Odometry up to 101 s is known."""
+    posed: PosedInTime[str] = PosedInTime(**options)
+    for step in range(11):
+        assert posed.move(odometry(100 + step / 10, step, 0, 0)) == []
+    return posed
+
+
+def told(decided: list[tuple[int, str, Ground | None]]) -> list[tuple[float, str, float | None]]:
+    """Seconds, thing, and x of its pose."""
+    return [
+        (stamp / S, thing, None if pose is None else round(pose[0], 6))
+        for stamp, thing, pose in decided
+    ]
+
+
+def test_things_are_given_out_once_their_pose_is_known_or_never_will_be() -> None:
+    posed = waiting()
+    assert told(posed.add(round(100.55 * S), "known")) == [(100.55, "known", 5.5)]
+    assert told(posed.add(99 * S, "too early")) == [(99, "too early", None)]
+    assert posed.add(round(101.15 * S), "late") == [] == posed.move(odometry(101.1, 11, 0, 0))
+    assert told(posed.move(odometry(101.2, 12, 0, 0))) == [(101.15, "late", 11.5)]
+
+
+def test_they_come_out_in_the_order_in_which_they_came() -> None:
+    posed = waiting()
+    assert posed.add(round(101.4 * S), "first") == posed.add(round(100.5 * S), "second") == []
+    assert told(posed.flush()) == [(101.4, "first", None), (100.5, "second", 5)]
+    assert posed.flush() == []
+
+
+def test_no_more_wait_than_allowed() -> None:
+    posed = waiting(most=2)
+    assert posed.add(105 * S, "a") == posed.add(106 * S, "b") == []
+    assert told(posed.add(107 * S, "c")) == [(105, "a", None)]
+
+
+@pytest.mark.parametrize("first", ["odometry", "thing"])
+def test_when_the_clock_goes_back_all_starts_anew_with_poses_of_the_new_time(first: str) -> None:
+    posed = waiting()
+    assert posed.add(102 * S, "old") == []
+    if first == "odometry":
+        assert told(posed.move(odometry(3, 70, 0, 0))) == [(102, "old", None)]
+        assert posed.add(round(3.5 * S), "new") == []
+    else:
+        assert told(posed.add(round(3.5 * S), "new")) == [(102, "old", None)]
+        assert posed.move(odometry(3, 70, 0, 0)) == []
+    assert told(posed.move(odometry(4, 80, 0, 0))) == [(3.5, "new", 75)]
+    assert posed.jumps == 1
+
+
+def test_bad_odometry_is_refused_and_what_waits_goes_on_waiting() -> None:
+    posed = waiting()
+    assert posed.add(round(101.05 * S), "late") == []
+    with pytest.raises(DataError, match="as before: do two"):
+        posed.move(odometry(101.1, 0, 0, 0, frame_id="map"))
+    assert told(posed.move(odometry(101.1, 11, 0, 0))) == [(101.05, "late", 10.5)]

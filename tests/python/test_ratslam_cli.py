@@ -189,7 +189,7 @@ def test_ctrl_c_before_the_first_step_writes_nothing(
     monkeypatch.setattr(RunRecorder, "step", interrupted)
     result = run("ratslam", recording, "--views", "objects", "-o", tmp_path / "out", *QUICK)
     assert result.exit_code == 130 and "nothing was written" in result.stderr
-    assert not list((tmp_path / "out").iterdir())
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_mistakes_are_one_line_that_names_them(
     recording: Path, tmp_path: Path, code: int, words: tuple[str, ...], said: str
 ) -> None:
     assert said in fails(code, "ratslam", recording, *words, "-o", tmp_path / "out", *QUICK)
-    assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_state_says_how_its_map_is_made(recording: Path, tmp_path: Path) -> None:
@@ -236,11 +236,19 @@ def test_an_output_that_is_a_file_is_said_before_anything_is_done(
         raise AssertionError("mapped first")
 
     monkeypatch.setattr(RunRecorder, "step", never)
-    line = fails(1, "ratslam", recording, "-o", tmp_path / "file", *QUICK)
-    assert "file is a file, expected a folder" in line
+    for output, what in ((tmp_path / "file", "a file"), (Path("/dev/null"), "a device")):
+        for folder in (output, output / "below"):
+            line = fails(1, "ratslam", recording, "-o", folder, *QUICK)
+            assert line.endswith(f"cannot write {folder}: {output} is {what}, expected a folder")
+    # Nothing can be made there, whoever asks.
+    assert "cannot write /proc: " in fails(1, "ratslam", recording, "-o", "/proc", *QUICK)
     assert (tmp_path / "file").read_text() == "kept"
 
 
-def test_data_that_is_not_there_is_named(tmp_path: Path) -> None:
-    line = fails(1, "ratslam", tmp_path / "nowhere.npz", "-o", tmp_path, *QUICK)
-    assert "nowhere.npz" in line
+def test_data_that_is_refused_leaves_no_folder_behind_but_those_that_were_there(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "there").mkdir()
+    for output in (tmp_path / "there", tmp_path / "there/new/newer", tmp_path / "new"):
+        assert "nowhere.npz" in fails(1, "ratslam", tmp_path / "nowhere.npz", "-o", output, *QUICK)
+        assert [one.name for one in tmp_path.rglob("*")] == ["there"]

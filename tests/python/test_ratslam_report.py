@@ -184,7 +184,8 @@ def test_no_node_and_no_view_are_sentences(tmp_path: Path) -> None:
 def test_a_single_step_is_enough(tmp_path: Path) -> None:
     run = little_run(HALL[:1], [(1, 0, 0)], HALL[:1], [], step_seconds=np.full((1, 3), 1e-3))
     text, kinds = drawn(tmp_path, run)
-    assert "0.0 s, 1 step: 1 look at 1 view; 1 node and 0 links" in text
+    said = "0.0 s and 1 step from the first node on, 1 look; 1 view, 1 node and 0 links"
+    assert said in text
     assert kinds == {"errors", "views", "cells", "times"}
 
 

@@ -13,8 +13,10 @@ from fusionslam.ratslam import RatSlamConfig
 from fusionslam.ratslam.run_record import RatSlamRun
 from fusionslam.report.ratslam_config import config_table
 from fusionslam.report.ratslam_scene import Scene, denied, link_misfits, scene_of
+from fusionslam.report.ratslam_sections import what_happened
 from fusionslam.report.ratslam_tables import error_table, joins_table, loop_table, refusals
 from fusionslam.report.ratslam_times import busy_ms, cost_table, draw_step_times
+from little_maps import little_run
 from reported_maps import CORNERS, alone, drifting_run, wrong_run
 
 pytest.importorskip("matplotlib")
@@ -64,6 +66,25 @@ def test_links_that_fit_have_no_misfit_and_a_moved_node_has_its_own() -> None:
     assert link_misfits(run) == pytest.approx([0, 0.5, 0.5, 0], abs=1e-9)
     table = joins_table(["moved"], [scene(run)])
     assert (table.heads[-1][0], table.rows[0][1][-1].text) == ("misfit of links, m", "0.354")
+
+
+def test_terminal_and_page_count_the_same_by_the_same_words() -> None:
+    start = [(0, 0, 0), (0, 0, 0), (1, 0, 0), (1, 0, 1), (1, 1, 2), (2, 2, 0)]
+    truth = [CORNERS[0]] * 3 + [*CORNERS[1:3], CORNERS[2]]
+    late = scene(little_run(truth, start, CORNERS[:3], [(0, 1), (1, 2), (2, 0)]))
+    words = str(late.report)
+    span = "90.0 s and 4 steps from the first node on, 4 looks"
+    assert span in words and span in what_happened(late)
+    table = joins_table(["late"], [late])
+    shown = {head: cell.text for (head, _), cell in zip(table.heads, table.rows[0][1], strict=True)}
+    assert (shown["loops"], shown["arrivals"], shown["false arrivals"]) == ("1", "1", "1")
+    assert (shown["right loops"], shown["refused"], shown["wrongly refused"]) == ("0.0%", "0", "0")
+    lines = [line.split() for line in words.splitlines()]
+    assert ["right", "loops", "0.0", "%", "0", "of", "1"] in [line[:7] for line in lines]
+    assert ["false", "arrivals", "100.0", "%", "1", "of", "1,"] in [line[:7] for line in lines]
+    assert "0 of 0 wrongly refused" in words
+    blind = scene(drifting_run(truth=None))
+    assert "4 arrivals at known nodes, 2 loops refused" in str(blind.report)
 
 
 def test_without_truth_there_are_no_errors_and_fewer_columns() -> None:

@@ -227,8 +227,10 @@ def test_missing_data_and_unknown_names_are_one_line(
     data: Path, tmp_path: Path, kitti: Path
 ) -> None:
     out = ("-o", tmp_path / "out")
-    line = fails(1, "reproduce", *out, "--data", tmp_path / "nothing")
-    assert "nothing" in line and "recordings" in line
+    for more in ((), ("--parts", "descriptors")):
+        line = fails(1, "reproduce", *out, "--data", tmp_path / "nothing", *more)
+        assert "nothing" in line and "recordings" in line
+        assert not (tmp_path / "out").exists()
     parts = ("--parts", "descriptors", "--data", data)
     line = fails(1, "reproduce", *out, *parts, "--kitti", tmp_path)
     assert "sequences/06" in line

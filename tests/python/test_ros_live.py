@@ -62,7 +62,7 @@ def test_clouds_ids_and_map_are_those_of_the_commands(
 ) -> None:
     with RosWorld(tmp_path) as world:
         listener = world.listen(*OUTPUTS)
-        for name in ("lv_matching", "lv_builder"):
+        for name in ("ratslam", "lv_matching", "lv_builder"):
             world.node(name)
         world.node("data_fusion", *SENSORS)
         world.play(offline.bag, "-r", str(rate))
@@ -70,6 +70,7 @@ def test_clouds_ids_and_map_are_those_of_the_commands(
         found = listener.messages()
     assert_same_clouds(found["/rgb_cloud"], offline.clouds)
     assert_same_views(found["/LocalView/Template"], offline.run)
+    assert_same_map(found, offline.run)
 
 
 def assert_same_clouds(messages: list[Any], clouds: list[Scan]) -> None:
@@ -84,3 +85,39 @@ def assert_same_clouds(messages: list[Any], clouds: list[Scan]) -> None:
 def assert_same_views(messages: list[Any], run: RatSlamRun) -> None:
     assert stamps(messages) == run.stamps_ns[run.is_view].tolist()
     assert [message.current_id for message in messages] == run.view_ids[run.is_view].tolist()
+
+
+def assert_same_map(found: dict[str, list[Any]], run: RatSlamRun) -> None:
+    """Step by step, up to where a recording ends: the first odometry after the last view."""
+    steps = len(run)
+    poses = found["/ExperienceMap/RobotPose"]
+    assert stamps(poses)[:steps] == run.stamps_ns.tolist()
+    np.testing.assert_array_equal([place(each.pose) for each in poses[:steps]], run.poses[:, :2])
+    np.testing.assert_allclose(
+        [heading(each.pose.orientation) for each in poses[:steps]],
+        np.angle(np.exp(1j * run.poses[:, 2])),
+        atol=1e-9,
+    )
+    done = run.actions[:, 0] > 0
+    actions = [
+        each
+        for each in found["/PoseCell/TopologicalAction"]
+        if stamp_of(each.header.stamp) <= run.stamps_ns[-1]
+    ]
+    assert stamps(actions) == run.stamps_ns[done].tolist()
+    told = [(each.action, each.src_id, each.dest_id) for each in actions]
+    assert told == [tuple(row) for row in run.actions[done].tolist()]
+    last = found["/ExperienceMap/Map"][-1]
+    assert len(last.node) == last.node_count == len(run.nodes)
+    np.testing.assert_array_equal([place(node.pose) for node in last.node], run.nodes[:, :2])
+    assert [stamp_of(node.stamp) for node in last.node] == run.node_stamps_ns.tolist()
+    links = [(edge.source_id, edge.destination_id) for edge in last.edge]
+    assert links == [(link["source"], link["target"]) for link in run.links]
+
+
+def place(pose: Any) -> tuple[float, float]:
+    return pose.position.x, pose.position.y
+
+
+def heading(rotation: Any) -> float:
+    return 2 * float(np.arctan2(rotation.z, rotation.w))

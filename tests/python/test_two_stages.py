@@ -23,6 +23,8 @@ Row = NDArray[np.float32]
 class MeanColor:
     """Agrees where the mean colours are near; counts how often it is asked."""
 
+    digest = "mean color"
+
     def __init__(self) -> None:
         self.asked = 0
 

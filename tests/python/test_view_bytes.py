@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fusionslam.config import merged
+from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
 from fusionslam.sensors import Cloud
 from fusionslam.views.comparisons import Comparison, View
@@ -72,7 +73,7 @@ def test_views_sent_as_bytes_are_recognised_as_their_clouds_are(kind: str, tmp_p
 def test_so_are_views_of_recorded_scans(test_data: Path, world: str, kind: str) -> None:
     scans = record_scenes(RangeRecording.open(test_data / "recordings" / f"{world}.npz")).clouds
     assert scans is not None
-    clouds = [scans[index] for index in range(0, len(scans), 4)]
+    clouds = [scans[index] for index in range(0, len(scans), 8)]
     straight, distant = matcher(kind), matcher(kind)
     expected = [straight.process(cloud) for cloud in clouds]
     assert sent(matcher(kind).comparison, distant, clouds) == expected
@@ -87,7 +88,7 @@ def test_the_shipped_second_stage_is_told_the_same() -> None:
     assert sent(ViewMatcher(config).comparison, distant, made_clouds()) == expected
     short = two_stages(MeanColor()).comparison  # has three features
     data = view_to_bytes(short, short.view(place(0)))
-    with pytest.raises(DataError, match=r"for comparison two_stage\.scenes, expected two_stage\.a"):
+    with pytest.raises(DataError, match=r"comparison 'two_stage\.scenes', expected 'two_stage\.a"):
         view_from_bytes(distant.comparison, data)
 
 
@@ -151,8 +152,11 @@ def test_contents_that_others_wrote_never_crash_it() -> None:
 class Sends:
     """A comparison whose views are whatever arrays they are said to be."""
 
-    def __init__(self, kind: str, arrays: dict[str, Any]) -> None:
-        self.kind, self.arrays = kind, arrays
+    def __init__(self, kind: str, arrays: dict[str, Any], about: dict[str, Any]) -> None:
+        self.kind, self.arrays, self.about = kind, arrays, about
+
+    def made_with(self) -> dict[str, Any]:
+        return self.about
 
     def arrays_of(self, view: View) -> dict[str, Any]:
         return self.arrays
@@ -163,7 +167,7 @@ def refusal(kind: str, change: dict[str, Any]) -> str:
     compares = matcher(kind).comparison
     arrays = {**compares.arrays_of(compares.view(place(0))), **change}
     left = {name: array for name, array in arrays.items() if array is not None}
-    sender: Any = Sends(compares.kind, left)
+    sender: Any = Sends(compares.kind, left, compares.made_with())
     with pytest.raises(DataError) as caught:
         view_from_bytes(compares, view_to_bytes(sender, View(None, 0)))
     assert "need the same configuration of views" in str(caught.value)
@@ -210,8 +214,55 @@ def test_features_of_nothing_are_refused() -> None:
     assert "features (3,) of nothing" in refusal(TWO_STAGES, arrays | {"features": np.zeros(3)})
 
 
-def test_views_of_another_comparison_are_refused_by_name() -> None:
-    builder, other = matcher("alignment").comparison, matcher("cm2dp").comparison
+@pytest.mark.parametrize(
+    ("one", "other", "words"),
+    [
+        ({}, {"method": "descriptor"}, "comparison 'alignment', expected 'descriptor'"),
+        ({"scene": {"azimuth_step": 2.0}}, {}, "scene.azimuth_step 2.0, expected 1.0"),
+        (
+            {"method": "descriptor", "descriptor": "m2dp"},
+            {"method": "descriptor"},
+            "descriptor 'm2dp', expected 'cm2dp'",
+        ),
+    ],
+)
+def test_views_that_were_made_otherwise_are_refused(
+    one: dict[str, Any], other: dict[str, Any], words: str
+) -> None:
+    builder, taker = (
+        ViewMatcher(merged(ViewMatcherConfig(), values)).comparison for values in (one, other)
+    )
     data = view_to_bytes(builder, builder.view(place(0)))
-    with pytest.raises(DataError, match="is for comparison alignment, expected descriptor"):
-        view_from_bytes(other, data)
+    with pytest.raises(DataError, match=f"was made with {words}"):
+        view_from_bytes(taker, data)
+
+
+def test_so_are_views_with_features_of_another_network() -> None:
+    pytest.importorskip("onnxruntime")
+    builder, taker = (
+        ViewMatcher(ViewMatcherConfig(second_stage=name)).comparison
+        for name in ("thesis", "places")
+    )
+    data = view_to_bytes(builder, builder.view(place(0)))
+    with pytest.raises(DataError, match=r"was made with second_stage '[0-9a-f]{16}', expected"):
+        view_from_bytes(taker, data)
+
+
+@pytest.mark.parametrize("kind", ["alignment", "cm2dp"])
+def test_what_only_the_matcher_needs_may_differ(kind: str) -> None:
+    builder = matcher(kind).comparison
+    data = view_to_bytes(builder, builder.view(place(0)))
+    values = {**KINDS[kind], "threshold": 0.5, "min_objects": 4, "policy": "several"}
+    config, threads = merged(ViewMatcherConfig(), values), DescriptorConfig(threads=2)
+    taker = ViewMatcher(config, descriptors=threads)
+    assert (
+        "objects, min_objects is 4" in taker.process(view_from_bytes(taker.comparison, data)).reason
+    )
+    assert view_from_bytes(taker.comparison, data).objects == (3 if kind == "alignment" else 1)
+
+
+@pytest.mark.parametrize("text", [b"{", b"[1]", b"\xff", b""])
+def test_views_that_do_not_say_how_they_were_made_are_refused(text: bytes) -> None:
+    assert "does not say how it was made" in refusal(
+        "alignment", {"about": np.frombuffer(text, np.uint8)}
+    )

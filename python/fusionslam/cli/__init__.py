@@ -11,6 +11,7 @@ from fusionslam.cli import (
     ratslam,
     reproduce,
     results,
+    ros,
     simulate,
     view_bench,
     views,
@@ -52,3 +53,4 @@ for command in (
 
 views.app.command()(show)
 app.add_typer(views.app, name="views")
+app.add_typer(ros.app, name="ros")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fusionslam._files import make_folder
+from fusionslam._files import made_folder
 from fusionslam.cli import options as opt
 from fusionslam.cli.guard import INTERRUPTED, needs_extra
 from fusionslam.cli.screen import Step, progress
@@ -97,7 +97,6 @@ def ratslam(
     from fusionslam.ratslam.run_events import ODOMETRY, events_of, expected_drift
     from fusionslam.ratslam.runs import RunRecorder
 
-    make_folder(output)
     if not no_report:
         needs_extra("report")
     if live is not None:
@@ -110,7 +109,7 @@ def ratslam(
     whole = whole_config(None, config, changes, **first)
     slam, earlier = _mapper(whole, views, resume, changes)
     reading = (kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
-    with ExitStack() as shown:
+    with made_folder(output), ExitStack() as shown:
         with progress() as step:
             tour = _tour(data, whole, reading, step, opt.cores(jobs))
             assert slam.views is not None  # every source that has a name

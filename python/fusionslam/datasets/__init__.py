@@ -163,8 +163,8 @@ def _kind(root: Path, name: str | None) -> Kind:
         return next(kind for kind in _KINDS if kind.name == name)
     recognised = next((kind for kind in _KINDS if kind.recognises(root)), None)
     if recognised is None:
-        looked_for = "\n".join(f"  {kind.name}: {kind.layout}" for kind in _KINDS)
-        raise DataError(f"{root} is no recording that is known here; looked for\n{looked_for}")
+        looked_for = "; ".join(f"{kind.name}: {kind.layout}" for kind in _KINDS)
+        raise DataError(f"{root} is no recording that is known here; looked for {looked_for}")
     return recognised
 
 

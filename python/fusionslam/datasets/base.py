@@ -189,7 +189,7 @@ class FileDataset(Dataset):
 
 
 class Kind(NamedTuple):
-    """A layout of folders: its name, what it looks like, how to recognise and how to open it."""
+    """A layout of folders: its name, its marks in a few words, how to recognise and to open it."""
 
     name: str
     layout: str

@@ -151,7 +151,7 @@ def _recognises(path: Path) -> bool:
 
 FOLDER = Kind(
     "folder",
-    "clouds/, points/ or itself with .bin, .pcd or .ply files; images/, or left/ and right/",
+    "files in clouds/, points/, images/ or left/",
     _recognises,
     open_folder,
 )

@@ -86,7 +86,7 @@ def _recognises(path: Path) -> bool:
 
 KITTI_OBJECT = Kind(
     "kitti-object",
-    "training/ or itself with calib/ and velodyne/ or image_2/",
+    "calib/ with velodyne/ or image_2/",
     _recognises,
     open_kitti_object,
 )

@@ -139,7 +139,7 @@ def _recognises(path: Path) -> bool:
 
 KITTI_ODOMETRY = Kind(
     "kitti-odometry",
-    "sequences/NN/ or itself with velodyne/, image_2/, image_3/, image_0/ or image_1/",
+    "sequences/, velodyne/ or image_0/ ... image_3/",
     _recognises,
     open_kitti_odometry,
 )

@@ -120,7 +120,7 @@ def _recognises(path: Path) -> bool:
 
 KITTI_RAW = Kind(
     "kitti-raw",
-    "velodyne_points/data/, image_02/data/ ... with calib_*.txt beside them or one folder up",
+    "velodyne_points/ or image_00/ ... image_03/",
     _recognises,
     open_kitti_raw,
 )

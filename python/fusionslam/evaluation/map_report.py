@@ -181,7 +181,8 @@ def _share(part: int | None, whole: int | None) -> float | None:
 def _heading(report: MapReport) -> list[str]:
     return [
         f"{report.name}: views {report.views}, odometry {report.odometry}, preset {report.preset}",
-        f"{report.steps} steps, {report.looks} looks, {report.seconds:.1f} s; "
+        f"{report.seconds:.1f} s and {report.steps} steps from the first node on, "
+        f"{report.looks} looks; "
         f"{report.node_count} nodes, {report.link_count} links",
     ]
 
@@ -202,16 +203,18 @@ def _errors(report: MapReport) -> list[str]:
 
 def _topology(report: MapReport) -> list[str]:
     if report.near_links is None:
-        return [f"  {report.loops} loops made, {report.refused} refused"]
+        return [f"  {report.loops} arrivals at known nodes, {report.refused} loops refused"]
     rule = report.rule
     return [
-        f"  near means within {rule.loop_distance:g} m and {rule.loop_angle:g} deg",
+        f"  near means within {rule.loop_distance:g} m and {rule.loop_angle:.3g} deg",
         f"  near links      {percent(report.near_link_share):>8}   {report.near_links} of "
-        f"{report.judged_links}; from loops {report.near_loop_links} of {report.loop_links}",
+        f"{report.judged_links}",
+        f"  right loops     {percent(report.near_loop_link_share):>8}   "
+        f"{report.near_loop_links} of {report.loop_links} links that an arrival made",
         f"  linked revisits {percent(report.linked_revisit_share):>8}   "
         f"{report.linked_revisits} of {report.revisits}",
-        f"  false loops     {percent(report.false_loop_share):>8}   {report.false_loops} of "
-        f"{report.judged_loops} made",
+        f"  false arrivals  {percent(report.false_loop_share):>8}   {report.false_loops} of "
+        f"{report.judged_loops}, at known nodes",
         f"  refused loops   {report.refused:>8}   {report.refused_true} of "
-        f"{report.judged_refused} were true",
+        f"{report.judged_refused} wrongly refused",
     ]

@@ -143,13 +143,19 @@ def write_g2o(path: PathLike, run: MapRecord) -> None:
     _check(run)
     lines = [f"VERTEX_SE2 {node} {_numbers(pose)}" for node, pose in enumerate(run.nodes)]
     lines += ["FIX 0"] if lines else []
-    for link, (place, rotation) in zip(run.links, _information(run.links), strict=True):
-        way = link["distance"] * np.array([np.cos(link["heading"]), np.sin(link["heading"])])
-        measured = _numbers([*way, link["facing"]])
+    rows = zip(run.links, measured_ways(run.links), _information(run.links), strict=True)
+    for link, way, (place, rotation) in rows:
         information = _numbers([place, 0.0, 0.0, place, 0.0, rotation])
-        lines.append(f"EDGE_SE2 {link['source']} {link['target']} {measured} {information}")
+        ends = f"{link['source']} {link['target']}"
+        lines.append(f"EDGE_SE2 {ends} {_numbers(way)} {information}")
     with atomic_path(path) as temporary:
         temporary.write_text("".join(line + "\n" for line in lines), encoding="ascii")
+
+
+def measured_ways(links: NDArray[np.void]) -> Floats:
+    """float64 (n, 3): x, y and rotation of the target of each link, as seen from its source."""
+    c, s = np.cos(links["heading"]), np.sin(links["heading"])
+    return np.stack([links["distance"] * c, links["distance"] * s, links["facing"]], axis=1)
 
 
 def write_graphml(path: PathLike, run: MapRecord) -> None:

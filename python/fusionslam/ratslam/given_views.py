@@ -64,6 +64,11 @@ class GivenViews:
         """For people."""
         return self.kind
 
+    @property
+    def known(self) -> int:
+        """As ``ViewSource``: number of views of the map."""
+        return self._count
+
     def look(self, item: Any, stamp_ns: int) -> Sighting:
         """As ``ViewSource``, of a ``GivenView``."""
         given = _checked(item)

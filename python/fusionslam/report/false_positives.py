@@ -22,7 +22,7 @@ def write_false_positive(
     path: str | os.PathLike[str],
     judged: JudgedView,
     image: NDArray[np.uint8] | None,
-    matched_image: NDArray[np.uint8] | None,
+    matched_image: NDArray[np.uint8] | bytes | None,
 ) -> None:
     """Write one JPEG of a scan and the one it was taken for, whole or not at all.
 
@@ -33,7 +33,7 @@ def write_false_positive(
         path: ends in .jpg or .jpeg; an older file is replaced.
         judged: what ``RunningViews.add`` said of the scan.
         image: uint8 (H, W, 3) RGB or (H, W); None where there is none, which the picture says.
-        matched_image: the like, of scan ``judged.matched``.
+        matched_image: the like, of scan ``judged.matched``, or what ``image_preview`` made of it.
 
     Raises:
         DataError: a scan that was not matched, another kind of file, or one that cannot be written.
@@ -58,9 +58,11 @@ def _caption(judged: JudgedView) -> list[str]:
     ]
 
 
-def _preview(image: NDArray[np.uint8] | None, name: str, scan: int | None) -> bytes:
+def _preview(image: NDArray[np.uint8] | bytes | None, name: str, scan: int | None) -> bytes:
     if image is None:
         return missing_preview(f"no image of scan {scan}")
+    if isinstance(image, bytes):
+        return image
     if image.dtype != np.uint8 or image.shape[2:] not in ((), (3,)) or image.ndim < 2:
         raise ShapeError(f"{name} is {image.dtype} {image.shape}, expected uint8 (H, W, 3) RGB")
     if not image.size:

@@ -32,21 +32,26 @@ Bounds = NDArray[np.float64]
 
 def draw_map(scene: Scene) -> "Figure":
     """The map over the truth and dead reckoning, with its links and loops."""
-    bounds = bounds_of([scene], scene.reckoned)
-    ratio = ratio_of(bounds)
-    width = 8.2 if ratio < 1 else 6.0
-    figure = new_figure(width, 1.4 + (width - 0.8) * ratio)
-    axis = figure.add_subplot()
-    draw_truth(axis, scene, lw=3.5)
+    figure, axis = single_map(scene, bounds_of([scene], scene.reckoned))
     axis.plot(
         *scene.reckoned[:, :2].T, color=RECKONED, lw=1, ls="--", zorder=2, label="dead reckoning"
     )
     _map(axis, scene, counted=True)
     _ends(axis, scene)
-    frame(axis, bounds)
-    axis.set(xlabel="x (m)", ylabel="y (m)")
     figure.legend(loc="outside lower center", ncols=4)
     return figure
+
+
+def single_map(scene: Scene, bounds: Bounds) -> tuple["Figure", "Axes"]:
+    """A picture of what lies within, as yet with nothing but the truth."""
+    ratio = ratio_of(bounds)
+    width = 8.2 if ratio < 1 else 6.0
+    figure = new_figure(width, 1.4 + (width - 0.8) * ratio)
+    axis = figure.add_subplot()
+    draw_truth(axis, scene, lw=3.5)
+    frame(axis, bounds)
+    axis.set(xlabel="x (m)", ylabel="y (m)")
+    return figure, axis
 
 
 def map_figure(

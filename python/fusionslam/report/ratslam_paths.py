@@ -10,16 +10,14 @@ from numpy.typing import NDArray
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.ratslam.routes import Route, quickest_route
 from fusionslam.ratslam.run_record import RatSlamRun
-from fusionslam.report.plots import CURVE_COLORS, new_figure, styled
+from fusionslam.report.plots import CURVE_COLORS, styled
 from fusionslam.report.ratslam_maps import (
     INK,
     bounds_of,
     counted_word,
-    draw_truth,
-    frame,
     lines_between,
     pairs_of,
-    ratio_of,
+    single_map,
 )
 from fusionslam.report.ratslam_scene import Scene, scene_of
 
@@ -49,12 +47,7 @@ def path_figure(run: RatSlamRun, a: int, b: int, report: MapReport | None = None
 
 def draw_route(scene: Scene, route: Route) -> "Figure":
     """As ``path_figure``, of a way that is known already."""
-    bounds = bounds_of([scene])
-    ratio = ratio_of(bounds)
-    width = 8.2 if ratio < 1 else 6.0
-    figure = new_figure(width, 1.4 + (width - 0.8) * ratio)
-    axis = figure.add_subplot()
-    draw_truth(axis, scene, lw=3.5)
+    figure, axis = single_map(scene, bounds_of([scene]))
     axis.add_collection(lines_between(scene, pairs_of(scene.run.links), _LINK, 0.9, 2))
     axis.plot([], [], color=_LINK, lw=0.9, label="links of the map")
     places = scene.nodes[route.ids, :2]
@@ -71,8 +64,7 @@ def draw_route(scene: Scene, route: Route) -> "Figure":
             zorder=6,
             label=f"{word} node {route.ids[row]}",
         )
-    frame(axis, bounds)
-    axis.set(xlabel="x (m)", ylabel="y (m)", title=route_words(route, places))
+    axis.set_title(route_words(route, places))
     figure.legend(loc="outside lower center", ncols=5)
     return figure
 

@@ -157,12 +157,10 @@ def _run_part(folder: Path, label: str, scene: Scene) -> RunPart:
 
 
 def what_happened(scene: Scene) -> str:
-    """Steps, views, nodes and loops of a run, in sentences."""
+    """Steps, views, nodes and loops of a run, in sentences; steps as the report counts them."""
     run, report = scene.run, scene.report
-    looked = run.view_ids[run.is_view]
-    views = counted_word(int(new_views(looked).sum()), "view")
-    seen = f"{counted_word(looked.size, 'look')} at {views}"
-    duration = float(run.seconds[-1])
+    span = f"{report.seconds:.1f} s and {counted_word(report.steps, 'step')} from the first node on"
+    views = counted_word(int(new_views(run.view_ids[run.is_view]).sum()), "view")
     made = f"{counted_word(len(run.nodes), 'node')} and {counted_word(len(run.links), 'link')}"
     loops = counted_word(int(scene.loops.sum()), "loop")
     judged = report.false_loops is not None and scene.loops.any()
@@ -172,7 +170,7 @@ def what_happened(scene: Scene) -> str:
     told = [f"{became[kind]} {kind}" for kind in REFUSALS if became[kind]]
     refused += f" ({', '.join(told)})" if told else ""
     return (
-        f"{duration:.1f} s, {counted_word(len(run), 'step')}: {seen}; {made}; "
+        f"{span}, {counted_word(report.looks, 'look')}; {views}, {made}; "
         f"{loops} closed{verdict}; {refused}."
     )
 

@@ -72,7 +72,13 @@ def table_of(
 
 def shown(value: float | None, show: str, scale: float = 1.0) -> str:
     """A figure as text; a dash where there is none."""
-    return DASH if value is None else show.format(value * scale)
+    known = scaled(value, scale)
+    return DASH if known is None else show.format(known)
+
+
+def scaled(value: float | None, scale: float) -> float | None:
+    """A figure in another unit; None where there is none."""
+    return None if value is None else value * scale
 
 
 def as_markdown(chapters: Sequence[Chapter]) -> str:

@@ -14,7 +14,7 @@ from fusionslam.reproduce.blocks import Chapter, Head, shown, table_of
 from fusionslam.reproduce.chapter5 import title_of
 from fusionslam.reproduce.claims import Claim, compared
 from fusionslam.reproduce.config import OURS
-from fusionslam.reproduce.map_study import Mapped, MapStudy
+from fusionslam.reproduce.map_study import MapStudy
 from fusionslam.views.entrants import ENTRANTS
 
 SAID = {
@@ -179,20 +179,16 @@ def _shares(study: MapStudy, odometry: str) -> Table:
 
 
 def _figure(study: MapStudy, world: str, odometry: str, folder: Path) -> Picture | None:
-    found = [
-        (title_of(method), study.map(world, odometry, method, preset))
-        for method in study.methods
-        for preset in ("robust" if method == OURS else "openratslam",)
-    ]
-    made = [(name, one) for name, one in found if one is not None and one.report is not None]
-    drawn: list[tuple[str, Mapped]] = [(n, m) for n, m in made if m.run and len(m.run.nodes) > 1]
+    drawn = []
+    for method in study.methods:
+        preset = "robust" if method == OURS else "openratslam"
+        one = study.map(world, odometry, method, preset)
+        if one and one.run and one.report and len(one.run.nodes) > 1:
+            drawn.append((one.run, one.report, title_of(method)))
     if not drawn:
         return None
-    picture = map_figure(
-        [m.run for _, m in drawn if m.run is not None],
-        [m.report for _, m in drawn if m.report is not None],
-        titles=[name for name, _ in drawn],
-    )
+    runs, reports, titles = zip(*drawn, strict=True)
+    picture = map_figure(runs, reports, titles=titles)
     like = "Figure" if odometry == "truth" else "The like of figure"
     caption = (
         f"{like} {_FIGURES[world]}, {study.words[world]}; {SETUPS[odometry]}. Grey: the truth. "

@@ -6,12 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from fusionslam.report.tables import Cell, Table
-from fusionslam.reproduce.blocks import DASH
+from fusionslam.reproduce.blocks import DASH, scaled
 from fusionslam.reproduce.chapter5 import published
 from fusionslam.reproduce.view_study import ViewStudy
 from fusionslam.views.drives import FrameName
-
-Figures = dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -67,118 +65,111 @@ def compared(
     return Claim(text, figures, holds)
 
 
-def view_claims(study: ViewStudy) -> list[Claim]:
-    """Those of sections 5.4 to 5.7, judged in the thesis's set-up, and strictly."""
-    worlds = [drive.world for drive in study.drives]
-
-    def of(
-        frame: FrameName, method: str, name: str, scale: float = 1.0
-    ) -> Callable[[str], float | None]:
-        def value(world: str) -> float | None:
-            found = study.figure(world, frame, method, name)
-            return None if found is None else found * scale
-
-        return value
-
-    def accuracy(frame: FrameName, method: str) -> Callable[[str], float | None]:
-        return of(frame, method, "accuracy", 100)
-
-    def thesis(world: str) -> float | None:
-        found = published(world, "first_stage", "accuracy")
-        return None if found is None else 100 * found
-
-    setup = "thesis's set-up"
-    return [
-        compared(
-            f"The first stage is as accurate as published, or more ({setup}; published second)",
-            worlds,
-            accuracy("odometry", "first_stage"),
-            thesis,
-            "{:.1f} %",
-            ties=True,
-        ),
-        compared(
-            f"Both stages are at least as accurate as the first alone ({setup})",
-            worlds,
-            accuracy("odometry", "both_stages"),
-            accuracy("odometry", "first_stage"),
-            "{:.1f} %",
-            ties=True,
-        ),
-        *(
-            compared(
-                f"The first stage is more accurate than the original's templates ({words})",
-                worlds,
-                accuracy(frame, "first_stage"),
-                accuracy(frame, "templates"),
-                "{:.1f} %",
-            )
-            for frame, words in _FRAMES
-        ),
-        *(
-            compared(
-                "False positives of the templates are farther off, on average, than those of the "
-                f"first stage ({words})",
-                worlds,
-                of(frame, "templates", "mean_error"),
-                of(frame, "first_stage", "mean_error"),
-                "{:.2f} m",
-            )
-            for frame, words in _FRAMES
-        ),
-        compared(
-            f"The templates store more views than the first stage ({setup})",
-            worlds,
-            of("odometry", "templates", "views"),
-            of("odometry", "first_stage", "views"),
-            "{:.0f}",
-        ),
-        compared(
-            "A view of the first stage takes fewer bytes than a template",
-            worlds,
-            of("robot", "templates", "view_bytes"),
-            of("robot", "first_stage", "view_bytes"),
-            "{:.0f} B",
-        ),
-        compared(
-            "A second stage costs more to build than the first alone",
-            worlds,
-            of("robot", "both_stages", "build_ms"),
-            of("robot", "first_stage", "build_ms"),
-            "{:.2f} ms",
-        ),
-        compared(
-            "Ours, not the thesis's: alignment is more accurate than the first stage is in the "
-            "thesis's set-up, without looking at odometry, and judged strictly",
-            worlds,
-            accuracy("robot", "alignment"),
-            accuracy("odometry", "first_stage"),
-            "{:.1f} %",
-        ),
-        compared(
-            "Ours, not the thesis's: alignment finds more loops than the first stage (robot's "
-            "frame)",
-            worlds,
-            of("robot", "alignment", "loop_recall", 100),
-            of("robot", "first_stage", "loop_recall", 100),
-            "{:.1f} %",
-        ),
-        compared(
-            "Not in the thesis: the first stage is more accurate than what looks at nothing "
-            "(thesis's set-up)",
-            worlds,
-            accuracy("odometry", "first_stage"),
-            accuracy("odometry", "every_3rd"),
-            "{:.1f} %",
-        ),
-    ]
-
-
+_PERCENT = ("{:.1f} %", 100.0)
+_SHOWN = {
+    "accuracy": _PERCENT,
+    "loop_recall": _PERCENT,
+    "mean_error": ("{:.2f} m", 1.0),
+    "views": ("{:.0f}", 1.0),
+    "view_bytes": ("{:.0f} B", 1.0),
+    "build_ms": ("{:.2f} ms", 1.0),
+}
+"""Format and scale of a figure of ``ViewRow``."""
 _FRAMES: tuple[tuple[FrameName, str], ...] = (
     ("odometry", "thesis's set-up"),
     ("robot", "robot's frame"),
     ("drift", "drifting odometry"),
 )
+
+Measured = tuple[FrameName, str]
+_CLAIMS: tuple[tuple[str, str, Measured, Measured], ...] = (
+    *(
+        (
+            f"The first stage is more accurate than the original's templates ({words})",
+            "accuracy",
+            (frame, "first_stage"),
+            (frame, "templates"),
+        )
+        for frame, words in _FRAMES
+    ),
+    *(
+        (
+            "False positives of the templates are farther off, on average, than those of the "
+            f"first stage ({words})",
+            "mean_error",
+            (frame, "templates"),
+            (frame, "first_stage"),
+        )
+        for frame, words in _FRAMES
+    ),
+    (
+        "The templates store more views than the first stage (thesis's set-up)",
+        "views",
+        ("odometry", "templates"),
+        ("odometry", "first_stage"),
+    ),
+    (
+        "A view of the first stage takes fewer bytes than a template",
+        "view_bytes",
+        ("robot", "templates"),
+        ("robot", "first_stage"),
+    ),
+    (
+        "A second stage costs more to build than the first alone",
+        "build_ms",
+        ("robot", "both_stages"),
+        ("robot", "first_stage"),
+    ),
+    (
+        "Ours, not the thesis's: alignment is more accurate than the first stage is in the "
+        "thesis's set-up, without looking at odometry, and judged strictly",
+        "accuracy",
+        ("robot", "alignment"),
+        ("odometry", "first_stage"),
+    ),
+    (
+        "Ours, not the thesis's: alignment finds more loops than the first stage (robot's frame)",
+        "loop_recall",
+        ("robot", "alignment"),
+        ("robot", "first_stage"),
+    ),
+    (
+        "Not in the thesis: the first stage is more accurate than what looks at nothing "
+        "(thesis's set-up)",
+        "accuracy",
+        ("odometry", "first_stage"),
+        ("odometry", "every_3rd"),
+    ),
+)
+"""A claim, a figure of ``ViewRow``, and by frame and way where it should be larger, and smaller."""
+
+
+def view_claims(study: ViewStudy) -> list[Claim]:
+    """Those of sections 5.4 to 5.7, judged in the thesis's set-up, and strictly."""
+    worlds = [drive.world for drive in study.drives]
+
+    def of(name: str, measured: Measured) -> Callable[[str], float | None]:
+        frame, method = measured
+        scale = _SHOWN[name][1]
+        return lambda world: scaled(study.figure(world, frame, method, name), scale)
+
+    def thesis(world: str) -> float | None:
+        return scaled(published(world, "first_stage", "accuracy"), _PERCENT[1])
+
+    first = of("accuracy", ("odometry", "first_stage"))
+    both = of("accuracy", ("odometry", "both_stages"))
+    as_published = (
+        "The first stage is as accurate as published, or more (thesis's set-up; published second)"
+    )
+    second = "Both stages are at least as accurate as the first alone (thesis's set-up)"
+    return [
+        compared(as_published, worlds, first, thesis, _PERCENT[0], ties=True),
+        compared(second, worlds, both, first, _PERCENT[0], ties=True),
+        *(
+            compared(text, worlds, of(name, larger), of(name, smaller), _SHOWN[name][0])
+            for text, name, larger, smaller in _CLAIMS
+        ),
+    ]
 
 
 def claims_table(claims: Sequence[Claim]) -> Table:

@@ -11,6 +11,7 @@ from fusionslam.evaluation.published import (
     PUBLISHED_SECONDS,
 )
 from fusionslam.report.tables import Cell, Table
+from fusionslam.reproduce.blocks import scaled
 from fusionslam.reproduce.chapter4 import NAMES, SPACES, color_recall, describe_ms, full_recall
 from fusionslam.reproduce.chapter5 import published, title_of
 from fusionslam.reproduce.descriptor_study import TOWN, DescriptorStudy
@@ -115,16 +116,12 @@ def view_differences(study: ViewStudy, methods: Sequence[str]) -> list[Differenc
         for one in _difference(
             f"{title_of(method)}: {words}",
             worlds,
-            lambda w, m=method, k=known, s=scale: _scaled(published(w, m, k), s),  # type: ignore[misc]
-            lambda w, m=method, n=name, f=frame, s=scale: _scaled(study.figure(w, f, m, n), s),  # type: ignore[misc]
+            lambda w, m=method, k=known, s=scale: scaled(published(w, m, k), s),  # type: ignore[misc]
+            lambda w, m=method, n=name, f=frame, s=scale: scaled(study.figure(w, f, m, n), s),  # type: ignore[misc]
             show,
             _view_reason(method, name, where),
         )
     ]
-
-
-def _scaled(value: float | None, scale: float) -> float | None:
-    return None if value is None else value * scale
 
 
 def _where(made: Sequence[str]) -> str:
@@ -175,7 +172,7 @@ def descriptor_differences(study: DescriptorStudy) -> list[Difference]:
         found += _difference(
             f"{source}: describing a cloud in ms, KITTI 05",
             list(names),
-            lambda t, s=source: _scaled(PUBLISHED_SECONDS.get(("05", s, names[t])), 1e3),  # type: ignore[misc]
+            lambda t, s=source: scaled(PUBLISHED_SECONDS.get(("05", s, names[t])), 1e3),  # type: ignore[misc]
             lambda t, s=source: describe_ms(study.find(case, s, names[t], "author")),  # type: ignore[misc]
             "{:.1f}",
             f"another machine, vector instructions{'; another sensor' * town}",

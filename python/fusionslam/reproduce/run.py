@@ -3,7 +3,6 @@
 """``reproduce``: every part that is asked for, one page."""
 
 import os
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -38,23 +37,27 @@ class _Report:
 
     Args:
         config: what is reproduced.
+        drives: those of the second thesis's parts.
         folder: where pictures and finished pieces go.
         jobs: frames worked on at a time.
         step: told about progress.
     """
 
-    def __init__(self, config: ReproduceConfig, folder: Path, jobs: int, step: Step | None) -> None:
-        self.config, self.folder, self.jobs, self.step = config, folder, jobs, step
+    def __init__(
+        self,
+        config: ReproduceConfig,
+        drives: list[Source],
+        folder: Path,
+        jobs: int,
+        step: Step | None,
+    ) -> None:
+        self.config, self.drives, self.folder = config, drives, folder
+        self.jobs, self.step = jobs, step
         self.pieces = Pieces(folder / "pieces")
         self.chapters: list[Chapter] = []
         self.claims: list[Claim] = []
         self.differences: list[Difference] = []
         self.figures: dict[str, Any] = {}
-
-    @cached_property
-    def drives(self) -> list[Source]:
-        """Those of the second thesis's parts."""
-        return sources(self.config, self.jobs, self.step)
 
     def views(self) -> None:
         """Sections 5.4 to 5.7 of Stastny 2022."""
@@ -119,10 +122,10 @@ def reproduce(
     checked(config)
     if config.kitti is not None and "descriptors" in config.parts:
         sequences_of_kitti(Path(config.kitti).expanduser())  # not after hours of views and maps
-    target = Path(folder)
+    drives, target = sources(config, jobs, step), Path(folder)
     about = about_report("two theses", command, config.model_dump(mode="json"))
     save_json(about, target / "made_with.json")
-    report = _Report(config, target, jobs, step)
+    report = _Report(config, drives, target, jobs, step)
     with styled():
         for part in PARTS:
             if part in config.parts:

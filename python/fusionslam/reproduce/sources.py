@@ -58,8 +58,7 @@ class Source:
     @cached_property
     def identity(self) -> list[Any]:
         """What decides the scans."""
-        where = self._bag if self.path is None else None
-        return [*([where.name] if where else state_of(self.path)), self.quick]  # type: ignore[arg-type]
+        return [*([self._bag.name] if self.path is None else state_of(self.path)), self.quick]
 
     @cached_property
     def recording(self) -> Path:

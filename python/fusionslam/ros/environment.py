@@ -9,15 +9,9 @@ from pathlib import Path
 from fusionslam.errors import FusionSlamError
 
 PACKAGE = "fusionslam_ros"
-SHARE = Path(__file__).parent / "share"
-"""The folder that holds the ROS package, for ROS_PACKAGE_PATH."""
 
 # Debian's Python modules, pure Python all that is needed; a virtual environment does not see them.
 _DEBIAN = "/usr/lib/python3/dist-packages"
-_DEBIAN_PACKAGES = (
-    "ros-base python3-rosbag python3-tf2-ros ros-std-msgs python3-std-msgs python3-sensor-msgs "
-    "python3-nav-msgs python3-geometry-msgs python3-visualization-msgs python3-diagnostic-msgs"
-)
 
 
 def has_ros() -> bool:
@@ -38,10 +32,15 @@ def need_ros() -> None:
     if not has_ros():
         raise FusionSlamError(
             "this needs ROS 1, which is not installed: make ros, or on Debian 12 "
-            f"apt-get install --no-install-recommends {_DEBIAN_PACKAGES}"
+            f"apt-get install --no-install-recommends {' '.join(_debian_packages())}"
         )
     if find_spec(PACKAGE) is None:
         raise FusionSlamError(
             "fusionslam was built without its ROS messages: source a catkin workspace that holds "
             f"{PACKAGE}, or install fusionslam again now that python3-genpy is there"
         )
+
+
+def _debian_packages() -> list[str]:
+    lines = Path(__file__).with_name("debian_packages.txt").read_text().splitlines()
+    return [line for line in lines if not line.startswith("#")]

@@ -52,9 +52,7 @@ def action_message(step: Step, frame_id: str) -> Any:
 def map_message(top: Any, slam: RatSlam) -> Any:
     """The TopologicalMap as it is now."""
     graph, memory = slam.map, slam.memory
-    rows = zip(
-        graph.nodes.tolist(), memory.node_stamps_ns, memory.node_views, strict=True
-    )
+    rows = zip(graph.nodes.tolist(), memory.node_stamps_ns, memory.node_views, strict=True)
     nodes = [
         make(
             "fusionslam_ros/TopologicalNode",

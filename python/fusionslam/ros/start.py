@@ -4,6 +4,7 @@
 
 import logging
 import sys
+from collections.abc import Callable
 
 from fusionslam.errors import FusionSlamError
 from fusionslam.ros.environment import need_ros
@@ -20,9 +21,27 @@ def start(name: str, arguments: list[str] | None = None) -> None:
         arguments: as on a command line: remappings (``odom:=/wheels/odom``) and private parameters
             (``_fusion/voxel:=0.05``); None for those of this process.
     """
+    _guarded(name, lambda: _run(name, sys.argv if arguments is None else [name, *arguments]))
+
+
+def start_player() -> None:
+    """Play a bag to the nodes of the launch file that this process is part of."""
+
+    def play() -> None:
+        import rospy
+
+        from fusionslam.ros.bag_player import play_bag
+
+        rospy.init_node("bag_player")
+        play_bag()
+
+    _guarded("bag_player", play)
+
+
+def _guarded(name: str, action: Callable[[], None]) -> None:
     try:
         need_ros()
-        _run(name, sys.argv if arguments is None else [name, *arguments])
+        action()
     except FusionSlamError as error:
         print(f"error: {name}: {error}", file=sys.stderr)
         raise SystemExit(_WRONG) from error

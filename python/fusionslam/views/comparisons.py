@@ -14,7 +14,7 @@ from fusionslam._core import DescriptorIndex
 from fusionslam.descriptors import DescriptorConfig, describe, descriptor_named, length_of
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors import Cloud
-from fusionslam.views.scene_sets import packed, unpacked
+from fusionslam.views.scene_sets import packed, scene_values, unpacked
 from fusionslam.views.scenes import (
     Scene,
     SceneConfig,
@@ -69,6 +69,9 @@ class Comparison(Protocol):
 
     kind: str
     threshold: float
+
+    def made_with(self) -> dict[str, Any]:
+        """All that views depend on, as JSON can hold it: the like is needed to compare them."""
 
     def view(self, item: Item) -> View:
         """What is compared of a cloud, or of what was made of it.
@@ -148,6 +151,10 @@ class SceneComparison(ABC):
     @abstractmethod
     def _stored(self, scene: Scene) -> bytes:
         """What is kept of a scene."""
+
+    def made_with(self) -> dict[str, Any]:
+        """How clouds become scenes."""
+        return {f"scene.{name}": value for name, value in scene_values(self._scene).items()}
 
     def view(self, item: Item) -> View:
         """A scene, or the scene of a cloud."""
@@ -264,6 +271,11 @@ class DescriptorComparison:
 
     def __len__(self) -> int:
         return len(self._rows)
+
+    def made_with(self) -> dict[str, Any]:
+        """Which descriptor, and how clouds are described."""
+        values = self._config.model_dump(mode="json", exclude={"threads"})
+        return {"descriptor": self._descriptor.name, "descriptors": values}
 
     def view(self, item: Item) -> View:
         """A descriptor, float32 (D,), or that of a cloud."""

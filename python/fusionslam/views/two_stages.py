@@ -17,7 +17,13 @@ TWO_STAGES = "two_stage."
 
 
 class SecondStage(Protocol):
-    """Tells look-alikes apart, such as the network of ``fusionslam.views.learning``."""
+    """Tells look-alikes apart, such as the network of ``fusionslam.views.learning``.
+
+    Attributes:
+        digest: differs between those whose features cannot be compared with each other.
+    """
+
+    digest: str
 
     def features(self, cloud: Cloud) -> NDArray[np.float32]:
         """What is stored of a cloud, float32 (F,)."""
@@ -67,6 +73,10 @@ class TwoStageComparison:
 
     def __len__(self) -> int:
         return len(self._features)
+
+    def made_with(self) -> dict[str, Any]:
+        """That of the first stage, and which features."""
+        return {**self._first.made_with(), "second_stage": self._second.digest}
 
     def view(self, item: Item) -> View:
         """What both stages compare of a cloud."""

@@ -10,6 +10,7 @@ gives what ``matcher.process(cloud)`` gives if both were configured alike: ``bui
 """
 
 import io
+import json
 import zipfile
 import zlib
 from typing import Any
@@ -21,7 +22,7 @@ from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.views.comparisons import Comparison, View
 
 FORMAT = b"fusionslam.view.1\n"
-_KIND = "comparison"
+_ABOUT = "about"
 _SUM = 4  # bytes of the check sum
 # What numpy and zipfile raise where others wrote the content.
 _FOREIGN = (
@@ -41,7 +42,8 @@ _ADVICE = "who builds views and who matches them need the same configuration of 
 def view_to_bytes(comparison: Comparison, view: View) -> bytes:
     """A view that ``comparison`` made: format, check sum (CRC-32, little endian), and a .npz."""
     stream = io.BytesIO()
-    arrays: dict[str, Any] = {_KIND: np.array(comparison.kind), **comparison.arrays_of(view)}
+    text = json.dumps(_about(comparison)).encode()
+    arrays: dict[str, Any] = {_ABOUT: np.frombuffer(text, np.uint8), **comparison.arrays_of(view)}
     np.savez(stream, **arrays)
     content = stream.getvalue()
     return FORMAT + zlib.crc32(content).to_bytes(_SUM, "little") + content
@@ -55,20 +57,35 @@ def view_from_bytes(comparison: Comparison, data: bytes) -> View:
         data: what was written there.
 
     Raises:
-        DataError: bytes that are cut short, damaged, of another version, no view, or one of
-            another comparison; the message says what was found and expected.
+        DataError: bytes that are cut short, damaged, of another version, no view, or one made by
+            another comparison or with other values; the message says what was found and expected.
     """
     content = _content(data)
     try:
         arrays = _arrays(content)
-        kind = str(arrays[_KIND])
-        if kind != comparison.kind:
-            raise DataError(f"is for comparison {kind}, expected {comparison.kind}")
+        _check_about(arrays[_ABOUT], _about(comparison))
         return comparison.view_of(arrays)
     except KeyError as error:
         raise DataError(f"view: no array {error}; {_ADVICE}") from error
     except FusionSlamError as error:
         raise DataError(f"view: {error}; {_ADVICE}") from error
+
+
+def _about(comparison: Comparison) -> dict[str, Any]:
+    return {"comparison": comparison.kind, **comparison.made_with()}
+
+
+def _check_about(text: NDArray[Any], expected: dict[str, Any]) -> None:
+    """Raise DataError unless a view was made as is expected."""
+    try:
+        found = json.loads(text.tobytes())
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"does not say how it was made: {error}") from error
+    if not isinstance(found, dict):
+        raise DataError(f"does not say how it was made, but {found!r}")
+    for name, value in expected.items():
+        if found.get(name) != value:
+            raise DataError(f"was made with {name} {found.get(name)!r}, expected {value!r}")
 
 
 def _content(data: bytes) -> bytes:

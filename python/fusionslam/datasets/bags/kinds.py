@@ -20,7 +20,7 @@ def _kind(name: str, layout: str) -> Kind:
 
 
 BAGS = (
-    _kind("rosbag1", "a ROS 1 .bag file"),
-    _kind("rosbag2", "a .db3 file, or the folder of a ROS 2 bag with one"),
-    _kind("mcap", "an .mcap file, or the folder of a ROS 2 bag with one"),
+    _kind("rosbag1", ".bag"),
+    _kind("rosbag2", ".db3"),
+    _kind("mcap", ".mcap"),
 )

@@ -9,7 +9,7 @@ from typing import ClassVar
 from fusionslam.config import option
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.fusion import FusionConfig, fuse
-from fusionslam.messages import Message, Scan
+from fusionslam.messages import Message, Picture, Scan
 from fusionslam.online import FrameBuilder, OnlineConfig
 from fusionslam.ros.config import CommonConfig
 from fusionslam.ros.message_types import (
@@ -24,7 +24,7 @@ from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.sensors import Frame
 from fusionslam.views.recorder import ROBOT_FUSION
 
-SCANS, COLORED = "velodyne_points", "rgb_cloud"
+SCANS, COLORED, COLORING = "velodyne_points", "rgb_cloud", "rgb_image"
 LEFT = ("camera/rgb/image_raw", "camera/rgb/camera_info")
 RIGHT = ("camera/right/image_raw", "camera/right/camera_info")
 ODOM = "odom"
@@ -34,7 +34,10 @@ class DataFusionConfig(CommonConfig):
     """Of the node data_fusion."""
 
     fusion: FusionConfig = option(ROBOT_FUSION, "what a cloud is made of, where it lies, ground")
-    online: OnlineConfig = option(OnlineConfig(), "which image belongs to which scan; frames")
+    # rospy may deliver odometry later than scans: at five times a bag's pace, by half a second.
+    online: OnlineConfig = option(
+        OnlineConfig(wait=2.0), "which image belongs to which scan; frames"
+    )
 
 
 def frame_builder(config: DataFusionConfig) -> FrameBuilder:
@@ -49,7 +52,7 @@ class DataFusion(Node[DataFusionConfig]):
 
     name = "data_fusion"
     defaults = DataFusionConfig()
-    outputs: ClassVar = {COLORED: CLOUD}
+    outputs: ClassVar = {COLORED: CLOUD, COLORING: IMAGES[0]}
 
     def __init__(self, config: DataFusionConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
@@ -109,3 +112,11 @@ class DataFusion(Node[DataFusionConfig]):
             stamp_ns=frame.stamp_ns, frame_id=name, points=cloud.points, colors=cloud.colors
         )
         self.outlet.publish(COLORED, builder.build(scan))
+        self._show(frame)
+
+    def _show(self, frame: Frame) -> None:
+        """Debian's RViz decodes no images; and it shows when a cloud got the wrong one."""
+        if "left" in frame.images and self.outlet.is_wanted(COLORING):
+            name = self._frames.frame_of("camera")
+            picture = Picture(stamp_ns=frame.stamp_ns, frame_id=name, image=frame.images["left"])
+            self.outlet.publish(COLORING, builder.build(picture))

@@ -66,6 +66,10 @@ class LoopClosure(Node[LoopClosureConfig]):
         """Coloured clouds."""
         return [Input(COLORED, [CLOUD], self._take)]
 
+    def idle(self) -> None:
+        """Keep what is known now."""
+        self._saver.close()
+
     def close(self) -> None:
         """Keep all descriptors."""
         self._saver.close()

@@ -21,7 +21,14 @@ from fusionslam.poses_in_time import Ground, PosedInTime
 from fusionslam.report.false_positives import write_false_positive
 from fusionslam.report.views_pictures import image_preview
 from fusionslam.ros.config import CommonConfig
-from fusionslam.ros.message_types import IMAGES, ODOMETRY, VIEW_STATISTICS, VIEW_TEMPLATE, header, make
+from fusionslam.ros.message_types import (
+    IMAGES,
+    ODOMETRY,
+    VIEW_STATISTICS,
+    VIEW_TEMPLATE,
+    header,
+    make,
+)
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.data_fusion import LEFT
 from fusionslam.ros.nodes.lv_dataset_creator import TRUTH
@@ -43,10 +50,13 @@ class ViewAnalyzerConfig(CommonConfig):
 
     rule: Literal["paper", "author"] = option("paper", "how views are judged")
     output: str = option(
-        "", "folder for figures and pictures of false positives, at the end and as they come; "
-        "empty: none"
+        "",
+        "folder for figures and pictures of false positives, at the end and as they come; "
+        "empty: none",
     )
-    max_pictures: int = option(200, "pictures of false positives at most; later ones are counted", ge=0)
+    max_pictures: int = option(
+        200, "pictures of false positives at most; later ones are counted", ge=0
+    )
     max_places: int = option(
         5000, "places whose first image is remembered; the oldest make room", ge=1
     )
@@ -145,7 +155,8 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
             if self.counts["pictures"] < self.config.max_pictures:
                 self.counts["pictures"] += 1
                 earlier = self._first.get(judged.id)
-                write_false_positive(self._folder, judged, image, earlier)
+                path = self._folder / f"false_positive_{judged.scan:06d}.jpg"
+                write_false_positive(path, judged, image, earlier)
 
     def _image_at(self, stamp_ns: int) -> Image | None:
         """The image nearest in time, if one is near enough."""

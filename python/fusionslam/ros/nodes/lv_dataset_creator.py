@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Clouds or scenes with their true poses into a file to tune and train with (Stastny 2022, 4.2.7)."""
+"""Clouds or scenes and the truth in, a file to tune and train with out (Stastny 2022, 4.2.7)."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
@@ -53,7 +53,7 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
             raise ConfigError("~source is 'visual': lv_dataset_creator keeps clouds or scenes")
         self._comparison = matcher.comparison
         kept = scene_config(matcher.config) if config.keep == "scenes" else None
-        self._recorder = SceneRecorder("a drive", scenes=kept, max_scans=config.max_scans)
+        self._recorder = SceneRecorder("a drive", scene_config=kept, max_scans=config.max_scans)
         self._saver = Saver(config.memory, lambda path: self._recorder.save(path))
 
     @property

@@ -65,6 +65,10 @@ class ViewMatching(Node[ViewMatchingConfig]):
             return [Input(LEFT[0], IMAGES, self._take_image)]
         return [Input(DESCRIPTIONS, [VIEW_DESCRIPTION], self._take_view)]
 
+    def idle(self) -> None:
+        """Keep what is known now."""
+        self._saver.close()
+
     def close(self) -> None:
         """Keep all views."""
         self._saver.close()

@@ -84,10 +84,10 @@ class Mapper(Node[MapperConfig]):
         self._is_shown = True
 
     def _begun(self, path: Path | None) -> OnlineRatSlam:
-        own = {"ratslam": self.config.ratslam.model_dump(), "order": self.config.order.model_dump()}
+        own = OnlineRatSlamConfig(ratslam=self.config.ratslam, order=self.config.order)
         if path is None or not path.exists():
-            return OnlineRatSlam(**own)
-        online = OnlineRatSlam.load(path, **own)
+            return OnlineRatSlam(own)
+        online = OnlineRatSlam.load(path, own)
         logger.warning("goes on with %d nodes of %s", len(online.slam.map.nodes), path)
         return online
 
@@ -100,9 +100,10 @@ class Mapper(Node[MapperConfig]):
         ]
 
     def idle(self) -> None:
-        """Take what waits, and show the map as it is."""
+        """Take what waits; show and keep the map as it is."""
         self._publish(self._online.flush())
         self._show()
+        self._saver.close()
 
     def close(self) -> None:
         """Keep the map."""

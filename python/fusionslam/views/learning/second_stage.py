@@ -9,6 +9,7 @@
 0.99
 """
 
+import hashlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -42,6 +43,9 @@ class SecondStage:
             in ONNX.
         comparison: path of the comparison in ONNX, for features that have no calibration.
 
+    Attributes:
+        digest: of the file of the features: those of other networks cannot be compared.
+
     Raises:
         DataError: a file that is missing, cut short, of another kind or other sizes; the message
             names it and what was expected.
@@ -61,6 +65,7 @@ class SecondStage:
         if comparison is None and compared is not None:
             comparison = SHIPPED / compared
         self._session, about = _session(features, "pointnet")
+        self.digest = hashlib.sha256(features.read_bytes()).hexdigest()[:16]
         assert isinstance(about.architecture, PointNetConfig)
         self.config: PointNetConfig = about.architecture
         self._calibration = about.calibration

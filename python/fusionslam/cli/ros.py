@@ -1,0 +1,54 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that run the ROS nodes without a catkin workspace."""
+
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    help="Run the ROS 1 nodes, with or without a catkin workspace.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+# What follows is for ROS, whatever it looks like.
+_PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}
+Passed = Annotated[list[str] | None, typer.Argument(metavar="[ARGS]...", show_default=False)]
+
+
+@app.command()
+def path() -> None:
+    """Print the folder of the ROS package, for ROS_PACKAGE_PATH."""
+    from fusionslam.ros.launching import package_folder
+
+    print(package_folder())
+
+
+@app.command(context_settings=_PASSED_ON)
+def run(
+    node: Annotated[str, typer.Argument(metavar="NODE", help="Such as data_fusion.")],
+    args: Passed = None,
+) -> None:
+    """Run one node, as rosrun does: ARGS are remappings (a:=b) and parameters (_name:=value)."""
+    from fusionslam.ros.start import start
+
+    start(node, args or [])
+
+
+@app.command(context_settings=_PASSED_ON)
+def launch(
+    file: Annotated[
+        str, typer.Argument(metavar="FILE", help="A launch file, or the name of one of ours.")
+    ],
+    args: Passed = None,
+) -> None:
+    """Run a launch file, as roslaunch does: ARGS are its arguments (a:=b) and roslaunch's options.
+
+    Its nodes run with the Python that this command runs with.
+    """
+    from fusionslam.ros.environment import need_ros
+    from fusionslam.ros.launching import launch_file, roslaunch
+
+    need_ros()
+    roslaunch(launch_file(file), args or [])
