@@ -3,6 +3,7 @@
 """Whether a running robot, or a bag that is played, has what the nodes need."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -97,13 +98,21 @@ def check_robot(arguments: Sequence[str], seconds: float, progress: "Progress") 
     look_at_master()  # rospy would wait for it for ever
     import rospy
 
-    rospy.init_node(_NAME, argv=[_NAME, *arguments], anonymous=True, disable_signals=True)
     try:
+        rospy.init_node(_NAME, argv=[_NAME, *arguments], anonymous=True, disable_signals=True)
         return judge(_listened(seconds, progress))
     finally:
+        _leave()
+
+
+def _leave() -> None:
+    """Leave nothing behind: neither parameters of ours nor a node that the master knows."""
+    import rospy
+
+    with suppress(OSError, rospy.ROSException):  # the master is gone
         if rospy.has_param("~"):
             rospy.delete_param("~")
-        rospy.signal_shutdown("checked")
+    rospy.signal_shutdown("checked")
 
 
 def _listened(seconds: float, progress: "Progress") -> Evidence:
@@ -195,11 +204,19 @@ def _together(evidence: Evidence) -> Iterator[Finding]:
     by_arrival, sync = config.node.stamps == "arrival", config.online.sync
     if {"points", "left"} <= heard.keys():
         yield from sensors.sync_findings(
-            heard["points"], heard["left"], sync.max_difference, by_arrival
+            heard["points"],
+            heard["left"],
+            sync.max_difference,
+            by_arrival,
+            "scans have an image",
         )
     if {"left", "right"} <= heard.keys():
         yield from sensors.sync_findings(
-            heard["left"], heard["right"], sync.stereo_difference, by_arrival
+            heard["left"],
+            heard["right"],
+            sync.stereo_difference,
+            by_arrival,
+            "left images have a right one",
         )
     left, right = evidence.value("camera_info"), evidence.value("right_camera_info")
     if isinstance(left, CameraInfo) and isinstance(right, CameraInfo):

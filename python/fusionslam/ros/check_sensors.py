@@ -176,9 +176,9 @@ def odometry_finding(role: str, odometry: Odometry, config: OnlineConfig) -> Fin
 
 
 def sync_findings(
-    scans: Heard, images: Heard, reach_s: float, by_arrival: bool
+    scans: Heard, images: Heard, reach_s: float, by_arrival: bool, what: str
 ) -> Iterator[Finding]:
-    """Whether scans have an image near in time, which they get their colours from."""
+    """Whether scans, or left images, have an image near in time; ``what`` says that in words."""
     times = [np.array(h.series.times if by_arrival else h.series.headers) for h in (scans, images)]
     first, other = times[0], np.sort(times[1])
     if not len(first) or not len(other):
@@ -189,7 +189,7 @@ def sync_findings(
     )
     near = nearest <= reach_s * NANOSECONDS
     words = (
-        f"{near.sum()} of {len(near)} scans have an image within {reach_s:g} s; the nearest is "
+        f"{near.sum()} of {len(near)} {what} within {reach_s:g} s; the nearest is "
         f"{np.median(nearest) / 1e6:.1f} ms away (median)"
     )
     if near.mean() > 0.5:
