@@ -15,7 +15,7 @@ from fusionslam.ros.node import Node
 from fusionslam.ros.registration import Registration
 from fusionslam.ros.worker import Worker
 
-_BUFFER_BYTES = 1 << 24
+BUFFER_BYTES = 1 << 24
 """What a socket reads at a time: rospy's default of 64 KiB delays clouds and images."""
 _POLL_S = 0.1
 _REPORTS = "/diagnostics"
@@ -97,7 +97,7 @@ class Shell:
             rospy.AnyMsg,
             self._worker.arrived,
             callback_args=topic,
-            buff_size=_BUFFER_BYTES,
+            buff_size=BUFFER_BYTES,
             tcp_nodelay=True,
         )
 

@@ -13,7 +13,7 @@ from fusionslam.errors import DataError, FusionSlamError, ShapeError
 from fusionslam.messages import CameraInfo, FrameTransforms, Message
 from fusionslam.ros.diagnostics import Stopwatch
 from fusionslam.ros.inbox import SECOND_PUBLISHER, TOO_MANY, Arrival, Inbox
-from fusionslam.ros.message_types import message_class, ros_time
+from fusionslam.ros.message_types import deserialized, message_class, ros_time
 from fusionslam.ros.node import Input, Node
 
 logger = logging.getLogger(__name__)
@@ -196,9 +196,4 @@ def _typed(message: Any, entry: Input) -> tuple[Any, str]:
         raise DataError(
             f"its publisher has another definition of {found}: build both from the same version"
         )
-    typed = kind()
-    try:
-        typed.deserialize(message._buff)
-    except Exception as error:  # genpy raises all kinds
-        raise DataError(f"no {found}, or cut short: {error}; look at its publisher") from error
-    return typed, found
+    return deserialized(message, found), found

@@ -37,6 +37,7 @@ logger = logging.getLogger(__name__)
 SCANS, COLORED, COLORING = "velodyne_points", "rgb_cloud", "rgb_image"
 LEFT = ("camera/rgb/image_raw", "camera/rgb/camera_info")
 RIGHT = ("camera/right/image_raw", "camera/right/camera_info")
+ODOM = "odom"
 _NO_POINTS = "a scan without points, or of NaN alone: look at the scanner"
 _NOTHING_SEEN = (
     "nothing is left of a scan: do camera and scanner look the same way (TF), and what does "
@@ -68,6 +69,13 @@ class DataFusionConfig(CommonConfig):
     )
 
 
+def frame_builder(config: DataFusionConfig) -> FrameBuilder:
+    """What makes frames of messages, with the cameras that the source of clouds needs."""
+    source = config.fusion.source
+    cameras = {"lidar": ("left",), "stereo": ("left", "right"), "cloud": ()}
+    return FrameBuilder(config.online, cameras=cameras[source], scans=source != "stereo")
+
+
 class DataFusion(Node[DataFusionConfig]):
     """Pairs scans with images and publishes coloured clouds."""
 
@@ -77,19 +85,16 @@ class DataFusion(Node[DataFusionConfig]):
 
     def __init__(self, config: DataFusionConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
-        cameras = {"lidar": ("left",), "stereo": ("left", "right"), "cloud": ()}
         self._source = config.fusion.source
         self._lead = LEFT[0] if self._source == "stereo" else SCANS
         self._said: set[tuple[str, str]] = set()
-        self._frames = FrameBuilder(
-            config.online, cameras=cameras[self._source], scans=self._source != "stereo"
-        )
+        self._frames = frame_builder(config)
 
     @property
     def inputs(self) -> Sequence[Input]:
         """Scans, images with their calibration, odometry and TF."""
         found = [
-            Input("odom", [ODOMETRY], self._take, optional=True),
+            Input(ODOM, [ODOMETRY], self._take, optional=True),
             Input("/tf", [TRANSFORMS], self._take, shared=True, optional=True),
             Input("/tf_static", [TRANSFORMS], self._take, shared=True, optional=True),
         ]
