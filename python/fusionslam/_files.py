@@ -6,11 +6,28 @@ import os
 import signal
 import tempfile
 import threading
+import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from fusionslam.errors import DataError
+
+DAMAGED = (
+    ValueError,
+    KeyError,
+    IndexError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    RuntimeError,
+    MemoryError,
+    zlib.error,
+    zipfile.BadZipFile,
+)
+"""What numpy, zipfile and json raise, besides OSError, where a .npz is damaged or another's: single
+wrong bits say that it is encrypted (RuntimeError), or of a newer kind (NotImplementedError)."""
 
 
 @contextmanager

@@ -4,13 +4,12 @@
 
 import json
 import os
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from fusionslam._files import atomic_path
+from fusionslam._files import DAMAGED, atomic_path
 from fusionslam.errors import DataError
 from fusionslam.loop_closure import Loop, LoopDetector
 from fusionslam.sensors import Cloud
@@ -126,7 +125,7 @@ class AlignedLoopDetector:
                 loops._stamps_ns = stored["stamps_ns"].tolist()[: len(loops)]
         except OSError as error:
             raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-        except (DataError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        except DAMAGED as error:
             raise DataError(f"{path}: no stored loops, or cut short: {error}") from error
         if not len(loops._stored) == len(loops._stamps_ns) == len(loops):
             raise DataError(f"{path}: {len(loops._stored)} scenes of {len(loops)} clouds")

@@ -116,8 +116,10 @@ class PosedInTime(Generic[T]):
         try:
             self._poses.add(odometry)
         except ClockError:
+            poses = PosesInTime(history_s=self._history_s)
+            poses.add(odometry)  # what it refuses tells no time: then all stays as it was
             done = self._start_anew()
-            self._poses.add(odometry)
+            self._poses = poses
         return done + self._decided()
 
     def flush(self) -> list[tuple[int, T, Ground | None]]:

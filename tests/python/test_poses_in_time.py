@@ -172,3 +172,12 @@ def test_bad_odometry_is_refused_and_what_waits_goes_on_waiting() -> None:
     with pytest.raises(DataError, match="as before: do two"):
         posed.move(odometry(101.1, 0, 0, 0, frame_id="map"))
     assert told(posed.move(odometry(101.1, 11, 0, 0))) == [(101.05, "late", 10.5)]
+
+
+def test_odometry_of_nan_from_long_ago_is_no_clock_that_went_back() -> None:
+    posed = waiting()
+    assert posed.add(round(101.05 * S), "late") == []
+    with pytest.raises(DataError, match="finite"):
+        posed.move(odometry(3, np.nan, 0, 0))
+    assert posed.jumps == 0
+    assert told(posed.move(odometry(101.1, 11, 0, 0))) == [(101.05, "late", 10.5)]

@@ -4,8 +4,6 @@
 
 import json
 import os
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -14,7 +12,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam._files import atomic_path
+from fusionslam._files import DAMAGED, atomic_path
 from fusionslam.errors import DataError, FusionSlamError, ShapeError
 from fusionslam.evaluation.rigid import wrapped
 from fusionslam.ratslam.experience_map import LINK
@@ -60,17 +58,6 @@ _PER_NODE: Mapping[str, tuple[type, tuple[int, ...]]] = {
 }
 _PER_VIEW = ("activity_th", "activity_x", "activity_y")
 _ARRAYS = (*_PER_STEP, *_PER_NODE, *_PER_VIEW, "links", "refused", "truth")
-
-
-_DAMAGED = (
-    ValueError,
-    KeyError,
-    TypeError,
-    EOFError,
-    AttributeError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -204,7 +191,7 @@ class RatSlamRun:
             raise DataError(f"cannot read {path}: {error.strerror or error}") from error
         except FusionSlamError as error:
             raise DataError(f"{path}: {error}") from error
-        except _DAMAGED as error:
+        except DAMAGED as error:
             raise DataError(f"{path}: not a stored RatSLAM run, or cut short: {error}") from error
 
     @classmethod

@@ -4,12 +4,11 @@
 
 import json
 import os
-import zipfile
 from pathlib import Path
 
 import numpy as np
 
-from fusionslam._files import atomic_path
+from fusionslam._files import DAMAGED, atomic_path
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.ratslam.sources import ViewSource
 
@@ -43,5 +42,5 @@ def restore_source(source: ViewSource, path: str | os.PathLike[str]) -> None:
         raise DataError(f"cannot read {path}: {error.strerror or error}") from error
     except FusionSlamError as error:
         raise DataError(f"{path}: {error}") from error
-    except (ValueError, KeyError, TypeError, EOFError, IndexError, zipfile.BadZipFile) as error:
+    except DAMAGED as error:
         raise DataError(f"{path}: no stored views, or cut short: {error}") from error

@@ -5,7 +5,6 @@
 import io
 import json
 import os
-import zipfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam._files import atomic_path
+from fusionslam._files import DAMAGED, atomic_path
 from fusionslam.config import merged
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.ratslam.memory import Memory
@@ -149,5 +148,5 @@ def _read(path: Path) -> tuple[dict[str, Any], Arrays]:
         raise DataError(f"cannot read {path}: {error.strerror or error}") from error
     except DataError:
         raise
-    except (ValueError, KeyError, TypeError, EOFError, AttributeError, zipfile.BadZipFile) as e:
-        raise DataError(f"{path}: no stored RatSLAM, or cut short: {e}") from e
+    except DAMAGED as error:
+        raise DataError(f"{path}: no stored RatSLAM, or cut short: {error}") from error

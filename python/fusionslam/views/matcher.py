@@ -4,7 +4,6 @@
 
 import json
 import os
-import zipfile
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from fusionslam._files import atomic_path
+from fusionslam._files import DAMAGED, atomic_path
 from fusionslam.config import Section, core_section, merged, option
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError, FusionSlamError
@@ -321,8 +320,8 @@ class ViewMatcher:
             raise DataError(f"cannot read {path}: {error.strerror or error}") from error
         except FusionSlamError as error:
             raise DataError(f"{path}: {error}") from error
-        except (ValueError, KeyError, TypeError, EOFError, AttributeError, zipfile.BadZipFile) as e:
-            raise DataError(f"{path}: no stored view matcher, or cut short: {e}") from e
+        except DAMAGED as error:
+            raise DataError(f"{path}: no stored view matcher, or cut short: {error}") from error
         return matcher
 
     def _restore(

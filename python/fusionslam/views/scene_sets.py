@@ -9,7 +9,6 @@ if there is truth, poses. Matching, tuning, training and threshold sweeps start 
 import hashlib
 import json
 import os
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam._files import atomic_path
+from fusionslam._files import DAMAGED, atomic_path
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors import Cloud
 from fusionslam.views.scenes import Scene, SceneConfig, build_scene
@@ -226,8 +225,8 @@ class SceneSet:
             raise DataError(f"{path}: {error}") from error
         except OSError as error:
             raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-        except (ValueError, KeyError, TypeError, EOFError, AttributeError, zipfile.BadZipFile) as e:
-            raise DataError(f"{path}: not a scene set, or cut short: {e}") from e
+        except DAMAGED as error:
+            raise DataError(f"{path}: not a scene set, or cut short: {error}") from error
 
 
 def scene_values(config: SceneConfig) -> dict[str, Any]:
@@ -256,9 +255,7 @@ def is_scene_set(path: str | os.PathLike[str]) -> bool:
         with np.load(path, allow_pickle=False) as stored:
             about = json.loads(str(stored["about"]))
         return str(about.get("format", "")).startswith("fusionslam.scene_set.")
-    except (OSError, ValueError, KeyError, TypeError, EOFError, AttributeError):
-        return False
-    except zipfile.BadZipFile:
+    except (OSError, *DAMAGED):
         return False
 
 

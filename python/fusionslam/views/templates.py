@@ -10,7 +10,6 @@ TemplateMatch(id=0, relative_rotation=0.0, is_new=True, error=inf)
 
 import json
 import os
-import zipfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from fusionslam._files import atomic_path
+from fusionslam._files import DAMAGED, atomic_path
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, DataError, ShapeError
 
@@ -177,7 +176,7 @@ class VisualTemplates:
                 about, stored = json.loads(content["about"].item()), content["templates"]
         except OSError as error:
             raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-        except (ValueError, KeyError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        except DAMAGED as error:
             raise DataError(f"{path}: no saved visual templates: {error}") from error
         if not isinstance(about, dict) or about.get("format") != FORMAT:
             raise DataError(f"{path}: expected visual templates of the format {FORMAT}")

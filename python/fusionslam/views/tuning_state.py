@@ -4,7 +4,6 @@
 
 import json
 import os
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam._files import atomic_path
+from fusionslam._files import DAMAGED, atomic_path
 from fusionslam.errors import DataError
 
 FORMAT = "fusionslam.tuning.1"
@@ -87,7 +86,7 @@ def _read(path: Path) -> tuple[str, list[Generation]]:
         raise
     except OSError as error:
         raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, KeyError, TypeError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+    except DAMAGED as error:
         raise DataError(f"{path}: no state of a tuning, or cut short: {error}") from error
 
 

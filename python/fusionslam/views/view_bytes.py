@@ -11,31 +11,19 @@ gives what ``matcher.process(cloud)`` gives if both were configured alike: ``bui
 
 import io
 import json
-import zipfile
 import zlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam._files import DAMAGED
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.views.comparisons import Comparison, View
 
 FORMAT = b"fusionslam.view.1\n"
 _ABOUT = "about"
 _SUM = 4  # bytes of the check sum
-# What numpy and zipfile raise where others wrote the content.
-_FOREIGN = (
-    ValueError,
-    TypeError,
-    EOFError,
-    AttributeError,
-    OSError,
-    RuntimeError,
-    MemoryError,
-    zlib.error,
-    zipfile.BadZipFile,
-)
 _ADVICE = "who builds views and who matches them need the same configuration of views"
 
 
@@ -105,5 +93,5 @@ def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
-    except _FOREIGN as error:
+    except (OSError, *DAMAGED) as error:
         raise DataError(f"no arrays: {error}") from error
