@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 ROOT = Path(__file__).parents[2]
 _PATIENCE_S = 60.0
 _STEP_S = 0.1
+_CONNECTED_S = "2"  # ten times rosbag's own: machines are busy
 
 
 def _free_port() -> int:
@@ -98,9 +99,14 @@ class RosWorld:
         """Keep all messages of these topics from now on."""
         return Listener(self, topics)
 
+    def start_playing(self, bag: Path, *options: str) -> "subprocess.Popen[Any]":
+        """A player that waits, before the first message, for the lines to who listens already."""
+        command = ["rosbag", "play", "--quiet", "--delay", _CONNECTED_S, *options, str(bag)]
+        return self.run("rosbag", command)
+
     def play(self, bag: Path, *options: str) -> None:
         """Play a bag to its end."""
-        player = self.run("rosbag", ["rosbag", "play", "--quiet", *options, str(bag)])
+        player = self.start_playing(bag, *options)
         assert player.wait(timeout=300) == 0, self.log("rosbag")
 
     def end(self, process: "subprocess.Popen[Any]", how: int = signal.SIGINT) -> int:
