@@ -111,6 +111,22 @@ def test_after_a_silence_the_robot_is_where_its_pose_says(
     np.testing.assert_allclose(step.dead_reckoning, wanted, atol=1e-9)
 
 
+def test_odometry_that_begins_anew_after_a_silence_leaves_the_robot_where_it_is() -> None:
+    before = [at(0, 4, 3, 1), Sighting(0, 0), at(0.1, 4.1, 3, 1)]
+    slam, stayed = RatSlam(), RatSlam()
+    *_, there = take(slam, before)
+    again = slam.step(at(20, 0.01, 0, 0.01))
+    assert again.why == (
+        "odometry began anew after 19.90 s: the 5.07 m back to its origin are left out"
+    )
+    assert again.dead_reckoning == there.dead_reckoning
+    assert slam.step(at(20.1, 0.06, 0, 0.01)).dead_reckoning[0] > there.dead_reckoning[0]
+    # Near its origin, or from near it, the robot may have driven there.
+    take(stayed, before)
+    assert "in one step" in stayed.step(at(20, 0.3)).why
+    assert "in one step" in take(RatSlam(), [at(0, 0.4), Sighting(0, 0), at(5, 0)])[-1].why
+
+
 def test_what_would_take_the_originals_cells_minutes_is_left_out() -> None:
     slam, ours = RatSlam(preset="openratslam"), RatSlam()
     events = [at(0, 0), Sighting(0, 0), at(0.1, 0.05), at(3600, 1800.05, v=0.5), at(3600.1, 1800.1)]

@@ -18,6 +18,12 @@ Ground = tuple[float, float, float]
 """x, y in metres and heading in radians."""
 
 
+# Within so much of its origin odometry begins, and so far from it does it lead back there only by
+# beginning anew.
+_ORIGIN_M, _ORIGIN_RAD = 0.05, 0.05
+_AWAY_M, _AWAY_RAD = 0.5, 0.5
+
+
 class Limits(NamedTuple):
     """Seconds of silence that are noted; m/s, and metres in one step, beyond which odometry is not
     believed."""
@@ -90,8 +96,9 @@ def stride_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -
 
     A silence longer than ``limits.gap`` is noted. Poses tell all the same how far the robot came in
     it; a velocity is believed for that long and no longer. What is faster than ``limits.max_speed``
-    or farther than ``limits.max_way`` jumped: the velocity counts if there is one, else the robot
-    did not move.
+    or farther than ``limits.max_way`` jumped; what is back at its origin after a silence began
+    anew, as where a driver or the whole robot was started again. Of both, the velocity counts if
+    there is one, else the robot did not move.
 
     Args:
         before: the message before.
@@ -112,9 +119,14 @@ def stride_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -
         return _by_speed(now, dt, limits)
     forward, turn = _moved(before.pose, now.pose)
     way = float(np.hypot(now.pose[0] - before.pose[0], now.pose[1] - before.pose[1]))
+    known = now._replace(speed=now.speed or (0.0, 0.0))
     if way > min(limits.max_speed * dt, limits.max_way):
-        known = now._replace(speed=now.speed or (0.0, 0.0))
         return _by_speed(known, dt, limits, f"odometry jumped {way:.4g} m, which is left out")
+    if dt > limits.gap and _began_anew(before.pose, now.pose):
+        note = (
+            f"odometry began anew after {dt:.2f} s: the {way:.2f} m back to its origin are left out"
+        )
+        return _by_speed(known, dt, limits, note)
     if dt <= limits.gap:
         return Stride(forward / dt, turn / dt, dt)
     bearing = float(np.arctan2(now.pose[1] - before.pose[1], now.pose[0] - before.pose[0]))
@@ -134,6 +146,12 @@ def _by_speed(now: Odometry2D, dt: float, limits: Limits, note: str = "") -> Str
     if not note and dt > limits.gap:
         note = f"odometry was silent for {dt:.2f} s: its velocity counts for {limits.gap:g} s"
     return Stride(v, w, min(dt, limits.gap), note)
+
+
+def _began_anew(before: Ground, now: Ground) -> bool:
+    """Whether odometry is at its origin, and was elsewhere."""
+    away = np.hypot(*before[:2]) > _AWAY_M or abs(before[2]) > _AWAY_RAD
+    return bool(away and np.hypot(*now[:2]) <= _ORIGIN_M and abs(now[2]) <= _ORIGIN_RAD)
 
 
 def _moved(before: Ground, now: Ground) -> tuple[float, float]:
