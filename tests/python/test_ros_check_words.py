@@ -4,6 +4,7 @@
 
 import dataclasses
 from collections.abc import Iterable, Iterator
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,8 +20,11 @@ from bag_maker import (
     without,
 )
 from checked_robot import TOPICS, checked, faults, said
+from fusionslam.datasets.bags.reader import RawMessage
 from fusionslam.errors import ConfigError
 from fusionslam.messages import Event, FrameTransform, FrameTransforms
+from fusionslam.ros.check_sensors import unreadable_finding
+from fusionslam.ros.heard import Heard
 from stereo_maker import INFOS, stereo_drive
 from stereo_maker import TOPICS as TOPICS_OF_PAIR
 
@@ -211,6 +215,24 @@ def test_stamps_that_go_back_are_told() -> None:
     assert said(check, "scans rate").startswith("note: ") and "1 step back" in said(
         check, "scans rate"
     )
+
+
+def test_a_bag_that_begins_anew_is_told() -> None:
+    again = [dataclasses.replace(e, time_ns=e.time_ns + 3 * SECOND) for e in drive()]
+    check = checked([*drive(), *again])
+    assert "(1 step back)" in said(check, "images rate") and check.works
+    assert "the nodes drop what waits" in said(check, "images rate")
+
+
+def test_images_that_do_not_decode_are_told_with_the_reason() -> None:
+    heard = Heard("/camera/image", "sensor_msgs/CompressedImage")
+    header = SimpleNamespace(stamp=SimpleNamespace(secs=1, nsecs=0), frame_id="camera")
+    cut = SimpleNamespace(header=header, format="jpeg", data=b"\xff\xd8\xff")
+    assert heard.read(RawMessage(heard.topic, heard.type, SECOND, cut)) is None
+    finding = unreadable_finding("left", heard)
+    assert finding.detail.startswith("1 cannot be read, the last one: /camera/image at 1.0")
+    assert "is no JPEG or PNG picture" in finding.detail
+    assert not finding.fine and not finding.optional
 
 
 def test_a_scan_without_a_single_return_is_a_fault() -> None:

@@ -85,8 +85,15 @@ def silence_finding(
     return Finding(f"{WORDS[choice.role]} rate", False, detail, optional=not needed)
 
 
-def rate_finding(role: str, heard: Heard, by_arrival: bool) -> Finding:
-    """How often messages come, how late, and whether their stamps can be used."""
+def rate_finding(role: str, heard: Heard, by_arrival: bool, jump_s: float) -> Finding:
+    """How often messages come, how late, and whether their stamps can be used.
+
+    Args:
+        role: of the topic.
+        heard: at least one message.
+        by_arrival: whether the nodes go by the times of arrival.
+        jump_s: a step back by so much is a clock that went back.
+    """
     what, stamps = f"{WORDS[role]} rate", heard.series.stamps_ns
     if by_arrival:
         stamps = np.array(heard.series.times, dtype=np.int64)
@@ -105,6 +112,8 @@ def rate_finding(role: str, heard: Heard, by_arrival: bool) -> Finding:
         return Finding(what, False, f"{words}: the driver has to stamp each message anew")
     if not by_arrival and abs(heard.delay_s) < FAR_S:
         words = rate_words(heard.series)
+    if rises.min() <= -jump_s * NANOSECONDS:
+        words += "; when the clock goes back, as when a bag begins anew, the nodes drop what waits"
     return Finding(what, bool((rises >= 0).all()), words, optional=True)
 
 
