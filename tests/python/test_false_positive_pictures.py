@@ -14,7 +14,7 @@ from PIL import Image
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation import JudgedView, RunningViews
 from fusionslam.report import write_false_positive
-from fusionslam.report.views_pictures import HEIGHT
+from fusionslam.report.views_pictures import HEIGHT, image_preview
 
 RED, GREEN, DARK = (220, 20, 20), (20, 200, 20), (21, 24, 29)
 
@@ -31,8 +31,10 @@ def wrong() -> JudgedView:
     return judged
 
 
-def written(path: Path, *images: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
-    write_false_positive(path, wrong(), *images)
+def written(
+    path: Path, image: NDArray[np.uint8] | None, matched: NDArray[np.uint8] | bytes | None
+) -> NDArray[np.uint8]:
+    write_false_positive(path, wrong(), image, matched)
     with Image.open(path) as picture:
         assert picture.format == "JPEG"
         return np.asarray(picture.convert("RGB"))
@@ -76,7 +78,7 @@ def test_the_caption_tells_scans_view_times_and_how_far_apart(
 
 @pytest.mark.parametrize("images", [(None, image(GREEN)), (image(RED), None), (None, None)])
 def test_an_image_that_is_missing_is_said_to_be(
-    images: tuple[NDArray[np.uint8] | None, ...], tmp_path: Path
+    images: tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None], tmp_path: Path
 ) -> None:
     pixels = written(tmp_path / "pair.jpg", *images)
     right = 12 + (300 if images[0] is None else round(64 * HEIGHT / 48))
@@ -85,6 +87,13 @@ def test_an_image_that_is_missing_is_said_to_be(
         assert is_near(half[9, 9], DARK if shown is None else color)
         words = half[HEIGHT // 2 - 8 : HEIGHT // 2 + 8]
         assert ((words > 130).all(axis=2).sum() > 30) == (shown is None)
+
+
+def test_previews_stand_for_the_images_they_were_made_of(tmp_path: Path) -> None:
+    kept = image_preview(image(GREEN))
+    assert len(kept) < image(GREEN).nbytes
+    whole = written(tmp_path / "whole.jpg", image(RED), image(GREEN))
+    assert np.array_equal(written(tmp_path / "kept.jpg", image(RED), kept), whole)
 
 
 @pytest.mark.parametrize("shape", [(48, 64), (1, 1, 3), (1, 9000), (9000, 1, 3), (480, 640, 3)])

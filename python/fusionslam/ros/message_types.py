@@ -68,7 +68,7 @@ def deserialized(message: Any, type_name: str) -> Any:
     try:
         return typed.deserialize(message._buff)
     except Exception as error:  # genpy raises all kinds
-        raise DataError(f"no {type_name}, or cut short: {error}") from error
+        raise DataError(f"no {type_name}, or cut short: {error}; look at its publisher") from error
 
 
 def ros_time(stamp_ns: int) -> Any:
