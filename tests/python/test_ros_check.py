@@ -14,6 +14,7 @@ import pytest
 
 from bag_maker import changed, drive, without, write_bag
 from command_line import fails
+from fusionslam.datasets.bags import conversions
 from fusionslam.messages import Event
 from ros_world import RosWorld, needs_ros, wait_until
 
@@ -48,12 +49,13 @@ def check(world: RosWorld, *arguments: str) -> tuple[int, str]:
 
 
 def check_while_playing(
-    world: RosWorld, events: Iterable[Event], *arguments: str
+    world: RosWorld, events: Iterable[Event], *arguments: str, images: str = "raw"
 ) -> tuple[int, str]:
     """The same while a bag of these events is played."""
     bag = world.folder / "drive.bag"
     bag.unlink(missing_ok=True)
-    player = world.run("rosbag", ["rosbag", "play", "--quiet", str(write_bag(bag, events))])
+    write_bag(bag, events, images=images)
+    player = world.run("rosbag", ["rosbag", "play", "--quiet", str(bag)])
     try:
         return check(world, *arguments)
     finally:
@@ -97,10 +99,18 @@ def test_what_a_robot_lacks_is_named(world: RosWorld) -> None:
     assert "fault fusing not possible: no CameraInfo" in words
 
 
-def test_a_camera_that_was_never_calibrated_is_named(world: RosWorld) -> None:
+def test_a_camera_without_calibration_whose_images_do_not_decode_is_named(
+    world: RosWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cut = {"format": "jpeg", "data": np.frombuffer(b"\xff\xd8\xff", np.uint8)}
+    monkeypatch.setattr(conversions, "compressed_parts", lambda image, stored: cut)
     zeros = changed(drive(40), "/camera/camera_info", camera_matrix=np.zeros((3, 3)))
-    code, words = check_while_playing(world, zeros, *REMAPPINGS)
+    code, words = check_while_playing(world, zeros, *REMAPPINGS, images="jpeg")
     assert code == 1
+    assert re.search(
+        r"fault images content \d+ cannot be read, the last one: /camera/image at", words
+    )
+    assert "is no JPEG or PNG picture" in words and "fusing not possible: no images" in words
     assert "/camera/camera_info has a camera matrix K of zeros: calibrate the camera" in words
 
 

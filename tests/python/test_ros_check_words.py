@@ -4,7 +4,6 @@
 
 import dataclasses
 from collections.abc import Iterable, Iterator
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,11 +19,8 @@ from bag_maker import (
     without,
 )
 from checked_robot import TOPICS, checked, faults, said
-from fusionslam.datasets.bags.reader import RawMessage
 from fusionslam.errors import ConfigError
 from fusionslam.messages import Event, FrameTransform, FrameTransforms
-from fusionslam.ros.check_sensors import unreadable_finding
-from fusionslam.ros.heard import Heard
 from stereo_maker import INFOS, stereo_drive
 from stereo_maker import TOPICS as TOPICS_OF_PAIR
 
@@ -224,15 +220,19 @@ def test_a_bag_that_begins_anew_is_told() -> None:
     assert "the nodes drop what waits" in said(check, "images rate")
 
 
-def test_images_that_do_not_decode_are_told_with_the_reason() -> None:
-    heard = Heard("/camera/image", "sensor_msgs/CompressedImage")
-    header = SimpleNamespace(stamp=SimpleNamespace(secs=1, nsecs=0), frame_id="camera")
-    cut = SimpleNamespace(header=header, format="jpeg", data=b"\xff\xd8\xff")
-    assert heard.read(RawMessage(heard.topic, heard.type, SECOND, cut)) is None
-    finding = unreadable_finding("left", heard)
-    assert finding.detail.startswith("1 cannot be read, the last one: /camera/image at 1.0")
-    assert "is no JPEG or PNG picture" in finding.detail
-    assert not finding.fine and not finding.optional
+def test_odometry_of_another_clock_than_the_scans_is_told() -> None:
+    check = checked(late(drive(), "/odom", -4.0))
+    assert said(check, "motion").startswith("note: odometry is stamped 4.0 s before the scans that")
+    assert check.works and "motion" not in [each.what for each in checked(drive()).findings]
+
+
+def test_a_camera_that_looks_elsewhere_is_told_with_the_usual_reason() -> None:
+    own, turned = drive()[0].message.transforms, np.diag([-1.0, -1.0, 1.0, 1.0])
+    behind = dataclasses.replace(own[1], parent_from_child=turned @ own[1].parent_from_child)
+    check = checked(changed(drive(), "/tf_static", transforms=(own[0], behind)))
+    assert "no point of the first scan falls into its image" in said(check, "fusing")
+    assert "the optical one (z ahead, x right)?" in said(check, "fusing")
+    assert not check.works
 
 
 def test_a_scan_without_a_single_return_is_a_fault() -> None:

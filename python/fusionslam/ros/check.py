@@ -237,6 +237,9 @@ def _together(evidence: Evidence) -> Iterator[Finding]:
             by_arrival,
             "left images have a right one",
         )
+    if {"points", "odometry"} <= heard.keys() and not by_arrival:
+        found = sensors.motion_finding(heard["points"], heard["odometry"])
+        yield from [found] if found else []
     left, right = evidence.value("camera_info"), evidence.value("right_camera_info")
     if isinstance(left, CameraInfo) and isinstance(right, CameraInfo):
         names = {"left": heard["camera_info"].topic, "right": heard["right_camera_info"].topic}

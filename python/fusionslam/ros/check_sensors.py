@@ -39,6 +39,7 @@ _ADVICE = {
     "odometry": "ratslam needs it; clouds are fused as if the robot stood still",
     "truth": "only lv_analyzer and lv_dataset_creator need them",
 }
+_APART_S = 1.0
 FAR_S = 10.0
 """Stamps further than this from ROS time are of another clock, not late."""
 
@@ -209,6 +210,19 @@ def sync_findings(
         "_node/stamps:=arrival"
     )
     yield Finding("pairs", False, f"{words}: {advice}", optional=bool(near.any()))
+
+
+def motion_finding(scans: Heard, odometry: Heard) -> Finding | None:
+    """That odometry is of another time than the scans that arrive with it, if it is."""
+    gap = odometry.delay_s - scans.delay_s
+    if not abs(gap) > _APART_S:
+        return None
+    detail = (
+        f"odometry is stamped {abs(gap):.1f} s {'before' if gap > 0 else 'after'} the scans that "
+        "arrive with it: set the clocks (chrony, PTP), else clouds come that much later, or as if "
+        "the robot stood still"
+    )
+    return Finding("motion", False, detail, optional=True)
 
 
 def clock_finding(heard: Mapping[str, Heard], sim_time: bool) -> Finding | None:

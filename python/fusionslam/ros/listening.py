@@ -12,10 +12,11 @@ import rospy
 
 from fusionslam.datasets.bags.reader import RawMessage
 from fusionslam.errors import DataError
+from fusionslam.first_cloud import one_line
 from fusionslam.messages import CameraInfo, FrameTransforms, Message
 from fusionslam.ros.graph import look_at_master
 from fusionslam.ros.heard import Heard, choose
-from fusionslam.ros.inbox import Arrival, Inbox
+from fusionslam.ros.inbox import SECOND_PUBLISHER, Arrival, Inbox
 from fusionslam.ros.message_types import CLOUD, IMAGES, deserialized
 from fusionslam.ros.shell import BUFFER_BYTES
 from fusionslam.ros.trial import Trial
@@ -117,10 +118,10 @@ class Ears:
         # The name of its topic tells what is static, wherever that was remapped to.
         raw = RawMessage(role if is_tf else topic, about["type"], now_ns, message)
         # Of two publishers nodes hear the first alone: so does this.
-        is_heard = self._inbox.put(
+        dropped = self._inbox.put(
             Arrival(role, raw, time.monotonic()), None if is_tf else about["callerid"]
         )
-        if is_heard and not is_tf:
+        if dropped != SECOND_PUBLISHER and not is_tf:
             header = deserialized(message, "std_msgs/Header")
             self.heard[role].series.add(replace(raw, content=SimpleNamespace(header=header)))
 
@@ -136,14 +137,14 @@ class Ears:
     def _value(self, role: str, raw: RawMessage) -> Message | None:
         """What a message says, with the stamp that counts; None if the nodes would refuse it."""
         try:
-            whole = replace(raw, content=deserialized(raw.content, raw.type))
-            if role in TRANSFORMS:
-                return whole.value()
-        except DataError:
+            value = replace(raw, content=deserialized(raw.content, raw.type)).value()
+        except DataError as error:
+            refuse = self._trial.links.refuse if role in TRANSFORMS else self.heard[role].refuse
+            refuse(one_line(error))
             return None
-        value = self.heard[role].read(whole)
-        if value is None or isinstance(value, FrameTransforms):
-            return None
+        if isinstance(value, FrameTransforms):
+            return value
+        self.heard[role].value = value
         if self._by_arrival:
             return replace(value, stamp_ns=raw.time_ns)
         return value if value.stamp_ns or isinstance(value, CameraInfo) else None
