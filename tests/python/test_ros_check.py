@@ -25,6 +25,7 @@ REMAPPINGS = (
     "camera/rgb/image_raw:=/camera/image",
     "camera/rgb/camera_info:=/camera/camera_info",
 )
+AS_LAUNCHED = ("scan:=/points", "image:=/camera/image", "camera_info:=/camera/camera_info")
 COMMAND = (sys.executable, "-c", "from fusionslam.entry import main; main()", "ros", "check")
 
 
@@ -76,6 +77,7 @@ def test_the_remappings_that_it_names_make_it_well_and_nothing_is_left_behind(
     code, words = check_while_playing(world, drive(40), "_node/queue:=50", "odom:=/wheels")
     assert code == 1 and "fault scans /velodyne_points is not published" in words
     assert "With these remappings, this suffices for data_fusion" in words
+    assert "to start: fusionslam ros launch ratslam scan:=/points image:=/camera/image" in words
     named = words.partition("to check again: fusionslam ros check ")[2].split()
     assert {*named} == {*REMAPPINGS, "odom:=/odom", "_node/queue:=50"}
     code, words = check_while_playing(world, drive(40), *named)
@@ -92,7 +94,7 @@ def test_what_a_robot_lacks_is_named(world: RosWorld) -> None:
     assert code == 1 and "note odometry /odom is not published" in words
     assert "fault TF robot the robot's frame is not known" in words
     lacking = without(without(drive(40), "/camera/camera_info"), "/tf_static")
-    code, words = check_while_playing(world, lacking, *REMAPPINGS)
+    code, words = check_while_playing(world, lacking, *AS_LAUNCHED)
     assert code == 1
     assert "fault CameraInfo /camera/camera_info is not published, and no other" in words
     assert "fault TF camera no frame 'velodyne'" in words

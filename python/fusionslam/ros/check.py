@@ -46,6 +46,7 @@ class Evidence:
         seconds: how long nothing, or something, was waited for.
         unreachable: publishers that cannot be reached, with their addresses.
         clock: whether ROS time runs.
+        arguments: remappings and parameters of the nodes.
     """
 
     graph: Graph
@@ -55,6 +56,7 @@ class Evidence:
     seconds: float
     unreachable: Mapping[str, str]
     clock: bool
+    arguments: Sequence[str] = ()
 
     def value(self, role: str) -> object:
         """The last message of a role that could be read; None without."""
@@ -67,7 +69,8 @@ class Check:
 
     Attributes:
         findings: one for each thing looked at.
-        remappings: what the nodes have to be given so that they find their topics.
+        remappings: what the nodes have to be given so that they find their topics, and
+        again: that with what they were given already.
         verdict: which nodes can work, in a sentence.
         launch: name and arguments of the launch file that makes most of it; empty without any.
         works: whether data_fusion can work as it was asked for.
@@ -75,6 +78,7 @@ class Check:
 
     findings: Sequence[Finding]
     remappings: Sequence[str]
+    again: Sequence[str]
     verdict: str
     launch: Sequence[str]
     works: bool
@@ -84,7 +88,8 @@ def check_robot(arguments: Sequence[str], seconds: float, progress: "Progress") 
     """Listen to a robot and judge what it has. Once in a process: rospy allows no more.
 
     Args:
-        arguments: remappings and parameters (_fusion/source:=stereo) as data_fusion takes them.
+        arguments: remappings and parameters (_fusion/source:=stereo) as data_fusion takes them,
+            or topics as launch files do (scan:=/points).
         seconds: how long to wait for a sensor, and then to listen.
         progress: called with what is done, seconds done and seconds in all.
 
@@ -102,11 +107,18 @@ def check_robot(arguments: Sequence[str], seconds: float, progress: "Progress") 
     own = [argument for argument in arguments if argument.startswith("_")]
     try:
         rospy.init_node(_NAME, argv=[_NAME, *own], anonymous=True, disable_signals=True)
-        return judge(_listened(arguments, seconds, progress))
+        return judge(_listened(_spelled_out(arguments), seconds, progress))
     except rospy.ROSInitException as error:
         raise ConfigError(f"{' '.join(own)}: {error}") from error
     finally:
         _leave()
+
+
+def _spelled_out(arguments: Sequence[str]) -> Sequence[str]:
+    """Arguments of launch files as the remappings that they make of them."""
+    names = {short: INPUTS[role] for role, short in _LAUNCH_ARGUMENTS.items()}
+    pairs = [argument.partition(":=") for argument in arguments]
+    return [f"{names.get(name, name)}:={value}" for name, _, value in pairs]
 
 
 def _leave() -> None:
@@ -146,8 +158,9 @@ def _listened(arguments: Sequence[str], seconds: float, progress: "Progress") ->
     silent = [ears.choices[role].topic for role, heard in ears.heard.items() if not heard.count]
     nodes = {node for topic in silent for node in ears.graph.publishers.get(topic, ())}
     clock = not rospy.Time.now().is_zero()
+    unreachable = silent_nodes(sorted(nodes))
     return Evidence(
-        ears.graph, ears.choices, ears.heard, trial, seconds, silent_nodes(sorted(nodes)), clock
+        ears.graph, ears.choices, ears.heard, trial, seconds, unreachable, clock, arguments
     )
 
 
@@ -168,7 +181,14 @@ def judge(evidence: Evidence) -> Check:
     verdict = _verdict(evidence, files, bool(remappings))
     # The last one does most.
     launch = [files[-1], *_launch_arguments(evidence, files[-1])] if files else []
-    return Check(findings, remappings, verdict, launch, works)
+    again = _again(evidence.arguments, remappings) if remappings else []
+    return Check(findings, remappings, again, verdict, launch, works)
+
+
+def _again(arguments: Sequence[str], remappings: Sequence[str]) -> Sequence[str]:
+    """The arguments with these remappings in the place of older ones."""
+    names = {each.partition(":=")[0] for each in remappings}
+    return [*(each for each in arguments if each.partition(":=")[0] not in names), *remappings]
 
 
 def _clock(evidence: Evidence) -> Iterator[Finding]:
