@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-.PHONY: demo test bench bench-quick sanitize lint format stub setup ros clean
+.PHONY: demo test bench bench-quick bench-ros sanitize lint format stub setup ros clean
 
 BIN := .venv/bin
 SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/src/*/*.?pp cpp/src/*/*.inc bindings/*.?pp tests/cpp/*.?pp examples/cpp/*.cpp benchmarks/peers/*.?pp)
@@ -16,6 +16,9 @@ test: setup
 
 bench: setup
 	scripts/bench.sh --write
+
+bench-ros: ros
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.ros --write
 
 bench-quick: setup
 	scripts/bench.sh --quick

@@ -29,7 +29,7 @@ def main(topics: list[str]) -> None:
         with lock:
             kept.append((topic, message._connection_header["type"], message._buff, now))
 
-    rospy.init_node("listener", disable_signals=True)
+    rospy.init_node("listener", anonymous=True, disable_signals=True)
     for topic in topics:
         rospy.Subscriber(topic, rospy.AnyMsg, take, callback_args=topic, buff_size=1 << 24)
     print("ready", flush=True)

@@ -176,12 +176,16 @@ class Listener:
         return found
 
     def _ask(self, line: str) -> str:
-        self._process.stdin.write(f"{line}\n")
-        self._process.stdin.flush()
+        to = self._process.stdin
+        assert to is not None  # a pipe was asked for
+        to.write(f"{line}\n")
+        to.flush()
         return self._answer()
 
     def _answer(self) -> str:
-        return str(self._process.stdout.readline()).strip()
+        answers = self._process.stdout
+        assert answers is not None  # a pipe was asked for
+        return str(answers.readline()).strip()
 
 
 def wait_until(condition: Any, what: str) -> None:

@@ -1,7 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a recording can be fused, tried on its first frame."""
+"""Whether a recording or a robot's messages can be fused, tried on the first frame."""
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fusionslam.errors import FusionSlamError
@@ -9,6 +10,15 @@ from fusionslam.fusion import FusionConfig, fuse
 
 if TYPE_CHECKING:
     from fusionslam.datasets.base import Dataset
+    from fusionslam.sensors import Frame
+
+
+@dataclass(frozen=True)
+class FirstCloud:
+    """What came of fusing a first frame: the number of points, and that in words."""
+
+    points: int
+    words: str
 
 
 def first_cloud(dataset: "Dataset") -> str:
@@ -18,16 +28,26 @@ def first_cloud(dataset: "Dataset") -> str:
     is_pair = dataset.has_stereo and not (dataset.has_points and dataset.cameras)
     if not is_pair and not dataset.has_points:
         return "not possible: no scans and no pairs of images"
+    config = FusionConfig(source="stereo" if is_pair else "lidar")
     try:
-        count = len(fuse(dataset[0], FusionConfig(source="stereo" if is_pair else "lidar")))
+        return try_frame(dataset[0], config).words
     except FusionSlamError as error:
         return f"not possible: {one_line(error)}"
-    first = "first stereo pair" if is_pair else "first scan"
-    if not count and is_pair:
-        return f"doubtful: the images of the {first} have nothing in common"
-    if not count:
-        return f"doubtful: no point of the {first} falls into its image"
-    return f"possible: {count} points of the {first}" + " get a colour" * (not is_pair)
+
+
+def try_frame(frame: "Frame", config: FusionConfig) -> FirstCloud:
+    """What fusing a frame gives. Raises as ``fuse``."""
+    count = len(fuse(frame, config))
+    first = "first stereo pair" if config.source == "stereo" else "first scan"
+    if count:
+        colored = " get a colour" if config.source == "lidar" else ""
+        return FirstCloud(count, f"possible: {count} points of the {first}{colored}")
+    why = {
+        "lidar": f"no point of the {first} falls into its image",
+        "stereo": f"the images of the {first} have nothing in common",
+        "cloud": f"the {first} has no points",
+    }
+    return FirstCloud(0, f"doubtful: {why[config.source]}")
 
 
 def one_line(error: Exception) -> str:

@@ -48,6 +48,19 @@ NO_TRANSFORM = "no transform"
 NO_CAMERA_INFO = "no CameraInfo"
 BAD_CALIBRATION = "calibration does not fit"
 
+# What to do, for those who own the robot.
+_ADVICE = {
+    NO_TRANSFORM: "publish it on /tf_static or /tf, as robot_state_publisher does",
+    NO_CAMERA_INFO: "is it published, or has its topic to be remapped?",
+    BAD_CALIBRATION: "its CameraInfo has to be of a calibration at the size of its images",
+    BUFFER_FULL: "what they wait for, transforms or CameraInfo, comes too late (online.wait)",
+    CLOCK_JUMP: "what waited is dropped and all starts anew; nothing is to be done for a bag that "
+    "is played again",
+    "odometry": "images are placed as if the robot stood; is odometry published without pauses?",
+    "FrameTransforms": "two publishers of /tf contradict each other: stop "
+    "one, and start anew if it was the first",
+    "Odometry": "look at its publisher",
+}
 _PAIR = ("left", "right")
 
 
@@ -307,11 +320,12 @@ class FrameBuilder:
         self._say(reason, why)
 
     def _say(self, reason: str, why: str) -> None:
-        # Numbers differ from message to message, the cause does not.
-        cause = reason, re.sub(r"[-\d.]+", "#", why)
+        # Numbers differ from message to message, the cause does not; nor by what else is in TF.
+        cause = reason, re.sub(r"[-\d.]+", "#", re.split("; |\n", why)[0])
         level = logging.DEBUG if cause in self._said else logging.WARNING
         self._said.add(cause)
-        logger.log(level, "%s: %s", reason, why)
+        problem, line, more = why.partition("\n")
+        logger.log(level, "%s: %s; %s%s", reason, problem, _ADVICE[reason], line + more)
 
 
 class _NotYetError(Exception):

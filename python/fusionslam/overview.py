@@ -84,7 +84,7 @@ def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:
     for sensor in dataset.sensors:
         yield f"sensor {sensor}", dataset.content(sensor)
     for name, camera in dataset.cameras.items():
-        yield f"camera {name}", _calibration(camera)
+        yield f"camera {name}", calibration_words(camera)
     if not dataset.cameras:
         yield "cameras", _no_cameras(dataset)
     yield from _stereo(dataset)
@@ -103,7 +103,8 @@ def _time(stamps_ns: NDArray[np.int64]) -> str:
     return f"{lasts:.1f} s, {rate} (steps {steps.min():.3f} to {steps.max():.3f} s)"
 
 
-def _calibration(camera: Camera) -> str:
+def calibration_words(camera: Camera) -> str:
+    """Focal length, centre and size of a camera."""
     focal = camera.projection[[0, 1], [0, 1]]
     centre = camera.projection[:2, 2]
     size = "" if camera.size is None else f", made for {camera.size[0]}x{camera.size[1]}"

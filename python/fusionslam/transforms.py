@@ -147,6 +147,11 @@ class TransformTree:
         top = self._links[up[-1]].parent if up else source
         return [*down, _name(top), *reversed(up)]
 
+    def root(self, frame: str) -> str:
+        """The uppermost frame above one; that itself if nothing is above it."""
+        name = _name(frame)
+        return [name, *self._ancestors(name)][-1]
+
     def drawn(self) -> str:
         """All trees, one frame a line, children indented below their parents."""
         roots = [name for name in self.frames if name not in self._links]

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Events that arrive in any order are put into that of their stamps, whatever the time is."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -65,6 +67,94 @@ def test_a_stamp_that_is_no_number_is_refused_and_nothing_is_lost() -> None:
     with pytest.raises(DataError, match="stamp nan: expected whole nanoseconds"):
         order.add(Motion(float("nan"), 0.0, 0.0))  # type: ignore[arg-type]
     assert [event.stamp_ns for event in order.flush()] == [0]
+
+
+def test_in_order_an_event_is_given_out_once_both_kinds_have_come_as_far() -> None:
+    order = StampOrder(wait=1.0, in_order=True)
+    assert order.add(Motion(0, 0, 0)) == [] == order.add(Motion(30 * MS, 0, 0))
+    assert stamps(order.add(Sighting(10 * MS, 0))) == [0, 10 * MS]
+    assert stamps(order.add(Sighting(40 * MS, 0))) == [30 * MS]
+    # At the same stamp odometry comes first, and one of the two is enough for neither.
+    assert stamps(order.add(Sighting(50 * MS, 0))) == []
+    assert stamps(order.add(Motion(50 * MS, 0, 0))) == [40 * MS, 50 * MS, 50 * MS]
+
+
+def test_in_order_a_kind_that_lags_behind_is_waited_for_as_long_as_it_is_heard() -> None:
+    order = StampOrder(wait=1.0, in_order=True)
+    given_out_of = [*order.add(Motion(0, 0, 0)), *order.add(Sighting(0, 0))]
+    for k in range(1, 100):  # views are 5 s behind
+        given_out_of += order.add(Motion(k * 100 * MS, 0, 0))
+        given_out_of += order.add(Sighting(max(k - 50, 0) * 100 * MS + 1, 0))
+    assert order.too_late == 0 and given_out_of[-1].stamp_ns == 49 * 100 * MS + 1
+    assert stamps(given_out_of) == sorted(stamps(given_out_of))
+
+
+def motion(stamp_ns: int) -> Event:
+    return Motion(stamp_ns, 0, 0)
+
+
+def sighting(stamp_ns: int) -> Event:
+    return Sighting(stamp_ns, 0)
+
+
+@pytest.mark.parametrize(("silent", "heard"), [(motion, sighting), (sighting, motion)])
+def test_in_order_a_kind_that_falls_silent_is_waited_for_no_longer_than_the_wait(
+    silent: Callable[[int], Event], heard: Callable[[int], Event]
+) -> None:
+    order = StampOrder(wait=1.0, in_order=True)
+    assert stamps([*order.add(silent(0)), *order.add(heard(0))]) == [0, 0]
+    out = [stamps(order.add(heard(k * 100 * MS))) for k in range(1, 21)]
+    assert out == [[]] * 11 + [[k * 100 * MS] for k in range(1, 10)]
+    # Too late; but it is heard again, and waited for until it has come as far.
+    assert order.add(silent(500 * MS)) == [] and order.too_late == 1
+    assert stamps(order.add(heard(2100 * MS))) == []
+    assert stamps(order.add(silent(1050 * MS))) == [1000 * MS, 1050 * MS]
+
+
+def test_a_clock_that_goes_back_is_followed_kind_by_kind() -> None:
+    order = StampOrder(wait=1.0, in_order=True, jump=0.5)
+    before = [motion(9000 * MS), sighting(9000 * MS), motion(9100 * MS)]
+    assert stamps(given_until(order, before)) == [9000 * MS, 9000 * MS]
+    # Odometry is back at 0 while a view of before is still on its way.
+    assert order.add(motion(0)) == []
+    assert stamps(order.add(sighting(9050 * MS))) == [9050 * MS]
+    assert stamps(order.add(motion(10 * MS))) == []
+    assert stamps(order.add(sighting(5 * MS))) == [9100 * MS, 0, 5 * MS]
+    # Less than the jump is late.
+    assert order.add(motion(-1 * MS)) == [] and order.too_late == 1
+
+
+def test_a_clock_that_goes_back_needs_no_order_by_kind() -> None:
+    order = StampOrder(wait=1.0, jump=5.0)
+    assert order.add(motion(9000 * MS)) == [] == order.add(sighting(9500 * MS))
+    assert stamps(order.add(motion(0))) == [9000 * MS, 9500 * MS]
+    assert stamps(order.add(motion(1001 * MS))) == [0]
+
+
+def given_until(order: StampOrder, events: list[Event]) -> list[Event]:
+    return [one for event in events for one in order.add(event)]
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 3))
+def test_in_order_no_interleaving_of_kinds_changes_the_order(seed: int, jumps: int) -> None:
+    rng = np.random.default_rng(seed)
+    laps = range(jumps + 1)
+    motions = [motion(k * 33 * MS) for _ in laps for k in range(60)]
+    looks = [sighting(k * 100 * MS) for _ in laps for k in range(20)]
+    # Which of the two is next; runs of one alone stay below the wait.
+    turns = rng.permutation(np.repeat([0, 1], [len(motions), len(looks)]))
+    both = iter(motions), iter(looks)
+    order = StampOrder(wait=60.0, in_order=True, jump=1.0)
+    out = given_out(order, [next(both[turn]) for turn in turns])
+    lap = sorted(motions[:60] + looks[:20], key=lambda e: (e.stamp_ns, isinstance(e, Sighting)))
+    assert out == lap * (jumps + 1) and order.too_late == 0
+
+
+def test_what_waits_is_bounded() -> None:
+    order = StampOrder(wait=1.0, in_order=True)
+    out = [event.stamp_ns for k in range(10_010) for event in order.add(motion(k))]
+    assert out == list(range(10))
 
 
 def test_a_negative_wait_is_refused() -> None:

@@ -89,7 +89,6 @@ def test_without_restarts_the_map_is_that_of_sightings_to_the_last_bit(preset: s
     "item",
     [
         GivenView(-2, False),
-        GivenView(2**70, True),
         GivenView(1, True, np.nan),
         GivenView(1, True, 0.0, (np.inf, 0.0)),
         GivenView(1, True, 0.0, (1.0,)),  # type: ignore[arg-type]

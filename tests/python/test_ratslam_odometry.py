@@ -97,6 +97,34 @@ def test_a_speed_that_no_robot_has_is_left_out_and_noted() -> None:
 
 
 @pytest.mark.parametrize("preset", ["robust", "openratslam"])
+@pytest.mark.parametrize("pose", [(3, 4, 2.5), (-1, 0.5, -1.0), (0, -2, 3.0), (0, 0, 1.0)])
+def test_after_a_silence_the_robot_is_where_its_pose_says(
+    preset: str, pose: tuple[float, float, float]
+) -> None:
+    slam = RatSlam(preset=preset)
+    start = at(0, 1, 2, 0.5)
+    take(slam, [start, Sighting(0, 0)])
+    step = slam.step(at(9, *pose))
+    c, s = np.cos(0.5), np.sin(0.5)
+    x, y = pose[0] - 1, pose[1] - 2
+    wanted = (c * x + s * y, c * y - s * x, pose[2] - 0.5)
+    np.testing.assert_allclose(step.dead_reckoning, wanted, atol=1e-9)
+
+
+def test_what_would_take_the_originals_cells_minutes_is_left_out() -> None:
+    slam, ours = RatSlam(preset="openratslam"), RatSlam()
+    events = [at(0, 0), Sighting(0, 0), at(0.1, 0.05), at(3600, 1800.05, v=0.5), at(3600.1, 1800.1)]
+    steps = take(slam, events)
+    assert steps[3].why == "odometry jumped 1800 m, which is left out"
+    # Its velocity counts for half a second.
+    assert steps[-1].dead_reckoning[0] == pytest.approx(0.05 + 0.25 + 0.05)
+    assert take(ours, events)[-1].dead_reckoning[0] == pytest.approx(1800.1)
+    fast = RatSlam(preset="openratslam", gap=3600)
+    steps = take(fast, [Motion(0, 1.0, 0.0), Motion(3600 * SECOND, 1.0, 0.0)])
+    assert steps[1].why == "odometry says 1 m/s, which is left out"
+
+
+@pytest.mark.parametrize("preset", ["robust", "openratslam"])
 def test_a_way_longer_than_the_sheet_of_cells_is_taken(preset: str) -> None:
     slam = RatSlam(preset=preset)
     take(slam, [at(0, 0), Sighting(0, 0), at(0.1, 0.05)])

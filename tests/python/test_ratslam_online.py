@@ -3,6 +3,7 @@
 """A map made of what arrives is that of a recording, whichever of two streams is ahead."""
 
 import logging
+import signal
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -185,6 +186,29 @@ def test_what_is_at_fault_is_counted_and_said_once_and_changes_nothing(
     assert steps == expected and online.refused == {cause: 2} and online.jumps == 0
     assert same(everything(online.slam), everything(whole.slam))
     assert len(caplog.messages) == 1 and cause in caplog.text and said in caplog.text
+
+
+def test_ctrl_c_takes_effect_after_the_step(
+    drive: Drive, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    online, messages = OnlineRatSlam(), arrived(drive.odometry, drive.looks, 0)
+    step, done = online.slam.step, list[Step]()
+
+    def interrupted(event: Any) -> Step:
+        if len(done) == 100:
+            signal.raise_signal(signal.SIGINT)
+        done.append(step(event))
+        return done[-1]
+
+    monkeypatch.setattr(online.slam, "step", interrupted)
+    rest = iter(messages)
+    with pytest.raises(KeyboardInterrupt):
+        processed(online, rest)
+    assert len(done) > 100 and online.last == done[-1]
+    online.save(tmp_path / "map.npz")
+    processed(online, rest)
+    online.flush()
+    assert done[: len(drive.steps)] == drive.steps
 
 
 def test_odometry_of_another_shape_is_refused() -> None:

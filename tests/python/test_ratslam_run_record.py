@@ -13,6 +13,7 @@ import pytest
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.ratslam.experience_map import LINK
 from fusionslam.ratslam.run_record import REFUSED, RatSlamRun
+from little_maps import square_run
 
 
 def record(**changes: Any) -> RatSlamRun:
@@ -133,3 +134,7 @@ def test_a_missing_run_is_named(tmp_path: Path) -> None:
 
 def test_a_run_is_a_value() -> None:
     assert replace(record(), name="another").name == "another"
+
+
+def test_a_run_is_shown_in_a_line() -> None:
+    assert repr(square_run()) == "<RatSlamRun by hand: 8 steps, 4 nodes, 4 links>"

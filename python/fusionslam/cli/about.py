@@ -8,7 +8,7 @@ import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.guard import DATA, missing_extras
-from fusionslam.cli.screen import print_table
+from fusionslam.cli.screen import print_findings, print_table
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -49,15 +49,7 @@ def doctor() -> None:
     from fusionslam.doctor import examine
 
     findings = examine(missing_extras())
-    rows = [
-        [
-            "ok" if finding.fine else "missing" if finding.optional else "fault",
-            finding.what,
-            finding.detail,
-        ]
-        for finding in findings
-    ]
-    print_table(["", "what", "detail"], rows)
+    print_findings(findings, "missing")
     if not all(finding.fine or finding.optional for finding in findings):
         raise typer.Exit(DATA)
 

@@ -1,10 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that run the ROS nodes without a catkin workspace."""
+"""Commands that run the ROS nodes without a catkin workspace, and look whether a robot has all."""
 
+import logging
 from typing import Annotated
 
 import typer
+
+from fusionslam.cli.guard import DATA
+from fusionslam.cli.screen import print_findings, progress
 
 app = typer.Typer(
     help="Run the ROS 1 nodes, with or without a catkin workspace.",
@@ -52,3 +56,44 @@ def launch(
 
     need_ros()
     roslaunch(launch_file(file), args or [])
+
+
+@app.command()
+def check(
+    remappings: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[NAME:=TOPIC]...",
+            help="As data_fusion takes them: remappings, parameters (_fusion/source:=stereo).",
+        ),
+    ] = None,
+    seconds: Annotated[
+        float,
+        typer.Option("--seconds", min=1, help="How long to wait for a sensor, and then to listen."),
+    ] = 5.0,
+) -> None:
+    """Say whether a running robot, or a bag being played, has what the nodes need.
+
+    Listens to topics, transforms and calibration, publishes nothing, fuses a first cloud. The exit
+    code is 0 if data_fusion can work, else 1.
+    """
+    from fusionslam.ros.check import check_robot
+
+    given = remappings or []
+    # The findings say all of it.
+    logging.disable(logging.ERROR)
+    try:
+        with progress() as step:
+            found = check_robot(given, seconds, step)
+    finally:
+        logging.disable(logging.NOTSET)
+    print_findings(found.findings, "note")
+    print(found.verdict)
+    if found.launch:
+        print("to start:", " ".join(["fusionslam ros launch", *found.launch]))
+    if found.remappings:
+        names = {each.partition(":=")[0] for each in found.remappings}
+        kept = [each for each in given if each.partition(":=")[0] not in names]
+        print("to check again:", " ".join(["fusionslam ros check", *kept, *found.remappings]))
+    if not found.works:
+        raise typer.Exit(DATA)

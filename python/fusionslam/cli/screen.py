@@ -3,7 +3,7 @@
 """What people see: tables on stdout; progress and messages on stderr."""
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table as RichTable
 
+    from fusionslam.doctor import Finding
     from fusionslam.evaluation import DescriptorRun, Evaluation
     from fusionslam.report.tables import Table
 
@@ -76,6 +77,15 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     for row in rows:
         table.add_row(*(escape(cell) for cell in row))
     stdout().print(table)
+
+
+def print_findings(findings: "Iterable[Finding]", optional: str) -> None:
+    """What was looked at, one a row; ``optional`` is said of what may be as it is."""
+    rows = [
+        ["ok" if each.fine else optional if each.optional else "fault", each.what, each.detail]
+        for each in findings
+    ]
+    print_table(["", "what", "detail"], rows)
 
 
 def print_figures(title: str, table: "Table") -> None:

@@ -28,12 +28,29 @@ class Limits(NamedTuple):
 
 
 class Stride(NamedTuple):
-    """One step of odometry: m/s forwards, rad/s, seconds; and what is to be said of it."""
+    """One step of odometry: m/s forwards, rad/s, seconds; and what is to be said of it.
+
+    Over a long one the robot did not drive an arc: then ``bearing`` says where it went straight to,
+    in radians from its first heading.
+    """
 
     v: float
     w: float
     dt: float
     note: str = ""
+    bearing: float | None = None
+
+    @property
+    def legs(self) -> list[tuple[float, float, float]]:
+        """Velocities and times that lead there one after the other."""
+        if self.bearing is None:
+            return [(self.v, self.w, self.dt)]
+        third, rest = self.dt / 3, self.w * self.dt - self.bearing
+        return [
+            (0.0, self.bearing / third, third),
+            (3 * self.v, 0.0, third),
+            (0.0, rest / third, third),
+        ]
 
 
 class Odometry2D(NamedTuple):
@@ -98,8 +115,14 @@ def stride_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -
     if way > min(limits.max_speed * dt, limits.max_way):
         known = now._replace(speed=now.speed or (0.0, 0.0))
         return _by_speed(known, dt, limits, f"odometry jumped {way:.4g} m, which is left out")
-    silent = f"odometry was silent for {dt:.2f} s: {forward:.2f} m in one step"
-    return Stride(forward / dt, turn / dt, dt, silent * (dt > limits.gap))
+    if dt <= limits.gap:
+        return Stride(forward / dt, turn / dt, dt)
+    bearing = float(np.arctan2(now.pose[1] - before.pose[1], now.pose[0] - before.pose[0]))
+    ahead = float(wrapped(np.asarray(bearing - before.pose[2])))
+    if abs(ahead) > np.pi / 2:  # backwards
+        way, ahead = -way, ahead - float(np.copysign(np.pi, ahead))
+    silent = f"odometry was silent for {dt:.2f} s: {way:.2f} m in one step"
+    return Stride(way / dt, turn / dt, dt, silent, ahead)
 
 
 def _by_speed(now: Odometry2D, dt: float, limits: Limits, note: str = "") -> Stride:

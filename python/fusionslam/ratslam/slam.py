@@ -10,7 +10,6 @@
 'node 0 made of view 0'
 """
 
-import math
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -44,8 +43,9 @@ from fusionslam.views.matches import NO_VIEW
 
 NOTHING = Action(ActionKind.NONE)
 
-# Of less than a cell each: what the original's cells take for one message of odometry.
-_MOST_PIECES = 300
+# Cells in one step. The original's are moved cell by cell, for which a robot has no more time; ours
+# refuse what is farther, of which a part may have been done then.
+_FARTHEST = {"openratslam": 300, "robust": 1e6}
 
 
 class RatSlamConfig(Section):
@@ -150,7 +150,9 @@ class RatSlam:
         # A map without nodes goes where odometry alone would.
         self.alone = ExperienceMap(self.map.config)
         self.memory = Memory()
-        self._limits = Limits(self.config.gap, self.config.max_speed, self._farthest())
+        cells = self.cells.config
+        farthest = _FARTHEST[cells.preset] * cells.cell_m
+        self._limits = Limits(self.config.gap, self.config.max_speed, farthest)
 
     @property
     def preset(self) -> str:
@@ -232,22 +234,17 @@ class RatSlam:
 
     def _move(self, said: Odometry2D | None, stride: Stride | None, watch: Stopwatch) -> None:
         if stride is not None:
-            v, w, dt, _ = stride
-            pieces = self._pieces(v * dt)
-            with watch.of("cells"):
-                for _ in range(pieces):
-                    self.cells.on_odometry(v, w, dt / pieces)
-            with watch.of("map"):
-                self.map.on_odometry(v, w, dt)
-            self.alone.on_odometry(v, w, dt)
+            for v, w, dt in stride.legs:
+                pieces = self._pieces(v * dt)
+                with watch.of("cells"):
+                    for _ in range(pieces):
+                        self.cells.on_odometry(v, w, dt / pieces)
+                with watch.of("map"):
+                    self.map.on_odometry(v, w, dt)
+                self.alone.on_odometry(v, w, dt)
             self.memory.moved = True
         if said is not None:
             self.memory.odometry, self.memory.newest_ns = said, said.stamp_ns
-
-    def _farthest(self) -> float:
-        """Metres in one step that the cells can take in a time that a robot has."""
-        cells = self.cells.config
-        return math.inf if cells.preset == "robust" else _MOST_PIECES * cells.cell_m
 
     def _pieces(self, way: float) -> int:
         """The original's cells take steps of less than a cell."""

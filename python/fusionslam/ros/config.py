@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What all nodes can be told, and how parameters become a configuration."""
 
+import re
 from collections.abc import Mapping
 from typing import Any, Literal, TypeVar
 
 from fusionslam.config import Section, merged, option
+from fusionslam.errors import ConfigError
 
 
 class NodeConfig(Section):
@@ -27,6 +29,12 @@ class NodeConfig(Section):
     only_one: float = option(
         2.0,
         "a second publisher of a topic is heard once the first one was silent for so long",
+        unit="s",
+        gt=0,
+    )
+    patience: float = option(
+        10.0,
+        "after so long, by the wall clock, it is said which topics nothing has arrived on",
         unit="s",
         gt=0,
     )
@@ -53,7 +61,12 @@ def from_parameters(defaults: C, parameters: Mapping[str, Any]) -> C:
     Raises:
         ConfigError: an unknown name (the message has the nearest), a wrong type, or out of range.
     """
-    return merged(defaults, _with_none(parameters), "~")
+    try:
+        return merged(defaults, _with_none(parameters), "~")
+    except ConfigError as error:
+        # ROS puts slashes where files put dots.
+        text = re.sub(r"~[\w.]+", lambda key: key[0].replace(".", "/"), str(error))
+        raise ConfigError(text.replace("configuration key", "parameter")) from error
 
 
 def _with_none(value: Any) -> Any:

@@ -4,6 +4,7 @@
 
 import time
 from collections import deque
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from fusionslam.ros.message_types import DIAGNOSTICS, header, make
 
 if TYPE_CHECKING:
-    from fusionslam.ros.shell import Shell
+    from fusionslam.ros.worker import Worker
 
 _KEPT = 1000
 _OK, _WARN = 0, 1
@@ -22,27 +23,36 @@ class Stopwatch:
 
     def __init__(self) -> None:
         self._seconds: deque[float] = deque(maxlen=_KEPT)
+        self._has_published = False
 
-    def note(self, seconds: float) -> None:
-        """Of one message."""
-        self._seconds.append(seconds)
+    def start(self) -> None:
+        """Work on a message begins."""
+        self._has_published = False
+
+    def published(self) -> None:
+        """Something was published."""
+        self._has_published = True
+
+    def stop(self, arrived_s: float) -> None:
+        """It is done; what was published came of a message that arrived then (monotonic clock)."""
+        if self._has_published:
+            self._seconds.append(time.monotonic() - arrived_s)
 
     def quantile_ms(self, share: float) -> float | None:
         """Milliseconds that this share of the last 1,000 did not exceed; None before the first."""
         return 1e3 * float(np.quantile(self._seconds, share)) if self._seconds else None
 
 
-def diagnostics(shell: "Shell") -> Any:
+def diagnostics(worker: "Worker") -> Any:
     """A DiagnosticArray of a node as it is now."""
     import rospy
 
-    values = dict(_values(shell))
-    trouble = sum(shell.complaints.counts.values()) + sum(shell.inbox.dropped.values())
-    worst = shell.complaints.counts.most_common(1)
+    values = dict(reported(worker))
+    worst = worker.complaints.counts.most_common(1)
     status = make(
         "diagnostic_msgs/DiagnosticStatus",
-        level=_WARN if trouble else _OK,
-        name=f"fusionslam: {shell.name}",
+        level=_WARN if worst else _OK,
+        name=f"fusionslam: {worker.node.name}",
         message=f"{worst[0][0][0]}: {worst[0][0][1]}" if worst else "fine",
         hardware_id=rospy.get_name(),
         values=[make("diagnostic_msgs/KeyValue", key=key, value=values[key]) for key in values],
@@ -51,17 +61,19 @@ def diagnostics(shell: "Shell") -> Any:
     return make(DIAGNOSTICS, header=header(now, ""), status=[status])
 
 
-def _values(shell: "Shell") -> Any:
-    for topic in shell.inputs:
-        yield f"received {topic}", str(shell.inbox.taken[topic])
-    for (topic, reason), count in sorted(shell.inbox.dropped.items()):
+def reported(worker: "Worker") -> Iterator[tuple[str, str]]:
+    """All that is counted and measured, as (what, how much)."""
+    taken = worker.inbox.taken
+    for topic in worker.inputs:
+        yield f"received {topic}", str(taken[topic])
+    for (topic, reason), count in sorted(worker.inbox.dropped.items()):
         yield f"dropped {topic}: {reason}", str(count)
-    for what, count in shell.node.report().items():
+    for what, count in worker.node.report().items():
         yield what, str(count)
-    for (topic, cause), count in sorted(shell.complaints.counts.items()):
+    for (topic, cause), count in sorted(worker.complaints.counts.items()):
         yield f"refused {topic}: {cause}", str(count)
     for share in (0.5, 0.95):
-        milliseconds = shell.watch.quantile_ms(share)
+        milliseconds = worker.watch.quantile_ms(share)
         if milliseconds is not None:
             yield f"latency p{100 * share:.0f} [ms]", f"{milliseconds:.2f}"
     yield "processor time [s]", f"{time.process_time():.2f}"

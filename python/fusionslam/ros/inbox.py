@@ -4,6 +4,7 @@
 
 import threading
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,11 +20,13 @@ class Arrival:
         topic: as the node names it.
         message: what the middleware delivered.
         seconds: when, by a clock that only rises.
+        stamp_ns: when, by the clock that stamps are of; 0 where that is not known.
     """
 
     topic: str
     message: Any
     seconds: float
+    stamp_ns: int = 0
 
 
 class Inbox:
@@ -33,41 +36,57 @@ class Inbox:
         limit: messages of a topic that wait at most; the oldest of the topic make room.
         only_one_s: a second publisher of a topic is heard once the first was silent for so long;
             messages of two at a time contradict each other.
-
-    Attributes:
-        taken: messages by topic, dropped ones included.
-        dropped: by (topic, reason).
+        is_there: whether a topic's publisher still is; where it is gone, as after a restart of
+            its driver under another name, the next one is heard at once.
     """
 
-    def __init__(self, limit: int, only_one_s: float) -> None:
-        self.taken: Counter[str] = Counter()
-        self.dropped: Counter[tuple[str, str]] = Counter()
-        self._limit, self._only_one = limit, only_one_s
+    def __init__(
+        self,
+        limit: int,
+        only_one_s: float,
+        is_there: Callable[[str, str], bool] = lambda topic, publisher: True,
+    ) -> None:
+        self._taken: Counter[str] = Counter()
+        self._dropped: Counter[tuple[str, str]] = Counter()
+        self._limit, self._only_one, self._is_there = limit, only_one_s, is_there
         self._waiting: dict[str, deque[tuple[int, Arrival]]] = {}
         self._heard: dict[str, tuple[str, float]] = {}
         self._changed = threading.Condition()
         self._number = 0
 
-    def put(self, arrival: Arrival, publisher: str | None) -> bool:
-        """Take a message; whether it was not dropped at once.
+    @property
+    def taken(self) -> Counter[str]:
+        """Messages by topic so far, dropped ones included."""
+        with self._changed:
+            return self._taken.copy()
+
+    @property
+    def dropped(self) -> Counter[tuple[str, str]]:
+        """Those that were dropped, by (topic, reason)."""
+        with self._changed:
+            return self._dropped.copy()
+
+    def put(self, arrival: Arrival, publisher: str | None) -> str | None:
+        """Take a message; the reason why a message of the topic was dropped, if one was.
 
         Args:
             arrival: the message.
             publisher: who sent it, where the topic must have only one; else None.
         """
         with self._changed:
-            self.taken[arrival.topic] += 1
+            self._taken[arrival.topic] += 1
             if publisher is not None and not self._is_heard(arrival, publisher):
-                self.dropped[arrival.topic, SECOND_PUBLISHER] += 1
-                return False
+                self._dropped[arrival.topic, SECOND_PUBLISHER] += 1
+                return SECOND_PUBLISHER
             queue = self._waiting.setdefault(arrival.topic, deque())
-            if len(queue) == self._limit:
+            is_full = len(queue) == self._limit
+            if is_full:
                 queue.popleft()
-                self.dropped[arrival.topic, TOO_MANY] += 1
+                self._dropped[arrival.topic, TOO_MANY] += 1
             queue.append((self._number, arrival))
             self._number += 1
             self._changed.notify()
-            return True
+            return TOO_MANY if is_full else None
 
     def get(self, timeout_s: float) -> Arrival | None:
         """The message that waited longest; None if none comes within the time."""
@@ -78,14 +97,16 @@ class Inbox:
 
     def publisher_of(self, topic: str) -> str | None:
         """Whom a topic is heard from."""
-        return self._heard.get(topic, (None, 0.0))[0]
+        with self._changed:
+            return self._heard.get(topic, (None, 0.0))[0]
 
     def _any(self) -> bool:
         return any(self._waiting.values())
 
     def _is_heard(self, arrival: Arrival, publisher: str) -> bool:
         heard, last = self._heard.get(arrival.topic, (publisher, arrival.seconds))
-        if heard != publisher and arrival.seconds - last <= self._only_one:
+        is_recent = heard != publisher and arrival.seconds - last <= self._only_one
+        if is_recent and self._is_there(arrival.topic, heard):
             return False
         self._heard[arrival.topic] = publisher, arrival.seconds
         return True

@@ -62,6 +62,15 @@ builder = MessageBuilder(make, ros=1)
 """Makes messages of scans, images, calibrations, odometry and transforms."""
 
 
+def deserialized(message: Any, type_name: str) -> Any:
+    """A message that rospy left as it came (AnyMsg), as its type. Raises DataError."""
+    typed = message_class(type_name)()
+    try:
+        return typed.deserialize(message._buff)
+    except Exception as error:  # genpy raises all kinds
+        raise DataError(f"no {type_name}, or cut short: {error}; look at its publisher") from error
+
+
 def ros_time(stamp_ns: int) -> Any:
     """A time of rospy."""
     from genpy import Time

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
+from fusionslam.ros.complaints import Complaints
 from fusionslam.ros.config import CommonConfig
 
 C = TypeVar("C", bound=CommonConfig)
@@ -51,6 +52,7 @@ class Node(ABC, Generic[C]):
 
     Attributes:
         counts: what it did, in words, for /diagnostics.
+        complaints: what was wrong with what it got, said once for each cause.
     """
 
     name: ClassVar[str]
@@ -65,6 +67,7 @@ class Node(ABC, Generic[C]):
     def __init__(self, config: C, outlet: Outlet) -> None:
         self.config, self.outlet = config, outlet
         self.counts: Counter[str] = Counter()
+        self.complaints = Complaints()
 
     @property
     @abstractmethod

@@ -3,8 +3,11 @@
 """Survives a restart of the ROS master, which rospy alone does not."""
 
 import logging
+import threading
 import time
-from xmlrpc.client import ServerProxy
+from http.client import HTTPConnection, HTTPException
+from typing import Any
+from xmlrpc.client import Error, ServerProxy, Transport
 
 import rosgraph
 import rospy
@@ -13,41 +16,59 @@ from rospy.topics import get_topic_manager
 logger = logging.getLogger(__name__)
 
 _PERIOD_S = 2.0
+_TIMEOUT_S = 5.0
+_SUCCESS = 1
 
 
-class Registration:
-    """Tells a master that was started anew what this node offers and wants."""
+class Registration(threading.Thread):
+    """Tells a master that was started anew what this node offers and wants.
+
+    In a thread of its own: where the network is gone, asking the master takes long.
+    """
 
     def __init__(self) -> None:
-        self._looked = time.monotonic()
+        super().__init__(name="registration", daemon=True)
+        self._is_complete = True
 
-    def renew(self) -> None:
-        """Look, now and then, whether the master still knows this node; if not, register again."""
-        if time.monotonic() - self._looked < _PERIOD_S:
+    def run(self) -> None:
+        """Look, now and then, whether the master still knows this node, until ROS shuts down."""
+        while not rospy.is_shutdown():
+            time.sleep(_PERIOD_S)
+            try:
+                self._renew()
+            except (OSError, HTTPException, Error) as error:
+                logger.debug("the ROS master does not answer: %s", error)
+
+    def _renew(self) -> None:
+        master, name = _proxy(rosgraph.get_master_uri()), rospy.get_name()
+        code, _, _ = master.lookupNode(name, name)
+        if (code == _SUCCESS and self._is_complete) or rospy.is_shutdown():
             return
-        self._looked = time.monotonic()
-        master = rosgraph.Master(rospy.get_name())
-        try:
-            if not _is_known(master):
-                _register(master)
-                logger.warning("the ROS master was started anew: registered again")
-        except (OSError, rosgraph.MasterException) as error:
-            logger.debug("the ROS master does not answer: %s", error)
+        # The master may go away half-way, knowing some of the topics only.
+        self._is_complete = False
+        _register(master, name)
+        self._is_complete = True
+        logger.warning("the ROS master was started anew: registered again")
 
 
-def _is_known(master: rosgraph.Master) -> bool:
-    try:
-        master.lookupNode(rospy.get_name())
-    except rosgraph.MasterError:
-        return False
-    return True
-
-
-def _register(master: rosgraph.Master) -> None:
+def _register(master: Any, name: str) -> None:
     own, topics = rospy.get_node_uri(), get_topic_manager()
     for topic, type_name in topics.get_publications():
-        master.registerPublisher(topic, type_name, own)
+        master.registerPublisher(name, topic, type_name, own)
     for topic, type_name in topics.get_subscriptions():
-        publishers = master.registerSubscriber(topic, type_name, own)
+        _, _, publishers = master.registerSubscriber(name, topic, type_name, own)
         # What the master tells nodes when publishers change, by the node's own slave API.
-        ServerProxy(own).publisherUpdate("/master", topic, publishers)
+        _proxy(own).publisherUpdate("/master", topic, publishers)
+
+
+class _Impatient(Transport):
+    """Gives up on a server that does not answer."""
+
+    def make_connection(self, host: Any) -> HTTPConnection:
+        connection = super().make_connection(host)
+        connection.timeout = _TIMEOUT_S
+        return connection
+
+
+def _proxy(uri: str) -> Any:
+    return ServerProxy(uri, transport=_Impatient())

@@ -1,28 +1,21 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""rospy around a node: messages in, values to the node, messages out, reports, and a clean end."""
+"""rospy around a node: messages in, messages out, reports, and a clean end."""
 
-import logging
 import time
-from dataclasses import replace
 from typing import Any
 
 import rospy
 
-from fusionslam.datasets.bags.conversions import is_known, value_of
-from fusionslam.errors import DataError, FusionSlamError, ShapeError
-from fusionslam.messages import CameraInfo, FrameTransforms
 from fusionslam.ros.complaints import Complaints
 from fusionslam.ros.config import from_parameters
 from fusionslam.ros.diagnostics import Stopwatch, diagnostics
-from fusionslam.ros.inbox import Arrival, Inbox
 from fusionslam.ros.message_types import DIAGNOSTICS, message_class
-from fusionslam.ros.node import Input, Node
+from fusionslam.ros.node import Node
 from fusionslam.ros.registration import Registration
+from fusionslam.ros.worker import Worker
 
-logger = logging.getLogger(__name__)
-
-_BUFFER_BYTES = 1 << 24
+BUFFER_BYTES = 1 << 24
 """What a socket reads at a time: rospy's default of 64 KiB delays clouds and images."""
 _POLL_S = 0.1
 _REPORTS = "/diagnostics"
@@ -36,45 +29,33 @@ class Shell:
 
     Raises:
         ConfigError: a parameter that the node does not know, or a wrong value.
+        DataError: what the node would go on from cannot be read.
     """
 
     def __init__(self, kind: type[Node[Any]]) -> None:
-        self.name = kind.name
-        self.config = from_parameters(kind.defaults, _parameters())
-        common = self.config.node
-        self.inbox = Inbox(common.queue, common.only_one)
-        self.complaints, self.watch = Complaints(), Stopwatch()
-        self.published = False
+        self.config = from_parameters(kind.defaults, rospy.get_param("~", {}))
         # Before the node is made, which may take a while: who listens finds the topics at once.
-        self._publishers = {
-            topic: rospy.Publisher(
-                topic,
-                message_class(type_name),
-                queue_size=common.queue,
-                latch=topic in kind.latched,
-            )
-            for topic, type_name in kind.outputs.items()
-        }
+        self._publishers = {topic: self._publisher(topic, kind) for topic in kind.outputs}
         self._reports = rospy.Publisher(_REPORTS, message_class(DIAGNOSTICS), queue_size=10)
-        self.node = kind(self.config, self)
-        self.inputs = {each.topic: each for each in self.node.inputs}
-        self._subscribers = [_subscribe(each, self._arrived) for each in self.inputs.values()]
-        self._registration = Registration()
-        self._last_arrival = self._last_report = time.monotonic()
-        self._is_idle = True
+        self._watch = Stopwatch()
+        node = kind(self.config, self)
+        self._worker = Worker(node, rospy.resolve_name, _now_ns, self._is_there, self._watch)
+        self._subscribers: dict[str, rospy.Subscriber] = {}
+        for topic in self._worker.inputs:
+            self._subscribers[topic] = self._subscriber(topic)
+        Registration().start()
+        self._started = self._last_work = self._last_report = time.monotonic()
+        self._looked_for_silence = False
 
-    def _publisher(self, topic: str, kind: type[Node[Any]]) -> rospy.Publisher:
-        return rospy.Publisher(
-            topic,
-            message_class(kind.outputs[topic]),
-            queue_size=self.config.node.queue,
-            latch=topic in kind.latched,
-        )
+    @property
+    def complaints(self) -> Complaints:
+        """Those of the node."""
+        return self._worker.complaints
 
     def publish(self, topic: str, message: Any) -> None:
         """As ``Outlet``."""
         _send(self._publishers[topic], message)
-        self.published = True
+        self._watch.published()
 
     def is_wanted(self, topic: str) -> bool:
         """As ``Outlet``."""
@@ -84,92 +65,50 @@ class Shell:
         """Work until ROS shuts down, then let the node keep what it has to."""
         try:
             while not rospy.is_shutdown():
-                arrival = self.inbox.get(_POLL_S)
-                if arrival is None:
-                    self._quiet()
-                else:
-                    self._work_off(arrival)
-                self._report()
+                if self._worker.work(_POLL_S):
+                    self._last_work = time.monotonic()
+                self._look_at_clock(time.monotonic())
         finally:
-            self._guarded("closing", self.node.close)
+            self._worker.guarded("closing", self._worker.node.close)
 
-    def _arrived(self, message: Any, topic: str) -> None:
-        """In a thread of rospy."""
-        sender = message._connection_header["callerid"]
-        arrival = Arrival(topic, message, time.monotonic())
-        if not self.inbox.put(arrival, None if self.inputs[topic].shared else sender):
-            self.complaints.add(
-                topic,
-                f"two publishers, {self.inbox.publisher_of(topic)} and {sender}: the second one is "
-                "not heard; stop it, or remap one of them",
-            )
+    def _look_at_clock(self, now: float) -> None:
+        common = self.config.node
+        if not self._worker.is_idle and now - self._last_work > common.idle:
+            self._worker.idle()
+        if not self._looked_for_silence and now - self._started > common.patience:
+            self._looked_for_silence = True
+            self._worker.complain_of_silence()
+        if now - self._last_report >= common.report:
+            self._last_report = now
+            self._worker.guarded(_REPORTS, lambda: _send(self._reports, diagnostics(self._worker)))
 
-    def _work_off(self, arrival: Arrival) -> None:
-        self._last_arrival, self._is_idle = time.monotonic(), False
-        self.published = False
-        self._guarded(arrival.topic, lambda: self._take(arrival))
-        if self.published:
-            self.watch.note(time.monotonic() - arrival.seconds)
+    def _publisher(self, topic: str, kind: type[Node[Any]]) -> rospy.Publisher:
+        return rospy.Publisher(
+            topic,
+            message_class(kind.outputs[topic]),
+            queue_size=self.config.node.queue,
+            latch=topic in kind.latched,
+        )
 
-    def _take(self, arrival: Arrival) -> None:
-        entry = self.inputs[arrival.topic]
-        message, type_name = _typed(arrival.message, entry)
-        if not is_known(type_name):
-            self._need_stamp(message.header.stamp.to_nsec())
-            entry.take(message)
-            return
-        for value in self._stamped(value_of(message, type_name, rospy.resolve_name(entry.topic))):
-            entry.take(value)
+    def _subscriber(self, topic: str) -> rospy.Subscriber:
+        """Of any type: rospy would only log, again and again, that a wrong one does not connect."""
+        return rospy.Subscriber(
+            topic,
+            rospy.AnyMsg,
+            self._worker.arrived,
+            callback_args=topic,
+            buff_size=BUFFER_BYTES,
+            tcp_nodelay=True,
+        )
 
-    def _stamped(self, value: Any) -> list[Any]:
-        """The value with the stamp that counts; nothing of transforms without any."""
-        if isinstance(value, FrameTransforms):
-            kept = tuple(each for each in value.transforms if each.static or each.stamp_ns)
-            if len(kept) < len(value.transforms):
-                lost = next(e for e in value.transforms if not (e.static or e.stamp_ns))
-                self.complaints.add(
-                    "/tf",
-                    f"the transform of '{lost.child}' has the stamp zero and is left out: its "
-                    "publisher has to stamp it",
-                )
-            return [replace(value, transforms=kept)] if kept else []
-        if self.config.node.stamps == "arrival":
-            return [replace(value, stamp_ns=rospy.Time.now().to_nsec())]
-        if not isinstance(value, CameraInfo):  # whose stamp nobody needs
-            self._need_stamp(value.stamp_ns)
-        return [value]
+    def _is_there(self, topic: str, publisher: str) -> bool:
+        subscriber = self._subscribers.get(topic)
+        connections = subscriber.impl.connections if subscriber is not None else []
+        return any(line.callerid_pub == publisher and not line.done for line in connections)
 
-    def _need_stamp(self, stamp_ns: int) -> None:
-        if not stamp_ns and self.config.node.stamps == "header":
-            raise DataError(
-                "the stamp is zero: its publisher has to stamp it, or set the parameter "
-                "~node/stamps to arrival"
-            )
 
-    def _guarded(self, topic: str, action: Any) -> None:
-        """Whatever is wrong with a message, the node goes on."""
-        try:
-            action()
-        except (DataError, ShapeError) as error:
-            self.complaints.add(topic, str(error))
-        except FusionSlamError as error:
-            self.complaints.add(topic, f"{type(error).__name__}: {error}")
-        except Exception as error:
-            self.complaints.add(topic, f"a defect of fusionslam, please report it: {error!r}")
-            logger.exception("%s", topic)
-
-    def _quiet(self) -> None:
-        if not self._is_idle and time.monotonic() - self._last_arrival > self.config.node.idle:
-            self._is_idle = True
-            self._guarded("silence", self.node.idle)
-        self._guarded("ROS master", self._registration.renew)
-
-    def _report(self) -> None:
-        now = time.monotonic()
-        if now - self._last_report < self.config.node.report:
-            return
-        self._last_report = now
-        _send(self._reports, diagnostics(self))
+def _now_ns() -> int:
+    return int(rospy.Time.now().to_nsec())
 
 
 def _send(publisher: rospy.Publisher, message: Any) -> None:
@@ -179,34 +118,3 @@ def _send(publisher: rospy.Publisher, message: Any) -> None:
         # Raised, too, if the node is shut down at this very moment.
         if not rospy.is_shutdown():
             raise
-
-
-def _parameters() -> Any:
-    return rospy.get_param("~", {})
-
-
-def _subscribe(entry: Input, arrived: Any) -> Any:
-    several = len(entry.types) > 1
-    return rospy.Subscriber(
-        entry.topic,
-        rospy.AnyMsg if several else message_class(entry.types[0]),
-        arrived,
-        callback_args=entry.topic,
-        buff_size=_BUFFER_BYTES,
-        tcp_nodelay=True,
-    )
-
-
-def _typed(message: Any, entry: Input) -> tuple[Any, str]:
-    """The message as what its publisher says it is. Raises DataError for a type not expected."""
-    if len(entry.types) == 1:
-        return message, entry.types[0]
-    found = message._connection_header["type"]
-    if found not in entry.types:
-        raise DataError(f"its type is {found}, expected {' or '.join(entry.types)}")
-    typed = message_class(found)()
-    try:
-        typed.deserialize(message._buff)
-    except Exception as error:  # genpy raises all kinds
-        raise DataError(f"no {found}, or cut short: {error}") from error
-    return typed, found

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 
 from fusionslam.errors import FusionSlamError
+from fusionslam.ros.complaints import Complaints
 from fusionslam.ros.environment import need_ros
 from fusionslam.ros.nodes import node_class
 
@@ -20,6 +21,9 @@ def start(name: str, arguments: list[str] | None = None) -> None:
         name: one of ``NODES``.
         arguments: as on a command line: remappings (``odom:=/wheels/odom``) and private parameters
             (``_fusion/voxel:=0.05``); None for those of this process.
+
+    Raises:
+        SystemExit: 2 if it cannot start, 130 if it is interrupted before it could.
     """
     _guarded(name, lambda: _run(name, sys.argv if arguments is None else [name, *arguments]))
 
@@ -39,41 +43,61 @@ def start_player() -> None:
 
 
 def _guarded(name: str, action: Callable[[], None]) -> None:
+    # A disk that is full is no reason for a traceback with each line that is logged.
+    logging.raiseExceptions = False
     try:
         need_ros()
         action()
     except FusionSlamError as error:
-        print(f"error: {name}: {error}", file=sys.stderr)
-        raise SystemExit(_WRONG) from error
-    except KeyboardInterrupt:  # before rospy takes care of it
-        raise SystemExit(_INTERRUPTED) from None
+        _end(_WRONG, f"error: {name}: {error}")
+    except KeyboardInterrupt:
+        _end(_INTERRUPTED, f"{name}: interrupted")
 
 
 def _run(name: str, arguments: list[str]) -> None:
     import rospy
 
     kind = node_class(name)
-    rospy.init_node(kind.name, argv=arguments)
-    logging.getLogger("fusionslam").addHandler(_ToRosout())
-    from fusionslam.ros.shell import Shell
-
     try:
+        rospy.init_node(kind.name, argv=arguments)
+        to_rosout = _ToRosout()
+        logging.getLogger("fusionslam").addHandler(to_rosout)
+        from fusionslam.ros.shell import Shell
+
         shell = Shell(kind)
-    except FusionSlamError as error:
-        rospy.logfatal("%s", error)
-        rospy.signal_shutdown("wrong parameters")
+    except (FusionSlamError, KeyboardInterrupt):
         raise
+    except Exception as error:
+        if rospy.is_shutdown():
+            raise KeyboardInterrupt from error
+        raise
+    to_rosout.complaints = shell.complaints
     rospy.loginfo("%s is ready", kind.name)
     shell.run()
 
 
+def _end(code: int, message: str) -> None:
+    print(message, file=sys.stderr)
+    raise SystemExit(code)
+
+
 class _ToRosout(logging.Handler):
-    """What the library logs goes where ROS collects it."""
+    """What is logged goes where ROS collects it; what the library warns of, once for each cause.
+
+    Attributes:
+        complaints: those of the node, once there is one.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.complaints: Complaints | None = None
 
     def emit(self, record: logging.LogRecord) -> None:
         """Pass a record on."""
         import rospy
 
-        levels = {logging.WARNING: rospy.logwarn, logging.ERROR: rospy.logerr}
-        if record.levelno >= logging.WARNING:
-            levels.get(record.levelno, rospy.logerr)("%s", self.format(record))
+        if self.complaints is not None and not record.name.startswith(__package__):
+            self.complaints.add(record.name.removeprefix("fusionslam."), record.getMessage())
+            return
+        say = rospy.logwarn if record.levelno == logging.WARNING else rospy.logerr
+        say("%s", self.format(record))

@@ -8,6 +8,7 @@ import numpy as np
 
 from fusionslam.config import option
 from fusionslam.descriptors import DescriptorConfig
+from fusionslam.errors import DataError
 from fusionslam.messages import Scan
 from fusionslam.ratslam.sources import MatcherSource, SourceOptions, ViewSource, source_named
 from fusionslam.ros.config import CommonConfig
@@ -42,9 +43,20 @@ def matcher_of(source: ViewSource) -> ViewMatcher | None:
     return source.matcher if isinstance(source, MatcherSource) else None
 
 
+EMPTY = (
+    "the cloud is empty: does the scanner see anything, and does ~fusion of data_fusion keep it?"
+)
+"""What to say of a cloud without points."""
+
+
 def cloud_of(scan: Scan) -> Cloud:
-    """The points that returned, with their colours if they have any."""
+    """The points that returned, with their colours. Raises DataError where they have none."""
+    if scan.colors is None:
+        raise DataError(
+            "the cloud has no colours (a point field rgb), which places are recognised by: remap "
+            "its topic to the coloured clouds of data_fusion"
+        )
     valid = np.isfinite(scan.points).all(axis=1)
     if valid.all():
         return Cloud(scan.points, scan.colors)
-    return Cloud(scan.points[valid], None if scan.colors is None else scan.colors[valid])
+    return Cloud(scan.points[valid], scan.colors[valid])

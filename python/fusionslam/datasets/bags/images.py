@@ -116,7 +116,7 @@ def compressed_image_of(message: Any) -> Pixels:
     except _UNDECODABLE as error:
         raise DataError(
             f"field 'data' ({len(data)} bytes, format '{message.format}') is no JPEG or PNG "
-            f"picture: {error}"
+            f"picture: {str(error).partition(' <')[0]}"
         ) from error
     # "bgr8; jpeg compressed rgb8": what the encoder, which takes BGR, was given as RGB.
     swapped = "rgb8" in message.format.partition("compressed")[2]

@@ -88,7 +88,7 @@ class Inspection:
         if not topic.is_known:
             return f"{about}, of a type that is not read"
         series = self.source.index.series.get(topic.name)
-        rate = _rate(series) if series else ""
+        rate = rate_words(series) if series else ""
         return f"{about}, {rate}" if rate else about
 
     def _extrinsics(self) -> str:
@@ -114,9 +114,9 @@ class Inspection:
         return self.source.optical_frame(), self.source.series("points").frame_id
 
 
-def _rate(series: Series) -> str:
+def rate_words(series: Series) -> str:
     """Rate, and what is unusual: steps that are longer, messages that arrive late."""
-    parts = [_steps(series.stamps_ns)] if len(series.times) > 1 else []
+    parts = [step_words(series.stamps_ns)] if len(series.times) > 1 else []
     delays = series.delays_ns / 1e6
     if np.abs(delays).max() >= _PROMPT_MS:
         parts.append(
@@ -126,7 +126,8 @@ def _rate(series: Series) -> str:
     return ", ".join(parts)
 
 
-def _steps(stamps_ns: NDArray[np.int64]) -> str:
+def step_words(stamps_ns: NDArray[np.int64]) -> str:
+    """Rate of at least two stamps, gaps between them and steps back."""
     steps = np.diff(stamps_ns) / 1e9
     median = float(np.median(steps))
     if median <= 0:

@@ -57,15 +57,15 @@ def choose_topics(
     for role, name in chosen.items():
         _check(topics, role, name, bag)
     for role in ROLES:
-        if role not in chosen and (candidates := _candidates(topics, role, chosen)):
-            chosen[role] = candidates[0]
-            if len(candidates) > 1:
+        if role not in chosen and (fitting := candidates(topics, role, chosen)):
+            chosen[role] = fitting[0]
+            if len(fitting) > 1:
                 logger.warning(
                     "%s: %s is %s, chosen of %s; name one with --topic %s=...",
                     bag,
                     role,
-                    candidates[0],
-                    ", ".join(candidates),
+                    fitting[0],
+                    ", ".join(fitting),
                     role,
                 )
     used = {role: chosen[role] for role in ROLES if chosen.get(role)}
@@ -93,8 +93,8 @@ def _of_type(topics: Mapping[str, Topic], role: str) -> list[str]:
     return [name for name, topic in topics.items() if topic.count and topic.type in ROLES[role]]
 
 
-def _candidates(topics: Mapping[str, Topic], role: str, chosen: Mapping[str, str]) -> list[str]:
-    """The topics that can have a role, best first."""
+def candidates(topics: Mapping[str, Topic], role: str, chosen: Mapping[str, str]) -> list[str]:
+    """The topics that can have a role, best first, where those of ``chosen`` have theirs."""
     names = sorted(_of_type(topics, role), key=lambda name: (-topics[name].count, name))
     if role == "left":
         infos = _of_type(topics, "camera_info")

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scans and images in, coloured clouds out (Stastny 2022, 4.2.2)."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import ClassVar
@@ -22,21 +23,57 @@ from fusionslam.ros.message_types import (
 )
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.sensors import Frame
+from fusionslam.synchronizer import (
+    BUFFER_FULL,
+    DUPLICATE,
+    LATE,
+    NO_IMAGE,
+    REASONS,
+)
 from fusionslam.views.recorder import ROBOT_FUSION
+
+logger = logging.getLogger(__name__)
 
 SCANS, COLORED, COLORING = "velodyne_points", "rgb_cloud", "rgb_image"
 LEFT = ("camera/rgb/image_raw", "camera/rgb/camera_info")
 RIGHT = ("camera/right/image_raw", "camera/right/camera_info")
+ODOM = "odom"
+_NO_POINTS = "a scan without points, or of NaN alone: look at the scanner"
+_NOTHING_SEEN = (
+    "nothing is left of a scan: do camera and scanner look the same way (TF), and what does "
+    "~fusion leave out?"
+)
+_WENT_BACK = (
+    "the clock went back and all starts anew: a bag that is played again needs nothing, else look "
+    "at the sensors' clocks"
+)
+_ROBOT = "the robot's frame is ~online/robot_frame, or that of odometry: is it in TF?"
+_ADVICE = {
+    DUPLICATE: "is its driver running twice?",
+    LATE: "~online/sync/lateness waits for what is out of order",
+    NO_IMAGE: "is the camera published, and do both sensors have one clock? How far it may be is "
+    "~online/sync/max_difference",
+    BUFFER_FULL: "are all sensors published, by one clock? ~online/sync/buffer holds more",
+}
 
 
 class DataFusionConfig(CommonConfig):
     """Of the node data_fusion."""
 
     fusion: FusionConfig = option(ROBOT_FUSION, "what a cloud is made of, where it lies, ground")
-    # rospy may deliver odometry later than scans: at five times a bag's pace, by half a second.
+    # rospy has a thread for each topic: at five times a bag's pace odometry arrives up to half a
+    # second of stamps after the scan that it belongs to, on a busy machine even later.
     online: OnlineConfig = option(
-        OnlineConfig(wait=2.0), "which image belongs to which scan; frames"
+        OnlineConfig(wait=5.0),
+        "which image belongs to which scan; frames",
     )
+
+
+def frame_builder(config: DataFusionConfig) -> FrameBuilder:
+    """What makes frames of messages, with the cameras that the source of clouds needs."""
+    source = config.fusion.source
+    cameras = {"lidar": ("left",), "stereo": ("left", "right"), "cloud": ()}
+    return FrameBuilder(config.online, cameras=cameras[source], scans=source != "stereo")
 
 
 class DataFusion(Node[DataFusionConfig]):
@@ -48,17 +85,16 @@ class DataFusion(Node[DataFusionConfig]):
 
     def __init__(self, config: DataFusionConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
-        cameras = {"lidar": ("left",), "stereo": ("left", "right"), "cloud": ()}
         self._source = config.fusion.source
-        self._frames = FrameBuilder(
-            config.online, cameras=cameras[self._source], scans=self._source != "stereo"
-        )
+        self._lead = LEFT[0] if self._source == "stereo" else SCANS
+        self._said: set[tuple[str, str]] = set()
+        self._frames = frame_builder(config)
 
     @property
     def inputs(self) -> Sequence[Input]:
         """Scans, images with their calibration, odometry and TF."""
         found = [
-            Input("odom", [ODOMETRY], self._take, optional=True),
+            Input(ODOM, [ODOMETRY], self._take, optional=True),
             Input("/tf", [TRANSFORMS], self._take, shared=True, optional=True),
             Input("/tf_static", [TRANSFORMS], self._take, shared=True, optional=True),
         ]
@@ -87,21 +123,31 @@ class DataFusion(Node[DataFusionConfig]):
         return {**self.counts, **more, **dropped, **refused}
 
     def _take(self, message: Message, camera: str = "left") -> None:
+        jumps = self._frames.jumps
         self._publish(self._frames.process(message, camera))
+        if self._frames.jumps > jumps:
+            self.complaints.add(self._lead, _WENT_BACK)
 
     def _publish(self, frames: list[Frame]) -> None:
-        problem = None
         for frame in frames:
             try:
                 self._fuse(frame)
             except (DataError, ShapeError) as error:
-                problem = error
-        if problem is not None:
-            raise problem
+                self.complaints.add(self._lead, f"cannot be fused: {error}; {_ROBOT}")
+        self._say_dropped()
+
+    def _say_dropped(self) -> None:
+        for (sensor, reason), count in self._frames.dropped.items():
+            if reason in _ADVICE and (sensor, reason) not in self._said:
+                self._said.add((sensor, reason))
+                why = f"{REASONS[reason]}: {_ADVICE[reason]}"
+                logger.warning("%s: %d dropped, %s; %s", sensor, count, reason, why)
 
     def _fuse(self, frame: Frame) -> None:
         cloud = fuse(frame, self.config.fusion)
-        self.counts["empty clouds"] += not len(cloud)
+        if not len(cloud):
+            self.counts["empty clouds"] += 1
+            self.complaints.add(self._lead, _why_empty(frame))
         name = self._frames.frame_of(self.config.fusion.frame)
         scan = Scan(
             stamp_ns=frame.stamp_ns, frame_id=name, points=cloud.points, colors=cloud.colors
@@ -115,3 +161,7 @@ class DataFusion(Node[DataFusionConfig]):
             name = self._frames.frame_of("camera")
             picture = Picture(stamp_ns=frame.stamp_ns, frame_id=name, image=frame.images["left"])
             self.outlet.publish(COLORING, builder.build(picture))
+
+
+def _why_empty(frame: Frame) -> str:
+    return _NO_POINTS if frame.points is not None and not len(frame.points) else _NOTHING_SEEN

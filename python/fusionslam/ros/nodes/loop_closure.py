@@ -10,15 +10,15 @@ from typing import Any, ClassVar, Literal
 from fusionslam.aligned_loops import AlignedLoop, AlignedLoopDetector
 from fusionslam.config import option
 from fusionslam.descriptors import DescriptorConfig
-from fusionslam.errors import ConfigError
+from fusionslam.errors import DataError
 from fusionslam.loop_closure import LoopConfig, LoopDetector
 from fusionslam.messages import Scan
 from fusionslam.ros.config import CommonConfig
 from fusionslam.ros.message_types import CLOUD, LOOP_CLOSURE, ground_pose, header, make, ros_time
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.data_fusion import COLORED
-from fusionslam.ros.saving import Saver, SavingConfig
-from fusionslam.ros.view_config import cloud_of
+from fusionslam.ros.saving import Saver, SavingConfig, continued, other_settings
+from fusionslam.ros.view_config import EMPTY, cloud_of
 
 logger = logging.getLogger(__name__)
 
@@ -46,18 +46,18 @@ class LoopClosure(Node[LoopClosureConfig]):
         self._loops = AlignedLoopDetector(
             LoopDetector(config.descriptor, config=config.loop_closure, describe=config.descriptors)
         )
-        self._saver = Saver(config.memory, lambda path: self._loops.save(path))
+        self._saver = Saver(config.memory, lambda path: self._loops.save(path), self.complaints)
         self._go_on(self._saver.path)
 
     def _go_on(self, path: Path | None) -> None:
-        if path is None or not path.exists():
+        if path is None or not path.exists() or (path.is_dir() and not any(path.iterdir())):
             return
-        loops = AlignedLoopDetector.load(path)
-        if loops.detector.descriptor != self.config.descriptor:
-            raise ConfigError(
-                f"~descriptor is {self.config.descriptor!r}, but {path} holds "
-                f"{loops.detector.descriptor}: give another ~memory/file"
-            )
+        with continued(path):
+            loops = AlignedLoopDetector.load(path)
+        wanted = _settings(self._loops.detector)
+        for name, stored in _settings(loops.detector).items():
+            if stored != wanted[name]:
+                raise other_settings(name, path)
         self._loops = loops
         logger.warning("goes on with %d clouds of %s", len(loops), path)
 
@@ -68,19 +68,32 @@ class LoopClosure(Node[LoopClosureConfig]):
 
     def idle(self) -> None:
         """Keep what is known now."""
-        self._saver.close()
+        self._saver.write()
 
     def close(self) -> None:
         """Keep all descriptors."""
         self._saver.close()
 
     def _take(self, scan: Scan) -> None:
-        loop = self._loops.add(cloud_of(scan), scan.stamp_ns)
+        cloud = cloud_of(scan)
+        if not len(cloud):
+            raise DataError(EMPTY)
+        loop = self._loops.add(cloud, scan.stamp_ns)
         self.counts["clouds"] += 1
         if loop is not None:
             self.counts["loops"] += 1
             self.outlet.publish(LOOPS, _message(scan, loop))
         self._saver.changed()
+
+
+def _settings(detector: LoopDetector) -> dict[str, Any]:
+    """What of the parameters its memory depends on; the first cloud may fix the radius."""
+    describe = detector.describe_config.model_dump(exclude={"threads", "normal_radius"})
+    return {
+        "descriptor": detector.descriptor,
+        "loop_closure": detector.config,
+        "descriptors": describe,
+    }
 
 
 def _message(scan: Scan, found: AlignedLoop) -> Any:

@@ -11,7 +11,7 @@ from fusionslam.ros.message_types import CLOUD, MARKERS, VIEW_DESCRIPTION, build
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.data_fusion import COLORED
 from fusionslam.ros.scene_messages import clustered_cloud, hull_markers
-from fusionslam.ros.view_config import ViewsConfig, cloud_of, matcher_of, source_of
+from fusionslam.ros.view_config import EMPTY, ViewsConfig, cloud_of, matcher_of, source_of
 from fusionslam.sensors import Cloud
 from fusionslam.views.matcher import scene_config
 from fusionslam.views.scene_clusters import clustered
@@ -44,6 +44,8 @@ class ViewBuilder(Node[ViewsConfig]):
     def _take(self, scan: Scan) -> None:
         cloud = cloud_of(scan)
         view = self._comparison.view(cloud)
+        if not len(cloud):
+            self.complaints.add(COLORED, EMPTY)
         self.counts["views"] += 1
         self.counts["views with nothing to recognise"] += not view.objects
         message = make(

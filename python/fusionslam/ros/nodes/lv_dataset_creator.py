@@ -54,7 +54,7 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
         self._comparison = matcher.comparison
         kept = scene_config(matcher.config) if config.keep == "scenes" else None
         self._recorder = SceneRecorder("a drive", scene_config=kept, max_scans=config.max_scans)
-        self._saver = Saver(config.memory, lambda path: self._recorder.save(path))
+        self._saver = Saver(config.memory, lambda path: self._recorder.save(path), self.complaints)
 
     @property
     def inputs(self) -> Sequence[Input]:

@@ -7,17 +7,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from fusionslam.config import option
+from fusionslam.config import Section, option
 from fusionslam.datasets.bags.conversions import stamp_of
-from fusionslam.errors import ConfigError
 from fusionslam.messages import Picture
 from fusionslam.ratslam.events import Sighting
 from fusionslam.ratslam.source_files import restore_source, save_source
+from fusionslam.ratslam.sources import TemplateSource, ViewSource
 from fusionslam.ros.message_types import IMAGES, VIEW_DESCRIPTION, VIEW_TEMPLATE, header, make
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.data_fusion import LEFT
 from fusionslam.ros.nodes.lv_builder import DESCRIPTIONS
-from fusionslam.ros.saving import Saver, SavingConfig
+from fusionslam.ros.saving import Saver, SavingConfig, continued, other_settings
 from fusionslam.ros.view_config import ViewsConfig, matcher_of, source_of
 from fusionslam.views.view_bytes import view_from_bytes
 
@@ -42,20 +42,20 @@ class ViewMatching(Node[ViewMatchingConfig]):
     def __init__(self, config: ViewMatchingConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
         self._source = source_of(config)
-        self._saver = Saver(config.memory, lambda path: save_source(self._source, path))
+        self._saver = Saver(
+            config.memory, lambda path: save_source(self._source, path), self.complaints
+        )
         self._go_on(self._saver.path)
 
     def _go_on(self, path: Path | None) -> None:
         if path is None or not path.exists():
             return
-        wanted = matcher_of(self._source)
-        settings = wanted.config if wanted is not None else None
-        restore_source(self._source, path)
-        found = matcher_of(self._source)
-        if found is not None and found.config != settings:
-            raise ConfigError(
-                f"~views differ from those that {path} was made with: give another ~memory/file"
-            )
+        wanted = _settings(self._source)
+        with continued(path):
+            restore_source(self._source, path)
+        for name, stored in _settings(self._source).items():
+            if stored != wanted[name]:
+                raise other_settings(name, path)
         logger.warning("goes on with %d places of %s", self._source.known, path)
 
     @property
@@ -67,7 +67,7 @@ class ViewMatching(Node[ViewMatchingConfig]):
 
     def idle(self) -> None:
         """Keep what is known now."""
-        self._saver.close()
+        self._saver.write()
 
     def close(self) -> None:
         """Keep all views."""
@@ -89,6 +89,15 @@ class ViewMatching(Node[ViewMatchingConfig]):
         self.counts["nothing recognised"] += sighting.view_id < 0
         self.outlet.publish(TEMPLATES, _template(sighting, frame_id, sighting.view_id >= known))
         self._saver.changed()
+
+
+def _settings(source: ViewSource) -> dict[str, Section]:
+    """What of the parameters its memory depends on."""
+    matcher = matcher_of(source)
+    if matcher is not None:
+        return {"views": matcher.config, "descriptors": matcher.descriptor_config}
+    assert isinstance(source, TemplateSource)  # all that there is besides
+    return {"visual_templates": source.templates.config}
 
 
 def _template(sighting: Sighting, frame_id: str, is_new: bool) -> Any:

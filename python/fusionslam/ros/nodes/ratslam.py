@@ -77,7 +77,7 @@ class Mapper(Node[MapperConfig]):
 
     def __init__(self, config: MapperConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
-        self._saver = Saver(config.memory, lambda path: self._online.save(path))
+        self._saver = Saver(config.memory, lambda path: self._online.save(path), self.complaints)
         self._online = self._begun(self._saver.path)
         self._visits: deque[int] = deque(maxlen=_SHOWN)
         self._shown_ns: int | None = None
@@ -103,7 +103,7 @@ class Mapper(Node[MapperConfig]):
         """Take what waits; show and keep the map as it is."""
         self._publish(self._online.flush())
         self._show()
-        self._saver.close()
+        self._saver.write()
 
     def close(self) -> None:
         """Keep the map."""
