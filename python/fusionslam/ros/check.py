@@ -98,9 +98,13 @@ def check_robot(arguments: Sequence[str], seconds: float, progress: "Progress") 
     look_at_master()  # rospy would wait for it for ever
     import rospy
 
+    # Remappings of topics are left to us: the topics that are guessed are as they are.
+    own = [argument for argument in arguments if argument.startswith("_")]
     try:
-        rospy.init_node(_NAME, argv=[_NAME, *arguments], anonymous=True, disable_signals=True)
-        return judge(_listened(seconds, progress))
+        rospy.init_node(_NAME, argv=[_NAME, *own], anonymous=True, disable_signals=True)
+        return judge(_listened(arguments, seconds, progress))
+    except rospy.ROSInitException as error:
+        raise ConfigError(f"{' '.join(own)}: {error}") from error
     finally:
         _leave()
 
@@ -115,16 +119,29 @@ def _leave() -> None:
     rospy.signal_shutdown("checked")
 
 
-def _listened(seconds: float, progress: "Progress") -> Evidence:
+def _remapped(arguments: Sequence[str], names: Mapping[str, str]) -> dict[str, str]:
+    """The full names of topics, as nodes with these arguments know them."""
+    import rospy
+    from rosgraph.names import load_mappings, resolve_name
+
+    node = rospy.get_name()
+    mappings = {
+        resolve_name(name, node): resolve_name(topic, node)
+        for name, topic in load_mappings(arguments).items()
+    }
+    return {key: resolve_name(name, node, mappings) for key, name in names.items()}
+
+
+def _listened(arguments: Sequence[str], seconds: float, progress: "Progress") -> Evidence:
     import rospy
 
     from fusionslam.ros.config import from_parameters
-    from fusionslam.ros.listening import Ears
+    from fusionslam.ros.listening import TRANSFORMS, Ears
     from fusionslam.ros.nodes.data_fusion import DataFusion
 
     trial = Trial(from_parameters(DataFusion.defaults, rospy.get_param("~", {})))
-    roles = roles_of(trial.config.fusion.source)
-    ears = Ears({role: rospy.resolve_name(INPUTS[role]) for role in roles}, trial)
+    inputs = {role: INPUTS[role] for role in roles_of(trial.config.fusion.source)}
+    ears = Ears(_remapped(arguments, inputs | {name: name for name in TRANSFORMS}), trial)
     ears.listen(seconds, progress)
     silent = [ears.choices[role].topic for role, heard in ears.heard.items() if not heard.count]
     nodes = {node for topic in silent for node in ears.graph.publishers.get(topic, ())}
@@ -178,7 +195,9 @@ def _sensor(evidence: Evidence, role: str, needed: bool) -> Iterator[Finding]:
     if not heard.count:
         yield sensors.silence_finding(choice, evidence.seconds, evidence.unreachable, needed)
         return
-    yield sensors.rate_finding(role, heard, evidence.trial.config.node.stamps == "arrival")
+    config = evidence.trial.config
+    by_arrival = config.node.stamps == "arrival"
+    yield sensors.rate_finding(role, heard, by_arrival, config.online.sync.jump)
     if heard.unreadable:
         yield sensors.unreadable_finding(role, heard)
     yield from _content(evidence, role, heard)
@@ -218,6 +237,9 @@ def _together(evidence: Evidence) -> Iterator[Finding]:
             by_arrival,
             "left images have a right one",
         )
+    if {"points", "odometry"} <= heard.keys() and not by_arrival:
+        found = sensors.motion_finding(heard["points"], heard["odometry"])
+        yield from [found] if found else []
     left, right = evidence.value("camera_info"), evidence.value("right_camera_info")
     if isinstance(left, CameraInfo) and isinstance(right, CameraInfo):
         names = {"left": heard["camera_info"].topic, "right": heard["right_camera_info"].topic}
