@@ -24,12 +24,15 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosWorld]:
         yield started
 
 
-def state_of(world: RosWorld) -> tuple[set[str], set[str]]:
-    """Topics that are published and listened to."""
+def master_of(world: RosWorld) -> Any:
     import rosgraph
 
-    master: Any = rosgraph.Master("/test", world.environment["ROS_MASTER_URI"])
-    published, heard, _ = master.getSystemState()
+    return rosgraph.Master("/test", world.environment["ROS_MASTER_URI"])
+
+
+def state_of(world: RosWorld) -> tuple[set[str], set[str]]:
+    """Topics that are published and listened to."""
+    published, heard, _ = master_of(world).getSystemState()
     return {topic for topic, _ in published}, {topic for topic, _ in heard}
 
 
@@ -56,6 +59,9 @@ def test_what_a_node_cannot_start_with_is_said_in_one_line(
     assert process.wait(timeout=60) == 2
     (line,) = world.log(name).splitlines()
     assert line.startswith(f"error: {name}: {message.format(folder=folder)}")
+    # What is wrong does not stay for the next start.
+    if "memory" not in argument:
+        assert master_of(world).getParam(f"/wrong_{name}") == {}
 
 
 def without_logs(folder: str) -> list[str]:

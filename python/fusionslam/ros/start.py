@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Callable
 
-from fusionslam.errors import FusionSlamError
+from fusionslam.errors import ConfigError, FusionSlamError
 from fusionslam.ros.environment import need_ros
 from fusionslam.ros.logs import ToRosout, init_node
 from fusionslam.ros.nodes import node_class
@@ -64,6 +64,9 @@ def _run(name: str, arguments: list[str]) -> None:
         shell = Shell(kind)
     except (OSError, rospy.ROSException) as error:  # as the master is asked for parameters
         raise _no_start(error) from error
+    except ConfigError:
+        _forget_parameters(arguments)
+        raise
     to_rosout.complaints = shell.complaints
     rospy.loginfo("%s is ready", kind.name)
     shell.run()
@@ -85,7 +88,19 @@ def _no_start(error: Exception) -> BaseException:
     if rospy.is_shutdown():
         return KeyboardInterrupt()
     master = os.environ.get("ROS_MASTER_URI", "unset")
-    return FusionSlamError(f"ROS does not start: {error}; ROS_MASTER_URI is {master}")
+    where = f"; ROS_MASTER_URI is {master}" if isinstance(error, OSError) else ""
+    return FusionSlamError(f"ROS does not start: {' '.join(str(error).split())}{where}")
+
+
+def _forget_parameters(arguments: list[str]) -> None:
+    """Refused ones would stay on the server, and be refused at the next start, too."""
+    import rospy
+
+    for given in rospy.client.load_command_line_node_params(arguments):
+        name = given
+        rospy.delete_param(f"~{name}")
+        while (name := name.rpartition("/")[0]) and rospy.get_param(f"~{name}", None) == {}:
+            rospy.delete_param(f"~{name}")
 
 
 def _end(code: int, message: str) -> None:
