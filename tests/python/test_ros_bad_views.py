@@ -295,6 +295,14 @@ def test_a_memory_of_other_parameters_is_refused(
         each.started(**other)
 
 
+@pytest.mark.parametrize("node", ["lv_matching", "loop_closure", "ratslam"])
+def test_a_file_that_is_no_memory_is_refused_with_what_to_do(node: str, tmp_path: Path) -> None:
+    (tmp_path / "photo.jpg").write_bytes(b"no memory")
+    with pytest.raises(DataError, match=r"cannot go on from ~memory/file.*move .* away"):
+        Desk(node, memory={"file": str(tmp_path / "photo.jpg")})
+    assert (tmp_path / "photo.jpg").read_bytes() == b"no memory"
+
+
 def test_an_empty_folder_is_a_memory_of_nothing(tmp_path: Path) -> None:
     (tmp_path / "memory").mkdir()
     assert not Remembering("loop_closure", tmp_path).started().complaints()
