@@ -133,6 +133,22 @@ def test_views_of_another_configuration_or_damaged_leave_the_memory_as_it_was(
     assert sorted(matcher.complaints().values()) == [1, 2, 2]
 
 
+def test_views_without_stamps_are_refused_or_dated_by_their_arrival(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    from fusionslam.ros.message_types import ros_time
+
+    refusing, dating = Desk("lv_matching"), Desk("lv_matching", node={"stamps": "arrival"})
+    dating.now_ns = 7 * S
+    for message in views(2):
+        message.header.stamp = ros_time(0)
+        refusing.give(VIEWS, message)
+        dating.give(VIEWS, message)
+    assert not ids(refusing) and list(refusing.complaints().values()) == [2]
+    assert len([text for text in caplog.messages if "the stamp is zero" in text]) == 1
+    assert [message.header.stamp.to_nsec() for message in dating.outlet.of(IDS)] == [7 * S] * 2
+
+
 def replace_data(message: Any, data: bytes | None) -> Any:
     """A copy with other bytes; None cuts its own short."""
     from copy import copy
