@@ -11,6 +11,7 @@ here=$(dirname "$0")
 "$here/debian.sh" rviz xvfb xauth
 work=$(mktemp -d)
 export ROS_HOME=$work ROS_MASTER_URI=http://127.0.0.1:11399 LIBGL_ALWAYS_SOFTWARE=1 QT_X11_NO_MITSHM=1
+: >"$work/log"
 launch=
 end() {
   [ -z "$launch" ] || kill -INT -- "-$launch" 2>/dev/null || true

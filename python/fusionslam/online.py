@@ -148,6 +148,7 @@ class FrameBuilder:
         self._pending: deque[Pair] = deque()
         self._given_up: Counter[tuple[str, str]] = Counter()
         self._newest_ns: int | None = None
+        self._jump_ns = round(self.config.sync.jump * NANOSECONDS)
         self._scan_frame = ""
         self._said: set[tuple[str, str]] = set()
 
@@ -215,6 +216,8 @@ class FrameBuilder:
         pairs = self._paired(sensor, message)
         if self.sync.jumps > jumps:
             self._start_anew()
+            # What odometry and TF have of the new time already stays.
+            self.robot.forget_after(message.stamp_ns + self._jump_ns)
         self._pending.extend(pairs)
         self._see(message.stamp_ns)
         if len(self._pending) > self.config.sync.buffer:
@@ -231,7 +234,7 @@ class FrameBuilder:
         return pairs
 
     def _move(self, message: FrameTransforms | Odometry) -> None:
-        if self.robot.goes_back(message, round(self.config.sync.jump * NANOSECONDS)):
+        if self.robot.goes_back(message, self._jump_ns):
             self.robot.forget_moving()
             self._start_anew()
         try:

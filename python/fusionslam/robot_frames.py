@@ -86,6 +86,11 @@ class RobotFrames:
         self._moves.forget_moving()
         self._true_moves.forget_moving()
 
+    def forget_after(self, stamp_ns: int) -> None:
+        """Drop all that moved later: the clock went back to here."""
+        for tree in (self.tree, self._moves, self._true_moves):
+            tree.forget_after(stamp_ns)
+
     def goes_back(self, message: FrameTransforms | Odometry, jump_ns: int) -> bool:
         """Whether something in it lies further before the newest of its frame than this."""
         if isinstance(message, Odometry):

@@ -7,7 +7,7 @@ and rotations at constant angular velocity.
 """
 
 import difflib
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -59,6 +59,11 @@ class _Link:
         count = min(bisect_left(self.stamps, stamp_ns), len(self.stamps) - 2)
         if count > 0:
             del self.stamps[:count], self.samples[:count]
+
+    def forget_after(self, stamp_ns: int) -> None:
+        """Drop what is later."""
+        count = bisect_right(self.stamps, stamp_ns)
+        del self.stamps[count:], self.samples[count:]
 
     def at(self, stamp_ns: int) -> Matrix:
         """parent_from_child; beyond the samples, the outermost two are carried on."""
@@ -119,6 +124,16 @@ class TransformTree:
         """Drop all samples of moving frames: the clock went back."""
         self._links = {
             child: link for child, link in self._links.items() if link.static is not None
+        }
+
+    def forget_after(self, stamp_ns: int) -> None:
+        """Drop later samples of moving frames: the clock went back to here."""
+        for link in self._links.values():
+            link.forget_after(stamp_ns)
+        self._links = {
+            child: link
+            for child, link in self._links.items()
+            if link.static is not None or link.stamps
         }
 
     def newest(self, child: str) -> int | None:

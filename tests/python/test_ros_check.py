@@ -14,6 +14,7 @@ import pytest
 
 from bag_maker import changed, drive, without, write_bag
 from command_line import fails
+from fusionslam.datasets.bags import conversions
 from fusionslam.messages import Event
 from ros_world import RosWorld, needs_ros, wait_until
 
@@ -24,6 +25,7 @@ REMAPPINGS = (
     "camera/rgb/image_raw:=/camera/image",
     "camera/rgb/camera_info:=/camera/camera_info",
 )
+AS_LAUNCHED = ("scan:=/points", "image:=/camera/image", "camera_info:=/camera/camera_info")
 COMMAND = (sys.executable, "-c", "from fusionslam.entry import main; main()", "ros", "check")
 
 
@@ -48,12 +50,13 @@ def check(world: RosWorld, *arguments: str) -> tuple[int, str]:
 
 
 def check_while_playing(
-    world: RosWorld, events: Iterable[Event], *arguments: str
+    world: RosWorld, events: Iterable[Event], *arguments: str, images: str = "raw"
 ) -> tuple[int, str]:
     """The same while a bag of these events is played."""
     bag = world.folder / "drive.bag"
     bag.unlink(missing_ok=True)
-    player = world.run("rosbag", ["rosbag", "play", "--quiet", str(write_bag(bag, events))])
+    write_bag(bag, events, images=images)
+    player = world.run("rosbag", ["rosbag", "play", "--quiet", str(bag)])
     try:
         return check(world, *arguments)
     finally:
@@ -71,12 +74,13 @@ def known_to_master(world: RosWorld) -> str:
 def test_the_remappings_that_it_names_make_it_well_and_nothing_is_left_behind(
     world: RosWorld,
 ) -> None:
-    code, words = check_while_playing(world, drive(20), "_node/queue:=50")
+    code, words = check_while_playing(world, drive(40), "_node/queue:=50", "odom:=/wheels")
     assert code == 1 and "fault scans /velodyne_points is not published" in words
     assert "With these remappings, this suffices for data_fusion" in words
+    assert "to start: fusionslam ros launch ratslam scan:=/points image:=/camera/image" in words
     named = words.partition("to check again: fusionslam ros check ")[2].split()
-    assert {*named} == {*REMAPPINGS, "_node/queue:=50"}
-    code, words = check_while_playing(world, drive(20), *named)
+    assert {*named} == {*REMAPPINGS, "odom:=/odom", "_node/queue:=50"}
+    code, words = check_while_playing(world, drive(40), *named)
     assert code == 0 and "fault" not in words and "to check again" not in words, words
     assert "ok scans rate 2.00 Hz" in words and "ok images rate 10.00 Hz" in words
     assert "ok TF camera camera <- base <- velodyne" in words
@@ -86,21 +90,29 @@ def test_the_remappings_that_it_names_make_it_well_and_nothing_is_left_behind(
 
 
 def test_what_a_robot_lacks_is_named(world: RosWorld) -> None:
-    code, words = check_while_playing(world, without(drive(20), "/odom"), *REMAPPINGS)
+    code, words = check_while_playing(world, without(drive(40), "/odom"), *REMAPPINGS)
     assert code == 1 and "note odometry /odom is not published" in words
     assert "fault TF robot the robot's frame is not known" in words
-    lacking = without(without(drive(20), "/camera/camera_info"), "/tf_static")
-    code, words = check_while_playing(world, lacking, *REMAPPINGS)
+    lacking = without(without(drive(40), "/camera/camera_info"), "/tf_static")
+    code, words = check_while_playing(world, lacking, *AS_LAUNCHED)
     assert code == 1
     assert "fault CameraInfo /camera/camera_info is not published, and no other" in words
     assert "fault TF camera no frame 'velodyne'" in words
     assert "fault fusing not possible: no CameraInfo" in words
 
 
-def test_a_camera_that_was_never_calibrated_is_named(world: RosWorld) -> None:
-    zeros = changed(drive(20), "/camera/camera_info", camera_matrix=np.zeros((3, 3)))
-    code, words = check_while_playing(world, zeros, *REMAPPINGS)
+def test_a_camera_without_calibration_whose_images_do_not_decode_is_named(
+    world: RosWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cut = {"format": "jpeg", "data": np.frombuffer(b"\xff\xd8\xff", np.uint8)}
+    monkeypatch.setattr(conversions, "compressed_parts", lambda image, stored: cut)
+    zeros = changed(drive(40), "/camera/camera_info", camera_matrix=np.zeros((3, 3)))
+    code, words = check_while_playing(world, zeros, *REMAPPINGS, images="jpeg")
     assert code == 1
+    assert re.search(
+        r"fault images content \d+ cannot be read, the last one: /camera/image at", words
+    )
+    assert "is no JPEG or PNG picture" in words and "fusing not possible: no images" in words
     assert "/camera/camera_info has a camera matrix K of zeros: calibrate the camera" in words
 
 
@@ -134,16 +146,19 @@ def test_no_master_is_an_error_that_says_what_to_do(monkeypatch: pytest.MonkeyPa
 
 
 def test_the_small_house_suffices(world: RosWorld, test_data: Path) -> None:
-    process = world.run("house", [*COMMAND, "--seconds", "6"])
+    bag = str(test_data / "bags" / "small_house_20s.bag")
     # Its static transforms are not latched: the check has to be there before they come.
-    wait_until(lambda: "/tf_static" in known_to_master(world), "the check to listen")
-    player = world.start_playing(test_data / "bags" / "small_house_20s.bag")
+    topics = (
+        *("/velodyne_points", "/camera/image/compressed", "/camera/camera_info", "/odom"),
+        *("/tf", "/tf_static"),
+    )
+    options = ("--quiet", "--wait-for-subscribers", "--topics", *topics, "--bags", bag)
+    player = world.run("rosbag", ["rosbag", "play", *options])
     try:
-        code = process.wait(timeout=60)
+        code, words = check(world, "--seconds", "4")
     finally:
         world.end(player)
-    words = " ".join(world.log("house").split())
-    assert code == 1 and "possible: 1554 points of the first scan get a colour" in words, words
+    assert code == 1 and "possible: 1554 points of the first scan get a colour" in words
     assert words.endswith(
         "camera/rgb/image_raw:=/camera/image/compressed camera/rgb/camera_info:=/camera/camera_info"
     )

@@ -213,6 +213,28 @@ def test_stamps_that_go_back_are_told() -> None:
     )
 
 
+def test_a_bag_that_begins_anew_is_told() -> None:
+    again = [dataclasses.replace(e, time_ns=e.time_ns + 3 * SECOND) for e in drive()]
+    check = checked([*drive(), *again])
+    assert "(1 step back)" in said(check, "images rate") and check.works
+    assert "the nodes drop what waits" in said(check, "images rate")
+
+
+def test_odometry_of_another_clock_than_the_scans_is_told() -> None:
+    check = checked(late(drive(), "/odom", -4.0))
+    assert said(check, "motion").startswith("note: odometry is stamped 4.0 s before the scans that")
+    assert check.works and "motion" not in [each.what for each in checked(drive()).findings]
+
+
+def test_a_camera_that_looks_elsewhere_is_told_with_the_usual_reason() -> None:
+    own, turned = drive()[0].message.transforms, np.diag([-1.0, -1.0, 1.0, 1.0])
+    behind = dataclasses.replace(own[1], parent_from_child=turned @ own[1].parent_from_child)
+    check = checked(changed(drive(), "/tf_static", transforms=(own[0], behind)))
+    assert "no point of the first scan falls into its image" in said(check, "fusing")
+    assert "the optical one (z ahead, x right)?" in said(check, "fusing")
+    assert not check.works
+
+
 def test_a_scan_without_a_single_return_is_a_fault() -> None:
     nothing = np.full((41, 3), np.nan, np.float32)
     check = checked(changed(drive(), "/points", points=nothing))

@@ -185,6 +185,16 @@ def test_a_bag_played_twice_gives_the_same_twice_and_the_jump_is_said(
     assert len(about) == 1 and "a bag that is played again needs nothing" in about[0]
 
 
+def test_after_a_jump_scans_wait_for_odometry_that_comes_later() -> None:
+    desk = fusion(online={"robot_frame": "base", "history": 1.0})
+    behind = late(DRIVE, "odom", 0.3)
+    play(desk, behind)
+    play(desk, behind)
+    desk.worker.idle()
+    assert stamps(desk)[-len(SCAN_STAMPS) :] == SCAN_STAMPS
+    assert desk.node.report()["without odometry"] == 0
+
+
 def test_clouds_come_from_compressed_images_as_from_raw_ones(usual: Desk) -> None:
     from fusionslam.ros.message_types import builder
 
@@ -231,9 +241,12 @@ def test_a_topic_that_nothing_arrives_on_is_named_with_how_to_remap_it(
     desk = fusion()
     play(desk, without(DRIVE, INFOS))
     caplog.clear()
-    desk.worker.complain_of_silence()
+    desk.worker.say_silent()
     (said,) = caplog.messages
     assert f"nothing has arrived on /{INFOS}" in said and f"{INFOS}:=/its/name" in said
+    assert [entry.topic for entry in desk.worker.silent] == [INFOS]
+    play(desk, DRIVE)
+    assert not desk.worker.silent
 
 
 def test_a_defect_in_a_node_is_said_with_its_traceback_once(

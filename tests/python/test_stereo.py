@@ -294,6 +294,17 @@ def test_more_disparities_than_columns_are_survived(method: str) -> None:
         assert disparity.shape == (120, 160)
 
 
+def test_an_image_narrower_than_the_disparities_gives_the_same_every_time() -> None:
+    rng = np.random.default_rng(3)
+    image = rng.integers(0, 255, (48, 64), np.uint8)
+    given = set()
+    for value in range(40):
+        used = np.full(image.size * 4, value, np.float32)  # memory that is free again at once
+        given.add(fusionslam.stereo_disparity(image, image).tobytes())
+        assert used[0] == value
+    assert len(given) == 1
+
+
 @pytest.mark.parametrize(
     ("right", "message"),
     [

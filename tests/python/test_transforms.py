@@ -190,6 +190,20 @@ def test_after_a_jump_of_the_clock_only_what_stands_still_is_known() -> None:
     np.testing.assert_allclose(tree.lookup("odom", "base", -50 * S), yaw_at(0.3))
 
 
+def test_what_lies_after_the_time_that_a_clock_jumped_to_is_forgotten() -> None:
+    tree = tree_of(
+        link("base", "lidar", yaw_at(0.1), static=True),
+        *(link("odom", "base", yaw_at(0.1 * t), t) for t in range(5)),
+        link("map", "odom", yaw_at(0.2), 4),
+    )
+    tree.forget_after(2 * S)
+    assert tree.newest("base") == 2 * S and tree.frames == ["base", "lidar", "odom"]
+    np.testing.assert_allclose(tree.lookup("odom", "lidar", 2 * S), yaw_at(0.2) @ yaw_at(0.1))
+    with pytest.raises(TransformError) as error:
+        tree.lookup("odom", "base", 3 * S)
+    assert error.value.may_come
+
+
 def test_a_recorded_robots_tf_agrees_with_its_odometry(test_data: Path) -> None:
     highlevel = pytest.importorskip("rosbags.highlevel")
     tree, odometry = TransformTree(history_s=None), {}

@@ -63,7 +63,8 @@ cv::Mat match(const cv::Mat& left, const cv::Mat& right, const StereoConfig& con
   matcher->setMinDisparity(config.min_disparity);
   matcher->setSpeckleRange(config.speckle_range);
   matcher->setSpeckleWindowSize(config.speckle_window_size);
-  cv::Mat disparity;
+  // OpenCV writes nothing into parts of images that are narrower than the disparities.
+  cv::Mat disparity(left.size(), CV_16S, cv::Scalar((config.min_disparity - 1) * disparity_scale));
   matcher->compute(left, right, disparity);
   if (config.median_blur) cv::medianBlur(disparity, disparity, 5);
   return disparity;

@@ -3,6 +3,7 @@
 """Commands that run the ROS nodes without a catkin workspace, and look whether a robot has all."""
 
 import logging
+import shlex
 from typing import Annotated
 
 import typer
@@ -60,11 +61,12 @@ def launch(
 
 @app.command()
 def check(
-    remappings: Annotated[
+    arguments: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="[NAME:=TOPIC]...",
-            help="As data_fusion takes them: remappings, parameters (_fusion/source:=stereo).",
+            help="Topics as launch files take them (scan:=/points), or remappings and parameters "
+            "as data_fusion does (_fusion/source:=stereo).",
         ),
     ] = None,
     seconds: Annotated[
@@ -79,21 +81,18 @@ def check(
     """
     from fusionslam.ros.check import check_robot
 
-    given = remappings or []
     # The findings say all of it.
     logging.disable(logging.ERROR)
     try:
         with progress() as step:
-            found = check_robot(given, seconds, step)
+            found = check_robot(arguments or [], seconds, step)
     finally:
         logging.disable(logging.NOTSET)
     print_findings(found.findings, "note")
     print(found.verdict)
     if found.launch:
-        print("to start:", " ".join(["fusionslam ros launch", *found.launch]))
-    if found.remappings:
-        names = {each.partition(":=")[0] for each in found.remappings}
-        kept = [each for each in given if each.partition(":=")[0] not in names]
-        print("to check again:", " ".join(["fusionslam ros check", *kept, *found.remappings]))
+        print("to start:", shlex.join(["fusionslam", "ros", "launch", *found.launch]))
+    if found.again:
+        print("to check again:", shlex.join(["fusionslam", "ros", "check", *found.again]))
     if not found.works:
         raise typer.Exit(DATA)

@@ -5,7 +5,8 @@
 import re
 import subprocess
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from xmlrpc.client import ServerProxy
@@ -92,20 +93,24 @@ def _wait(condition: Any) -> None:
 
 def _nodes() -> set[str]:
     """Our nodes that roslaunch has started. Raises DataError if one of them ended."""
-    alive, dead = set(), set()
+    alive: set[str] = set()
+    dead: set[str] = set()
     for uri in rospy.get_param("/roslaunch/uris", {}).values():
         launcher: Any = ServerProxy(uri)
-        _, _, (active, ended) = launcher.list_processes()
-        alive |= {_name(process) for process, _ in active}
-        dead |= {_name(process) for process, _ in ended}
-    fallen = sorted(name for name in dead if name.lstrip("/") in NODES)
-    if fallen:
-        raise DataError(f"{fallen[0]} has ended, see above")
-    return {name for name in alive if name.lstrip("/") in NODES}
+        # Those that ended long ago stay on the list.
+        with suppress(OSError):
+            _, _, (active, ended) = launcher.list_processes()
+            alive |= _ours(process for process, _ in active)
+            dead |= _ours(process for process, _ in ended)
+    if dead:
+        raise DataError(f"{min(dead)} has ended, see above")
+    return alive
 
 
-def _name(process: str) -> str:
-    return "/" + re.sub(r"-\d+$", "", process).lstrip("/")
+def _ours(processes: Iterable[str]) -> set[str]:
+    """Names of our nodes; roslaunch numbers its processes."""
+    names = {"/" + re.sub(r"-\d+$", "", process).lstrip("/") for process in processes}
+    return {name for name in names if name.rpartition("/")[2] in NODES}
 
 
 def _played(held: Collection[str]) -> list[str]:

@@ -46,6 +46,7 @@ class Evidence:
         seconds: how long nothing, or something, was waited for.
         unreachable: publishers that cannot be reached, with their addresses.
         clock: whether ROS time runs.
+        arguments: remappings and parameters of the nodes.
     """
 
     graph: Graph
@@ -55,6 +56,7 @@ class Evidence:
     seconds: float
     unreachable: Mapping[str, str]
     clock: bool
+    arguments: Sequence[str] = ()
 
     def value(self, role: str) -> object:
         """The last message of a role that could be read; None without."""
@@ -67,7 +69,8 @@ class Check:
 
     Attributes:
         findings: one for each thing looked at.
-        remappings: what the nodes have to be given so that they find their topics.
+        remappings: what the nodes have to be given so that they find their topics, and
+        again: that with what they were given already.
         verdict: which nodes can work, in a sentence.
         launch: name and arguments of the launch file that makes most of it; empty without any.
         works: whether data_fusion can work as it was asked for.
@@ -75,6 +78,7 @@ class Check:
 
     findings: Sequence[Finding]
     remappings: Sequence[str]
+    again: Sequence[str]
     verdict: str
     launch: Sequence[str]
     works: bool
@@ -84,7 +88,8 @@ def check_robot(arguments: Sequence[str], seconds: float, progress: "Progress") 
     """Listen to a robot and judge what it has. Once in a process: rospy allows no more.
 
     Args:
-        arguments: remappings and parameters (_fusion/source:=stereo) as data_fusion takes them.
+        arguments: remappings and parameters (_fusion/source:=stereo) as data_fusion takes them,
+            or topics as launch files do (scan:=/points).
         seconds: how long to wait for a sensor, and then to listen.
         progress: called with what is done, seconds done and seconds in all.
 
@@ -98,11 +103,22 @@ def check_robot(arguments: Sequence[str], seconds: float, progress: "Progress") 
     look_at_master()  # rospy would wait for it for ever
     import rospy
 
+    # Remappings of topics are left to us: the topics that are guessed are as they are.
+    own = [argument for argument in arguments if argument.startswith("_")]
     try:
-        rospy.init_node(_NAME, argv=[_NAME, *arguments], anonymous=True, disable_signals=True)
-        return judge(_listened(seconds, progress))
+        rospy.init_node(_NAME, argv=[_NAME, *own], anonymous=True, disable_signals=True)
+        return judge(_listened(_spelled_out(arguments), seconds, progress))
+    except rospy.ROSInitException as error:
+        raise ConfigError(f"{' '.join(own)}: {error}") from error
     finally:
         _leave()
+
+
+def _spelled_out(arguments: Sequence[str]) -> Sequence[str]:
+    """Arguments of launch files as the remappings that they make of them."""
+    names = {short: INPUTS[role] for role, short in _LAUNCH_ARGUMENTS.items()}
+    pairs = [argument.partition(":=") for argument in arguments]
+    return [f"{names.get(name, name)}:={value}" for name, _, value in pairs]
 
 
 def _leave() -> None:
@@ -115,22 +131,36 @@ def _leave() -> None:
     rospy.signal_shutdown("checked")
 
 
-def _listened(seconds: float, progress: "Progress") -> Evidence:
+def _remapped(arguments: Sequence[str], names: Mapping[str, str]) -> dict[str, str]:
+    """The full names of topics, as nodes with these arguments know them."""
+    import rospy
+    from rosgraph.names import load_mappings, resolve_name
+
+    node = rospy.get_name()
+    mappings = {
+        resolve_name(name, node): resolve_name(topic, node)
+        for name, topic in load_mappings(arguments).items()
+    }
+    return {key: resolve_name(name, node, mappings) for key, name in names.items()}
+
+
+def _listened(arguments: Sequence[str], seconds: float, progress: "Progress") -> Evidence:
     import rospy
 
     from fusionslam.ros.config import from_parameters
-    from fusionslam.ros.listening import Ears
+    from fusionslam.ros.listening import TRANSFORMS, Ears
     from fusionslam.ros.nodes.data_fusion import DataFusion
 
     trial = Trial(from_parameters(DataFusion.defaults, rospy.get_param("~", {})))
-    roles = roles_of(trial.config.fusion.source)
-    ears = Ears({role: rospy.resolve_name(INPUTS[role]) for role in roles}, trial)
+    inputs = {role: INPUTS[role] for role in roles_of(trial.config.fusion.source)}
+    ears = Ears(_remapped(arguments, inputs | {name: name for name in TRANSFORMS}), trial)
     ears.listen(seconds, progress)
     silent = [ears.choices[role].topic for role, heard in ears.heard.items() if not heard.count]
     nodes = {node for topic in silent for node in ears.graph.publishers.get(topic, ())}
     clock = not rospy.Time.now().is_zero()
+    unreachable = silent_nodes(sorted(nodes))
     return Evidence(
-        ears.graph, ears.choices, ears.heard, trial, seconds, silent_nodes(sorted(nodes)), clock
+        ears.graph, ears.choices, ears.heard, trial, seconds, unreachable, clock, arguments
     )
 
 
@@ -151,7 +181,14 @@ def judge(evidence: Evidence) -> Check:
     verdict = _verdict(evidence, files, bool(remappings))
     # The last one does most.
     launch = [files[-1], *_launch_arguments(evidence, files[-1])] if files else []
-    return Check(findings, remappings, verdict, launch, works)
+    again = _again(evidence.arguments, remappings) if remappings else []
+    return Check(findings, remappings, again, verdict, launch, works)
+
+
+def _again(arguments: Sequence[str], remappings: Sequence[str]) -> Sequence[str]:
+    """The arguments with these remappings in the place of older ones."""
+    names = {each.partition(":=")[0] for each in remappings}
+    return [*(each for each in arguments if each.partition(":=")[0] not in names), *remappings]
 
 
 def _clock(evidence: Evidence) -> Iterator[Finding]:
@@ -178,7 +215,9 @@ def _sensor(evidence: Evidence, role: str, needed: bool) -> Iterator[Finding]:
     if not heard.count:
         yield sensors.silence_finding(choice, evidence.seconds, evidence.unreachable, needed)
         return
-    yield sensors.rate_finding(role, heard, evidence.trial.config.node.stamps == "arrival")
+    config = evidence.trial.config
+    by_arrival = config.node.stamps == "arrival"
+    yield sensors.rate_finding(role, heard, by_arrival, config.online.sync.jump)
     if heard.unreadable:
         yield sensors.unreadable_finding(role, heard)
     yield from _content(evidence, role, heard)
@@ -218,6 +257,9 @@ def _together(evidence: Evidence) -> Iterator[Finding]:
             by_arrival,
             "left images have a right one",
         )
+    if {"points", "odometry"} <= heard.keys() and not by_arrival:
+        found = sensors.motion_finding(heard["points"], heard["odometry"])
+        yield from [found] if found else []
     left, right = evidence.value("camera_info"), evidence.value("right_camera_info")
     if isinstance(left, CameraInfo) and isinstance(right, CameraInfo):
         names = {"left": heard["camera_info"].topic, "right": heard["right_camera_info"].topic}

@@ -4,6 +4,8 @@
 
 from collections.abc import Collection, Iterator, Sequence, Set
 
+import numpy as np
+
 from fusionslam.datasets.bags.inspection import rate_words, step_words
 from fusionslam.doctor import Finding
 from fusionslam.errors import DataError
@@ -84,7 +86,8 @@ def _moving(trial: Trial, used: Set[str]) -> Iterator[Finding]:
         words = rate_words(series) if abs(delay) < FAR_S else step_words(series.stamps_ns)
         late = wait < delay < FAR_S
         advice = f": that is late; start data_fusion with _online/wait:={2 * delay:.1f}"
-        yield Finding("TF rate", not late, f"'{child}' {words}{advice * late}", optional=True)
+        fine = not late and bool((np.diff(series.stamps_ns) >= 0).all())
+        yield Finding("TF rate", fine, f"'{child}' {words}{advice * late}", optional=True)
 
 
 def cloud_finding(trial: Trial, lacking: str) -> Finding:

@@ -39,6 +39,7 @@ _ADVICE = {
     "odometry": "ratslam needs it; clouds are fused as if the robot stood still",
     "truth": "only lv_analyzer and lv_dataset_creator need them",
 }
+_APART_S = 1.0
 FAR_S = 10.0
 """Stamps further than this from ROS time are of another clock, not late."""
 
@@ -85,8 +86,15 @@ def silence_finding(
     return Finding(f"{WORDS[choice.role]} rate", False, detail, optional=not needed)
 
 
-def rate_finding(role: str, heard: Heard, by_arrival: bool) -> Finding:
-    """How often messages come, how late, and whether their stamps can be used."""
+def rate_finding(role: str, heard: Heard, by_arrival: bool, jump_s: float) -> Finding:
+    """How often messages come, how late, and whether their stamps can be used.
+
+    Args:
+        role: of the topic.
+        heard: at least one message.
+        by_arrival: whether the nodes go by the times of arrival.
+        jump_s: a step back by so much is a clock that went back.
+    """
     what, stamps = f"{WORDS[role]} rate", heard.series.stamps_ns
     if by_arrival:
         stamps = np.array(heard.series.times, dtype=np.int64)
@@ -105,6 +113,8 @@ def rate_finding(role: str, heard: Heard, by_arrival: bool) -> Finding:
         return Finding(what, False, f"{words}: the driver has to stamp each message anew")
     if not by_arrival and abs(heard.delay_s) < FAR_S:
         words = rate_words(heard.series)
+    if rises.min() <= -jump_s * NANOSECONDS:
+        words += "; when the clock goes back, as when a bag begins anew, the nodes drop what waits"
     return Finding(what, bool((rises >= 0).all()), words, optional=True)
 
 
@@ -200,6 +210,19 @@ def sync_findings(
         "_node/stamps:=arrival"
     )
     yield Finding("pairs", False, f"{words}: {advice}", optional=bool(near.any()))
+
+
+def motion_finding(scans: Heard, odometry: Heard) -> Finding | None:
+    """That odometry is of another time than the scans that arrive with it, if it is."""
+    gap = odometry.delay_s - scans.delay_s
+    if not abs(gap) > _APART_S:
+        return None
+    detail = (
+        f"odometry is stamped {abs(gap):.1f} s {'before' if gap > 0 else 'after'} the scans that "
+        "arrive with it: set the clocks (chrony, PTP), else clouds come that much later, or as if "
+        "the robot stood still"
+    )
+    return Finding("motion", False, detail, optional=True)
 
 
 def clock_finding(heard: Mapping[str, Heard], sim_time: bool) -> Finding | None:

@@ -48,12 +48,13 @@ def diagnostics(worker: "Worker") -> Any:
     import rospy
 
     values = dict(reported(worker))
-    worst = worker.complaints.counts.most_common(1)
+    problems = [f"nothing has arrived on {entry.topic}" for entry in worker.silent]
+    problems += [f"{t}: {cause}" for (t, cause), _ in worker.complaints.counts.most_common(1)]
     status = make(
         "diagnostic_msgs/DiagnosticStatus",
-        level=_WARN if worst else _OK,
+        level=_WARN if problems else _OK,
         name=f"fusionslam: {worker.node.name}",
-        message=f"{worst[0][0][0]}: {worst[0][0][1]}" if worst else "fine",
+        message=problems[0] if problems else "fine",
         hardware_id=rospy.get_name(),
         values=[make("diagnostic_msgs/KeyValue", key=key, value=values[key]) for key in values],
     )

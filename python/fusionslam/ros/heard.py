@@ -8,10 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fusionslam.datasets.bags.index import Series
-from fusionslam.datasets.bags.reader import RawMessage, Topic
+from fusionslam.datasets.bags.reader import Topic
 from fusionslam.datasets.bags.topics import ROLES, candidates
-from fusionslam.errors import DataError
-from fusionslam.first_cloud import one_line
 from fusionslam.messages import Message
 from fusionslam.ros.nodes import NODES
 from fusionslam.ros.nodes.data_fusion import LEFT, ODOM, RIGHT, SCANS
@@ -124,14 +122,9 @@ class Heard:
     unreadable: int = 0
     why: str = ""
 
-    def read(self, raw: RawMessage) -> Message | None:
-        """The value of a message, which is kept; None if it cannot be read."""
-        try:
-            self.value = raw.value()
-        except DataError as error:
-            self.unreadable, self.why = self.unreadable + 1, one_line(error)
-            return None
-        return self.value
+    def refuse(self, why: str) -> None:
+        """Note a message that could not be read."""
+        self.unreadable, self.why = self.unreadable + 1, why
 
     @property
     def count(self) -> int:

@@ -10,6 +10,8 @@ from typing import Any
 
 TOO_MANY = "too many wait"
 SECOND_PUBLISHER = "second publisher"
+# Transforms are small, come from everywhere, and each is of another frame.
+_SHARED = 10
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,8 @@ class Inbox:
     """Takes messages from any thread and gives them out in the order in which they came.
 
     Args:
-        limit: messages of a topic that wait at most; the oldest of the topic make room.
+        limit: messages of a topic that wait at most, ten times as many where it has several
+            publishers; the oldest of the topic make room.
         only_one_s: a second publisher of a topic is heard once the first was silent for so long;
             messages of two at a time contradict each other.
         is_there: whether a topic's publisher still is; where it is gone, as after a restart of
@@ -79,7 +82,7 @@ class Inbox:
                 self._dropped[arrival.topic, SECOND_PUBLISHER] += 1
                 return SECOND_PUBLISHER
             queue = self._waiting.setdefault(arrival.topic, deque())
-            is_full = len(queue) == self._limit
+            is_full = len(queue) == self._limit * (1 if publisher is not None else _SHARED)
             if is_full:
                 queue.popleft()
                 self._dropped[arrival.topic, TOO_MANY] += 1

@@ -12,17 +12,19 @@ import rospy
 
 from fusionslam.datasets.bags.reader import RawMessage
 from fusionslam.errors import DataError
+from fusionslam.first_cloud import one_line
 from fusionslam.messages import CameraInfo, FrameTransforms, Message
 from fusionslam.ros.graph import look_at_master
 from fusionslam.ros.heard import Heard, choose
-from fusionslam.ros.inbox import Arrival, Inbox
+from fusionslam.ros.inbox import SECOND_PUBLISHER, Arrival, Inbox
 from fusionslam.ros.message_types import CLOUD, IMAGES, deserialized
 from fusionslam.ros.shell import BUFFER_BYTES
 from fusionslam.ros.trial import Trial
 
 Progress = Callable[[str, int, int], None]
 
-_TF = ("/tf", "/tf_static")
+TRANSFORMS = ("/tf", "/tf_static")
+"""The topics of TF, which are roles as well."""
 _LARGE = (CLOUD, *IMAGES)
 _LOOK_S = 0.2
 _POLL_S = 0.05
@@ -32,7 +34,8 @@ class Ears:
     """Listens to the topics of the nodes, or to the best guess where one is not there.
 
     Args:
-        asked: topics of the nodes by role, as remapped.
+        asked: topics of the nodes by role, and what /tf and /tf_static are to them, as remapped;
+            rospy itself must know of no remappings, or it would remap the guesses.
         trial: takes what arrives.
 
     Attributes:
@@ -46,14 +49,15 @@ class Ears:
 
     def __init__(self, asked: Mapping[str, str], trial: Trial) -> None:
         self.heard: dict[str, Heard] = {}
-        self._asked, self._trial = asked, trial
+        self._asked = {role: topic for role, topic in asked.items() if role not in TRANSFORMS}
+        self._trial = trial
         common = trial.config.node
         self._by_arrival = common.stamps == "arrival"
         self._inbox = Inbox(common.queue, common.only_one)
         self._subscribers: dict[str, Any] = {}
         # Before anybody publishes them: a bag tells its static transforms once, at its start.
-        for topic in _TF:
-            self._subscribe(topic, topic)
+        for role in TRANSFORMS:
+            self._subscribe(role, asked[role])
         self._look()
 
     def listen(self, seconds: float, progress: Progress) -> None:
@@ -110,12 +114,16 @@ class Ears:
         """In a thread of rospy: note when it came, and leave the rest to the main thread."""
         role, topic = place
         about, now_ns = message._connection_header, rospy.Time.now().to_nsec()
-        raw = RawMessage(topic, about["type"], now_ns, message)
-        if role not in _TF:
+        is_tf = role in TRANSFORMS
+        # The name of its topic tells what is static, wherever that was remapped to.
+        raw = RawMessage(role if is_tf else topic, about["type"], now_ns, message)
+        # Of two publishers nodes hear the first alone: so does this.
+        dropped = self._inbox.put(
+            Arrival(role, raw, time.monotonic()), None if is_tf else about["callerid"]
+        )
+        if dropped != SECOND_PUBLISHER and not is_tf:
             header = deserialized(message, "std_msgs/Header")
             self.heard[role].series.add(replace(raw, content=SimpleNamespace(header=header)))
-        sender = None if role in _TF else about["callerid"]
-        self._inbox.put(Arrival(role, raw, time.monotonic()), sender)
 
     def _work_off(self, arrival: Arrival) -> None:
         """Read a message, of images and clouds only those until a first cloud came of them."""
@@ -129,14 +137,14 @@ class Ears:
     def _value(self, role: str, raw: RawMessage) -> Message | None:
         """What a message says, with the stamp that counts; None if the nodes would refuse it."""
         try:
-            whole = replace(raw, content=deserialized(raw.content, raw.type))
-            if role in _TF:
-                return whole.value()
-        except DataError:
+            value = replace(raw, content=deserialized(raw.content, raw.type)).value()
+        except DataError as error:
+            refuse = self._trial.links.refuse if role in TRANSFORMS else self.heard[role].refuse
+            refuse(one_line(error))
             return None
-        value = self.heard[role].read(whole)
-        if value is None or isinstance(value, FrameTransforms):
-            return None
+        if isinstance(value, FrameTransforms):
+            return value
+        self.heard[role].value = value
         if self._by_arrival:
             return replace(value, stamp_ns=raw.time_ns)
         return value if value.stamp_ns or isinstance(value, CameraInfo) else None

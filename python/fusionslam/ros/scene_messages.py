@@ -19,7 +19,7 @@ from fusionslam.views.scene_clusters import ClusteredScan
 _GREY = (90, 90, 90)
 _GOLDEN = 0.618034  # of a turn from hue to hue: neighbours differ, however many there are
 _TRIANGLES, _DELETE_ALL = 11, 3
-_SEE_THROUGH = 0.5
+_SEE_THROUGH = 0.25
 
 
 def clustered_cloud(scan: Scan, objects: ClusteredScan) -> Scan:

@@ -77,7 +77,7 @@ class Shell:
             self._worker.idle()
         if not self._looked_for_silence and now - self._started > common.patience:
             self._looked_for_silence = True
-            self._worker.complain_of_silence()
+            self._worker.say_silent()
         if now - self._last_report >= common.report:
             self._last_report = now
             self._worker.guarded(_REPORTS, lambda: _send(self._reports, diagnostics(self._worker)))

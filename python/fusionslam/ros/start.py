@@ -3,12 +3,13 @@
 """Where the executables of the ROS package start."""
 
 import logging
+import os
 import sys
 from collections.abc import Callable
 
-from fusionslam.errors import FusionSlamError
-from fusionslam.ros.complaints import Complaints
+from fusionslam.errors import ConfigError, FusionSlamError
 from fusionslam.ros.environment import need_ros
+from fusionslam.ros.logs import ToRosout, init_node
 from fusionslam.ros.nodes import node_class
 
 _WRONG, _INTERRUPTED = 2, 130
@@ -32,19 +33,15 @@ def start_player() -> None:
     """Play a bag to the nodes of the launch file that this process is part of."""
 
     def play() -> None:
-        import rospy
-
         from fusionslam.ros.bag_player import play_bag
 
-        rospy.init_node("bag_player")
+        _init("bag_player")
         play_bag()
 
     _guarded("bag_player", play)
 
 
 def _guarded(name: str, action: Callable[[], None]) -> None:
-    # A disk that is full is no reason for a traceback with each line that is logged.
-    logging.raiseExceptions = False
     try:
         need_ros()
         action()
@@ -58,46 +55,54 @@ def _run(name: str, arguments: list[str]) -> None:
     import rospy
 
     kind = node_class(name)
-    try:
-        rospy.init_node(kind.name, argv=arguments)
-        to_rosout = _ToRosout()
-        logging.getLogger("fusionslam").addHandler(to_rosout)
-        from fusionslam.ros.shell import Shell
+    _init(kind.name, arguments)
+    to_rosout = ToRosout()
+    logging.getLogger("fusionslam").addHandler(to_rosout)
+    from fusionslam.ros.shell import Shell
 
+    try:
         shell = Shell(kind)
-    except (FusionSlamError, KeyboardInterrupt):
-        raise
-    except Exception as error:
-        if rospy.is_shutdown():
-            raise KeyboardInterrupt from error
+    except (OSError, rospy.ROSException) as error:  # as the master is asked for parameters
+        raise _no_start(error) from error
+    except ConfigError:
+        _forget_parameters(arguments)
         raise
     to_rosout.complaints = shell.complaints
     rospy.loginfo("%s is ready", kind.name)
     shell.run()
 
 
+def _init(name: str, arguments: list[str] | None = None) -> None:
+    import rospy
+
+    try:
+        init_node(name, arguments)
+    except (OSError, ValueError, rospy.ROSException) as error:
+        raise _no_start(error) from error
+
+
+def _no_start(error: Exception) -> BaseException:
+    """What to raise where rospy does not start: interrupted, or for what reason."""
+    import rospy
+
+    if rospy.is_shutdown():
+        return KeyboardInterrupt()
+    master = os.environ.get("ROS_MASTER_URI", "unset")
+    where = f"; ROS_MASTER_URI is {master}" if isinstance(error, OSError) else ""
+    return FusionSlamError(f"ROS does not start: {' '.join(str(error).split())}{where}")
+
+
+def _forget_parameters(arguments: list[str]) -> None:
+    """Refused ones would stay on the server, and be refused at the next start, too."""
+    import rospy
+
+    for given in rospy.client.load_command_line_node_params(arguments):
+        name = given
+        rospy.delete_param(f"~{name}")
+        while (name := name.rpartition("/")[0]) and rospy.get_param(f"~{name}", None) == {}:
+            rospy.delete_param(f"~{name}")
+
+
 def _end(code: int, message: str) -> None:
     print(message, file=sys.stderr)
     raise SystemExit(code)
-
-
-class _ToRosout(logging.Handler):
-    """What is logged goes where ROS collects it; what the library warns of, once for each cause.
-
-    Attributes:
-        complaints: those of the node, once there is one.
-    """
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.complaints: Complaints | None = None
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Pass a record on."""
-        import rospy
-
-        if self.complaints is not None and not record.name.startswith(__package__):
-            self.complaints.add(record.name.removeprefix("fusionslam."), record.getMessage())
-            return
-        say = rospy.logwarn if record.levelno == logging.WARNING else rospy.logerr
-        say("%s", self.format(record))

@@ -18,6 +18,12 @@ from fusionslam.synchronizer import REASONS
 from fusionslam.transforms import TransformTree
 
 _RIGHT = ("right", INFO_ROLES["right"])
+_ASK = {
+    "lidar": "; does the scanner look where the camera looks, and is the frame of the CameraInfo "
+    "the optical one (z ahead, x right)?",
+    "stereo": "; do the two cameras see the same, with enough light and texture?",
+    "cloud": "",
+}
 
 
 class Links:
@@ -34,18 +40,22 @@ class Links:
         self.problems: Counter[str] = Counter()
         self.moving: dict[str, Series] = {}
 
+    def refuse(self, why: str) -> None:
+        """Note what cannot be used."""
+        self.problems[why] += 1
+
     def take(self, message: FrameTransforms, time_ns: int) -> FrameTransforms:
         """Look at transforms that arrived at a time; returns those that nodes use."""
         used = []
         for each in message.transforms:
             if not (each.static or each.stamp_ns):
-                self.problems[f"the transform of '{each.child}' has the stamp zero"] += 1
+                self.refuse(f"the transform of '{each.child}' has the stamp zero")
                 continue
             used.append(each)
             try:
                 self.tree.add(each)
             except DataError as error:
-                self.problems[one_line(error)] += 1
+                self.refuse(one_line(error))
             if not each.static:
                 series = self.moving.setdefault(each.child, Series(by_arrival=False))
                 series.headers.append(each.stamp_ns)
@@ -112,7 +122,7 @@ class Trial:
         config = self.config.fusion
         found = try_frame(frame, config.model_copy(update={"ground": "none"}))
         if not found.points:
-            self._why = found.words.partition(": ")[2]
+            self._why = found.words.partition(": ")[2] + _ASK[config.source]
             return
         self.above, self.first = len(fuse(frame, config)), found
 

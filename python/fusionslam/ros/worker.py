@@ -86,17 +86,22 @@ class Worker:
         self.is_idle = True
         self.guarded("silence", self.node.idle)
 
-    def complain_of_silence(self) -> None:
-        """Say which topics the node needs and has heard nothing of."""
+    @property
+    def silent(self) -> list[Input]:
+        """What the node needs and has heard nothing of."""
         taken = self.inbox.taken
-        for entry in self.inputs.values():
-            if not entry.optional and not taken[entry.topic]:
-                self._complain(
-                    entry.topic,
-                    f"nothing has arrived on {self._full_name(entry.topic)}: is it published, as "
-                    f"{' or '.join(entry.types)}, or must it be remapped "
-                    f"({entry.topic}:=/its/name)?",
-                )
+        return [each for each in self.inputs.values() if not (each.optional or taken[each.topic])]
+
+    def say_silent(self) -> None:
+        """Say which topics those are, and what to do."""
+        for entry in self.silent:
+            logger.warning(
+                "nothing has arrived on %s: is it published, as %s, or must it be remapped "
+                "(%s:=/its/name)?",
+                self._full_name(entry.topic),
+                " or ".join(entry.types),
+                entry.topic,
+            )
 
     def guarded(self, topic: str, action: Callable[[], None]) -> None:
         """Do something; whatever goes wrong is a complaint."""

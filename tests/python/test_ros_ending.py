@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""How live nodes start and end: names, parameters, places that cannot be written, Ctrl-C."""
+
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.ros.world import ROOT
+from ros_world import RosWorld, needs_ros, wait_until
+
+pytestmark = needs_ros
+
+VIEWS = "current_scene_description"
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosWorld]:
+    with RosWorld(tmp_path_factory.mktemp("world")) as started:
+        yield started
+
+
+def master_of(world: RosWorld) -> Any:
+    import rosgraph
+
+    return rosgraph.Master("/test", world.environment["ROS_MASTER_URI"])
+
+
+def state_of(world: RosWorld) -> tuple[set[str], set[str]]:
+    """Topics that are published and listened to."""
+    published, heard, _ = master_of(world).getSystemState()
+    return {topic for topic, _ in published}, {topic for topic, _ in heard}
+
+
+@pytest.mark.parametrize(
+    ("name", "argument", "message"),
+    [
+        (
+            "data_fusion",
+            "_online/wiat:=1",
+            "unknown parameter '~online/wiat'; did you mean 'wait'?",
+        ),
+        ("lv_builder", "_source:=alignmnt", "~source is 'alignmnt': Input should be 'alignment'"),
+        ("loop_closure", "_memory/file:={folder}", "cannot go on from ~memory/file: {folder}"),
+    ],
+)
+def test_what_a_node_cannot_start_with_is_said_in_one_line(
+    name: str, argument: str, message: str, world: RosWorld
+) -> None:
+    folder = world.folder / "no_memory"
+    folder.mkdir(exist_ok=True)
+    (folder / "detector.json").write_text("{")
+    names = (f"__name:=wrong_{name}", argument.format(folder=folder))
+    process = world.node(name, *names, ready=False)
+    assert process.wait(timeout=60) == 2
+    (line,) = world.log(name).splitlines()
+    assert line.startswith(f"error: {name}: {message.format(folder=folder)}")
+    # What is wrong does not stay for the next start.
+    if "memory" not in argument:
+        assert master_of(world).getParam(f"/wrong_{name}") == {}
+
+
+def without_logs(folder: str) -> list[str]:
+    node = str(ROOT / "ros" / "nodes" / "lv_matching")
+    return ["env", f"ROS_LOG_DIR={folder}", sys.executable, node]
+
+
+def test_two_robots_with_other_names_and_no_place_to_write_start_and_end(world: RosWorld) -> None:
+    places = ["__name:=places", "_memory/file:=/proc/none/views"]
+    # A folder that cannot be made, and one that is there but takes no files.
+    nowhere = {"one": "/proc/none", "two": "/proc"}
+    robots = {
+        name: world.run(
+            name,
+            [*without_logs(nowhere[name]), f"__ns:=/{name}", *places, f"{VIEWS}:=/{name}/views"],
+        )
+        for name in nowhere
+    }
+    for name in robots:
+        wait_until(lambda name=name: "is ready" in world.log(name), f"{name} to be ready")
+    published, heard = state_of(world)
+    for name, process in robots.items():
+        assert f"/{name}/LocalView/Template" in published and f"/{name}/views" in heard
+        assert world.log(name).count("cannot write /proc/none/views") == 1
+        assert f"nothing can be written to {nowhere[name]}:" in world.log(name)
+        assert world.end(process, {"one": signal.SIGINT, "two": signal.SIGTERM}[name]) == 0
+        assert "Traceback" not in world.log(name)
+    assert "/one/views" not in state_of(world)[1]
+
+
+def test_a_second_node_of_the_same_name_ends_the_first_one_cleanly(world: RosWorld) -> None:
+    first = world.node("lv_builder")
+    second = world.node("lv_builder")
+    assert first.wait(timeout=60) == 0 and second.poll() is None
+    assert world.end(second) == 0 and "Traceback" not in world.log("lv_builder")
+
+
+def test_a_node_that_waits_for_the_master_can_be_interrupted(tmp_path: Path) -> None:
+    alone = RosWorld(tmp_path)
+    process = alone.node("lv_builder", ready=False)
+    wait_until(lambda: "master may not be running" in alone.log("lv_builder"), "the attempt")
+    assert alone.end(process) == 130
+    assert "Traceback" not in alone.log("lv_builder")
