@@ -99,14 +99,10 @@ class RosWorld:
         """Keep all messages of these topics from now on."""
         return Listener(self, topics)
 
-    def start_playing(self, bag: Path, *options: str) -> "subprocess.Popen[Any]":
-        """A player that waits, before the first message, for the lines to who listens already."""
-        command = ["rosbag", "play", "--quiet", "--delay", _CONNECTED_S, *options, str(bag)]
-        return self.run("rosbag", command)
-
     def play(self, bag: Path, *options: str) -> None:
-        """Play a bag to its end."""
-        player = self.start_playing(bag, *options)
+        """Play a bag to its end, once the lines to those who listen already may be there."""
+        command = ["rosbag", "play", "--quiet", "--delay", _CONNECTED_S, *options, str(bag)]
+        player = self.run("rosbag", command)
         assert player.wait(timeout=300) == 0, self.log("rosbag")
 
     def end(self, process: "subprocess.Popen[Any]", how: int = signal.SIGINT) -> int:
