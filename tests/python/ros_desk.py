@@ -47,17 +47,17 @@ class Desk:
             lambda topic, publisher: publisher not in self.gone,
         )
 
-    def put(self, topic: str, message: Any, sender: str = SOMEBODY, **header: str) -> None:
-        """A message arrives and waits; ``header`` is what its publisher says of it."""
+    def put(self, topic: str, message: Any, lost: int = 0, **header: str) -> None:
+        """A message arrives, but for its last bytes, and waits; ``header`` is of its publisher."""
         from rospy import AnyMsg
 
         line, stream = AnyMsg(), BytesIO()
         message.serialize(stream)
-        line._buff = stream.getvalue()
+        line._buff = stream.getvalue()[: stream.tell() - lost]
         line._connection_header = {
             "type": message._type,
             "md5sum": message._md5sum,
-            "callerid": sender,
+            "callerid": SOMEBODY,
             **header,
         }
         self.worker.arrived(line, topic)

@@ -133,6 +133,22 @@ def test_views_of_another_configuration_or_damaged_leave_the_memory_as_it_was(
     assert sorted(matcher.complaints().values()) == [1, 2, 2]
 
 
+def test_views_without_stamps_are_refused_or_dated_by_their_arrival(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    from fusionslam.ros.message_types import ros_time
+
+    refusing, dating = Desk("lv_matching"), Desk("lv_matching", node={"stamps": "arrival"})
+    dating.now_ns = 7 * S
+    for message in views(2):
+        message.header.stamp = ros_time(0)
+        refusing.give(VIEWS, message)
+        dating.give(VIEWS, message)
+    assert not ids(refusing) and list(refusing.complaints().values()) == [2]
+    assert len([text for text in caplog.messages if "the stamp is zero" in text]) == 1
+    assert [message.header.stamp.to_nsec() for message in dating.outlet.of(IDS)] == [7 * S] * 2
+
+
 def replace_data(message: Any, data: bytes | None) -> Any:
     """A copy with other bytes; None cuts its own short."""
     from copy import copy
@@ -293,6 +309,14 @@ def test_a_memory_of_other_parameters_is_refused(
     desk.node.close()
     with pytest.raises(ConfigError, match=f"~{name} differs from what .*: set it as it was"):
         each.started(**other)
+
+
+@pytest.mark.parametrize("node", ["lv_matching", "loop_closure", "ratslam"])
+def test_a_file_that_is_no_memory_is_refused_with_what_to_do(node: str, tmp_path: Path) -> None:
+    (tmp_path / "photo.jpg").write_bytes(b"no memory")
+    with pytest.raises(DataError, match=r"cannot go on from ~memory/file.*move .* away"):
+        Desk(node, memory={"file": str(tmp_path / "photo.jpg")})
+    assert (tmp_path / "photo.jpg").read_bytes() == b"no memory"
 
 
 def test_an_empty_folder_is_a_memory_of_nothing(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from xmlrpc.client import Error, ServerProxy, Transport
 
 import rosgraph
 import rospy
+from rospy.core import is_shutdown_requested
 from rospy.topics import get_topic_manager
 
 logger = logging.getLogger(__name__)
@@ -42,7 +43,8 @@ class Registration(threading.Thread):
     def _renew(self) -> None:
         master, name = _proxy(rosgraph.get_master_uri()), rospy.get_name()
         code, _, _ = master.lookupNode(name, name)
-        if (code == _SUCCESS and self._is_complete) or rospy.is_shutdown():
+        # A node that ends takes its topics back before it counts as shut down.
+        if (code == _SUCCESS and self._is_complete) or is_shutdown_requested():
             return
         # The master may go away half-way, knowing some of the topics only.
         self._is_complete = False

@@ -3,6 +3,7 @@
 """What a node keeps in a file, while it runs and when it ends."""
 
 import logging
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -71,6 +72,15 @@ class Saver:
     def path(self) -> Path | None:
         """The file; None where nothing is kept."""
         return Path(self._config.file).expanduser() if self._config.file else None
+
+    @property
+    def kept(self) -> Path | None:
+        """What there is to go on from; None where there is nothing, or an empty folder."""
+        path = self.path
+        # Path.exists raises where a folder on the way must not be entered.
+        if path is None or not os.path.exists(path):
+            return None
+        return None if path.is_dir() and not any(path.iterdir()) else path
 
     def changed(self) -> None:
         """Something changed: write it if the last writing is long ago."""

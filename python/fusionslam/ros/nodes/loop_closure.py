@@ -47,10 +47,10 @@ class LoopClosure(Node[LoopClosureConfig]):
             LoopDetector(config.descriptor, config=config.loop_closure, describe=config.descriptors)
         )
         self._saver = Saver(config.memory, lambda path: self._loops.save(path), self.complaints)
-        self._go_on(self._saver.path)
+        self._go_on(self._saver.kept)
 
     def _go_on(self, path: Path | None) -> None:
-        if path is None or not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        if path is None:
             return
         with continued(path):
             loops = AlignedLoopDetector.load(path)

@@ -45,10 +45,10 @@ class ViewMatching(Node[ViewMatchingConfig]):
         self._saver = Saver(
             config.memory, lambda path: save_source(self._source, path), self.complaints
         )
-        self._go_on(self._saver.path)
+        self._go_on(self._saver.kept)
 
     def _go_on(self, path: Path | None) -> None:
-        if path is None or not path.exists():
+        if path is None:
             return
         wanted = _settings(self._source)
         with continued(path):

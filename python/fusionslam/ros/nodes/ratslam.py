@@ -35,7 +35,7 @@ from fusionslam.ros.message_types import (
 )
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.lv_matching import TEMPLATES
-from fusionslam.ros.saving import Saver, SavingConfig
+from fusionslam.ros.saving import Saver, SavingConfig, continued
 
 logger = logging.getLogger(__name__)
 
@@ -78,16 +78,17 @@ class Mapper(Node[MapperConfig]):
     def __init__(self, config: MapperConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
         self._saver = Saver(config.memory, lambda path: self._online.save(path), self.complaints)
-        self._online = self._begun(self._saver.path)
+        self._online = self._begun(self._saver.kept)
         self._visits: deque[int] = deque(maxlen=_SHOWN)
         self._shown_ns: int | None = None
         self._is_shown = True
 
     def _begun(self, path: Path | None) -> OnlineRatSlam:
         own = OnlineRatSlamConfig(ratslam=self.config.ratslam, order=self.config.order)
-        if path is None or not path.exists():
+        if path is None:
             return OnlineRatSlam(own)
-        online = OnlineRatSlam.load(path, own)
+        with continued(path):
+            online = OnlineRatSlam.load(path, own)
         logger.warning("goes on with %d nodes of %s", len(online.slam.map.nodes), path)
         return online
 
