@@ -8,10 +8,12 @@ set -euo pipefail
 picture=$1
 shift
 here=$(dirname "$0")
+bin=$here/../.venv/bin
 "$here/debian.sh" rviz xvfb xauth
 work=$(mktemp -d)
-export ROS_HOME=$work ROS_MASTER_URI=http://127.0.0.1:11399 LIBGL_ALWAYS_SOFTWARE=1 QT_X11_NO_MITSHM=1
-: >"$work/log"
+export ROS_HOME=$work ROS_MASTER_URI=http://127.0.0.1:11399 LIBGL_ALWAYS_SOFTWARE=1 \
+  QT_X11_NO_MITSHM=1 PYTHONUNBUFFERED=1
+: >"$work/said"
 launch=
 end() {
   [ -z "$launch" ] || kill -INT -- "-$launch" 2>/dev/null || true
@@ -19,19 +21,21 @@ end() {
   rm -rf "$work"
 }
 trap end EXIT
+trap "exit 143" TERM
 
 # A group of its own, in which Ctrl-C is heard: what the shell starts beside itself ignores it.
 set -m
-xvfb-run -a -s "-screen 0 1600x1000x24 -fbdir $work" "${FUSIONSLAM:-$here/../.venv/bin/fusionslam}" \
-  ros launch bag "$@" rviz:=true stay:=true -p 11399 >"$work/log" 2>&1 &
+xvfb-run -a -s "-screen 0 1600x1000x24 -fbdir $work" "$bin/fusionslam" \
+  ros launch bag "$@" rviz:=true stay:=true -p 11399 >"$work/said" 2>&1 &
 launch=$!
-until grep -q "bag_player-.*process has finished cleanly" <(tr '\n' ' ' <"$work/log"); do
-  kill -0 "$launch" 2>/dev/null || { tail -20 "$work/log" >&2; exit 1; }
-  ! grep -q "process has died" "$work/log" || { tail -20 "$work/log" >&2; exit 1; }
+set +m
+until grep -q "bag_player-.*process has finished cleanly" <(tr '\n' ' ' <"$work/said"); do
+  kill -0 "$launch" 2>/dev/null || { tail -20 "$work/said" >&2; exit 1; }
+  ! grep -q "process has died" "$work/said" || { tail -20 "$work/said" >&2; exit 1; }
   sleep 1
 done
 sleep 3
-python3 - "$work/Xvfb_screen0" "$picture" <<'PYTHON'
+"$bin/python" - "$work/Xvfb_screen0" "$picture" <<'PYTHON'
 """Writes the frame buffer of Xvfb, an XWD file, as a picture."""
 import sys
 

@@ -142,12 +142,15 @@ def play(world: RosWorld, *arguments: str) -> int:
 
 def test_a_bag_runs_through_all_nodes_to_its_end(test_data: Path, tmp_path: Path) -> None:
     bag = test_data / "bags" / "small_house_20s.bag"
+    # However slow the machine is, nothing is dropped.
+    patient = {name: {"node": {"queue": 1000}} for name in EXPERIMENTS["ratslam"]}
+    (tmp_path / "patient.yaml").write_text(yaml.safe_dump(patient))
     with RosWorld(tmp_path) as world:
         # As an earlier roslaunch leaves it.
         left = ["rosparam", "set", "/roslaunch/uris/earlier", "http://127.0.0.1:9/"]
         assert world.run("rosparam", left).wait() == 0
         listener = world.listen("/LocalView/Template", "/ExperienceMap/Map")
-        files = ("map_file:=map.npz", "views_file:=views.npz")
+        files = ("map_file:=map.npz", "views_file:=views.npz", "parameters:=patient.yaml")
         assert play(world, f"bag:={bag}", "rate:=10", *SENSORS, *files) == 0, world.log("launch")
         found = listener.messages()
     assert "REQUIRED process [bag_player-5] has died!\nprocess has finished cleanly" in (
