@@ -18,9 +18,7 @@ Ground = tuple[float, float, float]
 """x, y in metres and heading in radians."""
 
 
-# A driver that is started again takes no longer, and its odometry begins this near to its origin.
-# After longer ones the robot itself may be back where it began, as on another day.
-_RESTART_S = 60.0
+# Odometry that is started again begins this near to its origin, having been farther away than that.
 _ORIGIN_M, _ORIGIN_RAD = 0.05, 0.05
 _AWAY_M, _AWAY_RAD = 0.5, 0.5
 
@@ -97,9 +95,9 @@ def stride_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -
 
     A silence longer than ``limits.gap`` is noted. Poses tell all the same how far the robot came in
     it; a velocity is believed for that long and no longer. What is faster than ``limits.max_speed``
-    or farther than ``limits.max_way`` jumped; what is back at its origin after a silence of up to a
-    minute began anew, as where its driver was started again. Of both, the velocity counts if there
-    is one, else the robot did not move.
+    or farther than ``limits.max_way`` jumped; what is back at its origin after a silence
+    began anew, as where its driver, or the robot, was started again where it stood. Of both, the
+    velocity counts if there is one, else the robot did not move.
 
     Args:
         before: the message before.
@@ -123,7 +121,7 @@ def stride_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -
     known = now._replace(speed=now.speed or (0.0, 0.0))
     if way > min(limits.max_speed * dt, limits.max_way):
         return _by_speed(known, dt, limits, f"odometry jumped {way:.4g} m, which is left out")
-    if limits.gap < dt <= _RESTART_S and _began_anew(before.pose, now.pose):
+    if dt > limits.gap and _began_anew(before.pose, now.pose):
         note = (
             f"odometry began anew after {dt:.2f} s: the {way:.2f} m back to its origin are left out"
         )

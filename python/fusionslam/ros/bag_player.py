@@ -77,7 +77,9 @@ def play_bag() -> None:
     reports = _Reports()
     _wait(lambda nodes: reports.have(nodes))
     played = _played(held)
-    options = ["--quiet", "--clock", "--rate", str(config.rate)]
+    # Who listens has to be connected: static transforms may come once, and at once.
+    options = ["--quiet", "--clock", "--wait-for-subscribers", "--delay", "1"]
+    options += ["--rate", str(config.rate)]
     player = subprocess.Popen(["rosbag", "play", *options, str(bag), "--topics", *played])
     _wait(lambda nodes: player.poll() is not None)
     if player.wait() and not rospy.is_shutdown():

@@ -75,6 +75,7 @@ class Shell:
         common = self.config.node
         if not self._worker.is_idle and now - self._last_work > common.idle:
             self._worker.idle()
+        self._worker.keep()
         if not self._looked_for_silence and now - self._started > common.patience:
             self._looked_for_silence = True
             self._worker.say_silent()
