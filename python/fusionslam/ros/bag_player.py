@@ -127,7 +127,18 @@ def _played(held: Collection[str]) -> list[str]:
     wanted = {topic for topic, _ in subscribers} - own - {"/clock"}
     lacking = sorted(wanted - set(held))
     if lacking:
-        rospy.logwarn("not in the bag: %s; it has %s", ", ".join(lacking), ", ".join(sorted(held)))
+        has = ", ".join(sorted(held))
+        rospy.logwarn(
+            "not in the bag: %s; it has %s",
+            ", ".join(_with_guess(each, held) for each in lacking),
+            has,
+        )
     if not wanted & set(held):
         raise DataError("the bag has no topic that a node listens to: say which are which")
     return sorted(wanted & set(held))
+
+
+def _with_guess(topic: str, held: Collection[str]) -> str:
+    """A topic that the bag lacks, and what it may be called there."""
+    near = [each for each in sorted(held) if each.startswith(f"{topic}/")]
+    return f"{topic} (is it {near[0]}?)" if near else topic

@@ -110,7 +110,7 @@ class Saver:
             self._complain(self.path, error)
             return
         self._is_changed = False
-        logger.info("kept %s", self.path)
+        logger.debug("kept %s", self.path)
 
     def _try(self, path: Path) -> None:
         """Whether something can be written there is known before the robot drives off."""

@@ -3,6 +3,7 @@
 """rospy around a node: messages in, messages out, reports, and a clean end."""
 
 import time
+from collections.abc import Collection
 from typing import Any
 
 import rospy
@@ -46,6 +47,11 @@ class Shell:
         Registration().start()
         self._started = self._last_work = self._last_report = time.monotonic()
         self._looked_for_silence = False
+
+    @property
+    def inputs(self) -> Collection[str]:
+        """Topics of the node."""
+        return self._worker.inputs
 
     @property
     def complaints(self) -> Complaints:

@@ -59,7 +59,7 @@ class LoopClosure(Node[LoopClosureConfig]):
             if stored != wanted[name]:
                 raise other_settings(name, path)
         self._loops = loops
-        logger.warning("goes on with %d clouds of %s", len(loops), path)
+        logger.info("goes on with %d clouds of %s", len(loops), path)
 
     @property
     def inputs(self) -> Sequence[Input]:

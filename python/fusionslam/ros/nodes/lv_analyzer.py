@@ -102,7 +102,7 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
             logger.warning("nothing was judged: no views with a true pose")
             return
         report = self._running.report()
-        logger.warning("%s", report)
+        logger.info("%s", report)
         if self.config.output:
             with atomic_path(self._folder / "views.json") as temporary:
                 temporary.write_text(json.dumps(report.metrics(), indent=1), encoding="utf-8")

@@ -54,7 +54,7 @@ class ViewMatching(Node[ViewMatchingConfig]):
         for name, stored in _settings(self._source).items():
             if stored != wanted[name]:
                 raise other_settings(name, path)
-        logger.warning("goes on with %d places of %s", self._source.known, path)
+        logger.info("goes on with %d places of %s", self._source.known, path)
 
     @property
     def inputs(self) -> Sequence[Input]:

@@ -97,7 +97,7 @@ class Mapper(Node[MapperConfig]):
             online = OnlineRatSlam.load(path, own)
         if online.slam.config != self.config.ratslam:
             raise other_settings("ratslam", path)
-        logger.warning("goes on with %d nodes of %s", len(online.slam.map.nodes), path)
+        logger.info("goes on with %d nodes of %s", len(online.slam.map.nodes), path)
         return online
 
     @property
