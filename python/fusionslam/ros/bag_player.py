@@ -127,12 +127,8 @@ def _played(held: Collection[str]) -> list[str]:
     wanted = {topic for topic, _ in subscribers} - own - {"/clock"}
     lacking = sorted(wanted - set(held))
     if lacking:
-        has = ", ".join(sorted(held))
-        rospy.logwarn(
-            "not in the bag: %s; it has %s",
-            ", ".join(_with_guess(each, held) for each in lacking),
-            has,
-        )
+        missed = ", ".join(_with_guess(each, held) for each in lacking)
+        rospy.logwarn("not in the bag: %s; it has %s", missed, ", ".join(sorted(held)))
     if not wanted & set(held):
         raise DataError("the bag has no topic that a node listens to: say which are which")
     return sorted(wanted & set(held))
