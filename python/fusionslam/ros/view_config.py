@@ -23,7 +23,9 @@ class ViewsConfig(CommonConfig):
     source: Literal["alignment", "objects", "two-stage", "cm2dp", "visual"] = option(
         "alignment", "what recognises places, as fusionslam ratslam --views; visual: by images"
     )
-    views: ViewMatcherConfig = option(ViewMatcherConfig(), "how views of clouds are compared")
+    views: ViewMatcherConfig = option(
+        ViewMatcherConfig(threads=0), "how views of clouds are compared"
+    )
     descriptors: DescriptorConfig = option(DescriptorConfig(), "clouds to vectors")
     visual_templates: VisualTemplatesConfig = option(
         VisualTemplatesConfig(), "source visual: how images are compared"

@@ -39,6 +39,7 @@ class AlignmentComparison(SceneComparison):
         scene: how clouds become scenes, with range images.
         alignment: how scenes are aligned.
         threshold: the probability from which views match.
+        threads: that align; 0 is one a core.
 
     Raises:
         ConfigError: scenes without range images.
@@ -46,8 +47,15 @@ class AlignmentComparison(SceneComparison):
 
     kind = "alignment"
 
-    def __init__(self, scene: SceneConfig, alignment: AlignmentConfig, threshold: float) -> None:
-        self._alignment = alignment
+    def __init__(
+        self,
+        scene: SceneConfig,
+        alignment: AlignmentConfig,
+        threshold: float,
+        *,
+        threads: int = 1,
+    ) -> None:
+        self._alignment, self._threads = alignment, threads
         if not scene.image:
             raise ConfigError(
                 "scene.image is False, and alignment needs range images: preset robust has them, "
@@ -78,7 +86,7 @@ class AlignmentComparison(SceneComparison):
 
     def compare(self, view: View, most: int) -> list[Candidate]:
         """The stored scenes that most probably show the same place."""
-        found = self._index.query(view.content)[:most]
+        found = self._index.query(view.content, threads=self._threads)[:most]
         return [Candidate(slot, a.probability, (a.x, a.y, a.yaw)) for slot, a in found]
 
     def _stored(self, scene: Scene) -> bytes:

@@ -220,12 +220,20 @@ class ObjectComparison(SceneComparison):
     Args:
         scene, threshold: as ``SceneComparison``.
         similarity: how scenes are compared.
+        threads: that compare; 0 is one a core.
     """
 
     kind = "scenes"
 
-    def __init__(self, scene: SceneConfig, similarity: SimilarityConfig, threshold: float) -> None:
-        self._similarity = similarity
+    def __init__(
+        self,
+        scene: SceneConfig,
+        similarity: SimilarityConfig,
+        threshold: float,
+        *,
+        threads: int = 1,
+    ) -> None:
+        self._similarity, self._threads = similarity, threads
         super().__init__(scene, threshold)
 
     def _empty_index(self) -> SceneIndex:
@@ -236,7 +244,7 @@ class ObjectComparison(SceneComparison):
 
     def compare(self, view: View, most: int) -> list[Candidate]:
         """The most similar scenes."""
-        found = self._index.similarities(view.content)
+        found = self._index.similarities(view.content, threads=self._threads)
         if most == 1 and len(found):
             best = int(found.argmax())
             return [Candidate(best, float(found[best]))]

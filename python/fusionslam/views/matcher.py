@@ -60,8 +60,7 @@ else:
 
 FORMAT = "fusionslam.view_matcher.1"
 THRESHOLDS = {"robust": 0.74, "paper": 0.737, "author": 0.737}
-"""From what similarity scenes match, by preset: as published; ours is where accuracy and loop
-precision meet in the warehouse and a made house."""
+"""From what similarity scenes match: as published; ours is where accuracy and loop precision meet."""
 PROBABILITY = 0.96
 """From what probability aligned views match: docs/views_alignment.md says what it gives."""
 _STATE = "state."
@@ -127,6 +126,7 @@ class ViewMatcherConfig(Section):
         le=1,
     )
     per_place: int = option(5, "several: views of one place at most", ge=1)
+    threads: int = option(1, "that compare scenes; 0 is one a core; ids stay the same", ge=0)
     max_views: int = option(
         0, "views stored at most; the one not matched for longest makes room; 0 is no bound", ge=0
     )
@@ -364,8 +364,9 @@ def _first_stage(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Co
         return DescriptorComparison(config.descriptor, descriptors, config.max_distance)
     scene, alignment = scene_config(config), alignment_config(config)
     if alignment is not None:
-        return AlignmentComparison(scene, alignment, PROBABILITY)
-    return ObjectComparison(scene, similarity_config(config), THRESHOLDS[config.preset])
+        return AlignmentComparison(scene, alignment, PROBABILITY, threads=config.threads)
+    limit = THRESHOLDS[config.preset]
+    return ObjectComparison(scene, similarity_config(config), limit, threads=config.threads)
 
 
 def method_of(config: ViewMatcherConfig) -> str:
