@@ -10,10 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.ros.world import Listener, RosWorld, wait_until
-from fusionslam.config import merged
 from fusionslam.ros.environment import PACKAGE, has_ros
-from fusionslam.sim.catalogue import MADE
-from fusionslam.sim.recording import embedded_bag, recording_config
 
 __all__ = ["Listener", "PlayedBag", "RosWorld", "lacking", "needs_ros", "played", "wait_until"]
 
@@ -61,6 +58,10 @@ def played(data: Path) -> PlayedBag:
     if data.is_dir():
         path = data / "bags" / "small_house_20s.bag"
         return PlayedBag(path, "/camera/image/compressed", "/camera/camera_info", 40)
+    from fusionslam.config import merged
+    from fusionslam.sim.catalogue import MADE
+    from fusionslam.sim.recording import embedded_bag, recording_config
+
     changes = {
         "plan": {"length_m": _METRES},
         "robot": {"cameras": {"camera": {"rate_hz": _IMAGES_HZ}}},

@@ -12,8 +12,8 @@ import pytest
 from command_line import succeeds
 from fusionslam.datasets.bags import open_bag
 from fusionslam.datasets.bags.conversions import stamp_of, value_of
-from fusionslam.messages import Scan
 from fusionslam.evaluation.rigid import wrapped
+from fusionslam.messages import Scan
 from fusionslam.ratslam.exports import measured_ways
 from fusionslam.ratslam.run_record import RatSlamRun
 from ros_world import PlayedBag, RosWorld, needs_ros
@@ -64,7 +64,9 @@ def test_clouds_ids_and_map_are_those_of_the_commands(
 ) -> None:
     with RosWorld(tmp_path) as world:
         listener = world.listen(*OUTPUTS)
-        for name in ("ratslam", "lv_matching", "lv_builder"):
+        # The view of the last cloud comes only once data_fusion has met with a second of silence.
+        world.node("ratslam", "_node/idle:=2")
+        for name in ("lv_matching", "lv_builder"):
             world.node(name)
         world.node("data_fusion", *offline.bag.sensors)
         world.play(offline.bag.path, "-r", str(rate))

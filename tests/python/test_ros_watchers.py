@@ -108,7 +108,10 @@ def test_views_are_judged_as_the_library_judges_them(driven: Driven) -> None:
     )
     assert last.accuracy == wanted.accuracy
     written = json.loads((driven.folder / "judged" / "views.json").read_text())
-    assert written == json.loads(json.dumps(wanted.metrics()))
+    metrics = wanted.metrics()
+    assert written.pop("limits") == metrics.pop("limits")
+    # Truth at a stamp is interpolated, here by another library.
+    assert written == pytest.approx(metrics)
     assert "accuracy" in driven.log
     pictures = {path.name for path in (driven.folder / "judged").glob("*.jpg")}
     assert pictures == {f"false_positive_{scan:06d}.jpg" for scan in wanted.false_positive_indices}
