@@ -160,8 +160,8 @@ def assert_same_place(found: dict[str, list[Any]]) -> None:
     away_x, away_y, turned = ground(odometry.position, odometry.orientation)
     c, s = np.cos(yaw), np.sin(yaw)
     there = x + c * away_x - s * away_y, y + s * away_x + c * away_y
-    np.testing.assert_allclose(there, place(here), atol=1e-3)
-    assert abs(wrapped(yaw + turned - heading(here.orientation))) < 1e-3
+    np.testing.assert_allclose(there, place(here), atol=1e-4)
+    assert abs(wrapped(yaw + turned - heading(here.orientation))) < 1e-4
 
 
 def place(pose: Any) -> tuple[float, float]:
