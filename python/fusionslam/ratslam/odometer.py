@@ -18,11 +18,13 @@ Ground = tuple[float, float, float]
 """x, y in metres and heading in radians."""
 
 
-# A driver that is started again takes no longer, and its odometry begins this near to its origin.
-# After longer ones the robot itself may be back where it began, as on another day.
-_RESTART_S = 60.0
+# Odometry that is started again begins this near to its origin, having been farther away than that.
 _ORIGIN_M, _ORIGIN_RAD = 0.05, 0.05
 _AWAY_M, _AWAY_RAD = 0.5, 0.5
+
+
+FORGOTTEN_NS = -(2**62) - 1
+"""The stamp of odometry whose clock went back: no event has one so early."""
 
 
 class Limits(NamedTuple):
@@ -97,9 +99,9 @@ def stride_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -
 
     A silence longer than ``limits.gap`` is noted. Poses tell all the same how far the robot came in
     it; a velocity is believed for that long and no longer. What is faster than ``limits.max_speed``
-    or farther than ``limits.max_way`` jumped; what is back at its origin after a silence of up to a
-    minute began anew, as where its driver was started again. Of both, the velocity counts if there
-    is one, else the robot did not move.
+    or farther than ``limits.max_way`` jumped; what is back at its origin after a silence
+    began anew, as where its driver, or the robot, was started again where it stood. Of both, the
+    velocity counts if there is one, else the robot did not move.
 
     Args:
         before: the message before.
@@ -111,6 +113,8 @@ def stride_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -
     """
     if before is None:
         return None
+    if before.stamp_ns == FORGOTTEN_NS:
+        return _after_jump(before, now, limits)
     dt = (now.stamp_ns - before.stamp_ns) / NANOSECONDS
     if dt <= 0:
         raise DataError(
@@ -123,19 +127,38 @@ def stride_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -
     known = now._replace(speed=now.speed or (0.0, 0.0))
     if way > min(limits.max_speed * dt, limits.max_way):
         return _by_speed(known, dt, limits, f"odometry jumped {way:.4g} m, which is left out")
-    if limits.gap < dt <= _RESTART_S and _began_anew(before.pose, now.pose):
+    if dt > limits.gap and _began_anew(before.pose, now.pose):
         note = (
             f"odometry began anew after {dt:.2f} s: the {way:.2f} m back to its origin are left out"
         )
         return _by_speed(known, dt, limits, note)
     if dt <= limits.gap:
         return Stride(forward / dt, turn / dt, dt)
-    bearing = float(np.arctan2(now.pose[1] - before.pose[1], now.pose[0] - before.pose[0]))
-    ahead = float(wrapped(np.asarray(bearing - before.pose[2])))
+    silent = f"odometry was silent for {dt:.2f} s: {way:.2f} m in one step"
+    return _straight(before.pose, now.pose, dt, silent)
+
+
+def _after_jump(before: Odometry2D, now: Odometry2D, limits: Limits) -> Stride | None:
+    """From where odometry was when the clock went back to where it is, in whatever time."""
+    if before.pose is None or now.pose is None:
+        return None
+    way = float(np.hypot(now.pose[0] - before.pose[0], now.pose[1] - before.pose[1]))
+    if way > limits.max_way:
+        return None
+    note = f"the clock went back, and odometry is {way:.2f} m from where it was"
+    dt = max(limits.gap, 2 * way / limits.max_speed)
+    return _straight(before.pose, now.pose, dt, note)
+
+
+def _straight(before: Ground, now: Ground, dt: float, note: str) -> Stride:
+    """The step from one pose straight to another one."""
+    way = float(np.hypot(now[0] - before[0], now[1] - before[1]))
+    turn = float(wrapped(np.asarray(now[2] - before[2])))
+    bearing = float(np.arctan2(now[1] - before[1], now[0] - before[0]))
+    ahead = float(wrapped(np.asarray(bearing - before[2])))
     if abs(ahead) > np.pi / 2:  # backwards
         way, ahead = -way, ahead - float(np.copysign(np.pi, ahead))
-    silent = f"odometry was silent for {dt:.2f} s: {way:.2f} m in one step"
-    return Stride(way / dt, turn / dt, dt, silent, ahead)
+    return Stride(way / dt, turn / dt, dt, note, ahead)
 
 
 def _by_speed(now: Odometry2D, dt: float, limits: Limits, note: str = "") -> Stride:

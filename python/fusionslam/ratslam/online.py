@@ -228,7 +228,9 @@ class OnlineRatSlam:
         self.jumps += 1
         self.slam.forget_clock()
         apart = (before_ns - now_ns) / NANOSECONDS
-        logger.log(level, "the clock went back by %.3f s: the map goes on, odometry anew", apart)
+        logger.log(
+            level, "the clock went back by %.3f s: the map goes on from where odometry is", apart
+        )
 
     def _step(self, event: Event) -> Step | None:
         """None of what is refused."""

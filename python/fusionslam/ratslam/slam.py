@@ -29,6 +29,7 @@ from fusionslam.ratslam.experience_map import (
 )
 from fusionslam.ratslam.memory import Memory
 from fusionslam.ratslam.odometer import (
+    FORGOTTEN_NS,
     Ground,
     Limits,
     Odometry2D,
@@ -191,10 +192,12 @@ class RatSlam:
     def forget_clock(self) -> None:
         """Take whatever stamp comes next, as where a recording begins again.
 
-        Cells and map stay. Odometry starts anew: from the last one before to the first one after
-        the robot has not moved.
+        Cells and map stay, and so does the frame of odometry: the robot is where its pose says, as
+        where a bag is played again, or a simulation begins anew.
         """
-        self.memory.odometry = self.memory.newest_ns = self.memory.looked_ns = None
+        known = self.memory.odometry
+        self.memory.odometry = known and known._replace(stamp_ns=FORGOTTEN_NS)
+        self.memory.newest_ns = self.memory.looked_ns = None
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one file, whole or not at all: ``load`` goes on exactly from here.

@@ -21,7 +21,7 @@ _MARGIN = 4
 def write_false_positive(
     path: str | os.PathLike[str],
     judged: JudgedView,
-    image: NDArray[np.uint8] | None,
+    image: NDArray[np.uint8] | bytes | None,
     matched_image: NDArray[np.uint8] | bytes | None,
 ) -> None:
     """Write one JPEG of a scan and the one it was taken for, whole or not at all.
@@ -32,8 +32,9 @@ def write_false_positive(
     Args:
         path: ends in .jpg or .jpeg; an older file is replaced.
         judged: what ``RunningViews.add`` said of the scan.
-        image: uint8 (H, W, 3) RGB or (H, W); None where there is none, which the picture says.
-        matched_image: the like, of scan ``judged.matched``, or what ``image_preview`` made of it.
+        image: uint8 (H, W, 3) RGB or (H, W), or what ``image_preview`` made of it; None where there
+            is none, which the picture says.
+        matched_image: the like, of scan ``judged.matched``.
 
     Raises:
         DataError: a scan that was not matched, another kind of file, or one that cannot be written.

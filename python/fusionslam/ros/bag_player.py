@@ -77,7 +77,9 @@ def play_bag() -> None:
     reports = _Reports()
     _wait(lambda nodes: reports.have(nodes))
     played = _played(held)
-    options = ["--quiet", "--clock", "--rate", str(config.rate)]
+    # Who listens has to be connected: static transforms may come once, and at once.
+    options = ["--quiet", "--clock", "--wait-for-subscribers", "--delay", "1"]
+    options += ["--rate", str(config.rate)]
     player = subprocess.Popen(["rosbag", "play", *options, str(bag), "--topics", *played])
     _wait(lambda nodes: player.poll() is not None)
     if player.wait() and not rospy.is_shutdown():
@@ -125,7 +127,14 @@ def _played(held: Collection[str]) -> list[str]:
     wanted = {topic for topic, _ in subscribers} - own - {"/clock"}
     lacking = sorted(wanted - set(held))
     if lacking:
-        rospy.logwarn("not in the bag: %s; it has %s", ", ".join(lacking), ", ".join(sorted(held)))
+        missed = ", ".join(_with_guess(each, held) for each in lacking)
+        rospy.logwarn("not in the bag: %s; it has %s", missed, ", ".join(sorted(held)))
     if not wanted & set(held):
         raise DataError("the bag has no topic that a node listens to: say which are which")
     return sorted(wanted & set(held))
+
+
+def _with_guess(topic: str, held: Collection[str]) -> str:
+    """A topic that the bag lacks, and what it may be called there."""
+    near = [each for each in sorted(held) if each.startswith(f"{topic}/")]
+    return f"{topic} (is it {near[0]}?)" if near else topic

@@ -21,13 +21,16 @@ class ToRosout(logging.Handler):
     """
 
     def __init__(self) -> None:
-        super().__init__(logging.WARNING)
+        super().__init__(logging.INFO)
         self.complaints: Complaints | None = None
 
     def emit(self, record: logging.LogRecord) -> None:
         """Pass a record on."""
         import rospy
 
+        if record.levelno < logging.WARNING:
+            rospy.loginfo("%s", self.format(record))
+            return
         if self.complaints is not None and not record.name.startswith(__package__):
             self.complaints.add(record.name.removeprefix("fusionslam."), record.getMessage())
             return

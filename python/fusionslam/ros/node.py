@@ -6,10 +6,12 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from fusionslam.ros.complaints import Complaints
 from fusionslam.ros.config import CommonConfig
+from fusionslam.ros.saving import Saver, SavingConfig
 
 C = TypeVar("C", bound=CommonConfig)
 
@@ -53,6 +55,7 @@ class Node(ABC, Generic[C]):
     Attributes:
         counts: what it did, in words, for /diagnostics.
         complaints: what was wrong with what it got, said once for each cause.
+        saver: writes what the node goes on from at its next start; None where there is nothing.
     """
 
     name: ClassVar[str]
@@ -68,6 +71,12 @@ class Node(ABC, Generic[C]):
         self.config, self.outlet = config, outlet
         self.counts: Counter[str] = Counter()
         self.complaints = Complaints()
+        self.saver: Saver | None = None
+
+    def saved(self, config: SavingConfig, save: Callable[[Path], None]) -> Saver:
+        """The ``saver``, made of the function that writes the file."""
+        self.saver = Saver(config, save, self.complaints)
+        return self.saver
 
     @property
     @abstractmethod

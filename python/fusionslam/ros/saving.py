@@ -85,6 +85,10 @@ class Saver:
     def changed(self) -> None:
         """Something changed: write it if the last writing is long ago."""
         self._is_changed = True
+        self.write_if_due()
+
+    def write_if_due(self) -> None:
+        """Write what changed since the last writing, if that is long ago."""
         if time.monotonic() - self._saved >= self._config.every:
             self.write()
 
@@ -106,7 +110,7 @@ class Saver:
             self._complain(self.path, error)
             return
         self._is_changed = False
-        logger.info("kept %s", self.path)
+        logger.debug("kept %s", self.path)
 
     def _try(self, path: Path) -> None:
         """Whether something can be written there is known before the robot drives off."""

@@ -3,6 +3,7 @@
 """rospy around a node: messages in, messages out, reports, and a clean end."""
 
 import time
+from collections.abc import Collection
 from typing import Any
 
 import rospy
@@ -48,6 +49,11 @@ class Shell:
         self._looked_for_silence = False
 
     @property
+    def inputs(self) -> Collection[str]:
+        """Topics of the node."""
+        return self._worker.inputs
+
+    @property
     def complaints(self) -> Complaints:
         """Those of the node."""
         return self._worker.complaints
@@ -75,6 +81,7 @@ class Shell:
         common = self.config.node
         if not self._worker.is_idle and now - self._last_work > common.idle:
             self._worker.idle()
+        self._worker.keep()
         if not self._looked_for_silence and now - self._started > common.patience:
             self._looked_for_silence = True
             self._worker.say_silent()

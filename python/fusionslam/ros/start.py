@@ -58,6 +58,7 @@ def _run(name: str, arguments: list[str]) -> None:
     _init(kind.name, arguments)
     to_rosout = ToRosout()
     logging.getLogger("fusionslam").addHandler(to_rosout)
+    logging.getLogger(__package__).setLevel(logging.INFO)
     from fusionslam.ros.shell import Shell
 
     try:
@@ -68,7 +69,8 @@ def _run(name: str, arguments: list[str]) -> None:
         _forget_parameters(arguments)
         raise
     to_rosout.complaints = shell.complaints
-    rospy.loginfo("%s is ready", kind.name)
+    heard = ", ".join(rospy.resolve_name(topic) for topic in shell.inputs)
+    rospy.loginfo("%s is ready: it listens to %s", kind.name, heard)
     shell.run()
 
 
@@ -79,6 +81,11 @@ def _init(name: str, arguments: list[str] | None = None) -> None:
         init_node(name, arguments)
     except (OSError, ValueError, rospy.ROSException) as error:
         raise _no_start(error) from error
+    except (TypeError, OverflowError) as error:  # of what sends parameters to the server
+        raise ConfigError(
+            f"a parameter on the command line is nothing that ROS can hold ({error}); null is the "
+            "text \"'null'\""
+        ) from error
 
 
 def _no_start(error: Exception) -> BaseException:

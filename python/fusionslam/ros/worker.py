@@ -81,6 +81,11 @@ class Worker:
         self.watch.stop(arrival.seconds)
         return True
 
+    def keep(self) -> None:
+        """Called all the time: what changed is written though nothing changes any more."""
+        if self.node.saver is not None:
+            self.guarded("keeping", self.node.saver.write_if_due)
+
     def idle(self) -> None:
         """Nothing has come for a while."""
         self.is_idle = True

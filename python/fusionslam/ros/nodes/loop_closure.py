@@ -17,7 +17,7 @@ from fusionslam.ros.config import CommonConfig
 from fusionslam.ros.message_types import CLOUD, LOOP_CLOSURE, ground_pose, header, make, ros_time
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.data_fusion import COLORED
-from fusionslam.ros.saving import Saver, SavingConfig, continued, other_settings
+from fusionslam.ros.saving import SavingConfig, continued, other_settings
 from fusionslam.ros.view_config import EMPTY, cloud_of
 
 logger = logging.getLogger(__name__)
@@ -46,7 +46,7 @@ class LoopClosure(Node[LoopClosureConfig]):
         self._loops = AlignedLoopDetector(
             LoopDetector(config.descriptor, config=config.loop_closure, describe=config.descriptors)
         )
-        self._saver = Saver(config.memory, lambda path: self._loops.save(path), self.complaints)
+        self._saver = self.saved(config.memory, lambda path: self._loops.save(path))
         self._go_on(self._saver.kept)
 
     def _go_on(self, path: Path | None) -> None:
@@ -59,7 +59,7 @@ class LoopClosure(Node[LoopClosureConfig]):
             if stored != wanted[name]:
                 raise other_settings(name, path)
         self._loops = loops
-        logger.warning("goes on with %d clouds of %s", len(loops), path)
+        logger.info("goes on with %d clouds of %s", len(loops), path)
 
     @property
     def inputs(self) -> Sequence[Input]:

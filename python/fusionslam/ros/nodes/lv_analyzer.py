@@ -9,15 +9,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fusionslam._files import atomic_path
 from fusionslam.config import option
 from fusionslam.datasets.bags.conversions import stamp_of
+from fusionslam.errors import DataError
 from fusionslam.evaluation.running_views import JudgedView, RunningViews
 from fusionslam.messages import NANOSECONDS, Odometry, Picture
 from fusionslam.poses_in_time import Ground, PosedInTime
+from fusionslam.ratslam.given_views import GivenView, GivenViews
 from fusionslam.report.false_positives import write_false_positive
 from fusionslam.report.views_pictures import image_preview
 from fusionslam.ros.config import CommonConfig
@@ -41,8 +40,6 @@ _RECENT = 100
 """Images that wait for the view they belong to."""
 
 _SHARES = ("accuracy", "precision", "recall", "loop_recall", "loop_precision")
-
-Image = NDArray[np.uint8]
 
 
 class ViewAnalyzerConfig(CommonConfig):
@@ -77,7 +74,8 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
         super().__init__(config, outlet)
         self._running = RunningViews(config.rule)
         self._waiting: PosedInTime[int] = PosedInTime()
-        self._images: deque[Picture] = deque(maxlen=_RECENT)
+        self._views = GivenViews()
+        self._images: deque[tuple[int, bytes]] = deque(maxlen=_RECENT)
         self._first: OrderedDict[int, bytes | None] = OrderedDict()
         self._last_ns: int | None = None
         self._offset_ns = 0
@@ -90,7 +88,7 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
             Input(TRUTH, [ODOMETRY], self._take_truth),
         ]
         if self.config.output:
-            found.append(Input(LEFT[0], IMAGES, self._images.append, optional=True))
+            found.append(Input(LEFT[0], IMAGES, self._take_image, optional=True))
         return found
 
     def idle(self) -> None:
@@ -104,7 +102,7 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
             logger.warning("nothing was judged: no views with a true pose")
             return
         report = self._running.report()
-        logger.warning("%s", report)
+        logger.info("%s", report)
         if self.config.output:
             with atomic_path(self._folder / "views.json") as temporary:
                 temporary.write_text(json.dumps(report.metrics(), indent=1), encoding="utf-8")
@@ -119,7 +117,12 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
 
     def _take_view(self, message: Any) -> None:
         stamp_ns = stamp_of(message.header.stamp)
-        self._judge(self._waiting.add(stamp_ns, message.current_id))
+        # A matcher that lost its memory gives ids again, which stand for other places.
+        view = GivenView(message.current_id, message.is_new)
+        self._judge(self._waiting.add(stamp_ns, self._views.look(view, stamp_ns).view_id))
+
+    def _take_image(self, picture: Picture) -> None:
+        self._images.append((picture.stamp_ns, image_preview(picture.image)))
 
     def _take_truth(self, odometry: Odometry) -> None:
         self._judge(self._waiting.move(odometry))
@@ -147,22 +150,29 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
             return
         image = self._image_at(stamp_ns)
         if judged.is_first:
-            self._first[judged.id] = None if image is None else image_preview(image)
+            self._first[judged.id] = image
             if len(self._first) > self.config.max_places:
                 self._first.popitem(last=False)
         elif judged.false_positive:
             self.counts["false positives"] += 1
             if self.counts["pictures"] < self.config.max_pictures:
-                self.counts["pictures"] += 1
-                earlier = self._first.get(judged.id)
-                path = self._folder / f"false_positive_{judged.scan:06d}.jpg"
-                write_false_positive(path, judged, image, earlier)
+                self._write(judged, image)
 
-    def _image_at(self, stamp_ns: int) -> Image | None:
+    def _write(self, judged: JudgedView, image: bytes | None) -> None:
+        path = self._folder / f"false_positive_{judged.scan:06d}.jpg"
+        try:
+            write_false_positive(path, judged, image, self._first.get(judged.id))
+        except DataError as error:
+            advice = "make room, allow it, or give another folder"
+            self.complaints.add("~output", f"no picture can be written: {advice}\n{error}")
+            return
+        self.counts["pictures"] += 1
+
+    def _image_at(self, stamp_ns: int) -> bytes | None:
         """The image nearest in time, if one is near enough."""
-        near = min(self._images, key=lambda image: abs(image.stamp_ns - stamp_ns), default=None)
+        near = min(self._images, key=lambda image: abs(image[0] - stamp_ns), default=None)
         reach = self.config.image_difference * NANOSECONDS
-        return None if near is None or abs(near.stamp_ns - stamp_ns) > reach else near.image
+        return None if near is None or abs(near[0] - stamp_ns) > reach else near[1]
 
     def _statistics(self, stamp_ns: int) -> Any:
         report = self._running.report()

@@ -14,7 +14,7 @@ from fusionslam.ros.message_types import CLOUD, ODOMETRY, VIEW_DESCRIPTION
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.data_fusion import COLORED
 from fusionslam.ros.nodes.lv_builder import DESCRIPTIONS
-from fusionslam.ros.saving import Saver, SavingConfig
+from fusionslam.ros.saving import SavingConfig
 from fusionslam.ros.view_config import ViewsConfig, cloud_of, matcher_of, source_of
 from fusionslam.sensors import Cloud
 from fusionslam.views.matcher import scene_config
@@ -23,6 +23,8 @@ from fusionslam.views.scenes import Scene
 from fusionslam.views.view_bytes import view_from_bytes
 
 TRUTH = "ground_truth"
+_MOST_WAITING = 100
+"""Clouds of a few megabytes each that wait for the truth at most."""
 
 
 class DatasetCreatorConfig(ViewsConfig):
@@ -47,14 +49,14 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
 
     def __init__(self, config: DatasetCreatorConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
-        self._waiting: PosedInTime[Cloud | Scene] = PosedInTime()
+        self._waiting: PosedInTime[Cloud | Scene] = PosedInTime(most=_MOST_WAITING)
         matcher = matcher_of(source_of(config))
         if matcher is None:
             raise ConfigError("~source is 'visual': lv_dataset_creator keeps clouds or scenes")
         self._comparison = matcher.comparison
         kept = scene_config(matcher.config) if config.keep == "scenes" else None
         self._recorder = SceneRecorder("a drive", scene_config=kept, max_scans=config.max_scans)
-        self._saver = Saver(config.memory, lambda path: self._recorder.save(path), self.complaints)
+        self._saver = self.saved(config.memory, lambda path: self._recorder.save(path))
 
     @property
     def inputs(self) -> Sequence[Input]:
@@ -69,6 +71,7 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
     def idle(self) -> None:
         """No pose is to be expected any more."""
         self._keep(self._waiting.flush())
+        self._saver.write()
 
     def close(self) -> None:
         """Write the set."""
@@ -87,8 +90,6 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
 
     def _take_cloud(self, scan: Scan) -> None:
         cloud = cloud_of(scan)
-        if cloud.colors is None:
-            raise DataError("the cloud has no colours: listen to the output of data_fusion")
         self._keep(self._waiting.add(scan.stamp_ns, cloud))
 
     def _take_description(self, message: Any) -> None:

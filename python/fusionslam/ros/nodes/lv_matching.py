@@ -17,7 +17,7 @@ from fusionslam.ros.message_types import IMAGES, VIEW_DESCRIPTION, VIEW_TEMPLATE
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.data_fusion import LEFT
 from fusionslam.ros.nodes.lv_builder import DESCRIPTIONS
-from fusionslam.ros.saving import Saver, SavingConfig, continued, other_settings
+from fusionslam.ros.saving import SavingConfig, continued, other_settings
 from fusionslam.ros.view_config import ViewsConfig, matcher_of, source_of
 from fusionslam.views.view_bytes import view_from_bytes
 
@@ -42,9 +42,7 @@ class ViewMatching(Node[ViewMatchingConfig]):
     def __init__(self, config: ViewMatchingConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
         self._source = source_of(config)
-        self._saver = Saver(
-            config.memory, lambda path: save_source(self._source, path), self.complaints
-        )
+        self._saver = self.saved(config.memory, lambda path: save_source(self._source, path))
         self._go_on(self._saver.kept)
 
     def _go_on(self, path: Path | None) -> None:
@@ -56,7 +54,7 @@ class ViewMatching(Node[ViewMatchingConfig]):
         for name, stored in _settings(self._source).items():
             if stored != wanted[name]:
                 raise other_settings(name, path)
-        logger.warning("goes on with %d places of %s", self._source.known, path)
+        logger.info("goes on with %d places of %s", self._source.known, path)
 
     @property
     def inputs(self) -> Sequence[Input]:

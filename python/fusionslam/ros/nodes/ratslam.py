@@ -3,6 +3,7 @@
 """Odometry and view ids in, a map and the robot's place on it out (Stastny 2022, 4.2.5)."""
 
 import logging
+import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,10 +15,9 @@ from fusionslam.messages import NANOSECONDS, FrameTransform, FrameTransforms, Od
 from fusionslam.ratslam.events import Look, OrderConfig
 from fusionslam.ratslam.exports import export_run
 from fusionslam.ratslam.given_views import GivenView
-from fusionslam.ratslam.map_record import LiveMap
 from fusionslam.ratslam.online import OnlineRatSlam, OnlineRatSlamConfig
 from fusionslam.ratslam.slam import RatSlamConfig, Step
-from fusionslam.ros.config import CommonConfig
+from fusionslam.ros.config import CommonConfig, NodeConfig
 from fusionslam.ros.map_messages import action_message, map_markers, map_message, path_message
 from fusionslam.ros.message_types import (
     MARKERS,
@@ -35,7 +35,7 @@ from fusionslam.ros.message_types import (
 )
 from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.lv_matching import TEMPLATES
-from fusionslam.ros.saving import Saver, SavingConfig, continued
+from fusionslam.ros.saving import SavingConfig, continued, other_settings
 
 logger = logging.getLogger(__name__)
 
@@ -44,6 +44,8 @@ MAP, MAP_MARKERS, MAP_PATH = "ExperienceMap/Map", "ExperienceMap/MapMarker", "Ex
 TF = "/tf"
 _SHOWN = 20_000
 """Nodes of the way that are shown: the robot's last hours."""
+_SHARE = 20
+"""A large map takes seconds to put into messages: no more than this part of the time goes there."""
 
 
 class MapperConfig(CommonConfig):
@@ -57,14 +59,17 @@ class MapperConfig(CommonConfig):
     )
     map_frame: str = option("map", "the frame of the map")
     tf: bool = option(True, "whether to publish where the odometry frame is on the map, on /tf")
-    every: float = option(1.0, "between two maps that are published", unit="s", ge=0)
+    every: float = option(
+        1.0, "between two maps that are published; more where a map is large", unit="s", ge=0
+    )
 
 
 class Mapper(Node[MapperConfig]):
     """Makes the map, and says where the robot is on it."""
 
     name = "ratslam"
-    defaults = MapperConfig()
+    # Views of the last scans may still be on their way when odometry has ended.
+    defaults = MapperConfig(node=NodeConfig(idle=2.0))
     outputs: ClassVar = {
         ACTIONS: TOPOLOGICAL_ACTION,
         PLACE: POSE,
@@ -77,11 +82,12 @@ class Mapper(Node[MapperConfig]):
 
     def __init__(self, config: MapperConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
-        self._saver = Saver(config.memory, lambda path: self._online.save(path), self.complaints)
+        self._saver = self.saved(config.memory, lambda path: self._online.save(path))
         self._online = self._begun(self._saver.kept)
         self._visits: deque[int] = deque(maxlen=_SHOWN)
         self._shown_ns: int | None = None
         self._is_shown = True
+        self._drawing_s = 0.0
 
     def _begun(self, path: Path | None) -> OnlineRatSlam:
         own = OnlineRatSlamConfig(ratslam=self.config.ratslam, order=self.config.order)
@@ -89,7 +95,9 @@ class Mapper(Node[MapperConfig]):
             return OnlineRatSlam(own)
         with continued(path):
             online = OnlineRatSlam.load(path, own)
-        logger.warning("goes on with %d nodes of %s", len(online.slam.map.nodes), path)
+        if online.slam.config != self.config.ratslam:
+            raise other_settings("ratslam", path)
+        logger.info("goes on with %d nodes of %s", len(online.slam.map.nodes), path)
         return online
 
     @property
@@ -111,7 +119,7 @@ class Mapper(Node[MapperConfig]):
         self._publish(self._online.flush())
         self._saver.close()
         if self.config.export:
-            here = LiveMap.of(self._online.slam, "live map", "odom")
+            here = self._online.live_map("live map", "odom")
             export_run(Path(self.config.export).expanduser(), here)
 
     def report(self) -> Mapping[str, int]:
@@ -155,7 +163,8 @@ class Mapper(Node[MapperConfig]):
 
     def _is_due(self, stamp_ns: int) -> bool:
         shown = self._shown_ns
-        return shown is None or abs(stamp_ns - shown) >= self.config.every * NANOSECONDS
+        every = max(self.config.every, _SHARE * self._drawing_s)
+        return shown is None or abs(stamp_ns - shown) >= every * NANOSECONDS
 
     def _show(self) -> None:
         """The map as it is, to whoever listens; the last one is there for those who come later."""
@@ -163,15 +172,24 @@ class Mapper(Node[MapperConfig]):
         if last is None or self._is_shown:
             return
         self._shown_ns, self._is_shown = last.stamp_ns, True
+        began = time.monotonic()
         top, slam = header(last.stamp_ns, self.config.map_frame), self._online.slam
         self.outlet.publish(MAP, map_message(top, slam))
         self.outlet.publish(MAP_MARKERS, map_markers(top, slam))
         self.outlet.publish(MAP_PATH, path_message(top, slam.map.nodes, list(self._visits)))
+        self._drawing_s = time.monotonic() - began
 
     def _publish_frame(self, odometry: Odometry) -> None:
         """As of the last step, dated as the odometry that came last: it changes at loops alone."""
         place = self._online.map_from_odometry
         if place is None:
+            return
+        if odometry.frame_id.strip("/") == self.config.map_frame:
+            self.complaints.add(
+                TF,
+                f"odometry is in the frame '{odometry.frame_id}', which is the map's: nothing is "
+                "published; give the map another ~map_frame, or set ~tf to false",
+            )
             return
         link = FrameTransform(
             stamp_ns=odometry.stamp_ns,
