@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A process that listens to topics of ROS and keeps every message: run by ``world``.
 
-Answers each line of its input: "count" with the number of messages so far, "keep PATH" by writing
-them there, as a pickled list of (topic, type, bytes, seconds).
+Answers each line of its input with the number of messages so far, reports of nodes not counted;
+"keep PATH" by writing all of them there before, as a pickled list of (topic, type, bytes, seconds).
 """
 
 import pickle
@@ -38,7 +38,7 @@ def main(topics: list[str]) -> None:
         with lock:
             if command == "keep":
                 Path(path).write_bytes(pickle.dumps(kept))
-            print(len(kept), flush=True)
+            print(sum(topic != "/diagnostics" for topic, *_ in kept), flush=True)
     rospy.signal_shutdown("done")
 
 

@@ -11,12 +11,18 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
+from collections.abc import Collection
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
 ROOT = Path(__file__).parents[2]
+REPORTS = "/diagnostics"
+"""Where nodes count what they do."""
 _PATIENCE_S = 60.0
+_SETTLING_S = 180.0
+_PORTS = 5
+_CORE_IS_THERE = "started core service"
 _STEP_S = 0.1
 _CONNECTED_S = "2"  # ten times rosbag's own: machines are busy
 
@@ -31,10 +37,9 @@ class RosWorld:
     """Started by ``with``; everything that it started ends with it."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.port = folder, _free_port()
+        self.folder = folder
         self.environment = {
             **os.environ,
-            "ROS_MASTER_URI": f"http://127.0.0.1:{self.port}",
             "ROS_IP": "127.0.0.1",
             "ROS_HOME": str(folder / "ros"),
             "ROS_LOG_DIR": str(folder / "ros" / "log"),
@@ -43,9 +48,10 @@ class RosWorld:
         }
         self.environment.pop("ROS_HOSTNAME", None)
         self.processes: list[subprocess.Popen[Any]] = []
+        self.nodes: dict[str, subprocess.Popen[Any]] = {}
 
     def __enter__(self) -> "RosWorld":
-        self.core = self.start_core()
+        self.core = self._first_core()
         return self
 
     def __exit__(
@@ -59,8 +65,29 @@ class RosWorld:
 
     def start_core(self) -> "subprocess.Popen[Any]":
         """The master, on the port of this world, which may have had another one before."""
+        core = self._core()
+        assert core.poll() is None, self.log("roscore")
+        return core
+
+    def _first_core(self) -> "subprocess.Popen[Any]":
+        """On another port if someone else took it since it was free."""
+        for _ in range(_PORTS):
+            self.port = _free_port()
+            self.environment["ROS_MASTER_URI"] = f"http://127.0.0.1:{self.port}"
+            core = self._core()
+            if core.poll() is None:
+                return core
+        raise AssertionError(self.log("roscore"))
+
+    def _core(self) -> "subprocess.Popen[Any]":
+        """A master that is there, or has ended."""
+        before = self.log("roscore").count(_CORE_IS_THERE)
         core = self.run("roscore", ["roscore", "-p", str(self.port)])
-        wait_until(self._answers, f"roscore: {self.log('roscore')}")
+        # Not by whether the port answers: another world's master may be what does.
+        wait_until(
+            lambda: self.log("roscore").count(_CORE_IS_THERE) > before or core.poll() is not None,
+            "roscore",
+        )
         return core
 
     def run(self, name: str, command: list[str], **more: Any) -> "subprocess.Popen[Any]":
@@ -81,7 +108,7 @@ class RosWorld:
         """One of our nodes, as the interpreter of these tests runs it."""
         before = self.log(name).count("is ready")
         script = ROOT / "ros" / "nodes" / name
-        process = self.run(name, [sys.executable, str(script), *arguments])
+        process = self.nodes[name] = self.run(name, [sys.executable, str(script), *arguments])
         if ready:
             wait_until(
                 lambda: self.log(name).count("is ready") > before or process.poll() is not None,
@@ -115,10 +142,6 @@ class RosWorld:
             process.kill()
             return process.wait()
 
-    def _answers(self) -> bool:
-        with socket.socket() as line:
-            return line.connect_ex(("127.0.0.1", self.port)) == 0
-
 
 class Heard(NamedTuple):
     """A message, and when it arrived, by a clock that only rises."""
@@ -130,14 +153,14 @@ class Heard(NamedTuple):
 
 
 class Listener:
-    """Keeps all messages of some topics."""
+    """Keeps all messages of some topics, and what nodes report meanwhile."""
 
     def __init__(self, world: RosWorld, topics: tuple[str, ...]) -> None:
-        self._world = world
+        self._world, self._topics = world, topics
         script = str(Path(__file__).with_name("listener.py"))
         self._process = world.run(
             "listener",
-            [sys.executable, script, *topics],
+            [sys.executable, script, *{*topics, REPORTS}],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -145,29 +168,51 @@ class Listener:
         assert self._answer() == "ready", world.log("listener")
 
     def count(self) -> int:
-        """Number of messages so far."""
+        """Number of messages so far, without reports."""
         return int(self._ask("count"))
 
     def settle(self, silence_s: float = 3.0) -> None:
-        """Wait until nothing has come for a while: all is worked off."""
+        """Wait until nothing has come for a while and no node counts on: all is worked off.
+
+        Nodes are those that this world started and that run; each has to report twice.
+        """
+        end = time.monotonic() + _SETTLING_S
         count, since = self.count(), time.monotonic()
-        while time.monotonic() - since < silence_s:
+        while time.monotonic() - since < silence_s or not self._is_idle(since):
+            assert time.monotonic() < end, "the nodes work on and on"
             time.sleep(_STEP_S)
             now = self.count()
             if now != count:
                 count, since = now, time.monotonic()
 
+    def _is_idle(self, since: float) -> bool:
+        """Whether all that nodes counted since then stayed as it was."""
+        counts: dict[str, list[dict[str, str]]] = defaultdict(list)
+        for each in self._kept([REPORTS]):
+            if each.seconds > since:
+                (status,) = each.message.status
+                values = {value.key: value.value for value in status.values}
+                values.pop("processor time [s]")  # passes even without work
+                counts[status.hardware_id].append(values)
+        running = [name for name, process in self._world.nodes.items() if process.poll() is None]
+        last = [counts[f"/{name}"][-2:] for name in running]
+        return all(len(reports) == 2 and reports[0] == reports[1] for reports in last)
+
     def heard(self) -> list[Heard]:
         """All messages in the order in which they came."""
+        return self._kept(self._topics)
+
+    def _kept(self, topics: Collection[str]) -> list[Heard]:
         from fusionslam.ros.message_types import message_class
 
         path = self._world.folder / "kept.pickle"
         self._ask(f"keep {path}")
         found = []
         for topic, type_name, content, seconds in pickle.loads(path.read_bytes()):
-            message = message_class(type_name)()
-            message.deserialize(content)
-            found.append(Heard(topic, type_name, message, seconds))
+            if topic in topics:
+                message = message_class(type_name)()
+                message.deserialize(content)
+                found.append(Heard(topic, type_name, message, seconds))
         return found
 
     def messages(self) -> dict[str, list[Any]]:

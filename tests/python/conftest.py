@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from command_line import FRAMES
+from ros_world import PlayedBag, played
 from tiny_kitti import write_sequence
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -27,13 +28,21 @@ def interrupts() -> Iterator[None]:
     signal.signal(signal.SIGINT, before)
 
 
+DATA = Path(os.environ.get("FUSIONSLAM_TEST_DATA", PROJECT / ".." / "shared" / "data"))
+
+
 @pytest.fixture(scope="session")
 def test_data() -> Path:
     """The folder of real and simulated test data, which is not part of the project."""
-    folder = Path(os.environ.get("FUSIONSLAM_TEST_DATA", PROJECT / ".." / "shared" / "data"))
-    if not folder.is_dir():
+    if not DATA.is_dir():
         pytest.skip("no test data: set FUSIONSLAM_TEST_DATA to their folder")
-    return folder
+    return DATA
+
+
+@pytest.fixture(scope="session")
+def played_bag() -> PlayedBag:
+    """A robot's drive for a live ROS, with or without test data."""
+    return played(DATA)
 
 
 @pytest.fixture(scope="session")

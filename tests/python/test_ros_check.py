@@ -43,7 +43,7 @@ def check(world: RosWorld, *arguments: str) -> tuple[int, str]:
         cwd=world.folder,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
     )
     assert not done.stderr, done.stderr
     return done.returncode, " ".join(done.stdout.split())
@@ -80,7 +80,8 @@ def test_the_remappings_that_it_names_make_it_well_and_nothing_is_left_behind(
     assert "to start: fusionslam ros launch ratslam scan:=/points image:=/camera/image" in words
     named = words.partition("to check again: fusionslam ros check ")[2].split()
     assert {*named} == {*REMAPPINGS, "odom:=/odom", "_node/queue:=50"}
-    code, words = check_while_playing(world, drive(40), *named)
+    # Long enough for rates, however late the first messages come.
+    code, words = check_while_playing(world, drive(40), *named, "--seconds", "4")
     assert code == 0 and "fault" not in words and "to check again" not in words, words
     assert "ok scans rate 2.00 Hz" in words and "ok images rate 10.00 Hz" in words
     assert "ok TF camera camera <- base <- velodyne" in words

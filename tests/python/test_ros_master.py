@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import benchmarks.ros.world as world_of_ros
 from bag_maker import drive, write_bag
 from fusionslam.datasets.bags.conversions import stamp_of
 from fusionslam.messages import Scan
@@ -104,3 +105,17 @@ def test_time_may_be_simulated_stand_still_and_begin_anew(bag: Path, tmp_path: P
         assert stamps(clouds) == 2 * STAMPS
         assert world.end(fusion) == 0
         assert "Traceback" not in world.log("data_fusion")
+
+
+def test_worlds_that_want_the_same_port_have_a_master_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folders = tmp_path / "one", tmp_path / "other"
+    for folder in folders:
+        folder.mkdir()
+    with RosWorld(folders[0]) as one:
+        ports = iter([one.port, world_of_ros._free_port()])
+        monkeypatch.setattr(world_of_ros, "_free_port", lambda: next(ports))
+        with RosWorld(folders[1]) as other:
+            assert other.port != one.port
+            assert one.core.poll() is None and other.core.poll() is None

@@ -10,35 +10,31 @@ import numpy as np
 
 from fusionslam.datasets.bags.conversions import stamp_of
 from fusionslam.ratslam import OnlineRatSlam
-from ros_world import RosWorld, needs_ros
+from ros_world import PlayedBag, RosWorld, needs_ros
 
 pytestmark = needs_ros
 
-SENSORS = (
-    "camera/rgb/image_raw:=/camera/image/compressed",
-    "camera/rgb/camera_info:=/camera/camera_info",
-)
+FAST = ("-r", "8")
 KEEPS = {
     "ratslam": ("_memory/file:=map.npz", "_export:=exported"),
     "lv_matching": ("_memory/file:=views.npz",),
 }
 
 
-def test_map_and_views_go_on_after_nodes_were_killed(test_data: Path, tmp_path: Path) -> None:
-    bag = test_data / "bags" / "small_house_20s.bag"
+def test_map_and_views_go_on_after_nodes_were_killed(played_bag: PlayedBag, tmp_path: Path) -> None:
     with RosWorld(tmp_path) as world:
         listener = world.listen("/LocalView/Template", "/ExperienceMap/Map")
         nodes = {name: world.node(name, *options) for name, options in KEEPS.items()}
         world.node("lv_builder")
-        world.node("data_fusion", *SENSORS)
-        world.play(bag, "-r", "4", "-u", "10")
+        world.node("data_fusion", *played_bag.sensors)
+        world.play(played_bag.path, *FAST, "-u", "10")
         listener.settle()
         before = listener.messages()
         for process in nodes.values():
             world.end(process, signal.SIGKILL)
         kept = OnlineRatSlam.load(tmp_path / "map.npz").slam.map.nodes
         nodes = {name: world.node(name, *options) for name, options in KEEPS.items()}
-        world.play(bag, "-r", "4", "-s", "10")
+        world.play(played_bag.path, *FAST, "-s", "10")
         listener.settle()
         for process in nodes.values():
             assert world.end(process) == 0
@@ -57,20 +53,19 @@ def test_map_and_views_go_on_after_nodes_were_killed(test_data: Path, tmp_path: 
     assert {path.name for path in (tmp_path / "exported").iterdir()} >= {"map.json", "map.g2o"}
 
 
-def test_a_map_outlives_views_that_were_lost(test_data: Path, tmp_path: Path) -> None:
-    bag = test_data / "bags" / "small_house_20s.bag"
+def test_a_map_outlives_views_that_were_lost(played_bag: PlayedBag, tmp_path: Path) -> None:
     with RosWorld(tmp_path) as world:
         listener = world.listen("/LocalView/Template", "/ExperienceMap/Map")
         world.node("ratslam")
         matching = world.node("lv_matching")
         world.node("lv_builder")
-        world.node("data_fusion", *SENSORS)
-        world.play(bag, "-r", "4", "-u", "10")
+        world.node("data_fusion", *played_bag.sensors)
+        world.play(played_bag.path, *FAST, "-u", "10")
         listener.settle()
         count = len(listener.messages()["/ExperienceMap/Map"][-1].node)
         world.end(matching, signal.SIGKILL)
         world.node("lv_matching")
-        world.play(bag, "-r", "4", "-s", "10")
+        world.play(played_bag.path, *FAST, "-s", "10")
         listener.settle()
         found = listener.messages()
     new = [each.current_id for each in found["/LocalView/Template"] if each.is_new]

@@ -17,14 +17,10 @@ from fusionslam.evaluation.views import judge_views
 from fusionslam.messages import Scan
 from fusionslam.sensors import Cloud
 from fusionslam.views.scene_sets import SceneSet
-from ros_world import RosWorld, needs_ros
+from ros_world import PlayedBag, RosWorld, needs_ros
 
 pytestmark = needs_ros
 
-SENSORS = (
-    "camera/rgb/image_raw:=/camera/image/compressed",
-    "camera/rgb/camera_info:=/camera/camera_info",
-)
 TRUTH = "ground_truth:=/odom"
 LOOPS = ("_loop_closure/window:=2", "_loop_closure/threshold:=0.6")
 # So low a threshold takes other places for known ones, which the analyser has to notice.
@@ -42,20 +38,21 @@ class Driven:
 
 
 @pytest.fixture(scope="module")
-def driven(test_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Driven:
-    bag, folder = test_data / "bags" / "small_house_20s.bag", tmp_path_factory.mktemp("driven")
+def driven(played_bag: PlayedBag, tmp_path_factory: pytest.TempPathFactory) -> Driven:
+    bag, folder = played_bag.path, tmp_path_factory.mktemp("driven")
+    image, info = played_bag.sensors
     with RosWorld(folder) as world:
         listener = world.listen(
             "/rgb_cloud", "/loop_closures", "/LocalView/Template", "/view_statistics"
         )
         watchers = [
-            world.node("lv_analyzer", TRUTH, SENSORS[0], "_output:=judged"),
+            world.node("lv_analyzer", TRUTH, image, "_output:=judged"),
             world.node("lv_dataset_creator", TRUTH, "_memory/file:=made/scenes.npz"),
             world.node("loop_closure", *LOOPS, "_memory/file:=loops"),
         ]
         world.node("lv_matching", *OBJECTS)
         world.node("lv_builder", *OBJECTS)
-        world.node("data_fusion", *SENSORS)
+        world.node("data_fusion", image, info)
         world.play(bag, "-r", "4")
         listener.settle()
         for process in watchers:
@@ -111,7 +108,10 @@ def test_views_are_judged_as_the_library_judges_them(driven: Driven) -> None:
     )
     assert last.accuracy == wanted.accuracy
     written = json.loads((driven.folder / "judged" / "views.json").read_text())
-    assert written == json.loads(json.dumps(wanted.metrics()))
+    metrics = wanted.metrics()
+    assert written.pop("limits") == metrics.pop("limits")
+    # Truth at a stamp is interpolated, here by another library.
+    assert written == pytest.approx(metrics)
     assert "accuracy" in driven.log
     pictures = {path.name for path in (driven.folder / "judged").glob("*.jpg")}
     assert pictures == {f"false_positive_{scan:06d}.jpg" for scan in wanted.false_positive_indices}
