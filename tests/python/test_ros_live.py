@@ -65,7 +65,7 @@ def test_clouds_ids_and_map_are_those_of_the_commands(
     with RosWorld(tmp_path) as world:
         listener = world.listen(*OUTPUTS)
         # The view of the last cloud comes only once data_fusion has met with a second of silence.
-        world.node("ratslam", "_node/idle:=2")
+        world.node("ratslam")
         for name in ("lv_matching", "lv_builder"):
             world.node(name)
         world.node("data_fusion", *offline.bag.sensors)
