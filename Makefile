@@ -12,7 +12,7 @@ test: setup
 	cmake -S . -B build/cpp -G Ninja -DCMAKE_BUILD_TYPE=Release > build/cpp-configure.log 2>&1 || (cat build/cpp-configure.log; exit 1)
 	cmake --build build/cpp
 	ctest --test-dir build/cpp --output-on-failure
-	$(BIN)/python -m pytest -n $$(nproc) --dist loadfile
+	$(BIN)/python -m pytest -n $$(nproc) --dist loadfile --no-loadscope-reorder
 
 bench: setup
 	scripts/bench.sh --write

@@ -32,7 +32,7 @@ cp -r python/fusionslam $build/package/
 rm -f $build/package/fusionslam/_core*.so
 cp $build/bindings/_core*.so $build/package/fusionslam/
 LD_PRELOAD="$(g++ -print-file-name=libasan.so) $(g++ -print-file-name=libubsan.so)" \
-  PYTHONPATH=$build/package "$python" -m pytest -q -p no:cacheprovider \
+  PYTHONPATH=$build/package "$python" -m pytest -q -p no:cacheprovider -n "$(nproc)" \
   tests/python/test_{array_layouts,refused_arrays,gil}.py \
   tests/python/test_{descriptors,paper_m2dp,color_bins,robust}.py \
   tests/python/test_{colorize,filters,fuse,ground,rectify,stereo}.py \
