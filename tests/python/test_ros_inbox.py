@@ -194,6 +194,14 @@ def test_what_is_lost_at_the_end_is_said(tmp_path: Path, caplog: pytest.LogCaptu
     assert last.levelno == logging.ERROR and "lost" in last.getMessage()
 
 
+def test_ten_times_as_many_small_messages_may_wait() -> None:
+    inbox = Inbox(limit=3, only_one_s=1.0)
+    lost = [inbox.put(Arrival("odom", k, 0.0, 0), "/base", is_small=True) for k in range(31)]
+    assert lost == [None] * 30 + [TOO_MANY]
+    first = inbox.get(0.0)
+    assert first is not None and first.message == 1
+
+
 @pytest.mark.parametrize("folder", ["/proc/none", "file"])
 def test_a_place_that_cannot_be_written_is_said_at_the_start(
     folder: str, tmp_path: Path, caplog: pytest.LogCaptureFixture

@@ -10,8 +10,8 @@ from typing import Any
 
 TOO_MANY = "too many wait"
 SECOND_PUBLISHER = "second publisher"
-# Transforms are small, come from everywhere, and each is of another frame.
-_SHARED = 10
+# Of small messages, such as odometry, and transforms, which come from everywhere.
+_MANY = 10
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Inbox:
 
     Args:
         limit: messages of a topic that wait at most, ten times as many where it has several
-            publishers; the oldest of the topic make room.
+            publishers, or small messages; the oldest of the topic make room.
         only_one_s: a second publisher of a topic is heard once the first was silent for so long;
             messages of two at a time contradict each other.
         is_there: whether a topic's publisher still is; where it is gone, as after a restart of
@@ -69,12 +69,13 @@ class Inbox:
         with self._changed:
             return self._dropped.copy()
 
-    def put(self, arrival: Arrival, publisher: str | None) -> str | None:
+    def put(self, arrival: Arrival, publisher: str | None, *, is_small: bool = False) -> str | None:
         """Take a message; the reason why a message of the topic was dropped, if one was.
 
         Args:
             arrival: the message.
             publisher: who sent it, where the topic must have only one; else None.
+            is_small: whether the topic's messages are small and many, as odometry's.
         """
         with self._changed:
             self._taken[arrival.topic] += 1
@@ -82,7 +83,8 @@ class Inbox:
                 self._dropped[arrival.topic, SECOND_PUBLISHER] += 1
                 return SECOND_PUBLISHER
             queue = self._waiting.setdefault(arrival.topic, deque())
-            is_full = len(queue) == self._limit * (1 if publisher is not None else _SHARED)
+            more = _MANY if is_small or publisher is None else 1
+            is_full = len(queue) == self._limit * more
             if is_full:
                 queue.popleft()
                 self._dropped[arrival.topic, TOO_MANY] += 1

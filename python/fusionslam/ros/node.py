@@ -25,6 +25,7 @@ class Input:
         types: ROS types that it may have.
         take: called with each message, as a value of ``fusionslam.messages`` where there is one.
         shared: whether it usually has several publishers.
+        small: whether its messages are small and many: more of them may wait.
         optional: whether the node can do without it.
     """
 
@@ -32,6 +33,7 @@ class Input:
     types: Sequence[str]
     take: Callable[[Any], None]
     shared: bool = False
+    small: bool = False
     optional: bool = False
 
 

@@ -55,7 +55,9 @@ class Worker:
         """A message as rospy's AnyMsg has it; called in any thread."""
         sender = _sender(message)
         arrival = Arrival(topic, message, time.monotonic(), self._now_ns())
-        lost = self.inbox.put(arrival, None if self.inputs[topic].shared else sender)
+        entry = self.inputs[topic]
+        publisher = None if entry.shared else sender
+        lost = self.inbox.put(arrival, publisher, is_small=entry.small)
         if lost == SECOND_PUBLISHER:
             first = self.inbox.publisher_of(topic)
             self._complain(

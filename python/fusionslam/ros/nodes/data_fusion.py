@@ -94,7 +94,7 @@ class DataFusion(Node[DataFusionConfig]):
     def inputs(self) -> Sequence[Input]:
         """Scans, images with their calibration, odometry and TF."""
         found = [
-            Input(ODOM, [ODOMETRY], self._take, optional=True),
+            Input(ODOM, [ODOMETRY], self._take, small=True, optional=True),
             Input("/tf", [TRANSFORMS], self._take, shared=True, optional=True),
             Input("/tf_static", [TRANSFORMS], self._take, shared=True, optional=True),
         ]

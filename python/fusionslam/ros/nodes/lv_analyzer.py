@@ -85,7 +85,7 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
         """Ids, the truth, and images, which only pictures need."""
         found = [
             Input(TEMPLATES, [VIEW_TEMPLATE], self._take_view),
-            Input(TRUTH, [ODOMETRY], self._take_truth),
+            Input(TRUTH, [ODOMETRY], self._take_truth, small=True),
         ]
         if self.config.output:
             found.append(Input(LEFT[0], IMAGES, self._take_image, optional=True))

@@ -66,7 +66,7 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
             if self.config.keep == "clouds"
             else Input(DESCRIPTIONS, [VIEW_DESCRIPTION], self._take_description)
         )
-        return [what, Input(TRUTH, [ODOMETRY], self._take_truth)]
+        return [what, Input(TRUTH, [ODOMETRY], self._take_truth, small=True)]
 
     def idle(self) -> None:
         """No pose is to be expected any more."""

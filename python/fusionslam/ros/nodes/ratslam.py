@@ -104,7 +104,7 @@ class Mapper(Node[MapperConfig]):
     def inputs(self) -> Sequence[Input]:
         """Odometry and what views were recognised."""
         return [
-            Input("odom", [ODOMETRY], self._take_odometry),
+            Input("odom", [ODOMETRY], self._take_odometry, small=True),
             Input(TEMPLATES, [VIEW_TEMPLATE], self._take_view),
         ]
 
