@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, FusionSlamError
 
 DAMAGED = (
     ValueError,
@@ -28,6 +28,24 @@ DAMAGED = (
 )
 """What numpy, zipfile and json raise, besides OSError, where a .npz is damaged or another's: single
 wrong bits say that it is encrypted (RuntimeError), or of a newer kind (NotImplementedError)."""
+
+
+@contextmanager
+def reading(path: str | os.PathLike[str], what: str) -> Iterator[None]:
+    """Whatever is wrong with a stored file that is read becomes a DataError that names the file.
+
+    Args:
+        path: of the file.
+        what: it is none of, where it is damaged: "no stored views".
+    """
+    try:
+        yield
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
+    except FusionSlamError as error:
+        raise DataError(f"{path}: {error}") from error
+    except DAMAGED as error:
+        raise DataError(f"{path}: {what}, or cut short: {error}") from error
 
 
 @contextmanager

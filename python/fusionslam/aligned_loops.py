@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fusionslam._files import DAMAGED, atomic_path
+from fusionslam._files import atomic_path, reading
 from fusionslam.errors import DataError
 from fusionslam.loop_closure import Loop, LoopDetector
 from fusionslam.sensors import Cloud
@@ -117,16 +117,15 @@ class AlignedLoopDetector:
         """Go on from what ``save`` wrote. Raises DataError naming the file."""
         loops = cls(LoopDetector.load(folder), scene=scene, alignment=alignment)
         path = Path(folder) / _SCENES
-        try:
-            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-                if json.loads(str(stored["about"]))["format"] != FORMAT:
-                    raise DataError(f"expected format {FORMAT}")
-                loops._stored = unpacked(stored["scenes"], stored["offsets"])[: len(loops)]
-                loops._stamps_ns = stored["stamps_ns"].tolist()[: len(loops)]
-        except OSError as error:
-            raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-        except DAMAGED as error:
-            raise DataError(f"{path}: no stored loops, or cut short: {error}") from error
+        with (
+            reading(path, "no stored loops"),
+            path.open("rb") as stream,
+            np.load(stream, allow_pickle=False) as stored,
+        ):
+            if json.loads(str(stored["about"]))["format"] != FORMAT:
+                raise DataError(f"expected format {FORMAT}")
+            loops._stored = unpacked(stored["scenes"], stored["offsets"])[: len(loops)]
+            loops._stamps_ns = stored["stamps_ns"].tolist()[: len(loops)]
         if not len(loops._stored) == len(loops._stamps_ns) == len(loops):
             raise DataError(f"{path}: {len(loops._stored)} scenes of {len(loops)} clouds")
         return loops

@@ -86,3 +86,15 @@ def test_a_damaged_file_is_refused_whatever_is_wrong_with_it(tmp_path: Path) -> 
     path.unlink()
     with pytest.raises(DataError, match=r"cannot read .*scenes"):
         AlignedLoopDetector.load(tmp_path)
+
+
+def test_a_file_of_another_version_is_named(tmp_path: Path) -> None:
+    loops = detector()
+    driven(loops, DRIVE[:2])
+    loops.save(tmp_path)
+    path = tmp_path / "scenes.npz"
+    with np.load(path) as stored:
+        arrays = {**stored, "about": np.array('{"format": "fusionslam.aligned_loops.0"}')}
+    np.savez(path, **arrays)
+    with pytest.raises(DataError, match=r"scenes\.npz: expected format fusionslam"):
+        AlignedLoopDetector.load(tmp_path)

@@ -12,8 +12,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam._files import DAMAGED, atomic_path
-from fusionslam.errors import DataError, FusionSlamError, ShapeError
+from fusionslam._files import atomic_path, reading
+from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.rigid import wrapped
 from fusionslam.ratslam.experience_map import LINK
 
@@ -184,15 +184,8 @@ class RatSlamRun:
             DataError: the file is missing, cut short, of another version or something else; the
                 message names it.
         """
-        try:
-            with Path(path).open("rb") as stream:
-                return cls.read(stream)
-        except OSError as error:
-            raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-        except FusionSlamError as error:
-            raise DataError(f"{path}: {error}") from error
-        except DAMAGED as error:
-            raise DataError(f"{path}: not a stored RatSLAM run, or cut short: {error}") from error
+        with reading(path, "not a stored RatSLAM run"), Path(path).open("rb") as stream:
+            return cls.read(stream)
 
     @classmethod
     def read(cls, stream: BinaryIO) -> "RatSlamRun":

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fusionslam._files import DAMAGED, atomic_path
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam._files import atomic_path, reading
+from fusionslam.errors import DataError
 from fusionslam.ratslam.sources import ViewSource
 
 FORMAT = "fusionslam.view_source.1"
@@ -30,17 +30,14 @@ def restore_source(source: ViewSource, path: str | os.PathLike[str]) -> None:
         DataError: missing, cut short, damaged, or of another kind of source; the message names the
             file.
     """
-    try:
-        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            about = json.loads(str(stored["about"]))
-            if about["format"] != FORMAT:
-                raise DataError(f"is of format {about['format']}, expected {FORMAT}")
-            if about["kind"] != source.kind:
-                raise DataError(f"holds the views of a {about['kind']}, expected {source.kind}")
-            source.restore(stored["views"].tobytes())
-    except OSError as error:
-        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-    except FusionSlamError as error:
-        raise DataError(f"{path}: {error}") from error
-    except DAMAGED as error:
-        raise DataError(f"{path}: no stored views, or cut short: {error}") from error
+    with (
+        reading(path, "no stored views"),
+        Path(path).open("rb") as stream,
+        np.load(stream, allow_pickle=False) as stored,
+    ):
+        about = json.loads(str(stored["about"]))
+        if about["format"] != FORMAT:
+            raise DataError(f"is of format {about['format']}, expected {FORMAT}")
+        if about["kind"] != source.kind:
+            raise DataError(f"holds the views of a {about['kind']}, expected {source.kind}")
+        source.restore(stored["views"].tobytes())

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from fusionslam._files import DAMAGED, atomic_path
+from fusionslam._files import atomic_path, reading
 from fusionslam.config import Section, core_section, merged, option
 from fusionslam.descriptors import DescriptorConfig
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.sensors import Frame
 from fusionslam.views.alignment import AlignmentComparison, AlignmentConfig
@@ -307,7 +307,7 @@ class ViewMatcher:
             DataError: missing, cut short, damaged, of another version or of another comparison;
                 the message names the file.
         """
-        try:
+        with reading(path, "no stored view matcher"):
             about, slots, state = _read(Path(path))
             matcher = cls(
                 merged(ViewMatcherConfig(), about["views"]),
@@ -316,12 +316,6 @@ class ViewMatcher:
                 comparison=comparison,
             )
             matcher._restore(about, slots, state)
-        except OSError as error:
-            raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-        except FusionSlamError as error:
-            raise DataError(f"{path}: {error}") from error
-        except DAMAGED as error:
-            raise DataError(f"{path}: no stored view matcher, or cut short: {error}") from error
         return matcher
 
     def _restore(

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam._files import DAMAGED, atomic_path
+from fusionslam._files import DAMAGED, atomic_path, reading
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors import Cloud
 from fusionslam.views.scenes import Scene, SceneConfig, build_scene
@@ -219,14 +219,8 @@ class SceneSet:
             DataError: the file is missing, cut short, of another version or something else; the
                 message names it.
         """
-        try:
+        with reading(path, "not a scene set"):
             return cls(**_read(Path(path)))
-        except DataError as error:
-            raise DataError(f"{path}: {error}") from error
-        except OSError as error:
-            raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-        except DAMAGED as error:
-            raise DataError(f"{path}: not a scene set, or cut short: {error}") from error
 
 
 def scene_values(config: SceneConfig) -> dict[str, Any]:
