@@ -45,7 +45,9 @@ def reading(path: str | os.PathLike[str], what: str) -> Iterator[None]:
     except FusionSlamError as error:
         raise DataError(f"{path}: {error}") from error
     except DAMAGED as error:
-        raise DataError(f"{path}: {what}, or cut short: {error}") from error
+        # numpy takes whatever it does not know for a pickle, and advises to trust it.
+        why = "it is no .npz" if "pickle" in str(error) else error
+        raise DataError(f"{path}: {what}, or cut short: {why}") from error
 
 
 @contextmanager

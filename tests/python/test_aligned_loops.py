@@ -98,3 +98,6 @@ def test_a_file_of_another_version_is_named(tmp_path: Path) -> None:
     np.savez(path, **arrays)
     with pytest.raises(DataError, match=r"scenes\.npz: expected format fusionslam"):
         AlignedLoopDetector.load(tmp_path)
+    path.write_text("something else")
+    with pytest.raises(DataError, match=r"no stored loops, or cut short: it is no \.npz"):
+        AlignedLoopDetector.load(tmp_path)
