@@ -30,6 +30,7 @@ lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	PYTHONPATH=python $(BIN)/lint-imports
 	$(BIN)/clang-format --dry-run --Werror $(SOURCES)
 	scripts/stub.sh --check
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from fusionslam import fuse, open_dataset
 from fusionslam.datasets import open_bag, open_writer
-from fusionslam.messages import (
+from fusionslam.sensors.messages import (
     CameraInfo,
     Event,
     FrameTransform,

@@ -24,8 +24,8 @@ from scipy.special import expit
 from benchmarks.accuracy.data import data_folder
 from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.evaluation import judge_views
+from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.views import AlignmentConfig, AlignmentIndex, build_scene
-from fusionslam.views.drives import Drive, open_drive
 from fusionslam.views.matcher import PROBABILITY
 
 ROOT = Path(__file__).parents[2]

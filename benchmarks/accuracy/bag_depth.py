@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import fusionslam
 from benchmarks.accuracy.data import data_folder
 from fusionslam.datasets import open_dataset
-from fusionslam.sensors import Frame
+from fusionslam.sensors.frame import Frame
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.worlds import load_world
 

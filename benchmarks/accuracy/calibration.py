@@ -24,8 +24,8 @@ from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.calibration.check import CalibrationCheck, check_calibration
 from fusionslam.calibration.search import DELAY, CalibrationCheckConfig, Recording, turned
 from fusionslam.datasets import open_bag, open_writer
-from fusionslam.messages import CameraInfo, Picture
-from fusionslam.sensors import Frame
+from fusionslam.sensors.frame import Frame
+from fusionslam.sensors.messages import CameraInfo, Picture
 from fusionslam.sim import embedded_drive
 
 PAGE = ROOT / "docs" / "calibration.md"

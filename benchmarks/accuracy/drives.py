@@ -18,11 +18,12 @@ from scipy.spatial import cKDTree
 
 from benchmarks.accuracy.data import ROOT, world_files
 from benchmarks.accuracy.markdown import table, write_between
+from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.indoor import HouseConfig, make_indoor
-from fusionslam.sim.motion.driving import DriveLimits
+from fusionslam.sim.motion.clearance import check_trajectory
 from fusionslam.sim.motion.occupancy import OccupancyMap
+from fusionslam.sim.motion.path_following import DriveLimits
 from fusionslam.sim.motion.planner import PlanConfig, plan_trajectory
-from fusionslam.sim.motion.trajectory import Trajectory, check_trajectory
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds import load_world
 

@@ -23,15 +23,16 @@ from numpy.typing import NDArray
 import fusionslam
 from benchmarks.accuracy.data import ROOT, world_files
 from benchmarks.accuracy.markdown import table, write_between
-from fusionslam.fusion import CloudFrame, FusionConfig, plane_of, segments_of
+from fusionslam.fusion import FusionConfig, plane_of, segments_of
+from fusionslam.geometry.trajectory import ground_poses
+from fusionslam.sensors.frame import CloudFrame
 from fusionslam.sim import SimConfig
 from fusionslam.sim.indoor import INDOOR_WORLDS, indoor_places
 from fusionslam.sim.lidar import LidarConfig, scan
-from fusionslam.sim.motion.trajectory import ground_poses
 from fusionslam.sim.robot import base_from, robot_named
 from fusionslam.sim.scene import RayCaster, Scene
-from fusionslam.sim.town.drive import make_drive
 from fusionslam.sim.town.layout import make_town
+from fusionslam.sim.town.route import make_drive
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds import load_world
 

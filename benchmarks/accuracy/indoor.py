@@ -23,7 +23,7 @@ from fusionslam.sim.indoor import (
     indoor_places,
     make_indoor,
 )
-from fusionslam.sim.indoor.paints import indoor_textures
+from fusionslam.sim.indoor.textures import indoor_textures
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.world import World
 

@@ -16,7 +16,8 @@ from pathlib import Path
 from benchmarks.accuracy.markdown import table, write_between
 from fusionslam import DescriptorConfig, FusionConfig, PipelineConfig, describe_dataset
 from fusionslam.datasets import open_dataset
-from fusionslam.evaluation import DIRECTIONS, Evaluation, evaluate, visits
+from fusionslam.evaluation import DIRECTIONS, Evaluation, evaluate
+from fusionslam.evaluation.loops import revisits as visits
 from fusionslam.sim import embedded_drive
 
 ROOT = Path(__file__).parents[2]

@@ -15,15 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
-from fusionslam.evaluation.view_rules import view_rule
-from fusionslam.ratslam import RatSlam, RatSlamConfig, RatSlamRun, Sighting, ViewSource
-from fusionslam.ratslam.run_events import RunEvents, during, events_of, motions_of
-from fusionslam.ratslam.runs import RunRecorder, truth_at
-from fusionslam.ratslam.sources import SOURCES, source_named
-from fusionslam.ratslam.tours import Tour, open_tour
-from fusionslam.sim.motion.odometry import OdometryConfig
-from fusionslam.views.bench import known_recordings
-from fusionslam.views.matches import NO_VIEW
+from fusionslam.evaluation import RatSlamRun
+from fusionslam.evaluation.views.rules import view_rule
+from fusionslam.geometry.odometry_noise import OdometryConfig
+from fusionslam.pipelines.compare_views import known_recordings
+from fusionslam.pipelines.map_events import RunEvents, during, events_of, motions_of
+from fusionslam.pipelines.maps import RunRecorder, truth_at
+from fusionslam.pipelines.tours import Tour, open_tour
+from fusionslam.ratslam import RatSlam, RatSlamConfig, Sighting, ViewSource
+from fusionslam.ratslam.view_sources import SOURCES, source_named
+from fusionslam.views.match import NO_VIEW
 
 MADE = ("warehouse", "house", "hospital")
 """Procedural worlds."""

@@ -19,9 +19,9 @@ from benchmarks.accuracy.ratslam_courses import Course, courses, with_false_matc
 from benchmarks.accuracy.ratslam_maps import PAGE, PICTURES
 from fusionslam.config import merged
 from fusionslam.evaluation import MapReport, judge_map
+from fusionslam.geometry.odometry_noise import DRIFT
 from fusionslam.ratslam import RatSlamConfig
-from fusionslam.report.plots import CURVE_COLORS, new_figure, styled
-from fusionslam.views.drives import DRIFT
+from fusionslam.report.loops.plots import CURVE_COLORS, new_figure, styled
 
 SHARES = (0.0, 0.05, 0.1, 0.2, 0.5)
 SEEDS = range(3)

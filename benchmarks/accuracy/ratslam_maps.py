@@ -19,12 +19,11 @@ from itertools import groupby
 from benchmarks.accuracy.data import ROOT
 from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.accuracy.ratslam_courses import Course, courses
-from fusionslam.evaluation import MapReport, judge_map
-from fusionslam.evaluation.map_report import PoseErrors
-from fusionslam.ratslam import RatSlamConfig, RatSlamRun
-from fusionslam.report.ratslam_maps import map_figure
-from fusionslam.sim.motion.odometry import OdometryConfig
-from fusionslam.views.drives import DRIFT
+from fusionslam.evaluation import MapReport, RatSlamRun, judge_map
+from fusionslam.evaluation.maps.report import PoseErrors
+from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
+from fusionslam.ratslam import RatSlamConfig
+from fusionslam.report.maps.map_figures import map_figure
 
 PAGE = ROOT / "docs" / "ratslam.md"
 PICTURES = ROOT / "docs" / "images"

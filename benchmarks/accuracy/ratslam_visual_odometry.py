@@ -20,15 +20,15 @@ from numpy.typing import NDArray
 
 from benchmarks.accuracy.data import ROOT, world_files
 from benchmarks.accuracy.markdown import table, write_between
-from fusionslam.evaluation.maps import judge_map
+from fusionslam.evaluation.maps.judge import judge_map
+from fusionslam.geometry.trajectory import Trajectory, read_trajectory
+from fusionslam.pipelines.drive_images import Images, rendered_images
+from fusionslam.pipelines.map_events import events_of, expected_drift
+from fusionslam.pipelines.maps import RunRecorder, run_events
+from fusionslam.pipelines.tours import open_tour
+from fusionslam.pipelines.visual_odometry import image_stamps_ns, visual_motions, visual_speeds
 from fusionslam.ratslam import RatSlam, RatSlamConfig, TemplateSource
-from fusionslam.ratslam.run_events import events_of, expected_drift
-from fusionslam.ratslam.runs import RunRecorder, run_events
-from fusionslam.ratslam.tours import open_tour
-from fusionslam.ratslam.visual_motion import image_stamps_ns, visual_motions, visual_speeds
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualSpeed, fit_speed
-from fusionslam.sim.motion.trajectory import Trajectory, read_trajectory
-from fusionslam.views.images import Images, rendered_images
 
 PAGE = ROOT / "docs" / "ratslam.md"
 CAMERA = Path(__file__).with_name("quarter_camera.yaml")

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from benchmarks.accuracy.data import ROOT, WORLDS, data_folder
 from benchmarks.accuracy.markdown import table, write_between
+from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sim.lidar import LidarMount, lidar_rays, scan
-from fusionslam.sim.motion.trajectory import ground_poses
 from fusionslam.sim.robot import base_from, robot_named
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.worlds import load_world

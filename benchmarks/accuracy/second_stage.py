@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.accuracy.markdown import table, write_between
+from fusionslam.datasets.range_recording import RangeRecording, RecordingConfig
 from fusionslam.evaluation import judge_views
+from fusionslam.learning.places import apart
 from fusionslam.views import build_scene
-from fusionslam.views.learning import MODELS, SecondStage
-from fusionslam.views.learning.places import apart
-from fusionslam.views.learning.scores import area_under_curve
-from fusionslam.views.recordings import RangeRecording, RecordingConfig
+from fusionslam.views.second_stage import MODELS, SecondStage
+from fusionslam.views.second_stage.scores import area_under_curve
 from fusionslam.views.similarity import SceneIndex
 
 ROOT = Path(__file__).resolve().parents[2]

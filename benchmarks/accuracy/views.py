@@ -13,10 +13,10 @@ import os
 from pathlib import Path
 
 from benchmarks.accuracy.markdown import write_between
-from fusionslam.report.views_bench import markdown
-from fusionslam.views.bench import bench_views, known_recordings
-from fusionslam.views.drives import FRAMES, open_drive
-from fusionslam.views.entrants import ENTRANTS
+from fusionslam.pipelines.compare_views import bench_views, known_recordings
+from fusionslam.pipelines.drives import FRAMES, open_drive
+from fusionslam.pipelines.methods import ENTRANTS
+from fusionslam.report.views.comparison_tables import markdown
 
 PAGE = Path(__file__).parents[2] / "docs" / "view_results.md"
 

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.ros.world import Heard, RosWorld
 from fusionslam.config import merged
-from fusionslam.datasets.bags.conversions import stamp_of, value_of
-from fusionslam.online import FrameBuilder
+from fusionslam.datasets.bags.messages import stamp_of, value_of
 from fusionslam.ros.environment import need_ros
 from fusionslam.ros.nodes.data_fusion import DataFusion
+from fusionslam.sensors.frame_builder import FrameBuilder
 from fusionslam.sim.catalogue import MADE
-from fusionslam.sim.recording import embedded_bag, recording_config
+from fusionslam.sim.recordings import embedded_bag, recording_config
 
 PAGE = Path(__file__).parents[2] / "docs" / "ros.md"
 SCANS = "/velodyne_points"

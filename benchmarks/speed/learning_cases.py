@@ -12,9 +12,9 @@ from benchmarks.speed.cases import Agreement, Bound, Case, agree
 from benchmarks.speed.inputs import Inputs, Points, random_descriptors
 from benchmarks.speed.settings import Settings
 from benchmarks.speed.timing import timer
-from fusionslam.views.learning import MODELS, SecondStage
-from fusionslam.views.learning.inputs import network_input
-from fusionslam.views.learning.network_files import SHIPPED
+from fusionslam.views.second_stage import MODELS, SecondStage
+from fusionslam.views.second_stage.inputs import network_input
+from fusionslam.views.second_stage.network_files import SHIPPED
 
 TORCH = "torch, eager"
 POINTS = 2_000
@@ -56,7 +56,7 @@ def _torch(model: str) -> Callable[[Points, NDArray[np.uint8]], Points]:
     """The same network in torch, from the same weights, on one thread."""
     import torch
 
-    from fusionslam.views.learning.weight_files import load_pointnet
+    from fusionslam.learning.weight_files import load_pointnet
 
     torch.set_num_threads(1)
     network, _ = load_pointnet((SHIPPED / MODELS[model][0]).with_suffix(".safetensors"))

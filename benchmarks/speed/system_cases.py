@@ -16,7 +16,7 @@ from benchmarks.speed.settings import Settings
 from benchmarks.speed.timing import Times, timer
 from fusionslam.datasets import Dataset
 from fusionslam.evaluation import DescriptorRun
-from fusionslam.pipeline import describe_dataset
+from fusionslam.pipelines.describe import describe_dataset
 
 
 def frame_cases(inputs: Inputs, settings: Settings) -> Iterator[Case]:

@@ -8,7 +8,7 @@ python overlay.py DATA FRAME overlay.png
 import sys
 
 import fusionslam
-from fusionslam.overlay import draw_overlay
+from fusionslam.calibration.overlay import draw_overlay
 
 
 def main(data: str, number: str, output: str) -> None:

@@ -61,19 +61,19 @@ if TYPE_CHECKING:
     from fusionslam.errors import ShapeError as ShapeError
     from fusionslam.fusion import FusionConfig as FusionConfig
     from fusionslam.fusion import fuse as fuse
-    from fusionslam.loop_closure import Loop as Loop
-    from fusionslam.loop_closure import LoopConfig as LoopConfig
-    from fusionslam.loop_closure import LoopDetector as LoopDetector
-    from fusionslam.online import FrameBuilder as FrameBuilder
-    from fusionslam.online import OnlineConfig as OnlineConfig
-    from fusionslam.pipeline import PipelineConfig as PipelineConfig
-    from fusionslam.pipeline import describe_dataset as describe_dataset
-    from fusionslam.sensors import Camera as Camera
-    from fusionslam.sensors import Cloud as Cloud
-    from fusionslam.sensors import Frame as Frame
-    from fusionslam.synchronizer import SyncConfig as SyncConfig
-    from fusionslam.synchronizer import Synchronizer as Synchronizer
-    from fusionslam.transforms import TransformTree as TransformTree
+    from fusionslam.loop_closure.detector import Loop as Loop
+    from fusionslam.loop_closure.detector import LoopConfig as LoopConfig
+    from fusionslam.loop_closure.detector import LoopDetector as LoopDetector
+    from fusionslam.pipelines.describe import PipelineConfig as PipelineConfig
+    from fusionslam.pipelines.describe import describe_dataset as describe_dataset
+    from fusionslam.sensors.frame import Camera as Camera
+    from fusionslam.sensors.frame import Cloud as Cloud
+    from fusionslam.sensors.frame import Frame as Frame
+    from fusionslam.sensors.frame_builder import FrameBuilder as FrameBuilder
+    from fusionslam.sensors.frame_builder import OnlineConfig as OnlineConfig
+    from fusionslam.sensors.synchronizer import SyncConfig as SyncConfig
+    from fusionslam.sensors.synchronizer import Synchronizer as Synchronizer
+    from fusionslam.sensors.transforms import TransformTree as TransformTree
 
 # Loaded when first used: the command line must answer --help before any of this is there.
 _HOMES = {
@@ -89,12 +89,12 @@ _HOMES = {
     "descriptors": "DescriptorConfig describe",
     "errors": "ConfigError DataError FusionSlamError ShapeError",
     "fusion": "FusionConfig fuse",
-    "loop_closure": "Loop LoopConfig LoopDetector",
-    "online": "FrameBuilder OnlineConfig",
-    "pipeline": "PipelineConfig describe_dataset",
-    "sensors": "Camera Cloud Frame",
-    "synchronizer": "SyncConfig Synchronizer",
-    "transforms": "TransformTree",
+    "loop_closure.detector": "Loop LoopConfig LoopDetector",
+    "sensors.frame_builder": "FrameBuilder OnlineConfig",
+    "pipelines.describe": "PipelineConfig describe_dataset",
+    "sensors.frame": "Camera Cloud Frame",
+    "sensors.synchronizer": "SyncConfig Synchronizer",
+    "sensors.transforms": "TransformTree",
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
 

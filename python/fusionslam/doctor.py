@@ -102,7 +102,7 @@ def _installed(package: str) -> str:
 
 
 def _machine_cores() -> int:
-    from fusionslam.report.machine import machine
+    from fusionslam.storage.machine import machine
 
     return int(machine()["cores"])
 

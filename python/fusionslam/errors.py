@@ -24,3 +24,8 @@ class ConfigError(FusionSlamError, ValueError):
 
 class ShapeError(FusionSlamError, ValueError):
     """An array has the wrong shape, length or dtype: the message names the argument."""
+
+
+def one_line(error: Exception) -> str:
+    """A message of several lines in one."""
+    return "; ".join(line.strip() for line in str(error).splitlines())

@@ -13,10 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import create_model
 
-from fusionslam import _core, meanings
+from fusionslam import help_texts
+from fusionslam._core import (
+    GroundPlaneConfig,
+    GroundSegmentsConfig,
+    StereoConfig,
+    above_height,
+    cloud_from_disparity,
+    colorize,
+    drop_invalid,
+    remove_ground_plane,
+    remove_ground_segments,
+    stereo_disparity,
+    voxel_downsample,
+)
 from fusionslam.config import CoreConfig, Section, core_section, option
 from fusionslam.errors import DataError
-from fusionslam.sensors import Camera, Cloud, Frame
+from fusionslam.sensors.frame import Camera, Cloud, CloudFrame, Frame
 
 # Beneath a car's LiDAR at 1.73 m (KITTI), and what Stastny's program takes for a robot's floor.
 _SCAN_GROUND_M, _ROBOT_GROUND_M = -1.4, 0.1
@@ -52,18 +65,13 @@ if TYPE_CHECKING:
     class SegmentsSection(Section): ...
 
 else:
-    StereoSection = core_section("StereoSection", _core.StereoConfig, optional=True)
-    PlaneSection = _ground_section("PlaneSection", _core.GroundPlaneConfig, _ROBOT_PLANE)
-    SegmentsSection = _ground_section(
-        "SegmentsSection", _core.GroundSegmentsConfig, _ROBOT_SEGMENTS
-    )
-
+    StereoSection = core_section("StereoSection", StereoConfig, optional=True)
+    PlaneSection = _ground_section("PlaneSection", GroundPlaneConfig, _ROBOT_PLANE)
+    SegmentsSection = _ground_section("SegmentsSection", GroundSegmentsConfig, _ROBOT_SEGMENTS)
 logger = logging.getLogger(__name__)
 
 Source = Literal["lidar", "stereo", "cloud"]
 SOURCES: tuple[Source, ...] = ("lidar", "stereo", "cloud")
-
-CloudFrame = Literal["scan", "camera", "robot", "odometry"]
 
 
 class FusionConfig(Section):
@@ -71,11 +79,11 @@ class FusionConfig(Section):
 
     source: Source = option(
         "lidar",
-        meanings.SOURCE,
+        help_texts.SOURCE,
     )
     interpolation: Literal["nearest", "bilinear"] = option("nearest", "how a pixel is read")
-    frame: CloudFrame = option("scan", meanings.CLOUD_FRAME)
-    ground: Literal["none", "height", "plane", "segments"] = option("none", meanings.GROUND)
+    frame: CloudFrame = option("scan", help_texts.CLOUD_FRAME)
+    ground: Literal["none", "height", "plane", "segments"] = option("none", help_texts.GROUND)
     ground_height: float | None = option(
         None,
         "ground: height drops points not above this, in the frame that the ground is looked for "
@@ -162,7 +170,7 @@ def subset(cloud: Cloud, indices: NDArray[np.int64]) -> Cloud:
 
 def _lidar_cloud(frame: Frame, config: FusionConfig) -> Cloud:
     scan, camera, image = _scan(frame), _camera(frame, "left"), _image(frame, "left")
-    points, colors, _ = _core.colorize(
+    points, colors, _ = colorize(
         scan.points, image, camera.projection_from_points, interpolation=config.interpolation
     )
     return Cloud(points, colors)
@@ -172,9 +180,9 @@ def _stereo_cloud(frame: Frame, config: FusionConfig) -> Cloud:
     left, right = _image(frame, "left"), _image(frame, "right")
     cameras = _camera(frame, "left"), _camera(frame, "right")
     changes = config.stereo.model_dump(exclude_none=True)
-    settings = _core.StereoConfig(preset=config.stereo_preset, **changes)
-    points, colors, _ = _core.cloud_from_disparity(
-        _core.stereo_disparity(left, right, config=settings),
+    settings = StereoConfig(preset=config.stereo_preset, **changes)
+    points, colors, _ = cloud_from_disparity(
+        stereo_disparity(left, right, config=settings),
         left,
         cameras[0].projection,
         cameras[1].projection,
@@ -193,7 +201,7 @@ def _scan(frame: Frame) -> Cloud:
     if frame.points is None:
         raise DataError(f"frame {frame.index} has no scan, which this source needs")
     scan = Cloud(frame.points, frame.colors)
-    valid = _core.drop_invalid(scan.points)
+    valid = drop_invalid(scan.points)
     if len(valid) < len(scan):
         dropped = len(scan) - len(valid)
         logger.warning("frame %d: dropped %d points with NaN or infinity", frame.index, dropped)
@@ -232,22 +240,22 @@ def _above_ground(points: NDArray[np.float32], config: FusionConfig) -> NDArray[
         height = config.ground_height
         if height is None:
             height = _SCAN_GROUND_M if _is_cars(config) else _ROBOT_GROUND_M
-        return _core.above_height(points, height, up=config.up)
+        return above_height(points, height, up=config.up)
     if config.ground == "plane":
-        return _core.remove_ground_plane(points, up=config.up, config=plane_of(config))[0]
-    return _core.remove_ground_segments(points, up=config.up, config=segments_of(config))[0]
+        return remove_ground_plane(points, up=config.up, config=plane_of(config))[0]
+    return remove_ground_segments(points, up=config.up, config=segments_of(config))[0]
 
 
-def plane_of(config: FusionConfig) -> _core.GroundPlaneConfig:
+def plane_of(config: FusionConfig) -> GroundPlaneConfig:
     """How the core is to look for the plane of the ground in the configured frame."""
     robots = {} if _is_cars(config) else _ROBOT_PLANE
-    return _core.GroundPlaneConfig(**robots | config.plane.model_dump(exclude_none=True))
+    return GroundPlaneConfig(**robots | config.plane.model_dump(exclude_none=True))
 
 
-def segments_of(config: FusionConfig) -> _core.GroundSegmentsConfig:
+def segments_of(config: FusionConfig) -> GroundSegmentsConfig:
     """How the core is to look for the segments of the ground in the configured frame."""
     robots = {} if _is_cars(config) else _ROBOT_SEGMENTS
-    return _core.GroundSegmentsConfig(**robots | config.segments.model_dump(exclude_none=True))
+    return GroundSegmentsConfig(**robots | config.segments.model_dump(exclude_none=True))
 
 
 def _is_cars(config: FusionConfig) -> bool:
@@ -265,5 +273,9 @@ def _moved(cloud: Cloud, a_from_b: NDArray[np.float64]) -> Cloud:
 
 
 def _downsampled(cloud: Cloud, size: float) -> Cloud:
-    points, colors, _ = _core.voxel_downsample(cloud.points, cloud.colors, size=size)
+    points, colors, _ = voxel_downsample(cloud.points, cloud.colors, size=size)
     return Cloud(points, None if cloud.colors is None else colors)
+
+
+ROBOT_FUSION = FusionConfig(frame="robot", ground="height")
+"""Clouds as scenes are built of them: in the robot's frame, without what is low (Stastny 4.3)."""

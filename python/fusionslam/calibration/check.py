@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam._files import atomic_path
+from fusionslam.calibration.overlay import draw_overlay
 from fusionslam.calibration.search import (
     DELAY,
     SHIFTS,
@@ -27,7 +27,7 @@ from fusionslam.calibration.search import (
     sensed,
 )
 from fusionslam.errors import DataError
-from fusionslam.overlay import draw_overlay
+from fusionslam.storage.files import atomic_path
 
 FORMAT = "fusionslam.calib_check.1"
 _FEWEST_POINTS = 100

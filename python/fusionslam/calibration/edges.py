@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from fusionslam.sensors import Camera
+from fusionslam.sensors.frame import Camera
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]

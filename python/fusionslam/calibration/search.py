@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from fusionslam.calibration.edges import EdgeView, depth_edges, edge_map, in_view
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
-from fusionslam.messages import NANOSECONDS, FrameTransform
-from fusionslam.sensors import Camera, Frame
-from fusionslam.transforms import TransformTree
+from fusionslam.sensors.frame import Camera, Frame
+from fusionslam.sensors.messages import NANOSECONDS, FrameTransform
+from fusionslam.sensors.transforms import TransformTree
 
 CAMERA = "left"
 TURNS = ("roll", "pitch", "yaw")

@@ -6,18 +6,18 @@ import typer
 
 from fusionslam.cli import (
     about,
-    calibration,
+    bench_views,
+    calib_check,
     data,
     ratslam,
     reproduce,
     results,
     ros,
-    simulate,
-    view_bench,
-    views,
+    sim,
 )
-from fusionslam.cli.guard import Guarded
-from fusionslam.cli.view_show import show
+from fusionslam.cli.failures import Guarded
+from fusionslam.cli.views import commands as views
+from fusionslam.cli.views.show import show
 
 app = typer.Typer(
     cls=Guarded,
@@ -32,15 +32,15 @@ app = typer.Typer(
 
 for command in (
     results.demo,
-    simulate.sim,
+    sim.sim,
     data.info,
     data.fuse,
     data.describe,
     data.loops,
-    calibration.calib_check,
+    calib_check.calib_check,
     results.evaluate,
     results.bench,
-    view_bench.bench_views,
+    bench_views.bench_views,
     results.report,
     views.tune,
     ratslam.ratslam,

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.guard import DATA, missing_extras
-from fusionslam.cli.screen import print_findings, print_table
+from fusionslam.cli.console import print_findings, print_table
+from fusionslam.cli.failures import DATA, missing_extras
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo

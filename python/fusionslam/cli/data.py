@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.guard import keep, needs_extra
-from fusionslam.cli.screen import Step, left_out, print_table, progress
+from fusionslam.cli.console import Step, left_out, print_table, progress
+from fusionslam.cli.failures import keep, needs_extra
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
     from fusionslam.evaluation import DescriptorRun
     from fusionslam.fusion import FusionConfig
-    from fusionslam.pipeline import PipelineConfig
-    from fusionslam.workspace import Recording
+    from fusionslam.pipelines.describe import PipelineConfig
+    from fusionslam.pipelines.recording import Recording
 
 logger = logging.getLogger(__name__)
 
@@ -34,7 +34,7 @@ def info(
     verbose: opt.Verbose = False,
 ) -> None:
     """Say what is in DATA: frames, sensors, calibration, poses, gaps."""
-    from fusionslam.overview import look_at
+    from fusionslam.pipelines.overview import look_at
 
     recording = opt.recording_of(data, kind, sequence, True, gt, topic, stamps, sync, calib)
     print_table(["what", "value"], look_at(recording).rows)
@@ -73,7 +73,7 @@ def fuse(
     Their times and poses, if there are any, lie beside them. Pictures of the steps go to the
     folder's pictures/, or beside the bag.
     """
-    from fusionslam.bench import for_source
+    from fusionslam.pipelines.compare_descriptors import for_source
 
     recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     chosen = opt.pipeline_config(config, settings)
@@ -116,9 +116,9 @@ def _write_fused(
     step: Step,
 ) -> int:
     """The number of frames written."""
-    from fusionslam.cloud_bags import BAG_SUFFIXES, write_cloud_bag
-    from fusionslam.clouds import write_clouds
     from fusionslam.errors import ConfigError
+    from fusionslam.pipelines.export_bag import BAG_SUFFIXES, write_cloud_bag
+    from fusionslam.pipelines.export_folder import write_clouds
 
     count = 0
 
@@ -149,8 +149,8 @@ def _write_fused(
 def _draw_stages(
     recording: "Recording", output: Path, config: "FusionConfig", count: int, step: Step
 ) -> None:
-    from fusionslam.cloud_bags import BAG_SUFFIXES
-    from fusionslam.stages import write_stages
+    from fusionslam.pipelines.export_bag import BAG_SUFFIXES
+    from fusionslam.report.fusion_stages import write_stages
 
     is_bag = output.suffix.lower() in BAG_SUFFIXES
     folder = output.with_suffix(".pictures") if is_bag else output / "pictures"
@@ -182,17 +182,17 @@ def describe(
 
     A call that was interrupted goes on where it stopped.
     """
-    from fusionslam import bench
-    from fusionslam.pipeline import run_path
+    from fusionslam.pipelines import compare_descriptors
+    from fusionslam.pipelines.describe import run_path
 
     names = opt.names_of(descriptors)
     recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     chosen = opt.pipeline_config(config, settings)
-    chosen = bench.for_source(chosen, opt.source_of(source, chosen, recording))
+    chosen = compare_descriptors.for_source(chosen, opt.source_of(source, chosen, recording))
     dataset = recording.open(chosen.fusion.source)
     bad = opt.bad_frames(skip_bad_frames)
     if descriptors == "all":
-        names = bench.describable(dataset, names, chosen, bad)
+        names = compare_descriptors.describable(dataset, names, chosen, bad)
     keep(ctx, output)
     for run in _described(recording, dataset, output, names, chosen, jobs, bad, inside="."):
         path = run_path(output, run.source, run.descriptor)
@@ -223,10 +223,10 @@ def loops(
     verbose: opt.Verbose = False,
 ) -> None:
     """Find the loops in DATA frame after frame, as a robot would."""
-    from fusionslam.bench import for_source
     from fusionslam.config import merged
     from fusionslam.descriptors import descriptor_named
-    from fusionslam.loop_report import find_loops
+    from fusionslam.pipelines.compare_descriptors import for_source
+    from fusionslam.pipelines.loops import find_loops
 
     name = descriptor_named(descriptor).name
     recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
@@ -257,7 +257,7 @@ def _described(
     bad_frames: str,
     inside: str = "descriptors",
 ) -> "list[DescriptorRun]":
-    from fusionslam.bench import work_on
+    from fusionslam.pipelines.compare_descriptors import work_on
 
     with progress() as step:
         return work_on(

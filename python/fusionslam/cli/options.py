@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fusionslam import meanings
+from fusionslam import help_texts
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from logging import LogRecord
 
     from fusionslam.config import Section
-    from fusionslam.pipeline import PipelineConfig
-    from fusionslam.workspace import Recording
+    from fusionslam.pipelines.describe import PipelineConfig
+    from fusionslam.pipelines.recording import Recording
 
 
 def _start_logging(verbose: bool) -> bool:
@@ -26,7 +26,7 @@ def _start_logging(verbose: bool) -> bool:
 
     from rich.logging import RichHandler
 
-    from fusionslam.cli.screen import stderr
+    from fusionslam.cli.console import stderr
 
     handler = RichHandler(console=stderr(), show_path=False, show_time=False)
     level = logging.INFO if verbose else logging.WARNING
@@ -102,14 +102,14 @@ Truth = Annotated[
 ]
 Source = Annotated[
     str | None,
-    typer.Option("--source", help=f"{meanings.SOURCE}; else the first that the data allow."),
+    typer.Option("--source", help=f"{help_texts.SOURCE}; else the first that the data allow."),
 ]
 Sources = Annotated[
-    str | None, typer.Option("--source", help=f"{meanings.SOURCE}; else all that the data allow.")
+    str | None, typer.Option("--source", help=f"{help_texts.SOURCE}; else all that the data allow.")
 ]
-Threshold = Annotated[float | None, typer.Option("--threshold", help=f"{meanings.THRESHOLD}.")]
-Radius = Annotated[float | None, typer.Option("--radius", help=f"{meanings.RADIUS}.")]
-Window = Annotated[int | None, typer.Option("--window", help=f"{meanings.EVALUATION_WINDOW}.")]
+Threshold = Annotated[float | None, typer.Option("--threshold", help=f"{help_texts.THRESHOLD}.")]
+Radius = Annotated[float | None, typer.Option("--radius", help=f"{help_texts.RADIUS}.")]
+Window = Annotated[int | None, typer.Option("--window", help=f"{help_texts.EVALUATION_WINDOW}.")]
 Names = Annotated[
     str, typer.Option("--descriptors", "-d", help="m2dp, cm2dp, shot, cshot, with commas; or all.")
 ]
@@ -123,7 +123,7 @@ ConfigFile = Annotated[
 Jobs = Annotated[
     int | None, typer.Option("--jobs", "-j", min=1, help="Frames at a time; else one a core.")
 ]
-Protocol = Annotated[str | None, typer.Option("--protocol", help=f"{meanings.PROTOCOL}.")]
+Protocol = Annotated[str | None, typer.Option("--protocol", help=f"{help_texts.PROTOCOL}.")]
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", callback=_start_logging, help="Say more, on stderr.")
 ]
@@ -150,7 +150,7 @@ def recording_of(
 ) -> "Recording":
     """The recording that the options name."""
     from fusionslam.datasets.bags.index import STAMPS
-    from fusionslam.workspace import Recording
+    from fusionslam.pipelines.recording import Recording
 
     one_of("--stamps", stamps, STAMPS)
     return Recording.at(
@@ -182,7 +182,7 @@ def _sync_changes(texts: list[str]) -> dict[str, Any]:
     """The values of SyncConfig that are not its defaults."""
     from fusionslam.config import with_settings
     from fusionslam.errors import ConfigError
-    from fusionslam.synchronizer import SyncConfig
+    from fusionslam.sensors.synchronizer import SyncConfig
 
     _check_pairs("--sync", texts, "KEY=VALUE, such as policy=last_before")
     try:
@@ -203,16 +203,15 @@ def everything() -> "Section":
     """Every default of every stage and of the simulator."""
     from fusionslam.calibration.search import CalibrationCheckConfig
     from fusionslam.config import Section, option
-    from fusionslam.pipeline import PipelineConfig
+    from fusionslam.datasets.range_recording import RecordingConfig
+    from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
+    from fusionslam.pipelines.describe import PipelineConfig
+    from fusionslam.pipelines.tuning import TuningConfig
     from fusionslam.ratslam.slam import RatSlamConfig
     from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
     from fusionslam.sim import SimConfig
-    from fusionslam.sim.motion.odometry import OdometryConfig
-    from fusionslam.views.drives import DRIFT
     from fusionslam.views.matcher import ViewMatcherConfig
-    from fusionslam.views.recordings import RecordingConfig
-    from fusionslam.views.templates import VisualTemplatesConfig
-    from fusionslam.views.tuning import TuningConfig
+    from fusionslam.views.visual_templates import VisualTemplatesConfig
 
     class SystemConfig(PipelineConfig):
         """All there is to configure."""
@@ -249,7 +248,7 @@ def pipeline_config(
     The file may have a section ``sim``, which only the demo reads.
     """
     from fusionslam.config import merged, with_file, with_settings
-    from fusionslam.pipeline import PipelineConfig
+    from fusionslam.pipelines.describe import PipelineConfig
 
     config = merged(PipelineConfig(), first)
     if file is not None:

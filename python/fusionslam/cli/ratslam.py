@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fusionslam._files import made_folder
 from fusionslam.cli import options as opt
-from fusionslam.cli.guard import INTERRUPTED, needs_extra
-from fusionslam.cli.screen import Step, progress
-from fusionslam.cli.views import whole_config
+from fusionslam.cli.console import Step, progress
+from fusionslam.cli.failures import INTERRUPTED, needs_extra
+from fusionslam.cli.views.commands import whole_config
+from fusionslam.storage.files import made_folder
 
 if TYPE_CHECKING:
-    from fusionslam.ratslam.run_events import RunEvents
-    from fusionslam.ratslam.run_record import RatSlamRun
-    from fusionslam.ratslam.runs import RunRecorder, Watch
+    from fusionslam.evaluation.maps.run import RatSlamRun
+    from fusionslam.pipelines.map_events import RunEvents
+    from fusionslam.pipelines.maps import RunRecorder, Watch
+    from fusionslam.pipelines.tours import Tour
     from fusionslam.ratslam.slam import RatSlam
-    from fusionslam.ratslam.tours import Tour
 
 _OF_THE_STATE = ("ratslam.", "views.", "visual_templates.", "fusion.", "descriptors.")
 
@@ -94,8 +94,8 @@ def ratslam(
 
     Ctrl-C keeps the map so far, and what is needed to go on with it.
     """
-    from fusionslam.ratslam.run_events import ODOMETRY, events_of, expected_drift
-    from fusionslam.ratslam.runs import RunRecorder
+    from fusionslam.pipelines.map_events import ODOMETRY, events_of, expected_drift
+    from fusionslam.pipelines.maps import RunRecorder
 
     if not no_report:
         needs_extra("report")
@@ -149,7 +149,7 @@ def _live(live: str | None, events: "RunEvents") -> "Iterator[Watch | None]":
     if live is None:
         yield None
         return
-    from fusionslam.ratslam.live import LiveView
+    from fusionslam.report.maps.rerun_view import LiveView
 
     path = None if live == "viewer" else live
     with LiveView(path, events.name, events.truth) as view:
@@ -161,9 +161,9 @@ def _mapper(
 ) -> "tuple[RatSlam, RatSlamRun | None]":
     """A new map, or one that goes on and what was done for it."""
     from fusionslam.errors import ConfigError
+    from fusionslam.ratslam.map_file import load_ratslam, stored_run
     from fusionslam.ratslam.slam import RatSlam
-    from fusionslam.ratslam.sources import SOURCES, SourceOptions, source_named
-    from fusionslam.ratslam.state import load_ratslam, stored_run
+    from fusionslam.ratslam.view_sources import SOURCES, SourceOptions, source_named
 
     opt.one_of("--views", views or "alignment", tuple(SOURCES))
     if resume is None:
@@ -180,9 +180,9 @@ def _mapper(
 
 def _tour(data: str, whole: Any, reading: tuple[Any, ...], step: Step, jobs: int) -> "Tour":
     """What DATA and the options that say how it is read stand for."""
-    from fusionslam.cli.views import refuse_reading_options
-    from fusionslam.ratslam.tours import DatasetTour, open_tour
-    from fusionslam.views.recordings import is_recording
+    from fusionslam.cli.views.commands import refuse_reading_options
+    from fusionslam.datasets.range_recording import is_recording
+    from fusionslam.pipelines.tours import DatasetTour, open_tour
 
     path = Path(data).expanduser()
     if path.exists() and not is_recording(path):
@@ -193,7 +193,7 @@ def _tour(data: str, whole: Any, reading: tuple[Any, ...], step: Step, jobs: int
 
 def _interrupted(recorder: "RunRecorder", step: Step, watch: "Watch | None") -> bool:
     """Take all events, or those before Ctrl-C; there must be one."""
-    from fusionslam.ratslam.runs import run_events
+    from fusionslam.pipelines.maps import run_events
 
     try:
         run_events(recorder, step, watch)
@@ -205,8 +205,8 @@ def _interrupted(recorder: "RunRecorder", step: Step, watch: "Watch | None") -> 
 
 
 def _write(run: "RatSlamRun", slam: "RatSlam", output: Path, save: Path | None) -> None:
-    from fusionslam.ratslam.exports import export_run
-    from fusionslam.ratslam.state import save_ratslam
+    from fusionslam.ratslam.map_export import export_run
+    from fusionslam.ratslam.map_file import save_ratslam
 
     run.save(output / "run.npz")
     export_run(output, run)
@@ -216,13 +216,13 @@ def _write(run: "RatSlamRun", slam: "RatSlam", output: Path, save: Path | None) 
 
 def _page(run: "RatSlamRun", output: Path, no_report: bool) -> Path:
     """Print how good the map is; write the page, if it is wanted, and say where."""
-    from fusionslam.evaluation.maps import judge_map
+    from fusionslam.evaluation.maps.judge import judge_map
 
     judged = judge_map(run)
     judged.save(output / "map_report.json")
     print(judged)
     if no_report:
         return output / "map.json"
-    from fusionslam.report.ratslam import write_ratslam_report
+    from fusionslam.report.maps.page import write_ratslam_report
 
     return write_ratslam_report(output, run, judged, command=opt.command_line())

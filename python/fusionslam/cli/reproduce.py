@@ -8,8 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.guard import keep, needs_extra
-from fusionslam.cli.screen import progress
+from fusionslam.cli.console import progress
+from fusionslam.cli.failures import keep, needs_extra
 
 
 def reproduce(

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.guard import keep, keep_parts, needs_extra
-from fusionslam.cli.screen import Step, print_summary, progress
+from fusionslam.cli.console import Step, print_summary, progress
+from fusionslam.cli.failures import keep, keep_parts, needs_extra
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from fusionslam.pipeline import PipelineConfig
-    from fusionslam.workspace import Recording
+    from fusionslam.pipelines.describe import PipelineConfig
+    from fusionslam.pipelines.recording import Recording
 
 
 def demo(
@@ -38,8 +38,13 @@ def demo(
     --set sim.KEY changes the simulation: what config sim prints for the town, what the command
     sim takes for the other worlds.
     """
-    from fusionslam.bench import DEMO, DEMO_DESCRIPTORS, INDOOR, INDOOR_DESCRIPTORS
-    from fusionslam.sim.recording import EMBEDDED
+    from fusionslam.pipelines.compare_descriptors import (
+        DEMO,
+        DEMO_DESCRIPTORS,
+        INDOOR,
+        INDOOR_DESCRIPTORS,
+    )
+    from fusionslam.sim.recordings import EMBEDDED
 
     opt.one_of("--world", world, ("town", *EMBEDDED))
     for extra in ("sim", "report") if world == "town" else ("sim", "bags", "report"):
@@ -126,7 +131,8 @@ def evaluate(
 
     Writes metrics.json there.
     """
-    from fusionslam.bench import stored_evaluations, write_stored_metrics
+    from fusionslam.pipelines.compare_descriptors import stored_evaluations
+    from fusionslam.report.loops.stored import write_stored_metrics
 
     _check_protocol(protocol)
     given = {"protocol": protocol, "radius": radius, "window": window}
@@ -151,10 +157,11 @@ def report(
 
     It has pictures of frames if the recording is still there.
     """
-    from fusionslam.bench import stored_evaluations, write_stored_report
-    from fusionslam.pipeline import run_files
+    from fusionslam.pipelines.compare_descriptors import stored_evaluations
+    from fusionslam.pipelines.describe import run_files
+    from fusionslam.pipelines.results import runs_folder
     from fusionslam.report import has_view_runs, write_stored_view_report
-    from fusionslam.workspace import runs_folder
+    from fusionslam.report.loops.stored import write_stored_report
 
     needs_extra("report")
     _check_protocol(protocol)
@@ -190,7 +197,8 @@ def _compare(
     demo: bool = False,
     bad_frames: str = "error",
 ) -> None:
-    from fusionslam.bench import benchmark, write_stored_report
+    from fusionslam.pipelines.compare_descriptors import benchmark
+    from fusionslam.report.loops.stored import write_stored_report
 
     first = next(iter(configs.values()))
     opt.warn_of_windows(first)
@@ -224,8 +232,9 @@ def _car_drive(
 ) -> "Recording":
     """The drive through the town: the embedded one, or, if it was configured, one of its own."""
     from fusionslam.config import with_file, with_settings
+    from fusionslam.pipelines.recording import Recording
+    from fusionslam.pipelines.results import forget_demo
     from fusionslam.sim import SimConfig, embedded_folder, record
-    from fusionslam.workspace import Recording, forget_demo
 
     whole = opt.everything()
     whole = with_settings(whole if file is None else with_file(whole, file), settings)
@@ -243,8 +252,9 @@ def _robot_drive(
 ) -> "Recording":
     """The drive of a robot through one of the other worlds, kept in the cache."""
     from fusionslam.config import with_settings
-    from fusionslam.sim.recording import embedded_bag, embedded_config, embedded_path
-    from fusionslam.workspace import Recording, forget_demo
+    from fusionslam.pipelines.recording import Recording
+    from fusionslam.pipelines.results import forget_demo
+    from fusionslam.sim.recordings import embedded_bag, embedded_config, embedded_path
 
     own = [setting.strip().removeprefix("sim.") for setting in settings]
     config = with_settings(embedded_config(world), own)

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from fusionslam.cli.guard import DATA
-from fusionslam.cli.screen import print_findings, progress
+from fusionslam.cli.console import print_findings, progress
+from fusionslam.cli.failures import DATA
 
 app = typer.Typer(
     help="Run the ROS 1 nodes, with or without a catkin workspace.",
@@ -25,7 +25,7 @@ Passed = Annotated[list[str] | None, typer.Argument(metavar="[ARGS]...", show_de
 @app.command()
 def path() -> None:
     """Print the folder of the ROS package, for ROS_PACKAGE_PATH."""
-    from fusionslam.ros.launching import package_folder
+    from fusionslam.ros.launch.files import package_folder
 
     print(package_folder())
 
@@ -36,7 +36,7 @@ def run(
     args: Passed = None,
 ) -> None:
     """Run one node, as rosrun does: ARGS are remappings (a:=b) and parameters (_name:=value)."""
-    from fusionslam.ros.start import start
+    from fusionslam.ros.launch.start import start
 
     start(node, args or [])
 
@@ -53,7 +53,7 @@ def launch(
     Its nodes run with the Python that this command runs with.
     """
     from fusionslam.ros.environment import need_ros
-    from fusionslam.ros.launching import launch_file, roslaunch
+    from fusionslam.ros.launch.files import launch_file, roslaunch
 
     need_ros()
     roslaunch(launch_file(file), args or [])
@@ -79,7 +79,7 @@ def check(
     Listens to topics, transforms and calibration, publishes nothing, fuses a first cloud. The exit
     code is 0 if data_fusion can work, else 1.
     """
-    from fusionslam.ros.check import check_robot
+    from fusionslam.ros.check.robot import check_robot
 
     # The findings say all of it.
     logging.disable(logging.ERROR)

@@ -17,11 +17,7 @@ from fusionslam.datasets.bags.kinds import BAGS
 from fusionslam.datasets.bags.reader import bag_kind
 from fusionslam.datasets.base import Dataset, Kind
 from fusionslam.datasets.calibration import Calibration, read_calib_yaml, read_calibration
-from fusionslam.datasets.folder import FOLDER
-from fusionslam.datasets.kitti_object import KITTI_OBJECT
-from fusionslam.datasets.kitti_odometry import KITTI_ODOMETRY
-from fusionslam.datasets.kitti_raw import KITTI_RAW
-from fusionslam.datasets.readers import (
+from fusionslam.datasets.cloud_files import (
     read_bin,
     read_cloud,
     read_image,
@@ -29,8 +25,11 @@ from fusionslam.datasets.readers import (
     read_ply,
     write_cloud,
 )
-from fusionslam.datasets.streams import SENSORS, Request
-from fusionslam.datasets.trajectories import (
+from fusionslam.datasets.folder import FOLDER
+from fusionslam.datasets.kitti_object import KITTI_OBJECT
+from fusionslam.datasets.kitti_odometry import KITTI_ODOMETRY
+from fusionslam.datasets.kitti_raw import KITTI_RAW
+from fusionslam.datasets.pose_files import (
     match_poses,
     read_poses,
     read_poses_kitti,
@@ -39,8 +38,9 @@ from fusionslam.datasets.trajectories import (
     read_timestamps,
     write_poses_tum,
 )
+from fusionslam.datasets.streams import SENSORS, Request
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.synchronizer import SyncConfig
+from fusionslam.sensors.synchronizer import SyncConfig
 
 __all__ = [
     "KINDS",

@@ -13,11 +13,11 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.datasets.readers import image_size, read_cloud, read_image
+from fusionslam.datasets.cloud_files import image_size, read_cloud, read_image
+from fusionslam.datasets.pose_files import read_timestamps
 from fusionslam.datasets.streams import Request, Stream
-from fusionslam.datasets.trajectories import read_timestamps
 from fusionslam.errors import DataError
-from fusionslam.sensors import Camera, Frame
+from fusionslam.sensors.frame import Camera, Frame
 
 Image = NDArray[np.uint8]
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets.base import Dataset, FileDataset, Kind
 from fusionslam.datasets.calibration import read_calib_yaml
-from fusionslam.datasets.readers import CLOUD_SUFFIXES
+from fusionslam.datasets.cloud_files import CLOUD_SUFFIXES
+from fusionslam.datasets.pose_files import match_poses, pick, read_poses, read_times
 from fusionslam.datasets.streams import (
     IMAGE_SUFFIXES,
     Request,
@@ -22,9 +23,8 @@ from fusionslam.datasets.streams import (
     regular_stamps,
     unique,
 )
-from fusionslam.datasets.trajectories import match_poses, pick, read_poses, read_times
 from fusionslam.errors import DataError
-from fusionslam.sensors import Camera
+from fusionslam.sensors.frame import Camera
 
 # Where each sensor's files may lie, and what they end in; the first folder with files counts.
 LAYOUT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {

@@ -11,8 +11,8 @@ from fusionslam.datasets.calibration import camera, homogeneous, read_calibratio
 from fusionslam.datasets.kitti_odometry import POSE_FRAME, find_streams
 from fusionslam.datasets.streams import Request, Stream, choose, frame_numbers, itself, one_of, scan
 from fusionslam.errors import DataError
-from fusionslam.messages import NANOSECONDS
-from fusionslam.sensors import Camera
+from fusionslam.sensors.frame import Camera
+from fusionslam.sensors.messages import NANOSECONDS
 
 
 def open_kitti_object(path: Path, request: Request) -> Dataset:

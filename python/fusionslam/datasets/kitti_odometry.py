@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets.base import Dataset, FileDataset, Kind
 from fusionslam.datasets.calibration import Calibration, camera, read_calibration
+from fusionslam.datasets.pose_files import match_poses, pick, read_times
 from fusionslam.datasets.streams import (
     IMAGE_SUFFIXES,
     Request,
@@ -21,8 +22,7 @@ from fusionslam.datasets.streams import (
     regular_stamps,
     scan,
 )
-from fusionslam.datasets.trajectories import match_poses, pick, read_times
-from fusionslam.sensors import Camera
+from fusionslam.sensors.frame import Camera
 
 POSE_FRAME = "camera 0 (left grey)"
 # Cameras 2 and 3 are the colour pair, 0 and 1 the grey one.

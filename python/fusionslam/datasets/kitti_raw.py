@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fusionslam.datasets.base import Dataset, FileDataset, Kind
 from fusionslam.datasets.calibration import Calibration, camera, homogeneous, read_calibration
 from fusionslam.datasets.kitti_odometry import POSE_FRAME, find_streams
+from fusionslam.datasets.pose_files import match_poses, pick, read_timestamps
 from fusionslam.datasets.streams import (
     Request,
     Stream,
@@ -23,9 +24,8 @@ from fusionslam.datasets.streams import (
     one_of,
     regular_stamps,
 )
-from fusionslam.datasets.trajectories import match_poses, pick, read_timestamps
 from fusionslam.errors import DataError
-from fusionslam.sensors import Camera
+from fusionslam.sensors.frame import Camera
 
 STREAM_FOLDERS = ("velodyne_points", "image_00", "image_01", "image_02", "image_03")
 

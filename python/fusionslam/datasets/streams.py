@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
-from fusionslam.synchronizer import SyncConfig
+from fusionslam.sensors.synchronizer import SyncConfig
 
 logger = logging.getLogger(__name__)
 

@@ -18,33 +18,35 @@ while the robot drives, and
 the map that RatSLAM made of them.
 """
 
-from fusionslam.evaluation.costs import Costs, StageCost, summarise_costs
-from fusionslam.evaluation.curve import PrecisionRecall
-from fusionslam.evaluation.judgement import Evaluation, evaluate
-from fusionslam.evaluation.map_report import MapReport, PoseErrors
-from fusionslam.evaluation.maps import judge_map, pose_errors
-from fusionslam.evaluation.matches import Matches, find_matches
-from fusionslam.evaluation.protocols import (
+from fusionslam.evaluation.loops.costs import Costs, StageCost, summarise_costs
+from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
+from fusionslam.evaluation.loops.evaluation import Evaluation, evaluate
+from fusionslam.evaluation.loops.nearest_matches import Matches, find_matches
+from fusionslam.evaluation.loops.precision_recall import PrecisionRecall
+from fusionslam.evaluation.loops.protocols import (
     COMMON_RULES,
     PROTOCOLS,
     EvaluationConfig,
     Protocol,
     protocol_named,
 )
-from fusionslam.evaluation.published import CITATION, kitti_sequence, published_figures
-from fusionslam.evaluation.rigid import RigidMotion, fit_rigid
-from fusionslam.evaluation.running_views import JudgedView, RunningViews
-from fusionslam.evaluation.runs import DescriptorRun
-from fusionslam.evaluation.sweep import RANKS, evaluate_matches, precision_recall
-from fusionslam.evaluation.view_baselines import always_new, baselines, every_kth
-from fusionslam.evaluation.view_curve import (
+from fusionslam.evaluation.loops.published import CITATION, kitti_sequence, published_figures
+from fusionslam.evaluation.loops.revisits import DIRECTIONS, Visit, visits
+from fusionslam.evaluation.loops.threshold_sweep import RANKS, evaluate_matches, precision_recall
+from fusionslam.evaluation.maps.judge import judge_map, pose_errors
+from fusionslam.evaluation.maps.report import MapReport, PoseErrors
+from fusionslam.evaluation.maps.run import REFUSED, RatSlamRun
+from fusionslam.evaluation.views.baselines import always_new, baselines, every_kth
+from fusionslam.evaluation.views.curve import (
     THRESHOLDS,
     ViewCurve,
     ids_from_pairs,
     sweep_pairs,
     sweep_views,
 )
-from fusionslam.evaluation.view_published import (
+from fusionslam.evaluation.views.judge import ViewJudge, judge_views
+from fusionslam.evaluation.views.online import JudgedView, RunningViews
+from fusionslam.evaluation.views.published import (
     PUBLISHED_VIEWS,
     RERUN_CITATION,
     RERUN_DESCRIPTORS,
@@ -57,11 +59,9 @@ from fusionslam.evaluation.view_published import (
     rerun_descriptors,
     rerun_views,
 )
-from fusionslam.evaluation.view_report import ViewReport
-from fusionslam.evaluation.view_rules import VIEW_RULES, ViewRule
-from fusionslam.evaluation.view_runs import ViewRun
-from fusionslam.evaluation.views import ViewJudge, judge_views
-from fusionslam.evaluation.visits import DIRECTIONS, Visit, visits
+from fusionslam.evaluation.views.report import ViewReport
+from fusionslam.evaluation.views.rules import VIEW_RULES, ViewRule
+from fusionslam.evaluation.views.run import ViewRun
 
 __all__ = [
     "CITATION",
@@ -70,6 +70,7 @@ __all__ = [
     "PROTOCOLS",
     "PUBLISHED_VIEWS",
     "RANKS",
+    "REFUSED",
     "RERUN_CITATION",
     "RERUN_DESCRIPTORS",
     "RERUN_VIEWS",
@@ -87,9 +88,9 @@ __all__ = [
     "PrecisionRecall",
     "Protocol",
     "PublishedViews",
+    "RatSlamRun",
     "RerunDescriptor",
     "RerunViews",
-    "RigidMotion",
     "RunningViews",
     "StageCost",
     "ViewCurve",
@@ -104,7 +105,6 @@ __all__ = [
     "evaluate_matches",
     "every_kth",
     "find_matches",
-    "fit_rigid",
     "ids_from_pairs",
     "judge_map",
     "judge_views",

@@ -11,8 +11,10 @@ graph.apply(cells.action())                # nodes and links
 graph.relax()
 """
 
-from fusionslam.ratslam.actions import Action, ActionKind
-from fusionslam.ratslam.events import Look, Motion, OrderConfig, Sighting, StampOrder
+from fusionslam.evaluation.maps.run import ActionKind
+from fusionslam.ratslam.actions import Action
+from fusionslam.ratslam.event_order import OrderConfig, StampOrder
+from fusionslam.ratslam.events import Look, Motion, Sighting
 from fusionslam.ratslam.experience_map import (
     ExperienceMap,
     ExperienceMapConfig,
@@ -20,17 +22,15 @@ from fusionslam.ratslam.experience_map import (
     Relaxation,
     Route,
 )
-from fusionslam.ratslam.given_views import GivenView, GivenViews
-from fusionslam.ratslam.map_record import LiveMap
+from fusionslam.ratslam.external_views import GivenView, GivenViews
+from fusionslam.ratslam.map_snapshot import LiveMap
 from fusionslam.ratslam.online import OnlineRatSlam, OnlineRatSlamConfig
 from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
-from fusionslam.ratslam.run_record import REFUSED, RatSlamRun
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
-from fusionslam.ratslam.sources import MatcherSource, TemplateSource, ViewSource
+from fusionslam.ratslam.view_sources import MatcherSource, TemplateSource, ViewSource
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualOdometryConfig, VisualSpeed
 
 __all__ = [
-    "REFUSED",
     "Action",
     "ActionKind",
     "ExperienceMap",
@@ -50,7 +50,6 @@ __all__ = [
     "PoseCellsConfig",
     "RatSlam",
     "RatSlamConfig",
-    "RatSlamRun",
     "Relaxation",
     "Route",
     "Sighting",

@@ -2,16 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What pose cells tell the experience map to do."""
 
-from enum import IntEnum
 from typing import NamedTuple
 
-
-class ActionKind(IntEnum):
-    """What happens to the map; the values are those of the reference run."""
-
-    NONE = 0
-    CREATE_NODE = 1
-    CREATE_EDGE = 2
+from fusionslam.evaluation.maps.run import ActionKind
 
 
 class Action(NamedTuple):

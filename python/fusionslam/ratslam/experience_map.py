@@ -12,34 +12,20 @@ Route(ids=[1, 0], seconds=0.5)
 
 import operator
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam import _core
+from fusionslam._core import ExperienceMap as CoreMap
+from fusionslam._core import ExperienceMapConfig as CoreMapConfig
 from fusionslam.config import Section, core_section, merged
 from fusionslam.errors import DataError
+from fusionslam.evaluation.maps.run import LINK
 from fusionslam.ratslam.actions import Action
-from fusionslam.ratslam.routes import Route, quickest_route
 
 Floats = NDArray[np.float64]
 
-LINK = np.dtype(
-    [
-        ("source", np.int64),
-        ("target", np.int64),
-        ("distance", np.float64),
-        ("heading", np.float64),
-        ("facing", np.float64),
-        ("duration", np.float64),
-        ("sd_m", np.float64),
-        ("sd_rad", np.float64),
-    ]
-)
-"""A link: ids; metres; direction of the way and rotation, radians from the source's heading;
-seconds; deviations of the way (each axis) and of the rotation that relaxation weighs it by, metres
-and radians."""
 
 STATE_VERSION = 1
 
@@ -49,10 +35,16 @@ if TYPE_CHECKING:
         @property
         def preset(self) -> str: ...
 else:
-    ExperienceMapConfig = core_section("ExperienceMapConfig", _core.ExperienceMapConfig)
+    ExperienceMapConfig = core_section("ExperienceMapConfig", CoreMapConfig)
     ExperienceMapConfig.__doc__ = "How the map is corrected, and which loops it believes."
-
 __all__ = ["LINK", "ExperienceMap", "ExperienceMapConfig", "LoopCheck", "Relaxation", "Route"]
+
+
+class Route(NamedTuple):
+    """A way over a map: ids of the nodes, both ends among them, and how long it takes."""
+
+    ids: list[int]
+    seconds: float
 
 
 class LoopCheck(NamedTuple):
@@ -114,7 +106,7 @@ class ExperienceMap:
 
     def __init__(self, config: ExperienceMapConfig | None = None, **changes: Any) -> None:
         self.config = merged(config or ExperienceMapConfig(), changes)
-        self._map = _core.ExperienceMap(_core.ExperienceMapConfig(**self.config.model_dump()))
+        self._map = CoreMap(CoreMapConfig(**self.config.model_dump()))
 
     @property
     def nodes(self) -> Floats:
@@ -234,3 +226,36 @@ def _plain(action: Action) -> tuple[int, int, int, float, tuple[float, float]]:
     except TypeError:
         raise DataError(f"action {tuple(action[:3])}: expected whole numbers") from None
     return kind, source, target, float(action.relative_rotation), (float(x), float(y))
+
+
+def quickest_route(links: NDArray[np.void], count: int, a: int, b: int) -> Route:
+    """The quickest way from node a to node b along links, in either direction (Dijkstra 1959).
+
+    Args:
+        links: of dtype ``LINK``.
+        count: how many nodes there are.
+        a, b: ids.
+
+    Raises:
+        DataError: a node that there is not, or two that no links join.
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    for node in (a, b):
+        if not isinstance(node, SupportsIndex) or not 0 <= node < count:
+            raise DataError(f"path from node {a} to node {b}: there are {count} nodes")
+    ends = np.sort(np.stack([links["source"], links["target"]], axis=1), axis=1)
+    # The quickest first: a matrix adds up what stands in it twice.
+    order = np.lexsort((links["duration"], ends[:, 1], ends[:, 0]))
+    pairs, first = np.unique(ends[order], axis=0, return_index=True)
+    # A link that takes no time is one all the same, and an entry of 0 would be none.
+    seconds = np.maximum(links["duration"][order][first], np.finfo(np.float64).tiny)
+    graph = csr_array((seconds, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    took, before = dijkstra(graph, directed=False, indices=a, return_predecessors=True)
+    if not np.isfinite(took[b]):
+        raise DataError(f"path from node {a} to node {b}: no links join them")
+    ids = [b]
+    while ids[-1] != a:
+        ids.append(int(before[ids[-1]]))
+    return Route(ids[::-1], float(took[b]))

@@ -20,23 +20,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam._files import uninterrupted
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError, FusionSlamError
-from fusionslam.messages import NANOSECONDS, Odometry
-from fusionslam.ratslam.events import (
-    Event,
-    Look,
-    Motion,
-    OrderConfig,
-    StampOrder,
-    is_looking,
-    stamp_of,
-)
-from fusionslam.ratslam.given_views import GivenViews
-from fusionslam.ratslam.map_record import LiveMap
-from fusionslam.ratslam.odometer import Ground, said_by
+from fusionslam.ratslam.event_order import OrderConfig, StampOrder
+from fusionslam.ratslam.events import Event, Look, Motion, is_looking, stamp_of
+from fusionslam.ratslam.external_views import GivenViews
+from fusionslam.ratslam.map_snapshot import LiveMap
+from fusionslam.ratslam.odometry import Ground, said_by
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
+from fusionslam.sensors.messages import NANOSECONDS, Odometry
+from fusionslam.storage.files import uninterrupted
 
 logger = logging.getLogger(__name__)
 

@@ -19,10 +19,8 @@ from numpy.typing import NDArray
 
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
-from fusionslam.ratslam.actions import Action, ActionKind
-from fusionslam.ratslam.cell_state import EXPERIENCE_TABLES, VIEW_TABLES, checked_state
-from fusionslam.ratslam.networks import Network, ReferenceNetwork, SteadyNetwork
-from fusionslam.ratslam.places import (
+from fusionslam.evaluation.maps.run import ActionKind
+from fusionslam.geometry.se2 import (
     HEADINGS,
     LAYER,
     NOWHERE,
@@ -32,7 +30,10 @@ from fusionslam.ratslam.places import (
     differences,
     on_sheet,
 )
-from fusionslam.ratslam.rows import Rows
+from fusionslam.ratslam.actions import Action
+from fusionslam.ratslam.attractor import Network, ReferenceNetwork, SteadyNetwork
+from fusionslam.ratslam.pose_cell_state import EXPERIENCE_TABLES, VIEW_TABLES, checked_state
+from fusionslam.storage.growing_array import Rows
 
 __all__ = ["HEADINGS", "Place", "PoseCells", "PoseCellsConfig"]
 

@@ -11,7 +11,7 @@
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
@@ -19,7 +19,8 @@ import numpy as np
 
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
-from fusionslam.ratslam.actions import Action, ActionKind
+from fusionslam.evaluation.maps.run import ActionKind
+from fusionslam.ratslam.actions import Action
 from fusionslam.ratslam.events import Event, Look, Sighting, is_looking, stamp_of
 from fusionslam.ratslam.experience_map import (
     ExperienceMap,
@@ -27,8 +28,7 @@ from fusionslam.ratslam.experience_map import (
     LoopCheck,
     Relaxation,
 )
-from fusionslam.ratslam.memory import Memory
-from fusionslam.ratslam.odometer import (
+from fusionslam.ratslam.odometry import (
     FORGOTTEN_NS,
     Ground,
     Limits,
@@ -38,9 +38,9 @@ from fusionslam.ratslam.odometer import (
     stride_between,
 )
 from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
-from fusionslam.ratslam.sources import ViewSource
-from fusionslam.ratslam.stopwatch import Stopwatch
-from fusionslam.views.matches import NO_VIEW
+from fusionslam.ratslam.view_sources import ViewSource
+from fusionslam.storage.timer import Stopwatch
+from fusionslam.views.match import NO_VIEW
 
 NOTHING = Action(ActionKind.NONE)
 
@@ -205,7 +205,7 @@ class RatSlam:
         Raises:
             DataError: it cannot be written.
         """
-        from fusionslam.ratslam.state import save_ratslam
+        from fusionslam.ratslam.map_file import save_ratslam
 
         save_ratslam(self, path)
 
@@ -221,7 +221,7 @@ class RatSlam:
             DataError: missing, cut short, damaged, of another version or with another source of
                 views; the message names the file.
         """
-        from fusionslam.ratslam.state import load_ratslam
+        from fusionslam.ratslam.map_file import load_ratslam
 
         return load_ratslam(path, views=views)
 
@@ -374,3 +374,34 @@ class _Done(NamedTuple):
 
 def _plain(sighting: Sighting) -> str:
     return "nothing recognised" if sighting.view_id == NO_VIEW else f"view {sighting.view_id}"
+
+
+@dataclass
+class Memory:
+    """What a ``RatSlam`` remembers beside its cells and its map.
+
+    Attributes:
+        odometry: the last that was said.
+        newest_ns: stamp of the newest event.
+        looked_ns: stamp of the last view, recognised or not.
+        view: id of the last one that was recognised; -1 before the first.
+        moved: whether odometry has said yet how the robot moved.
+        node_stamps_ns, node_views: of each node, when and of which view it was made.
+    """
+
+    odometry: Odometry2D | None = None
+    newest_ns: int | None = None
+    looked_ns: int | None = None
+    view: int = NO_VIEW
+    moved: bool = False
+    node_stamps_ns: list[int] = field(default_factory=list)
+    node_views: list[int] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> "Memory":
+        """Of what ``asdict`` and JSON make of one."""
+        said = values["odometry"]
+        if said is not None:
+            stamp_ns, pose, speed = said
+            said = Odometry2D(stamp_ns, pose and tuple(pose), speed and tuple(speed))
+        return cls(**{**values, "odometry": said})

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fusionslam._files import atomic_path, reading
 from fusionslam.errors import DataError
-from fusionslam.ratslam.sources import ViewSource
+from fusionslam.ratslam.view_sources import ViewSource
+from fusionslam.storage.files import atomic_path, reading
 
 FORMAT = "fusionslam.view_source.1"
 

@@ -18,8 +18,7 @@ from pydantic import model_validator
 
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.messages import NANOSECONDS
-from fusionslam.ratslam.profiles import (
+from fusionslam.ratslam.image_profiles import (
     Lens,
     best_shift,
     best_stretch,
@@ -27,7 +26,8 @@ from fusionslam.ratslam.profiles import (
     row_range,
     standardised,
 )
-from fusionslam.sensors import Camera
+from fusionslam.sensors.frame import Camera
+from fusionslam.sensors.messages import NANOSECONDS
 
 logger = logging.getLogger(__name__)
 

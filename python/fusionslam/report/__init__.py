@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """HTML files that say how well places were recognised and mapped, and the figures behind them."""
 
-from fusionslam.report.assembly import write_report
-from fusionslam.report.false_positives import write_false_positive
-from fusionslam.report.ratslam import write_ratslam_report
-from fusionslam.report.ratslam_maps import map_figure
-from fusionslam.report.ratslam_paths import path_figure
-from fusionslam.report.views import (
+from fusionslam.report.loops.page import write_report
+from fusionslam.report.maps.map_figures import map_figure
+from fusionslam.report.maps.page import write_ratslam_report
+from fusionslam.report.maps.path_figure import path_figure
+from fusionslam.report.views.false_positives import write_false_positive
+from fusionslam.report.views.page import (
     has_view_runs,
     load_view_runs,
     write_stored_view_report,

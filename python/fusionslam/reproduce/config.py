@@ -4,8 +4,8 @@
 
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
-from fusionslam.evaluation.view_published import WORLDS
-from fusionslam.views.entrants import ENTRANTS
+from fusionslam.evaluation.views.published import WORLDS
+from fusionslam.pipelines.methods import ENTRANTS
 
 PARTS = ("views", "maps", "descriptors")
 """Views and maps are chapter 5 of Stastny 2022, descriptors chapter 4 of Perdomo 2019."""

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.bench import DEMO, benchmark
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig, describe
 from fusionslam.errors import DataError
 from fusionslam.evaluation import Evaluation, PrecisionRecall, precision_recall
-from fusionslam.pipeline import PipelineConfig
+from fusionslam.pipelines.compare_descriptors import DEMO, benchmark
+from fusionslam.pipelines.describe import PipelineConfig
+from fusionslam.pipelines.drives import Step
+from fusionslam.pipelines.recording import Recording
 from fusionslam.reproduce.config import KITTI_SEQUENCES, ReproduceConfig
-from fusionslam.sensors import Cloud
-from fusionslam.views.drives import Step
-from fusionslam.workspace import Recording
+from fusionslam.sensors.frame import Cloud
 
 PROTOCOL = "perdomo2019"
 TOWN = "town"

@@ -5,18 +5,24 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from fusionslam.evaluation.published import (
+from fusionslam.evaluation.loops.published import (
     PUBLISHED_COLOR_SPACES,
     PUBLISHED_RECALL,
     PUBLISHED_SECONDS,
 )
-from fusionslam.report.tables import Cell, Table
-from fusionslam.reproduce.blocks import scaled
-from fusionslam.reproduce.chapter4 import NAMES, SPACES, color_recall, describe_ms, full_recall
-from fusionslam.reproduce.chapter5 import published, title_of
+from fusionslam.pipelines.drives import FrameName
+from fusionslam.report.page.tables import Cell, Table
 from fusionslam.reproduce.descriptor_study import TOWN, DescriptorStudy
+from fusionslam.reproduce.document import scaled
+from fusionslam.reproduce.perdomo2019_chapter4 import (
+    NAMES,
+    SPACES,
+    color_recall,
+    describe_ms,
+    full_recall,
+)
+from fusionslam.reproduce.stastny2022_chapter5 import published, title_of
 from fusionslam.reproduce.view_study import ViewStudy
-from fusionslam.views.drives import FrameName
 
 CLOSE = 0.05
 """Figures that differ by no more than this share of the published one count as met."""

@@ -11,19 +11,20 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from fusionslam.evaluation import MapReport, ViewRun, judge_map
-from fusionslam.messages import NANOSECONDS
+from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.geometry.odometry_noise import DRIFT
+from fusionslam.pipelines.drives import FrameName, Step
+from fusionslam.pipelines.map_events import RunEvents, Unreadable, during, motions_of
+from fusionslam.pipelines.maps import RunRecorder, run_events
+from fusionslam.pipelines.methods import ENTRANTS
 from fusionslam.ratslam import RatSlam, RatSlamConfig
 from fusionslam.ratslam.events import Event, Look, Sighting
-from fusionslam.ratslam.run_events import RunEvents, Unreadable, during, motions_of
-from fusionslam.ratslam.run_record import RatSlamRun
-from fusionslam.ratslam.runs import RunRecorder, run_events
-from fusionslam.ratslam.sources import MatcherSource
+from fusionslam.ratslam.view_sources import MatcherSource
 from fusionslam.reproduce.config import OURS, QUICK_EACH, ReproduceConfig
-from fusionslam.reproduce.pieces import Pieces
-from fusionslam.reproduce.sources import Source
+from fusionslam.reproduce.drives import Source
 from fusionslam.reproduce.view_study import own_frame, recognised
-from fusionslam.views.drives import DRIFT, FrameName, Step
-from fusionslam.views.entrants import ENTRANTS
+from fusionslam.reproduce.work_cache import Pieces
+from fusionslam.sensors.messages import NANOSECONDS
 
 ODOMETRIES: dict[str, FrameName] = {"truth": "odometry", "truth+noise": "drift"}
 """What tells the motion, and the frame that the thesis's clouds are in then."""

@@ -8,14 +8,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from fusionslam._files import atomic_path
-from fusionslam.report.assembly import environment
-from fusionslam.reproduce.blocks import Chapter, as_markdown
-from fusionslam.reproduce.claims import Claim, claims_table
+from fusionslam.report.page.html import environment
+from fusionslam.reproduce.conclusions import Claim, claims_table
 from fusionslam.reproduce.config import QUICK_EACH, ReproduceConfig
 from fusionslam.reproduce.differences import Difference, differences_table, met_sentence
-from fusionslam.reproduce.pieces import save_json
+from fusionslam.reproduce.document import Chapter, as_markdown
 from fusionslam.reproduce.view_study import ViewStudy
+from fusionslam.reproduce.work_cache import save_json
+from fusionslam.storage.files import atomic_path
 
 FORMAT = "fusionslam.reproduce.1"
 PAGE = "reproduce.html"

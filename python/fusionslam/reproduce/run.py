@@ -6,11 +6,19 @@ import os
 from pathlib import Path
 from typing import Any
 
-from fusionslam.report.assembly import about_report, check_extra
-from fusionslam.report.plots import styled
-from fusionslam.reproduce import chapter4, chapter5, chapter58
-from fusionslam.reproduce.blocks import Chapter
-from fusionslam.reproduce.claims import Claim, view_claims
+from fusionslam.pipelines.drives import Step
+from fusionslam.report.loops.plots import styled
+from fusionslam.report.page.html import about_report, check_extra
+from fusionslam.reproduce import (
+    perdomo2019_chapter4 as chapter4,
+)
+from fusionslam.reproduce import (
+    stastny2022_chapter5 as chapter5,
+)
+from fusionslam.reproduce import (
+    stastny2022_section58 as chapter58,
+)
+from fusionslam.reproduce.conclusions import Claim, view_claims
 from fusionslam.reproduce.config import PARTS, ReproduceConfig, checked
 from fusionslam.reproduce.descriptor_study import sequences_of_kitti, study_descriptors
 from fusionslam.reproduce.differences import (
@@ -18,6 +26,8 @@ from fusionslam.reproduce.differences import (
     descriptor_differences,
     view_differences,
 )
+from fusionslam.reproduce.document import Chapter
+from fusionslam.reproduce.drives import Source, sources
 from fusionslam.reproduce.map_study import study_maps
 from fusionslam.reproduce.page import (
     claims_chapter,
@@ -26,10 +36,8 @@ from fusionslam.reproduce.page import (
     write_figures,
     write_page,
 )
-from fusionslam.reproduce.pieces import Pieces, save_json
-from fusionslam.reproduce.sources import Source, sources
 from fusionslam.reproduce.view_study import study_views
-from fusionslam.views.drives import Step
+from fusionslam.reproduce.work_cache import Pieces, save_json
 
 
 class _Report:

@@ -11,14 +11,14 @@ import numpy as np
 
 from fusionslam.errors import FusionSlamError
 from fusionslam.evaluation import ViewCurve, ViewReport, ViewRun
-from fusionslam.report.views_tables import ViewRow, view_row
+from fusionslam.pipelines.compare_views import run_entrant
+from fusionslam.pipelines.drives import FRAMES, FrameName, Step, moved
+from fusionslam.pipelines.methods import ENTRANTS, Entrant, Task
+from fusionslam.pipelines.views import sweep_thresholds
+from fusionslam.report.views.tables import ViewRow, view_row
 from fusionslam.reproduce.config import OURS, WITHOUT_SENSOR, ReproduceConfig
-from fusionslam.reproduce.pieces import Pieces, load_json, save_json
-from fusionslam.reproduce.sources import Source
-from fusionslam.views.bench import run_entrant
-from fusionslam.views.drives import FRAMES, FrameName, Step, moved
-from fusionslam.views.entrants import ENTRANTS, Entrant, Task
-from fusionslam.views.runs import sweep_thresholds
+from fusionslam.reproduce.drives import Source
+from fusionslam.reproduce.work_cache import Pieces, load_json, save_json
 
 Rule = str
 

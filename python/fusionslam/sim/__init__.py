@@ -13,9 +13,9 @@ from fusionslam.sim.lidar import LidarConfig
 from fusionslam.sim.robot import RobotConfig, robot_named
 from fusionslam.sim.simulator import SimulationConfig, simulate
 from fusionslam.sim.town.car import CarConfig, StereoConfig
-from fusionslam.sim.town.drive import DriveConfig
+from fusionslam.sim.town.kitti_recorder import SimConfig, embedded_drive, embedded_folder, record
 from fusionslam.sim.town.layout import TownConfig
-from fusionslam.sim.town.recorder import SimConfig, embedded_drive, embedded_folder, record
+from fusionslam.sim.town.route import DriveConfig
 
 __all__ = [
     "CarConfig",

@@ -14,10 +14,12 @@ from pydantic import model_validator
 
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
-from fusionslam.messages import CameraInfo
+from fusionslam.geometry.rigid import rotation
+from fusionslam.sensors.messages import CameraInfo
 from fusionslam.sim.lidar import Caster, Vector
 from fusionslam.sim.mesh import Floats
-from fusionslam.sim.town.drive import Array, rotation
+
+Array = NDArray[np.float64]
 
 # Columns: the optical frame's axes in a frame that is x forward, y left, z up.
 _OPTICAL = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], np.float64)

@@ -13,16 +13,16 @@ import numpy as np
 
 from fusionslam.config import Section, merged
 from fusionslam.errors import DataError
+from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.indoor import INDOOR_WORLDS
-from fusionslam.sim.motion.driving import DriveLimits
 from fusionslam.sim.motion.occupancy import occupancy_of
+from fusionslam.sim.motion.path_following import DriveLimits
 from fusionslam.sim.motion.planner import PlanConfig, plan_trajectory
-from fusionslam.sim.motion.trajectory import Trajectory
 from fusionslam.sim.robot import RobotConfig
 from fusionslam.sim.simulator import map_of
-from fusionslam.sim.town.drive import make_drive
+from fusionslam.sim.town.kitti_recorder import SimConfig
 from fusionslam.sim.town.layout import TownConfig, make_town
-from fusionslam.sim.town.recorder import SimConfig
+from fusionslam.sim.town.route import make_drive
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds import load_world
 

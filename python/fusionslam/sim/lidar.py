@@ -16,7 +16,8 @@ from pydantic import model_validator
 from fusionslam.config import Section, option
 from fusionslam.sim.mesh import Floats
 from fusionslam.sim.scene import Hits
-from fusionslam.sim.town.drive import Array
+
+Array = NDArray[np.float64]
 
 Vector = tuple[float, float, float]
 Field = Literal["intensity", "ring", "time", "object"]

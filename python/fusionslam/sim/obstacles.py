@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
+from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.lidar import Vector
 from fusionslam.sim.mesh import Floats, Mesh, Paint, box, joined
 from fusionslam.sim.motion.occupancy import OccupancyMap
-from fusionslam.sim.motion.trajectory import Trajectory
 from fusionslam.sim.scene import Hits, RayCaster, Scene
 
 Array = NDArray[np.float64]

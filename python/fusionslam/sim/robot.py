@@ -13,12 +13,13 @@ from pydantic import model_validator
 
 from fusionslam.config import Section, option, with_file
 from fusionslam.errors import ConfigError
-from fusionslam.messages import FrameTransform
+from fusionslam.geometry.odometry_noise import OdometryConfig
+from fusionslam.geometry.rigid import rotation
+from fusionslam.sensors.messages import FrameTransform
 from fusionslam.sim.camera import CameraMount, parent_from_camera
 from fusionslam.sim.lidar import LidarMount, Vector
-from fusionslam.sim.motion.driving import DriveLimits
-from fusionslam.sim.motion.odometry import OdometryConfig
-from fusionslam.sim.town.drive import Array, rotation
+from fusionslam.sim.motion.path_following import DriveLimits
+from fusionslam.sim.town.route import Array
 
 _ROBOTS = Path(__file__).with_name("robots")
 

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.config import Section, merged, option
-from fusionslam.messages import (
+from fusionslam.geometry.odometry_noise import OdometryConfig, OdometryTrack, simulate_odometry
+from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.sensors.messages import (
     NANOSECONDS,
     Event,
     FrameTransform,
@@ -26,9 +28,8 @@ from fusionslam.messages import (
 )
 from fusionslam.sim.camera import CameraMount, camera_info, gains, photograph
 from fusionslam.sim.lidar import LidarMount, column_seconds, point_fields, scan
+from fusionslam.sim.motion.clearance import check_trajectory
 from fusionslam.sim.motion.occupancy import OccupancyMap, occupancy_of
-from fusionslam.sim.motion.odometry import OdometryConfig, OdometryTrack, simulate_odometry
-from fusionslam.sim.motion.trajectory import Trajectory, check_trajectory
 from fusionslam.sim.obstacles import Crowd, Obstacle, ObstacleConfig, plan_obstacles
 from fusionslam.sim.robot import (
     TF_STATIC_TOPIC,

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.mesh import Mesh, joined
 from fusionslam.sim.motion.occupancy import OccupancyMap
-from fusionslam.sim.motion.trajectory import Trajectory
 from fusionslam.sim.scene import Light, Scene
 
 

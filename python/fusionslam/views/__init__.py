@@ -12,7 +12,7 @@ match = matcher.process(scene)             # or a Cloud, or a Frame
 print(match.id, match.is_new, match.reason)
 """
 
-from fusionslam.views.alignment import (
+from fusionslam.views.alignment_comparison import (
     Alignment,
     AlignmentConfig,
     AlignmentIndex,
@@ -20,10 +20,7 @@ from fusionslam.views.alignment import (
     align_scenes,
 )
 from fusionslam.views.matcher import ViewMatch, ViewMatcher, ViewMatcherConfig
-from fusionslam.views.recorder import record_scenes
-from fusionslam.views.recordings import RangeRecording, RecordingConfig
-from fusionslam.views.runs import run_views, sweep_thresholds
-from fusionslam.views.scene_sets import SceneSet
+from fusionslam.views.scene_set import SceneSet
 from fusionslam.views.scenes import Scene, SceneConfig, build_scene, dbscan
 from fusionslam.views.similarity import (
     SceneIndex,
@@ -38,8 +35,6 @@ __all__ = [
     "AlignmentConfig",
     "AlignmentIndex",
     "RangeImage",
-    "RangeRecording",
-    "RecordingConfig",
     "Scene",
     "SceneConfig",
     "SceneIndex",
@@ -53,8 +48,5 @@ __all__ = [
     "ciede2000",
     "color_difference",
     "dbscan",
-    "record_scenes",
-    "run_views",
     "scene_similarity",
-    "sweep_thresholds",
 ]

@@ -12,26 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from fusionslam._files import atomic_path, reading
 from fusionslam.config import Section, core_section, merged, option
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
-from fusionslam.fusion import FusionConfig, fuse
-from fusionslam.sensors import Frame
-from fusionslam.views.alignment import AlignmentComparison, AlignmentConfig
-from fusionslam.views.comparisons import (
-    Candidate,
-    Comparison,
-    DescriptorComparison,
-    Item,
-    ObjectComparison,
-    View,
-)
-from fusionslam.views.matches import NO_VIEW, Slot, ViewMatch, ViewStats
-from fusionslam.views.recorder import ROBOT_FUSION
+from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
+from fusionslam.sensors.frame import Frame
+from fusionslam.storage.files import atomic_path, reading
+from fusionslam.views.alignment_comparison import AlignmentComparison, AlignmentConfig
+from fusionslam.views.comparison import Candidate, Comparison, Item, View
+from fusionslam.views.descriptor_comparison import DescriptorComparison
+from fusionslam.views.match import NO_VIEW, Slot, ViewMatch, ViewStats
+from fusionslam.views.object_comparison import ObjectComparison
 from fusionslam.views.scenes import SceneConfig
 from fusionslam.views.similarity import SimilarityConfig
-from fusionslam.views.two_stages import TwoStageComparison
+from fusionslam.views.two_stage_comparison import TwoStageComparison
 
 __all__ = [
     "NO_VIEW",
@@ -343,7 +337,7 @@ def comparison_of(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> C
     first = _first_stage(config, descriptors)
     if config.second_stage is None:
         return first
-    from fusionslam.views.learning import SecondStage
+    from fusionslam.views.second_stage import SecondStage
 
     return TwoStageComparison(
         first,

@@ -11,11 +11,11 @@ import numpy as np
 from fusionslam.datasets.bags.topics import INFO_ROLES
 from fusionslam.datasets.calibration import read_calib_yaml
 from fusionslam.errors import DataError
-from fusionslam.messages import CameraInfo, FrameTransform, FrameTransforms
-from fusionslam.sensors import Camera
+from fusionslam.sensors.frame import Camera
+from fusionslam.sensors.messages import CameraInfo, FrameTransform, FrameTransforms
 
 if TYPE_CHECKING:
-    from fusionslam.datasets.bags.pairing import IndexedBag
+    from fusionslam.datasets.bags.indexed_bag import IndexedBag
 
 CALIBRATED = "camera of calib.yaml"
 """The camera's frame: no robot calls one so, so that it cannot meet a frame of the bag's TF."""

@@ -12,22 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.camera_models import cameras_from, check_pair, rectified
-from fusionslam.datasets.bags.pairing import (
-    IndexedBag,
-    Matched,
-    match,
-    motion,
-    open_indexed,
-    with_poses,
-)
+from fusionslam.datasets.bags.indexed_bag import IndexedBag
+from fusionslam.datasets.bags.pairing import Matched, match, motion, open_indexed, with_poses
 from fusionslam.datasets.bags.topics import INFO_ROLES
 from fusionslam.datasets.base import Dataset
+from fusionslam.datasets.pose_files import match_poses
 from fusionslam.datasets.streams import SENSORS, Request, itself
-from fusionslam.datasets.trajectories import match_poses
 from fusionslam.errors import DataError
-from fusionslam.messages import Picture, Scan
-from fusionslam.sensors import Camera, Frame
+from fusionslam.sensors.camera_info import cameras_from, check_pair, rectified
+from fusionslam.sensors.frame import Camera, Frame
+from fusionslam.sensors.messages import Picture, Scan
 
 logger = logging.getLogger(__name__)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fusionslam import _core
+from fusionslam._core import demosaic
 from fusionslam.errors import DataError
 
 Pixels = NDArray[np.uint8]
@@ -51,7 +51,7 @@ def image_of(message: Any) -> Pixels:
     """
     encoding = message.encoding
     if encoding in _BAYER:
-        return _core.demosaic(_rows(message, 1)[:, :, 0].copy(), _BAYER[encoding])
+        return demosaic(_rows(message, 1)[:, :, 0].copy(), _BAYER[encoding])
     if encoding in _YUV:
         return _rgb_of_yuv(_rows(message, 2), *_YUV[encoding])
     if encoding not in _LAYOUTS:

@@ -12,13 +12,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.datasets.bags.conversions import stamp_of
+from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.datasets.bags.reader import Bag, RawMessage
 from fusionslam.datasets.bags.topics import TRANSFORM_TYPES
 from fusionslam.errors import DataError
-from fusionslam.messages import CameraInfo, FrameTransform, FrameTransforms, Message, Odometry
-from fusionslam.robot_frames import RobotFrames
-from fusionslam.transforms import TransformTree
+from fusionslam.sensors.messages import (
+    CameraInfo,
+    FrameTransform,
+    FrameTransforms,
+    Message,
+    Odometry,
+)
+from fusionslam.sensors.robot_frames import RobotFrames
+from fusionslam.sensors.transforms import TransformTree
 
 logger = logging.getLogger(__name__)
 

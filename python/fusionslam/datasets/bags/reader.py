@@ -13,10 +13,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from fusionslam.datasets.bags.conversions import is_known, plain_type, value_of
+from fusionslam.datasets.bags.messages import is_known, plain_type, value_of
 from fusionslam.datasets.bags.stores import need_rosbags, type_store
 from fusionslam.errors import DataError
-from fusionslam.messages import Event, Message
+from fusionslam.sensors.messages import Event, Message
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection

@@ -12,12 +12,12 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from fusionslam._files import uninterrupted, why_not
-from fusionslam.datasets.bags.conversions import MessageBuilder, is_static, ros_type
 from fusionslam.datasets.bags.images import STORED
+from fusionslam.datasets.bags.messages import MessageBuilder, is_static, ros_type
 from fusionslam.datasets.bags.stores import KINDS, make_in, need_rosbags, type_store
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.messages import NANOSECONDS, Event, FrameTransforms
+from fusionslam.sensors.messages import NANOSECONDS, Event, FrameTransforms
+from fusionslam.storage.files import uninterrupted, why_not
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos

@@ -9,28 +9,14 @@ from typing import ClassVar
 
 from fusionslam.config import option
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.fusion import FusionConfig, fuse
-from fusionslam.messages import Message, Picture, Scan
-from fusionslam.online import FrameBuilder, OnlineConfig
-from fusionslam.ros.config import CommonConfig
-from fusionslam.ros.message_types import (
-    CAMERA_INFO,
-    CLOUD,
-    IMAGES,
-    ODOMETRY,
-    TRANSFORMS,
-    builder,
-)
-from fusionslam.ros.node import Input, Node, Outlet
-from fusionslam.sensors import Frame
-from fusionslam.synchronizer import (
-    BUFFER_FULL,
-    DUPLICATE,
-    LATE,
-    NO_IMAGE,
-    REASONS,
-)
-from fusionslam.views.recorder import ROBOT_FUSION
+from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
+from fusionslam.ros.messages.types import CAMERA_INFO, CLOUD, IMAGES, ODOMETRY, TRANSFORMS, builder
+from fusionslam.ros.runtime.config import CommonConfig
+from fusionslam.ros.runtime.node import Input, Node, Outlet
+from fusionslam.sensors.frame import Frame
+from fusionslam.sensors.frame_builder import FrameBuilder, OnlineConfig
+from fusionslam.sensors.messages import Message, Picture, Scan
+from fusionslam.sensors.synchronizer import BUFFER_FULL, DUPLICATE, LATE, NO_IMAGE, REASONS
 
 logger = logging.getLogger(__name__)
 

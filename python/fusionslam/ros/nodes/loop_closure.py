@@ -7,18 +7,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from fusionslam.aligned_loops import AlignedLoop, AlignedLoopDetector
 from fusionslam.config import option
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
-from fusionslam.loop_closure import LoopConfig, LoopDetector
-from fusionslam.messages import Scan
-from fusionslam.ros.config import CommonConfig
-from fusionslam.ros.message_types import CLOUD, LOOP_CLOSURE, ground_pose, header, make, ros_time
-from fusionslam.ros.node import Input, Node, Outlet
+from fusionslam.loop_closure.aligned import AlignedLoop, AlignedLoopDetector
+from fusionslam.loop_closure.detector import LoopConfig, LoopDetector
+from fusionslam.ros.messages.types import CLOUD, LOOP_CLOSURE, ground_pose, header, make, ros_time
 from fusionslam.ros.nodes.data_fusion import COLORED
-from fusionslam.ros.saving import SavingConfig, continued, other_settings
-from fusionslam.ros.view_config import EMPTY, cloud_of
+from fusionslam.ros.nodes.view_config import EMPTY, cloud_of
+from fusionslam.ros.runtime.checkpoints import SavingConfig, continued, other_settings
+from fusionslam.ros.runtime.config import CommonConfig
+from fusionslam.ros.runtime.node import Input, Node, Outlet
+from fusionslam.sensors.messages import Scan
 
 logger = logging.getLogger(__name__)
 

@@ -9,18 +9,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from fusionslam._files import atomic_path
 from fusionslam.config import option
-from fusionslam.datasets.bags.conversions import stamp_of
+from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.errors import DataError
-from fusionslam.evaluation.running_views import JudgedView, RunningViews
-from fusionslam.messages import NANOSECONDS, Odometry, Picture
-from fusionslam.poses_in_time import Ground, PosedInTime
-from fusionslam.ratslam.given_views import GivenView, GivenViews
-from fusionslam.report.false_positives import write_false_positive
-from fusionslam.report.views_pictures import image_preview
-from fusionslam.ros.config import CommonConfig
-from fusionslam.ros.message_types import (
+from fusionslam.evaluation.views.online import JudgedView, RunningViews
+from fusionslam.ratslam.external_views import GivenView, GivenViews
+from fusionslam.report.views.false_positives import write_false_positive
+from fusionslam.report.views.thumbnails import image_preview
+from fusionslam.ros.messages.types import (
     IMAGES,
     ODOMETRY,
     VIEW_STATISTICS,
@@ -28,10 +24,14 @@ from fusionslam.ros.message_types import (
     header,
     make,
 )
-from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.data_fusion import LEFT
 from fusionslam.ros.nodes.lv_dataset_creator import TRUTH
 from fusionslam.ros.nodes.lv_matching import TEMPLATES
+from fusionslam.ros.runtime.config import CommonConfig
+from fusionslam.ros.runtime.node import Input, Node, Outlet
+from fusionslam.sensors.messages import NANOSECONDS, Odometry, Picture
+from fusionslam.sensors.pose_buffer import Ground, PosedInTime
+from fusionslam.storage.files import atomic_path
 
 logger = logging.getLogger(__name__)
 

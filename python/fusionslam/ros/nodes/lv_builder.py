@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from fusionslam.errors import ConfigError
-from fusionslam.messages import Scan
-from fusionslam.ros.message_types import CLOUD, MARKERS, VIEW_DESCRIPTION, builder, header, make
-from fusionslam.ros.node import Input, Node, Outlet
+from fusionslam.ros.messages.scenes import clustered_cloud, hull_markers
+from fusionslam.ros.messages.types import CLOUD, MARKERS, VIEW_DESCRIPTION, builder, header, make
 from fusionslam.ros.nodes.data_fusion import COLORED
-from fusionslam.ros.scene_messages import clustered_cloud, hull_markers
-from fusionslam.ros.view_config import EMPTY, ViewsConfig, cloud_of, matcher_of, source_of
-from fusionslam.sensors import Cloud
+from fusionslam.ros.nodes.view_config import EMPTY, ViewsConfig, cloud_of, matcher_of, source_of
+from fusionslam.ros.runtime.node import Input, Node, Outlet
+from fusionslam.sensors.frame import Cloud
+from fusionslam.sensors.messages import Scan
+from fusionslam.views.clusters import clustered
 from fusionslam.views.matcher import scene_config
-from fusionslam.views.scene_clusters import clustered
-from fusionslam.views.view_bytes import view_to_bytes
+from fusionslam.views.serialization import view_to_bytes
 
 DESCRIPTIONS = "current_scene_description"
 CLUSTERS, HULLS = "clustered_viz", "convex_hull_viz"

@@ -6,21 +6,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
 from fusionslam.config import option
-from fusionslam.datasets.bags.conversions import stamp_of
+from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.errors import ClockError, ConfigError, DataError
-from fusionslam.messages import Odometry, Scan
-from fusionslam.poses_in_time import Ground, PosedInTime
-from fusionslam.ros.message_types import CLOUD, ODOMETRY, VIEW_DESCRIPTION
-from fusionslam.ros.node import Input, Node, Outlet
+from fusionslam.ros.messages.types import CLOUD, ODOMETRY, VIEW_DESCRIPTION
 from fusionslam.ros.nodes.data_fusion import COLORED
 from fusionslam.ros.nodes.lv_builder import DESCRIPTIONS
-from fusionslam.ros.saving import SavingConfig
-from fusionslam.ros.view_config import ViewsConfig, cloud_of, matcher_of, source_of
-from fusionslam.sensors import Cloud
+from fusionslam.ros.nodes.view_config import ViewsConfig, cloud_of, matcher_of, source_of
+from fusionslam.ros.runtime.checkpoints import SavingConfig
+from fusionslam.ros.runtime.node import Input, Node, Outlet
+from fusionslam.sensors.frame import Cloud
+from fusionslam.sensors.messages import Odometry, Scan
+from fusionslam.sensors.pose_buffer import Ground, PosedInTime
 from fusionslam.views.matcher import scene_config
-from fusionslam.views.online_recorder import SceneRecorder
+from fusionslam.views.scene_recorder import SceneRecorder
 from fusionslam.views.scenes import Scene
-from fusionslam.views.view_bytes import view_from_bytes
+from fusionslam.views.serialization import view_from_bytes
 
 TRUTH = "ground_truth"
 _MOST_WAITING = 100

@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from fusionslam.config import Section, option
-from fusionslam.datasets.bags.conversions import stamp_of
-from fusionslam.messages import Picture
+from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.ratslam.events import Sighting
 from fusionslam.ratslam.source_files import restore_source, save_source
-from fusionslam.ratslam.sources import TemplateSource, ViewSource
-from fusionslam.ros.message_types import IMAGES, VIEW_DESCRIPTION, VIEW_TEMPLATE, header, make
-from fusionslam.ros.node import Input, Node, Outlet
+from fusionslam.ratslam.view_sources import TemplateSource, ViewSource
+from fusionslam.ros.messages.types import IMAGES, VIEW_DESCRIPTION, VIEW_TEMPLATE, header, make
 from fusionslam.ros.nodes.data_fusion import LEFT
 from fusionslam.ros.nodes.lv_builder import DESCRIPTIONS
-from fusionslam.ros.saving import SavingConfig, continued, other_settings
-from fusionslam.ros.view_config import ViewsConfig, matcher_of, source_of
-from fusionslam.views.view_bytes import view_from_bytes
+from fusionslam.ros.nodes.view_config import ViewsConfig, matcher_of, source_of
+from fusionslam.ros.runtime.checkpoints import SavingConfig, continued, other_settings
+from fusionslam.ros.runtime.node import Input, Node, Outlet
+from fusionslam.sensors.messages import Picture
+from fusionslam.views.serialization import view_from_bytes
 
 logger = logging.getLogger(__name__)
 

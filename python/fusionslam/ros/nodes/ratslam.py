@@ -10,16 +10,15 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from fusionslam.config import option
-from fusionslam.datasets.bags.conversions import stamp_of
-from fusionslam.messages import NANOSECONDS, FrameTransform, FrameTransforms, Odometry
-from fusionslam.ratslam.events import Look, OrderConfig
-from fusionslam.ratslam.exports import export_run
-from fusionslam.ratslam.given_views import GivenView
+from fusionslam.datasets.bags.messages import stamp_of
+from fusionslam.ratslam.event_order import OrderConfig
+from fusionslam.ratslam.events import Look
+from fusionslam.ratslam.external_views import GivenView
+from fusionslam.ratslam.map_export import export_run
 from fusionslam.ratslam.online import OnlineRatSlam, OnlineRatSlamConfig
 from fusionslam.ratslam.slam import RatSlamConfig, Step
-from fusionslam.ros.config import CommonConfig, NodeConfig
-from fusionslam.ros.map_messages import action_message, map_markers, map_message, path_message
-from fusionslam.ros.message_types import (
+from fusionslam.ros.messages.maps import action_message, map_markers, map_message, path_message
+from fusionslam.ros.messages.types import (
     MARKERS,
     ODOMETRY,
     PATH,
@@ -33,9 +32,11 @@ from fusionslam.ros.message_types import (
     header,
     make,
 )
-from fusionslam.ros.node import Input, Node, Outlet
 from fusionslam.ros.nodes.lv_matching import TEMPLATES
-from fusionslam.ros.saving import SavingConfig, continued, other_settings
+from fusionslam.ros.runtime.checkpoints import SavingConfig, continued, other_settings
+from fusionslam.ros.runtime.config import CommonConfig, NodeConfig
+from fusionslam.ros.runtime.node import Input, Node, Outlet
+from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, FrameTransforms, Odometry
 
 logger = logging.getLogger(__name__)
 

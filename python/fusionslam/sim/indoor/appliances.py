@@ -5,9 +5,9 @@
 from functools import cache
 
 from fusionslam.sim.canvas import Rgb
-from fusionslam.sim.indoor.furniture import Style
-from fusionslam.sim.indoor.paints import DARK, GREY, WHITE, Look, fitted, paint
-from fusionslam.sim.indoor.things import Thing, block, cylinder, front, thing
+from fusionslam.sim.indoor.home_furniture import Style
+from fusionslam.sim.indoor.objects import Thing, block, cylinder, front, thing
+from fusionslam.sim.indoor.textures import DARK, GREY, WHITE, Look, fitted, paint
 from fusionslam.sim.mesh import Paint, box
 
 

@@ -13,10 +13,14 @@ import numpy as np
 
 from fusionslam.config import Section, option
 from fusionslam.sim.canvas import Rgb
-from fusionslam.sim.indoor import appliances, care, furniture
-from fusionslam.sim.indoor.furniture import CLOTHS, Style
+from fusionslam.sim.indoor import (
+    appliances,
+    home_furniture,
+    hospital_furniture,
+)
+from fusionslam.sim.indoor.home_furniture import CLOTHS, Style
 from fusionslam.sim.indoor.layout import Layout
-from fusionslam.sim.indoor.paints import GREY, WHITE, Look, paint
+from fusionslam.sim.indoor.objects import Site, Thing
 from fusionslam.sim.indoor.rooms import (
     WALL_M,
     Opening,
@@ -27,7 +31,7 @@ from fusionslam.sim.indoor.rooms import (
     spans,
     window,
 )
-from fusionslam.sim.indoor.things import Site, Thing
+from fusionslam.sim.indoor.textures import GREY, WHITE, Look, paint
 from fusionslam.sim.world import World
 
 _HEIGHT_M = 2.8
@@ -167,24 +171,28 @@ def _furnish_ward(site: Site, room: Room, clutter: float, rng: np.random.Generat
     tint = _CURTAINS[rng.integers(len(_CURTAINS))]
     for y in (-1.35, 0.95):
         blanket = _BLANKETS[rng.integers(len(_BLANKETS))]
-        put(care.sickbed(blanket), -wall + 1.1, y, np.pi / 2)
-        put(care.cabinet(_DOOR_TINT), -wall + 0.26, y + 0.75, np.pi / 2)
+        put(hospital_furniture.sickbed(blanket), -wall + 1.1, y, np.pi / 2)
+        put(hospital_furniture.cabinet(_DOOR_TINT), -wall + 0.26, y + 0.75, np.pi / 2)
         if rng.random() < clutter:
-            put(care.drip_stand(), -wall + rng.uniform(0.9, 1.6), y - 0.82, 0.0)
-    put(care.bed_curtain(tint, float(rng.uniform(0.4, 1.6))), -wall + 1.15, -0.15, 0.0)
+            put(hospital_furniture.drip_stand(), -wall + rng.uniform(0.9, 1.6), y - 0.82, 0.0)
+    put(
+        hospital_furniture.bed_curtain(tint, float(rng.uniform(0.4, 1.6))), -wall + 1.15, -0.15, 0.0
+    )
     put(window(2.2, 1.3), 0.0, -wall, np.pi, 0.95)
-    put(care.radiator(), 0.9, -wall + 0.08, np.pi)
+    put(hospital_furniture.radiator(), 0.9, -wall + 0.08, np.pi)
     put(appliances.washbasin(), -1.5, wall - 0.23, 0.0)
-    locker = furniture.cupboard(Style(WHITE, WHITE, WHITE), 1.2, 0.5, 1.9, Look.CUPBOARD, "locker")
+    locker = home_furniture.cupboard(
+        Style(WHITE, WHITE, WHITE), 1.2, 0.5, 1.9, Look.CUPBOARD, "locker"
+    )
     put(locker, wall - 0.28, -0.9, -np.pi / 2)
-    pail = furniture.waste_bin(CLOTHS[rng.integers(len(CLOTHS))])
+    pail = home_furniture.waste_bin(CLOTHS[rng.integers(len(CLOTHS))])
     put(pail, wall - 0.2, rng.uniform(-0.05, 1.0), 0.0)
-    put(furniture.picture(int(rng.integers(16)), 0.6, 0.45), wall, 0.6, -np.pi / 2, 1.2)
+    put(home_furniture.picture(int(rng.integers(16)), 0.6, 0.45), wall, 0.6, -np.pi / 2, 1.2)
     if rng.random() < clutter:
-        seat = furniture.chair(Style(GREY, CLOTHS[rng.integers(len(CLOTHS))], WHITE))
+        seat = home_furniture.chair(Style(GREY, CLOTHS[rng.integers(len(CLOTHS))], WHITE))
         put(seat, rng.uniform(0.9, 1.5), -wall + 0.45, np.pi)
     if rng.random() < 0.5 * clutter:
-        put(furniture.plant(rng), wall - 0.35, -wall + 0.35, 0.0)
+        put(home_furniture.plant(rng), wall - 0.35, -wall + 0.35, 0.0)
 
 
 def _furnish_corridor(
@@ -203,76 +211,84 @@ def _furnish_corridor(
         for start, end in spans(side.length, found):
             if end - start > 0.8:
                 x, y = side.at((start + end) / 2, WALL_M / 2)
-                site.put(care.handrail(end - start - 0.4, tint), x, y, side.yaw + np.pi)
+                site.put(
+                    hospital_furniture.handrail(end - start - 0.4, tint), x, y, side.yaw + np.pi
+                )
         for along, opening in found:
             if opening.leaf_in:
                 x, y = side.at(along + opening.width / 2 + 0.25, WALL_M / 2)
-                site.put(care.number_plate(number, tint), x, y, side.yaw + np.pi, 1.35)
+                site.put(
+                    hospital_furniture.number_plate(number, tint), x, y, side.yaw + np.pi, 1.35
+                )
                 number += 1
     long = max(np.subtract(room.high, room.low))
     for _ in range(round(long / 3.5)):
         if rng.random() < clutter:
             layout.along_wall(_corridor_thing(rng))
-    layout.along_wall(care.extinguisher())
+    layout.along_wall(hospital_furniture.extinguisher())
     for _ in range(max(1, round(long / 9))):
-        layout.on_wall(furniture.picture(int(rng.integers(16)), 0.9, 0.7), 1.25)
+        layout.on_wall(home_furniture.picture(int(rng.integers(16)), 0.9, 0.7), 1.25)
 
 
 def _corridor_thing(rng: np.random.Generator) -> Thing:
     tint = CLOTHS[rng.integers(len(CLOTHS))]
     makers: tuple[Callable[[], Thing], ...] = (
-        lambda: care.bench((0.24, 0.44, 0.70), 3),
-        lambda: care.bench((0.24, 0.44, 0.70), 2),
-        lambda: care.trolley(tint),
-        lambda: furniture.plant(rng),
-        lambda: furniture.waste_bin(tint),
+        lambda: hospital_furniture.bench((0.24, 0.44, 0.70), 3),
+        lambda: hospital_furniture.bench((0.24, 0.44, 0.70), 2),
+        lambda: hospital_furniture.trolley(tint),
+        lambda: home_furniture.plant(rng),
+        lambda: home_furniture.waste_bin(tint),
     )
     return makers[rng.integers(len(makers))]()
 
 
 def _office(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
     style = Style(_DOOR_TINT, CLOTHS[rng.integers(len(CLOTHS))], GREY)
-    layout.along_wall(furniture.desk(style))
-    layout.along_wall(furniture.bookcase(rng, style, 1.2, 1.9))
+    layout.along_wall(home_furniture.desk(style))
+    layout.along_wall(home_furniture.bookcase(rng, style, 1.2, 1.9))
     for _ in range(2):
-        layout.along_wall(furniture.chair(style))
+        layout.along_wall(home_furniture.chair(style))
     _extras(layout, clutter, rng)
 
 
 def _store(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
     style = Style(GREY, WHITE, WHITE)
     for width in (1.5, 1.2, 1.2):
-        layout.along_wall(furniture.cupboard(style, width, 0.5, 1.9, Look.CUPBOARD, "locker"))
-    for make in (care.wheelchair, care.drip_stand, lambda: care.trolley(CLOTHS[3])):
+        layout.along_wall(home_furniture.cupboard(style, width, 0.5, 1.9, Look.CUPBOARD, "locker"))
+    for make in (
+        hospital_furniture.wheelchair,
+        hospital_furniture.drip_stand,
+        lambda: hospital_furniture.trolley(CLOTHS[3]),
+    ):
         if rng.random() < max(clutter, 0.3):
             layout.along_wall(make())
 
 
 def _treatment(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
     tint = CLOTHS[rng.integers(len(CLOTHS))]
-    layout.along_wall(care.couch(tint))
+    layout.along_wall(hospital_furniture.couch(tint))
     layout.along_wall(appliances.washbasin())
-    layout.along_wall(care.trolley(tint))
-    layout.along_wall(furniture.stool(Style(GREY, tint, tint)))
+    layout.along_wall(hospital_furniture.trolley(tint))
+    layout.along_wall(home_furniture.stool(Style(GREY, tint, tint)))
     _extras(layout, clutter, rng)
 
 
 def _waiting(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
     tint = CLOTHS[rng.integers(len(CLOTHS))]
-    layout.along_wall(care.reception(_DOOR_TINT))
+    layout.along_wall(hospital_furniture.reception(_DOOR_TINT))
     for _ in range(3):
-        layout.along_wall(care.bench(tint, 2))
-    layout.along_wall(furniture.plant(rng))
-    layout.on_wall(care.lift(tint), 0.0)
-    layout.lay(furniture.carpet(tint, 2.0, 2.0, Look.CARPET))
+        layout.along_wall(hospital_furniture.bench(tint, 2))
+    layout.along_wall(home_furniture.plant(rng))
+    layout.on_wall(hospital_furniture.lift(tint), 0.0)
+    layout.lay(home_furniture.carpet(tint, 2.0, 2.0, Look.CARPET))
     _extras(layout, clutter, rng)
 
 
 def _extras(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
     if rng.random() < clutter:
-        layout.along_wall(furniture.plant(rng))
-    layout.along_wall(furniture.waste_bin(CLOTHS[rng.integers(len(CLOTHS))]))
-    layout.on_wall(furniture.picture(int(rng.integers(16)), 0.8, 0.6), 1.2)
+        layout.along_wall(home_furniture.plant(rng))
+    layout.along_wall(home_furniture.waste_bin(CLOTHS[rng.integers(len(CLOTHS))]))
+    layout.on_wall(home_furniture.picture(int(rng.integers(16)), 0.8, 0.6), 1.2)
 
 
 _FURNISH: Mapping[str, Callable[[Layout, float, np.random.Generator], None]] = {

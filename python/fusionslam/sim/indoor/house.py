@@ -13,12 +13,12 @@ import numpy as np
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
 from fusionslam.sim.canvas import Rgb
-from fusionslam.sim.indoor import appliances, furniture
-from fusionslam.sim.indoor.furniture import CLOTHS, Style
+from fusionslam.sim.indoor import appliances, home_furniture
+from fusionslam.sim.indoor.home_furniture import CLOTHS, Style
 from fusionslam.sim.indoor.layout import Layout
-from fusionslam.sim.indoor.paints import GREY, WHITE, Look, paint
+from fusionslam.sim.indoor.objects import Site, Thing
 from fusionslam.sim.indoor.rooms import Opening, Room, build_room, sides, window
-from fusionslam.sim.indoor.things import Site, Thing
+from fusionslam.sim.indoor.textures import GREY, WHITE, Look, paint
 from fusionslam.sim.world import World
 
 _HEIGHT_M = 2.7
@@ -115,7 +115,7 @@ def _room(
         (Look.PLASTER, Look.PLASTER, Look.STRIPES, Look.FLOWERS)[rng.integers(4)],
         _WALLS[rng.integers(len(_WALLS))],
     )
-    wood = furniture.WOODS[rng.integers(4)]
+    wood = home_furniture.WOODS[rng.integers(4)]
     floor = paint((Look.PLANKS, Look.PARQUET)[rng.integers(2)], wood)
     if _kind(name) in ("kitchen", "bathroom"):
         floor = paint(Look.TILES, ((0.9, 0.86, 0.8), (0.62, 0.64, 0.68))[rng.integers(2)])
@@ -142,7 +142,7 @@ def _openings(rooms: list[Room], rng: np.random.Generator) -> list[Opening]:
     hall, *others = rooms
     found = []
     for room in others:
-        leaf_tint = furniture.WOODS[rng.integers(len(furniture.WOODS))]
+        leaf_tint = home_furniture.WOODS[rng.integers(len(home_furniture.WOODS))]
         y = hall.high[1] if room.low[1] >= hall.high[1] else hall.low[1]
         reach = (room.high[0] - room.low[0]) / 2 - 0.75
         x = room.centre[0] + float(rng.uniform(-1, 1)) * min(reach, 1.0)
@@ -168,18 +168,18 @@ def _put_windows(layout: Layout, room: Room, config: HouseConfig, rng: np.random
         if side.length > 2.2 and np.isclose(at, edges).any():
             width = float(rng.choice((1.2, 1.6, 2.0))) if side.length > 3 else 1.0
             if layout.on_wall(window(width, 1.2), 0.9, number) and rng.random() < 0.6:
-                layout.over_last(furniture.curtains(tint, width + 0.45, 2.1), 0.15)
+                layout.over_last(home_furniture.curtains(tint, width + 0.45, 2.1), 0.15)
 
 
 def _living(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.along_wall(furniture.sofa(style, float(rng.choice((1.9, 2.2)))))
-    layout.along_wall(furniture.television(style))
-    special = (furniture.fireplace, furniture.piano)[rng.integers(2)]
+    layout.along_wall(home_furniture.sofa(style, float(rng.choice((1.9, 2.2)))))
+    layout.along_wall(home_furniture.television(style))
+    special = (home_furniture.fireplace, home_furniture.piano)[rng.integers(2)]
     layout.along_wall(special(style))
-    layout.along_wall(furniture.sofa(style, 0.9, "armchair"))
-    layout.along_wall(furniture.bookcase(rng, style, 1.2, 1.9))
-    layout.anywhere(furniture.coffee_table(style))
-    layout.lay(furniture.carpet(style.accent, 2.2, 1.5))
+    layout.along_wall(home_furniture.sofa(style, 0.9, "armchair"))
+    layout.along_wall(home_furniture.bookcase(rng, style, 1.2, 1.9))
+    layout.anywhere(home_furniture.coffee_table(style))
+    layout.lay(home_furniture.carpet(style.accent, 2.2, 1.5))
     _small_things(layout, style, clutter, rng)
 
 
@@ -194,40 +194,45 @@ def _kitchen(layout: Layout, style: Style, clutter: float, rng: np.random.Genera
 def _dining(layout: Layout, style: Style, rng: np.random.Generator) -> None:
     """A table with chairs, free in the room if they fit, else a small table at a wall."""
     if rng.random() < 0.5:
-        chairs = [(furniture.chair(style), x, -0.5, 0.0) for x in (-0.35, 0.35)]
-        chairs += [(furniture.chair(style), x, 0.5, np.pi) for x in (-0.35, 0.35)]
-        base = furniture.table(style, 1.5, 0.8)
+        chairs = [(home_furniture.chair(style), x, -0.5, 0.0) for x in (-0.35, 0.35)]
+        chairs += [(home_furniture.chair(style), x, 0.5, np.pi) for x in (-0.35, 0.35)]
+        base = home_furniture.table(style, 1.5, 0.8)
     else:
-        chairs = [(furniture.chair(style), 0.0, y, yaw) for y, yaw in ((-0.55, 0.0), (0.55, np.pi))]
-        base = furniture.round_table(style)
+        chairs = [
+            (home_furniture.chair(style), 0.0, y, yaw) for y, yaw in ((-0.55, 0.0), (0.55, np.pi))
+        ]
+        base = home_furniture.round_table(style)
     chairs = [(seat, x, y, yaw + np.pi) for seat, x, y, yaw in chairs]
-    whole = furniture.group("dining_set", [(base, 0.0, 0.0, 0.0), *chairs])
+    whole = home_furniture.group("dining_set", [(base, 0.0, 0.0, 0.0), *chairs])
     if not (layout.anywhere(whole) or layout.along_wall(whole)):
-        layout.along_wall(furniture.table(style, 1.0, 0.6))
+        layout.along_wall(home_furniture.table(style, 1.0, 0.6))
 
 
 def _bedroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    wide = rng.random() < 0.7 and layout.along_wall(furniture.bed(style, 1.6))
+    wide = rng.random() < 0.7 and layout.along_wall(home_furniture.bed(style, 1.6))
     if not wide:
-        layout.along_wall(furniture.bed(style, 0.95))
-    chest = furniture.cupboard(style, 0.45, 0.4, 0.5, Look.DRAWERS, "nightstand")
+        layout.along_wall(home_furniture.bed(style, 0.95))
+    chest = home_furniture.cupboard(style, 0.45, 0.4, 0.5, Look.DRAWERS, "nightstand")
     layout.along_wall(chest)
-    layout.along_wall(furniture.cupboard(style, 1.5, 0.58, 2.0, Look.CUPBOARD, "wardrobe"))
-    layout.along_wall(furniture.cupboard(style, 0.9, 0.45, 0.85, Look.DRAWERS, "chest"))
-    layout.lay(furniture.carpet(style.accent, 1.6, 1.1))
+    layout.along_wall(home_furniture.cupboard(style, 1.5, 0.58, 2.0, Look.CUPBOARD, "wardrobe"))
+    layout.along_wall(home_furniture.cupboard(style, 0.9, 0.45, 0.85, Look.DRAWERS, "chest"))
+    layout.lay(home_furniture.carpet(style.accent, 1.6, 1.1))
     _small_things(layout, style, clutter, rng)
 
 
 def _study(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
     layout.along_wall(
-        furniture.group(
+        home_furniture.group(
             "workplace",
-            [(furniture.desk(style), 0.0, 0.1, 0.0), (furniture.chair(style), -0.2, -0.3, np.pi)],
+            [
+                (home_furniture.desk(style), 0.0, 0.1, 0.0),
+                (home_furniture.chair(style), -0.2, -0.3, np.pi),
+            ],
         )
     )
     for width in (1.2, 0.8, 0.8):
-        layout.along_wall(furniture.bookcase(rng, style, width, float(rng.choice((1.2, 1.9)))))
-    layout.along_wall(furniture.sofa(style, 0.9, "armchair"))
+        layout.along_wall(home_furniture.bookcase(rng, style, width, float(rng.choice((1.2, 1.9)))))
+    layout.along_wall(home_furniture.sofa(style, 0.9, "armchair"))
     _small_things(layout, style, clutter, rng)
 
 
@@ -236,28 +241,28 @@ def _bathroom(layout: Layout, style: Style, clutter: float, rng: np.random.Gener
     layout.along_wall(appliances.washbasin())
     layout.along_wall(appliances.toilet())
     layout.along_wall(appliances.washing_machine())
-    layout.lay(furniture.carpet(style.accent, 0.9, 0.6, Look.CARPET))
+    layout.lay(home_furniture.carpet(style.accent, 0.9, 0.6, Look.CARPET))
     if rng.random() < clutter:
-        layout.along_wall(furniture.waste_bin(style.accent))
+        layout.along_wall(home_furniture.waste_bin(style.accent))
 
 
 def _playroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.along_wall(furniture.bed(style, 0.95))
-    layout.along_wall(furniture.bookcase(rng, style, 0.8, 1.2))
-    layout.along_wall(furniture.cupboard(style, 0.9, 0.45, 0.85, Look.DRAWERS, "chest"))
+    layout.along_wall(home_furniture.bed(style, 0.95))
+    layout.along_wall(home_furniture.bookcase(rng, style, 0.8, 1.2))
+    layout.along_wall(home_furniture.cupboard(style, 0.9, 0.45, 0.85, Look.DRAWERS, "chest"))
     for _ in range(3):
-        layout.anywhere(furniture.toys(rng))
-    layout.anywhere(furniture.stool(style))
-    layout.lay(furniture.carpet(style.cloth, 1.8, 1.8, Look.PLAID))
+        layout.anywhere(home_furniture.toys(rng))
+    layout.anywhere(home_furniture.stool(style))
+    layout.lay(home_furniture.carpet(style.cloth, 1.8, 1.8, Look.PLAID))
     _small_things(layout, style, clutter, rng, pictures=3)
 
 
 def _hall(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.lay(furniture.carpet(style.cloth, 3.2, 0.8))
-    layout.along_wall(furniture.cupboard(style, 0.8, 0.3, 0.9, Look.DRAWERS, "shoe_rack"))
-    layout.along_wall(furniture.cupboard(style, 0.7, 0.3, 1.9, Look.CUPBOARD, "coat_cupboard"))
+    layout.lay(home_furniture.carpet(style.cloth, 3.2, 0.8))
+    layout.along_wall(home_furniture.cupboard(style, 0.8, 0.3, 0.9, Look.DRAWERS, "shoe_rack"))
+    layout.along_wall(home_furniture.cupboard(style, 0.7, 0.3, 1.9, Look.CUPBOARD, "coat_cupboard"))
     for number in rng.permutation(16)[:6]:
-        layout.on_wall(furniture.picture(int(number), 0.5, 0.6), 1.2)
+        layout.on_wall(home_furniture.picture(int(number), 0.5, 0.6), 1.2)
 
 
 def _small_things(
@@ -265,16 +270,16 @@ def _small_things(
 ) -> None:
     """Plants, lamps, bins and pictures: what tells rooms of one kind apart."""
     makers: tuple[Callable[[], Thing], ...] = (
-        lambda: furniture.plant(rng),
-        lambda: furniture.lamp(style),
-        lambda: furniture.waste_bin(style.accent),
-        lambda: furniture.stool(style),
+        lambda: home_furniture.plant(rng),
+        lambda: home_furniture.lamp(style),
+        lambda: home_furniture.waste_bin(style.accent),
+        lambda: home_furniture.stool(style),
     )
     for make in makers:
         if rng.random() < clutter:
             layout.along_wall(make())
     for number in rng.permutation(16)[:pictures]:
-        layout.on_wall(furniture.picture(int(number), *rng.uniform(0.4, 0.8, 2)), 1.15)
+        layout.on_wall(home_furniture.picture(int(number), *rng.uniform(0.4, 0.8, 2)), 1.15)
 
 
 _FURNISH: Mapping[str, Callable[[Layout, Style, float, np.random.Generator], None]] = {

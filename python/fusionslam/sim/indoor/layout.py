@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.sim.indoor.objects import Site, Thing
 from fusionslam.sim.indoor.rooms import WALL_M, Opening, Room, Side, openings_of, sides
-from fusionslam.sim.indoor.things import Site, Thing
 
 # A robot of 0.22 m radius passes a lane with room to spare.
 LANE_M = 0.80

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fusionslam.sim.canvas import Rgb
-from fusionslam.sim.indoor.paints import WHITE, Look, fitted, paint
-from fusionslam.sim.indoor.things import Site, Thing, block, flat, front, thing
+from fusionslam.sim.indoor.objects import Site, Thing, block, flat, front, thing
+from fusionslam.sim.indoor.textures import WHITE, Look, fitted, paint
 from fusionslam.sim.mesh import Mesh, Paint, box, joined, panels
 
 WALL_M = 0.16

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.sim.motion.rasters import cells_touched
+from fusionslam.sim.motion.rasterize import cells_touched
 from fusionslam.sim.scene import Scene
 
 Bools = NDArray[np.bool_]

@@ -11,11 +11,11 @@ from pydantic import model_validator
 
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
-from fusionslam.sim.motion.driving import DriveLimits, drive
+from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.motion.occupancy import OccupancyMap
+from fusionslam.sim.motion.path_following import DriveLimits, drive
 from fusionslam.sim.motion.routes import RouteFinder, round_trip, spread_cells, tour_cost
 from fusionslam.sim.motion.smoothing import lengths, smoothed
-from fusionslam.sim.motion.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -11,7 +11,7 @@ import numpy as np
 from fusionslam.config import Section, option
 from fusionslam.sim.camera import LensConfig
 from fusionslam.sim.lidar import LidarConfig, Vector
-from fusionslam.sim.town.drive import Array
+from fusionslam.sim.town.route import Array
 
 
 class StereoConfig(LensConfig):

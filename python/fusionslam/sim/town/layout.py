@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fusionslam.config import Section, option
 from fusionslam.sim.mesh import Mesh, box, joined, panels
 from fusionslam.sim.scene import Scene
-from fusionslam.sim.town import furniture
+from fusionslam.sim.town import street_furniture
 from fusionslam.sim.town.houses import WALL_TINTS, HouseType, house, house_type, paint
 from fusionslam.sim.town.textures import Look, town_textures
 from fusionslam.sim.world import Part, scene_of
@@ -107,7 +107,7 @@ def _parked(config: TownConfig, lap: int) -> list[Mesh]:
             for along in np.arange(7.0, side.length - 6.0, 6.0):
                 if rng.random() < taken:
                     shift, turn = rng.uniform(-0.4, 0.4), np.pi * rng.integers(2)
-                    vehicle = furniture.car(rng).moved((0, 0, 0), turn + rng.normal(0, 0.02))
+                    vehicle = street_furniture.car(rng).moved((0, 0, 0), turn + rng.normal(0, 0.02))
                     cars.append(side.place(vehicle, along + shift, -0.5 * PARKING_M - 0.05))
     return cars
 
@@ -191,14 +191,14 @@ def _front_garden(
     border = int(rng.integers(4))
     opening = rng.uniform(0.3, 0.6) * width
     height = rng.uniform(0.7, 1.3)
-    make = (furniture.hedge, furniture.fence, furniture.wall)
+    make = (street_furniture.hedge, street_furniture.fence, street_furniture.wall)
     if border < 3:
         for start, end in ((0.0, opening), (opening + 1.6, width + 1.0)):
             if end - start > 0.5:
                 piece = make[border](end - start, height)
                 parts.append(side.place(piece, along + start, PAVEMENT_M + 0.1, _CURB_M))
     if back > PAVEMENT_M + 3 and rng.random() < 0.7:
-        plant = furniture.bush(rng) if rng.random() < 0.6 else furniture.conifer(rng)
+        plant = street_furniture.bush(rng) if rng.random() < 0.6 else street_furniture.conifer(rng)
         parts.append(side.place(plant, along + rng.uniform(0, width), PAVEMENT_M + 1.6, _CURB_M))
     return parts
 
@@ -207,9 +207,11 @@ def _street_furniture(config: TownConfig, side: Side, rng: np.random.Generator) 
     """Lamps, signs and bins at the curb, and on some sides a line of trees."""
     parts = []
     for along in np.arange(rng.uniform(2, 12), side.length - 2, 22.0):
-        parts.append(side.place(furniture.lamp(rng), along + rng.uniform(-2, 2), 0.4, _CURB_M))
+        parts.append(
+            side.place(street_furniture.lamp(rng), along + rng.uniform(-2, 2), 0.4, _CURB_M)
+        )
     for _ in range(int(rng.integers(1, 4))):
-        make = furniture.sign if rng.random() < 0.6 else furniture.litter_bin
+        make = street_furniture.sign if rng.random() < 0.6 else street_furniture.litter_bin
         place = rng.uniform(2, side.length - 2)
         parts.append(side.place(make(rng), place, rng.uniform(0.35, 0.6), _CURB_M))
     if rng.random() < config.street_trees:
@@ -217,17 +219,17 @@ def _street_furniture(config: TownConfig, side: Side, rng: np.random.Generator) 
         for along in np.arange(rng.uniform(4, 9), side.length - 4, step):
             if rng.random() < 0.75:
                 place = along + rng.uniform(-1.5, 1.5)
-                parts.append(side.place(furniture.tree(rng), place, 0.8, _CURB_M))
+                parts.append(side.place(street_furniture.tree(rng), place, 0.8, _CURB_M))
     return parts
 
 
 def _park_edge(side: Side, rng: np.random.Generator) -> list[Mesh]:
     parts = []
     if rng.random() < 0.6:
-        border = furniture.hedge(side.length - 14, rng.uniform(0.6, 1.1))
+        border = street_furniture.hedge(side.length - 14, rng.uniform(0.6, 1.1))
         parts.append(side.place(border, 7.0, PAVEMENT_M + 0.1, _CURB_M))
     for along in rng.uniform(8, side.length - 8, 2):
-        parts.append(side.place(furniture.bench(), along, PAVEMENT_M + 1.2, _CURB_M))
+        parts.append(side.place(street_furniture.bench(), along, PAVEMENT_M + 1.2, _CURB_M))
     return parts
 
 
@@ -237,7 +239,12 @@ def _green(
     """Trees and bushes inside a block: many in a park, a few in a courtyard."""
     spread = size / 2 - (PAVEMENT_M + 1.5 if count > 10 else 15.0)
     middle = np.asarray(corner) + size / 2
-    make = (furniture.tree, furniture.tree, furniture.conifer, furniture.bush)
+    make = (
+        street_furniture.tree,
+        street_furniture.tree,
+        street_furniture.conifer,
+        street_furniture.bush,
+    )
     parts = []
     for _ in range(count):
         x, y = middle + rng.uniform(-1, 1, 2) * max(spread, 2.0)

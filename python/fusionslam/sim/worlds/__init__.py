@@ -6,12 +6,12 @@ import os
 from pathlib import Path
 
 from fusionslam.errors import DataError
+from fusionslam.geometry.trajectory import read_trajectory
 from fusionslam.sim.motion.map_files import read_map
-from fusionslam.sim.motion.trajectory import read_trajectory
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds.gltf import read_glb
+from fusionslam.sim.worlds.missing_resources import Unresolved
 from fusionslam.sim.worlds.sdf import read_sdf
-from fusionslam.sim.worlds.unresolved import Unresolved
 
 __all__ = ["load_world"]
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.sim.worlds import shapes
-from fusionslam.sim.worlds.lookup import Library
 from fusionslam.sim.worlds.materials import Color
 from fusionslam.sim.worlds.meshes import read_mesh
 from fusionslam.sim.worlds.poses import numbers_of
+from fusionslam.sim.worlds.resource_paths import Library
 from fusionslam.sim.worlds.surfaces import Look, Piece
 
 Floats = NDArray[np.float64]

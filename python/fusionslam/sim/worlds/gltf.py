@@ -19,6 +19,7 @@ from fusionslam.errors import DataError
 from fusionslam.sim.scene import INDOOR_LIGHT, Scene
 from fusionslam.sim.world import scene_of
 from fusionslam.sim.worlds.ground import parts_of
+from fusionslam.sim.worlds.missing_resources import Unresolved
 from fusionslam.sim.worlds.surfaces import (
     Look,
     Piece,
@@ -28,7 +29,6 @@ from fusionslam.sim.worlds.surfaces import (
     rgb_of,
     triangles_of,
 )
-from fusionslam.sim.worlds.unresolved import Unresolved
 
 _HEADER = struct.Struct("<4sII")
 _CHUNK = struct.Struct("<I4s")

@@ -4,7 +4,7 @@
 
 import xml.etree.ElementTree as ET
 
-from fusionslam.sim.worlds.unresolved import Unresolved
+from fusionslam.sim.worlds.missing_resources import Unresolved
 
 Color = tuple[float, float, float]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import FusionSlamError
-from fusionslam.sim.worlds.lookup import Library, MeshFolder
+from fusionslam.sim.worlds.resource_paths import Library, MeshFolder
 from fusionslam.sim.worlds.surfaces import Look, Piece, checked, rgb_of, triangles_of
 
 _WHITE = (1.0, 1.0, 1.0)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fusionslam.errors import DataError
-from fusionslam.sim.worlds.lookup import Library
 from fusionslam.sim.worlds.poses import Matrix, pose_of
+from fusionslam.sim.worlds.resource_paths import Library
 
 log = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusionslam.sim.worlds.unresolved import Unresolved
+from fusionslam.sim.worlds.missing_resources import Unresolved
 
 Matrix = NDArray[np.float64]
 

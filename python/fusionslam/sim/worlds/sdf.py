@@ -14,11 +14,11 @@ from fusionslam.sim.scene import INDOOR_LIGHT, Scene
 from fusionslam.sim.world import scene_of
 from fusionslam.sim.worlds.geometry import GeometryReader
 from fusionslam.sim.worlds.ground import LARGE_M2, area_m2, level_triangles, parts_of
-from fusionslam.sim.worlds.lookup import Library
 from fusionslam.sim.worlds.materials import color_of
+from fusionslam.sim.worlds.missing_resources import Unresolved
 from fusionslam.sim.worlds.models import Shape, shapes_of
+from fusionslam.sim.worlds.resource_paths import Library
 from fusionslam.sim.worlds.surfaces import Piece, TexturePool, mesh_of
-from fusionslam.sim.worlds.unresolved import Unresolved
 
 # How deep a plane that is seen sinks below a floor that is laid on it, and what counts as on it.
 _SUNK_M = 0.01

@@ -1,0 +1,137 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command that compares ways to recognise views: bench views."""
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.console import Step, print_figures, progress
+from fusionslam.cli.failures import keep_parts, needs_extra
+
+if TYPE_CHECKING:
+    from fusionslam.pipelines.compare_views import ViewResult
+    from fusionslam.pipelines.drives import Drive
+
+_WIDTH = 80
+
+
+def bench_views(
+    ctx: typer.Context,
+    data: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="DATA",
+            help="Recordings (.npz), bags, folders, scene sets, or warehouse, house, hospital.",
+        ),
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
+        "out/bench-views"
+    ),
+    methods: Annotated[
+        str, typer.Option("--methods", "-m", help="With commas; or all; or list, to see them.")
+    ] = "all",
+    frame: Annotated[
+        str,
+        typer.Option("--frame", help="Frame of the clouds: robot, odometry, drift; or all."),
+    ] = "robot",
+    shapes: Annotated[
+        str,
+        typer.Option("--shapes", help="What rays met, if DATA has both: collision or visual."),
+    ] = "collision",
+    jobs: opt.Jobs = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Compare ways to recognise views on DATA: accuracy, loops, bytes, time.
+
+    Beside each stand the figures of the thesis and of its program run again. Without DATA the
+    recordings below FUSIONSLAM_TEST_DATA are compared, or else drives through made worlds.
+    """
+    from fusionslam.datasets.range_recording import SHAPES
+    from fusionslam.pipelines.compare_views import bench_views as bench
+    from fusionslam.pipelines.compare_views import known_recordings
+    from fusionslam.pipelines.drives import FRAMES, open_drive
+    from fusionslam.pipelines.methods import ENTRANTS, WITHOUT_SENSOR
+
+    if methods == "list":
+        print_methods()
+        return
+    opt.one_of("--frame", frame, (*FRAMES, "all"))
+    opt.one_of("--shapes", shapes, SHAPES)
+    wanted = list(ENTRANTS) if methods == "all" else [name.strip() for name in methods.split(",")]
+    for name in wanted:
+        opt.one_of("--methods", name, tuple(ENTRANTS))
+    # Accuracy alone says little: what scores without a sensor stands in every table.
+    wanted += [name for name in WITHOUT_SENSOR if name not in wanted]
+    needs_extra("report")
+    keep_parts(ctx, output)
+    with progress() as step:
+        drives = [
+            open_drive(source, shapes=shapes, jobs=opt.cores(jobs), step=step)
+            for source in data or known_recordings()
+        ]
+        frames = list(FRAMES) if frame == "all" else [name for name in FRAMES if name == frame]
+        results = bench(drives, wanted, frames=frames, jobs=opt.cores(jobs), step=step)
+        pages = write(output, drives, results, step)
+    show(drives, results)
+    for page in pages:
+        print(page)
+
+
+def print_methods() -> None:
+    """What can be compared, a line each."""
+    from fusionslam.cli.console import print_table
+    from fusionslam.pipelines.methods import ENTRANTS
+
+    rows = [(name, entrant.help) for name, entrant in ENTRANTS.items()]
+    print_table(("method", "what it is"), rows)
+
+
+def write(
+    output: Path, drives: "Sequence[Drive]", results: "Sequence[ViewResult]", step: Step
+) -> list[Path]:
+    """Write Markdown and JSON, and a page a frame; returns the paths of the pages."""
+    from fusionslam.report.views.comparison_tables import write_view_bench
+    from fusionslam.report.views.page import write_view_report
+    from fusionslam.storage.machine import machine, versions
+
+    about = {"command": opt.command_line(), "versions": versions(), "machine": machine()}
+    write_view_bench(output, results, {drive.name: drive.dropped for drive in drives}, about)
+    frames = list(dict.fromkeys(result.frame for result in results))
+    pages = [output / "views.md"]
+    for number, frame in enumerate(frames):
+        step("writing the reports", number, len(frames))
+        runs = [r.run for r in results if r.frame == frame and r.run is not None]
+        if runs:
+            folder = output if len(frames) == 1 else output / frame
+            pages.append(write_view_report(runs, folder, command=opt.command_line()))
+    step("writing the reports", len(frames), len(frames))
+    return pages
+
+
+def show(drives: "Sequence[Drive]", results: "Sequence[ViewResult]") -> None:
+    """The tables, in 80 columns."""
+    from fusionslam.report.views.comparison_tables import (
+        LEGEND,
+        accuracy_table,
+        cost_table,
+        groups,
+        notes,
+    )
+
+    for heading, rows in groups(results):
+        print_figures(heading, accuracy_table(rows))
+        print_figures("", cost_table(rows))
+        print()
+    lines = [LEGEND]
+    lines += [
+        f"{drive.name}: {drive.dropped} scans hold nothing above the floor and are left out"
+        for drive in drives
+        if drive.dropped
+    ]
+    for line in [*lines, *notes(results)]:
+        print(textwrap.fill(line, _WIDTH, subsequent_indent="  "))

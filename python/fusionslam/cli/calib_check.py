@@ -1,0 +1,69 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command that looks whether LiDAR and camera fit together."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.console import print_table, progress
+from fusionslam.cli.failures import keep_parts, needs_extra
+
+if TYPE_CHECKING:
+    from fusionslam.calibration.search import CalibrationCheckConfig
+
+
+def calib_check(
+    ctx: typer.Context,
+    data: opt.Data,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for pictures and calib_check.json.")
+    ],
+    pictures: Annotated[
+        int, typer.Option("--pictures", min=0, help="How many frames are drawn.")
+    ] = 3,
+    kind: opt.KindOption = None,
+    sequence: opt.Sequence = None,
+    topic: opt.Topics = None,
+    stamps: opt.StampsOption = "header",
+    sync: opt.SyncOption = None,
+    calib: opt.Calibration = None,
+    skip_gaps: opt.SkipGaps = False,
+    gt: opt.Truth = None,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Say whether scans and images of DATA fit together.
+
+    Tries small turns, shifts and delays of the camera, and draws scans over their images.
+    """
+    from fusionslam.calibration.check import check_calibration, frames_of, write_overlays
+
+    needs_extra("report")
+    chosen = _config(config, settings)
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
+    dataset = recording.open("lidar")
+    keep_parts(ctx, output)
+    with progress() as step:
+        check = check_calibration(
+            dataset, chosen, lambda done, total: step("finding edges", done, total)
+        )
+    check.save(output / "calib_check.json")
+    paths = write_overlays(dataset, frames_of(dataset, pictures), output)
+    print_table(["what", "best", "not surely worse", "score"], check.rows())
+    print(f"{len(check.frames)} frames, {check.points} depth edges: {check.verdict}")
+    for path in (*paths, output / "calib_check.json"):
+        print(path)
+
+
+def _config(file: Path | None, settings: list[str] | None) -> "CalibrationCheckConfig":
+    from fusionslam.config import with_file, with_settings
+
+    whole = opt.everything()
+    if file is not None:
+        whole = with_file(whole, file)
+    chosen: CalibrationCheckConfig = with_settings(whole, settings or []).calib_check  # type: ignore[attr-defined]
+    return chosen

@@ -1,0 +1,181 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What people see: tables on stdout; progress and messages on stderr."""
+
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table as RichTable
+
+    from fusionslam.doctor import Finding
+    from fusionslam.evaluation import DescriptorRun, Evaluation
+    from fusionslam.report.page.tables import Table
+
+Step = Callable[[str, int, int], None]
+
+_WIDTH = 160
+"""Columns where there is no terminal to ask."""
+
+
+def stdout() -> "Console":
+    """The console of results."""
+    from rich.console import Console
+
+    class Patient(Console):
+        """Leaves it to the command what happens when nobody reads on."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
+    return Patient(width=None if sys.stdout.isatty() else _WIDTH, highlight=False)
+
+
+def stderr() -> "Console":
+    """The console of messages."""
+    from rich.console import Console
+
+    return Console(stderr=True, width=None if sys.stderr.isatty() else _WIDTH, highlight=False)
+
+
+@contextmanager
+def progress() -> Iterator[Step]:
+    """A function that shows how far each step is; it shows nothing where nobody looks."""
+    console = stderr()
+    if not console.is_terminal:
+        yield lambda label, done, total: None
+        return
+    from rich.progress import (
+        MofNCompleteColumn,
+        Progress,
+        TaskID,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (*Progress.get_default_columns()[:2], MofNCompleteColumn())
+    bars = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console)
+    tasks: dict[str, TaskID] = {}
+
+    def show(label: str, done: int, total: int) -> None:
+        if label not in tasks:
+            tasks[label] = bars.add_task(label, total=total)
+        bars.update(tasks[label], completed=done, total=total)
+
+    with bars:
+        yield show
+
+
+def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table of texts."""
+    from rich.markup import escape
+
+    table = _table(heads, right=False)
+    for row in rows:
+        table.add_row(*(escape(cell) for cell in row))
+    stdout().print(table)
+
+
+def print_findings(findings: "Iterable[Finding]", optional: str) -> None:
+    """What was looked at, one a row; ``optional`` is said of what may be as it is."""
+    rows = [
+        ["ok" if each.fine else optional if each.optional else "fault", each.what, each.detail]
+        for each in findings
+    ]
+    print_table(["", "what", "detail"], rows)
+
+
+def print_figures(title: str, table: "Table") -> None:
+    """A table of figures under its title, as narrow as it can be."""
+    from rich.text import Text
+
+    shown = _table(["", *(head for head, _ in table.heads)], right=True, space=0)
+    for label, cells in table.rows:
+        shown.add_row(label, *(Text(c.text, style="bold" if c.best else "") for c in cells))
+    console = stdout()
+    console.print(Text(title, style="bold"))
+    console.print(shown)
+
+
+def _table(heads: Sequence[str], *, right: bool, space: int = 1) -> "RichTable":
+    """A table without lines; ``right`` aligns all columns but the first."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE, show_edge=False, pad_edge=False, padding=(0, space, 0, 0))
+    for place, head in enumerate(heads):
+        aside = right and place > 0
+        table.add_column(head, justify="right" if aside else "left", no_wrap=right or place == 0)
+    return table
+
+
+def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
+    """Accuracy and cost of every run, in 80 columns; the report has more."""
+    from fusionslam.report.loops.labels import by_rank, winner
+    from fusionslam.report.loops.tables import accuracy_table, cost_table, published_table
+
+    groups = by_rank(evaluations, protocol)
+    ranked = [evaluation for group in groups.values() for evaluation in group]
+    curves = [e.curves[protocol] for e in ranked if protocol in e.curves]
+    judged = any(curve.n_revisits for curve in curves)
+    tables = [accuracy_table(ranked, protocol)] if judged else []
+    if any(evaluation.published for evaluation in ranked):
+        tables.append(published_table(ranked, protocol))
+    sizes = [(name, len(group)) for name, group in groups.items()]
+    for table in [*tables, cost_table(ranked)]:
+        _print_grouped(table, sizes)
+    for line in (_conditions(ranked, protocol), _COSTS, winner(ranked, protocol)):
+        if line:
+            print(line)
+    for line in dict.fromkeys(left_out(evaluation.run) for evaluation in ranked):
+        if line:
+            print(line.removeprefix(", "))
+
+
+_COSTS = (
+    "times: medians in ms a frame; peak MiB: memory that describing the largest\n"
+    "cloud took on top of what was in use, 0 where it was less than half a MiB"
+)
+
+
+def left_out(run: "DescriptorRun", most: int = 8) -> str:
+    """The frames that the run lacks because they cannot be described, as the end of a line."""
+    if not run.skipped:
+        return ""
+    numbers = [str(number) for number in run.skipped]
+    more = ", ..." if len(numbers) > most else ""
+    shown = ", ".join(numbers[:most]) + more
+    reason = next(iter(run.skipped.values()))
+    return f", {len(numbers)} left out that cannot be described: {shown} ({reason})"
+
+
+def _print_grouped(table: "Table", groups: Sequence[tuple[str, int]]) -> None:
+    """A table whose rows come in named groups."""
+    from rich.text import Text
+
+    shown = _table(["", *(title for title, _ in table.heads)], right=True)
+    rows = iter(table.rows)
+    for name, count in groups:
+        shown.add_row(Text(name, style="bold"))
+        for _ in range(count):
+            label, cells = next(rows)
+            shown.add_row(
+                f"  {label}", *(Text(c.text, style="bold" if c.best else "") for c in cells)
+            )
+    stdout().print(shown)
+
+
+def _conditions(evaluations: "Sequence[Evaluation]", protocol: str) -> str:
+    curve = next((e.curves[protocol] for e in evaluations if protocol in e.curves), None)
+    if curve is None:
+        return "no true poses: cost only (--gt names a file of poses)"
+    conditions = f"protocol {protocol}, radius {curve.radius:g} m, window {curve.window}: "
+    if curve.n_revisits:
+        return f"{conditions}{curve.n_revisits} of {curve.n_queries} frames are revisits"
+    return (
+        f"{conditions}no frame is a revisit, so there is no\n"
+        "accuracy to judge; --set evaluation.window or evaluation.radius may change that"
+    )

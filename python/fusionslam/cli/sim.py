@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command that drives a robot through a world and records what it publishes."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.console import progress
+from fusionslam.cli.failures import keep_partial, needs_extra
+from fusionslam.errors import ConfigError
+
+if TYPE_CHECKING:
+    from fusionslam.geometry.trajectory import Trajectory
+    from fusionslam.sim.recordings import RecordingConfig
+    from fusionslam.sim.world import World
+
+FORMATS = {"bag": "rosbag1", "db3": "rosbag2", "mcap": "mcap", "folder": "folder"}
+"""Names of --format, which are the outputs' suffixes, and what the writers call them."""
+
+
+def sim(
+    world: Annotated[
+        str,
+        typer.Argument(
+            metavar="WORLD", help="warehouse, house, hospital, town, or a .glb, .world or .sdf."
+        ),
+    ],
+    ctx: typer.Context,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="X.bag, X.db3 (a folder), X.mcap, or a plain folder."),
+    ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option("--robot", metavar="R", help="Name or YAML file; else the world's."),
+    ] = None,
+    trajectory: Annotated[
+        Path | None,
+        typer.Option("--trajectory", metavar="T", help="CSV t,x,y,yaw; else its own or planned."),
+    ] = None,
+    format: Annotated[
+        str | None, typer.Option("--format", help="bag, db3, mcap or folder; else the suffix says.")
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option("--seconds", help="How long; else the whole drive.")
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", min=0, help="Decides noise, moving boxes and planned drives."),
+    ] = None,
+    obstacles: Annotated[
+        int | None,
+        typer.Option("--obstacles", metavar="N", min=0, help="Moving boxes on the way."),
+    ] = None,
+    lenient: Annotated[
+        bool, typer.Option("--lenient", help="Go on without meshes and textures that are missing.")
+    ] = False,
+    save_trajectory: Annotated[
+        Path | None,
+        typer.Option("--save-trajectory", metavar="FILE", help="Write the drive as CSV, too."),
+    ] = None,
+    save_map: Annotated[
+        Path | None,
+        typer.Option(
+            "--save-map", metavar="FILE.yaml", help="Write the map as for ROS map_server, too."
+        ),
+    ] = None,
+    print_config: Annotated[
+        bool, typer.Option("--print-config", help="Print all values as YAML and drive nowhere.")
+    ] = False,
+    settings: opt.Settings = None,
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", metavar="FILE", help="YAML, as --print-config prints."),
+    ] = None,
+    jobs: opt.Jobs = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Drive a robot through WORLD and record what its sensors publish.
+
+    --set takes robot.lidars.NAME.KEY, robot.odometry.errors.KEY, obstacles.KEY, plan.KEY and,
+    for worlds that are made, world.KEY.
+    """
+    needs_extra("sim")
+    from fusionslam.config import as_yaml
+    from fusionslam.geometry.trajectory import read_trajectory
+    from fusionslam.sim.catalogue import MADE, check_world, read_world
+    from fusionslam.sim.recordings import check_output, check_parents, resolved, write_recording
+
+    check_world(world)
+    changes = _changes(seed, seconds, obstacles)
+    chosen = _chosen(world, robot, config, changes, settings)
+    if print_config:
+        print(as_yaml(resolved(chosen)), end="")
+        return
+    output, kind = _output(output, format)
+    check_output(output, kind, chosen.robot)
+    for file in filter(None, (save_trajectory, save_map)):
+        check_parents(file)
+    way = None if trajectory is None else read_trajectory(trajectory)
+    with progress() as step:
+        step("preparing world and drive", 0, 1)
+        entry = MADE.get(world)
+        place = entry.make(chosen.world) if entry else read_world(world, lenient=lenient)
+        place, drive = _drive(place, chosen, way)
+        _save(place, save_map, drive, save_trajectory)
+        step("preparing world and drive", 1, 1)
+        _announce(output, kind, drive, chosen)
+        keep_partial(ctx, output)
+        count = write_recording(
+            place,
+            drive,
+            chosen,
+            output,
+            kind=kind,
+            jobs=opt.cores(jobs),
+            progress=lambda done, total: step("driving", done, total),
+        )
+    print(f"{output}: {_counted(count, kind)}")
+
+
+def _save(
+    place: "World", map_file: Path | None, drive: "Trajectory", drive_file: Path | None
+) -> None:
+    """Write map and drive where that was asked for."""
+    from fusionslam.geometry.trajectory import write_trajectory
+    from fusionslam.sim.motion.map_files import write_map
+
+    if map_file is not None and place.map is not None:
+        write_map(map_file, place.map)
+    if drive_file is not None:
+        write_trajectory(drive_file, drive)
+
+
+def _output(path: Path | None, format: str | None) -> tuple[Path, str]:
+    """Where to write, and the kind that format or suffix names, once it can be written here."""
+    if format is not None:
+        opt.one_of("--format", format, tuple(FORMATS))
+    if path is None:
+        raise ConfigError("--output is missing: expected a bag or a folder to write")
+    kind = FORMATS.get(format or path.suffix.lower().lstrip("."), "folder")
+    if kind != "folder":
+        needs_extra("bags")
+    return path, kind
+
+
+def _announce(output: Path, kind: str, drive: "Trajectory", config: "RecordingConfig") -> None:
+    """Say what will be written, where no bar shows it."""
+    from fusionslam.sim.recordings import recording_size
+    from fusionslam.sim.simulator import recorded_seconds
+
+    if not sys.stderr.isatty():
+        size = _counted(recording_size(drive, config, kind), kind)
+        seconds = recorded_seconds(drive, config)
+        print(f"{output}: {size} of {seconds:.1f} s of driving to write", file=sys.stderr)
+
+
+def _counted(count: int, kind: str) -> str:
+    noun = "frame" if kind == "folder" else "message"
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
+def _changes(seed: int | None, seconds: float | None, obstacles: int | None) -> dict[str, Any]:
+    """What options change; --seed means all that is random but the world."""
+    options: dict[str, Any] = {"seed": seed, "seconds": seconds}
+    changes = {key: value for key, value in options.items() if value is not None}
+    if seed is not None:
+        changes["plan"] = {"seed": seed}
+    if obstacles is not None:
+        changes["obstacles"] = {"number": obstacles}
+    return changes
+
+
+def _chosen(
+    name: str,
+    robot: str | None,
+    file: Path | None,
+    changes: dict[str, Any],
+    settings: list[str] | None,
+) -> "RecordingConfig":
+    """The defaults, changed by the file, then by options, then by settings."""
+    from fusionslam.config import merged, with_file, with_settings
+    from fusionslam.sim.catalogue import MADE
+    from fusionslam.sim.recordings import recording_config
+
+    entry = MADE.get(name)
+    own = [text for text in settings or [] if text.strip().startswith("world.")]
+    if own and entry is None:
+        raise ConfigError(f"--set {own[0]}: worlds from files have no settings")
+    config = recording_config(entry, robot)
+    if file is not None:
+        config = with_file(config, file)
+    return with_settings(merged(config, changes), settings or [])
+
+
+def _drive(
+    place: "World", config: "RecordingConfig", way: "Trajectory | None"
+) -> "tuple[World, Trajectory]":
+    from dataclasses import replace
+
+    from fusionslam.sim.catalogue import drive_through
+
+    if way is not None:
+        place = replace(place, trajectory=way)
+    return drive_through(place, config.robot, config.plan)

@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command views show: a scan as a scene, or two scenes and what joins them, as a picture."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.failures import needs_extra
+from fusionslam.cli.views.commands import Scenes, Tuned, opened, whole_config
+
+
+def show(
+    data: Scenes,
+    frame: Annotated[
+        int, typer.Option("--frame", metavar="N", help="Number of the scan, as in matches.csv.")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The picture, a .png.")],
+    against: Annotated[
+        int | None,
+        typer.Option("--against", metavar="M", help="Number of a scan to compare it with."),
+    ] = None,
+    kind: opt.KindOption = None,
+    sequence: opt.Sequence = None,
+    topic: opt.Topics = None,
+    skip_gaps: opt.SkipGaps = False,
+    tuned: Tuned = None,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Draw a scan before and after it became objects, or which objects of two scans are alike."""
+    from fusionslam.errors import ConfigError
+    from fusionslam.pipelines import scenes
+    from fusionslam.report.views.scene_figures import write_pair_picture, write_scene_picture
+    from fusionslam.views import matcher
+    from fusionslam.views.clusters import ClusteredScan, clustered
+
+    if output.suffix.lower() != ".png":
+        raise ConfigError(f"--output is {output}, expected the name of a .png")
+    needs_extra("report")
+    whole = whole_config(tuned, config, settings)
+    recording = opened(data, whole, (kind, sequence, skip_gaps, None, topic))
+
+    def scan(number: int) -> ClusteredScan:
+        cloud = scenes.recorded_cloud(
+            recording, number, fusion=whole.fusion, recording=whole.recording
+        )
+        return clustered(number, cloud, matcher.scene_config(whole.views))
+
+    if against is None:
+        write_scene_picture(output, scan(frame))
+    else:
+        similarity = matcher.similarity_config(whole.views)
+        alignment = matcher.alignment_config(whole.views)
+        write_pair_picture(output, scan(frame), scan(against), similarity, alignment)
+    print(output)

@@ -1,0 +1,62 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the commands about views print of how well they did."""
+
+from typing import TYPE_CHECKING, Any
+
+from fusionslam.cli.console import print_table
+
+if TYPE_CHECKING:
+    from fusionslam.evaluation import ViewReport
+    from fusionslam.pipelines.views import MatchRun
+    from fusionslam.views.scene_set import SceneSet
+
+HEADS = ("accuracy", "loop recall", "loop precision", "views")
+
+
+def figures(report: "ViewReport") -> list[str]:
+    """A run's cells under ``HEADS``."""
+    shares = (report.accuracy, report.loop_recall, report.loop_precision)
+    texts = ["none" if share is None else f"{100 * share:.1f} %" for share in shares]
+    return [*texts, str(report.views)]
+
+
+def curve_row(curve: Any, name: str, threshold: float | None) -> list[str]:
+    """A line of the table of thresholds; empty cells where there is no such threshold."""
+    if threshold is None:
+        return [name, "none", *("" for _ in HEADS)]
+    row = curve.at(threshold)
+    names = ("accuracy", "loop_recall", "loop_precision")
+    texts = ["none" if row[key] is None else f"{100 * row[key]:.1f} %" for key in names]
+    return [name, f"{threshold:.4g}", *texts, f"{row['views']:.0f}"]
+
+
+def print_run(run: "MatchRun", report: "ViewReport | None") -> None:
+    """What a matcher did and what it took; how well, where there is truth."""
+    import numpy as np
+
+    stats = run.stats
+    times = [
+        1000 * float(np.median(each)) if len(each) else 0.0
+        for each in (run.build_seconds, run.match_seconds)
+    ]
+    print(
+        f"{stats.processed} scans: {stats.matched} matched, {stats.new} places, {stats.nothing} "
+        f"with nothing to recognise, {stats.single} with a single object\n"
+        f"{stats.stored} views stored, {stats.bytes_per_view:.0f} bytes each, {stats.dropped} "
+        f"dropped; building {times[0]:.3f} ms, matching {times[1]:.3f} ms (medians)"
+    )
+    if report is None:
+        print("no true poses: the ids are not judged (views record --gt names a file of poses)")
+        return
+    rows = [["this", *figures(report)], *without_sensor(run.scenes, report.rule_name)]
+    print_table([f"rule {report.rule_name}", *HEADS], rows)
+
+
+def without_sensor(scenes: "SceneSet", rule: str) -> list[list[str]]:
+    """What programs without a sensor score: accuracy alone says little."""
+    from fusionslam.evaluation import ViewJudge, baselines
+
+    judge = ViewJudge(scenes.true_poses(), scenes.seconds, rule=rule)
+    ids = baselines(len(scenes))
+    return [[name, *figures(judge.judge(given))] for name, given in ids.items()]

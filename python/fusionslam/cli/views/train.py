@@ -1,0 +1,182 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that train the second stage: views train shapes, comparison, places."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.console import Step, print_table, progress
+from fusionslam.cli.failures import keep, needs_extra
+
+if TYPE_CHECKING:
+    from fusionslam.config import Section
+    from fusionslam.learning.train import Origin
+    from fusionslam.learning.training_loop import Progress, Trained
+    from fusionslam.views.scene_set import SceneSet
+
+app = typer.Typer(
+    help="Train the networks of the second stage; an interrupted training goes on.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+Folder = Annotated[
+    Path,
+    typer.Option("--output", "-o", help="Folder for weights, ONNX, card, curves and checkpoint."),
+]
+Print = Annotated[
+    bool, typer.Option("--print-config", help="Print all values as YAML and train nothing.")
+]
+
+
+@app.command()
+def shapes(
+    ctx: typer.Context,
+    output: Folder,
+    modelnet: Annotated[
+        Path | None,
+        typer.Option("--modelnet", metavar="DIR", help="ModelNet40, HDF5 files or meshes."),
+    ] = None,
+    voxels: Annotated[
+        list[Path] | None,
+        typer.Option("--voxels", metavar="CLASS.npy.gz", help="Voxel grids; may be repeated."),
+    ] = None,
+    procedural: Annotated[
+        bool, typer.Option(help="Whether shapes that need no download are among them.")
+    ] = True,
+    print_config: Print = False,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Train features on shapes, as the thesis does: writes features.*."""
+    _check_extras()
+    from fusionslam.learning.classification import ShapesTrainingConfig
+    from fusionslam.learning.train import train_shapes
+    from fusionslam.learning.training_data import shape_data
+
+    chosen = _configured(ShapesTrainingConfig(), config, settings, print_config)
+    train, test, words = shape_data(chosen.procedural, modelnet, voxels or (), procedural)
+    keep(ctx, output)
+    with progress() as step:
+        trained = train_shapes((train, test), chosen, output, _origin(words), _shown(step))
+    _report(output, trained)
+
+
+@app.command()
+def comparison(
+    ctx: typer.Context,
+    scenes: Annotated[
+        list[Path], typer.Argument(metavar="SCENES...", help="Scene sets or .npz recordings.")
+    ],
+    output: Folder,
+    features: Annotated[
+        Path, typer.Option("--features", metavar="FILE", help="features.safetensors.")
+    ],
+    shapes: Annotated[
+        str | None,
+        typer.Option("--shapes", help="Of recordings: visual or collision; else what there is."),
+    ] = None,
+    print_config: Print = False,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Train the comparison of two feature vectors on what was recorded: writes comparison.*."""
+    _check_extras()
+    from fusionslam.learning.pair_comparison import ComparisonTrainingConfig
+    from fusionslam.learning.train import train_comparison
+    from fusionslam.learning.training_data import recorded_places
+
+    chosen = _configured(ComparisonTrainingConfig(), config, settings, print_config)
+    places = recorded_places([_scene_set(path, shapes) for path in scenes])
+    words = ", ".join(path.name for path in scenes)
+    keep(ctx, output)
+    with progress() as step:
+        trained = train_comparison(places, features, chosen, output, _origin(words), _shown(step))
+    _report(output, trained)
+
+
+@app.command()
+def places(
+    ctx: typer.Context,
+    output: Folder,
+    print_config: Print = False,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Train features end to end on simulated places, with colours: writes features.*."""
+    _check_extras()
+    needs_extra("sim")
+    from fusionslam.learning.train import PlacesTrainingConfig, train_places
+    from fusionslam.learning.training_data import simulated_places
+
+    chosen = _configured(PlacesTrainingConfig(), config, settings, print_config)
+    keep(ctx, output)
+    with progress() as step:
+        made = [
+            simulated_places(
+                part, output / f"{name}.npz", lambda done, total: step("simulating", done, total)
+            )
+            for name, part in chosen.simulated
+        ]
+        origin = _origin("simulated")
+        trained = train_places(made[0], made[1], chosen, output, origin, _shown(step))
+    _report(output, trained)
+
+
+def _check_extras() -> None:
+    needs_extra("learn")
+    needs_extra("report")
+
+
+S = TypeVar("S", bound="Section")
+
+
+def _configured(
+    defaults: S, file: Path | None, settings: list[str] | None, print_config: bool
+) -> S:
+    """The defaults, changed by the file, then by the settings; printed where that was asked for."""
+    from fusionslam.config import as_yaml, with_file, with_settings
+
+    chosen = with_settings(with_file(defaults, file) if file else defaults, settings or [])
+    if print_config:
+        print(as_yaml(chosen), end="")
+        raise typer.Exit
+    return chosen
+
+
+def _scene_set(path: Path, shapes: str | None) -> "SceneSet":
+    from fusionslam.datasets.range_recording import RangeRecording, is_recording
+    from fusionslam.pipelines.scenes import record_scenes
+    from fusionslam.views.scene_set import SceneSet
+
+    if path.is_file() and is_recording(path):
+        return record_scenes(RangeRecording.open(path, shapes))
+    return SceneSet.load(path)
+
+
+def _origin(words: str) -> "Origin":
+    from fusionslam.learning.train import Origin
+
+    return Origin(opt.command_line(), words)
+
+
+def _shown(step: Step) -> "Progress":
+    def show(done: int, total: int, row: Mapping[str, float]) -> None:
+        figures = ", ".join(f"{name} {row[name]:.3f}" for name in row if name != "epoch")
+        step(f"training ({figures})" if done == total else "training", done, total)
+
+    return show
+
+
+def _report(folder: Path, trained: "Trained") -> None:
+    names = list(trained.rows[0])
+    rows = [[f"{row[name]:.4g}" for name in names] for row in trained.rows]
+    print_table(names, rows)
+    print(f"{folder}: {len(rows)} epochs, {trained.cpu_seconds:.0f} s of CPU")

@@ -1,0 +1,314 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""ROS messages of bags or live nodes to ``fusionslam.sensors.messages`` and back.
+
+Messages are read by their attributes alone, so that those of rosbags, rospy and rclpy all do; they
+are built by a function that the caller gives.
+"""
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets.bags.images import (
+    compressed_image_of,
+    compressed_parts,
+    image_of,
+    image_parts,
+)
+from fusionslam.datasets.bags.pointcloud import cloud_parts, scan_from
+from fusionslam.errors import DataError
+from fusionslam.sensors.messages import (
+    NANOSECONDS,
+    CameraInfo,
+    FrameTransform,
+    FrameTransforms,
+    Message,
+    Odometry,
+    Picture,
+    Scan,
+)
+
+Matrix = NDArray[np.float64]
+Make = Callable[..., Any]
+"""Builds a ROS message: ``make("std_msgs/msg/Header", stamp=..., frame_id=...)``."""
+
+
+def plain_type(name: str) -> str:
+    """The name of a message type without ROS 2's middle part: "nav_msgs/Odometry"."""
+    return name.replace("/msg/", "/")
+
+
+def is_static(topic: str) -> bool:
+    """Whether the transforms of a topic hold for all times, which only its name tells."""
+    return topic.rstrip("/").endswith("tf_static")
+
+
+def is_known(type_name: str) -> bool:
+    """Whether messages of a type have a value here."""
+    return plain_type(type_name) in (*_VALUES, *_TRANSFORMS)
+
+
+def value_of(message: Any, type_name: str, topic: str) -> Message:
+    """The value of a ROS message.
+
+    Args:
+        type_name: as ROS 1 ("nav_msgs/Odometry") or ROS 2 ("nav_msgs/msg/Odometry") has it.
+
+    Raises:
+        DataError: a message that contradicts itself or cannot be used; names topic, stamp, field.
+    """
+    try:
+        if plain_type(type_name) in _TRANSFORMS:
+            return _transforms(message, is_static(topic))
+        return _VALUES[plain_type(type_name)](message)
+    except DataError as error:
+        raise DataError(f"{topic}{_when(message)}: {error}") from error
+
+
+def _when(message: Any) -> str:
+    """The stamp of a message that has one, for people."""
+    if not hasattr(message, "header"):
+        return ""
+    seconds, nanoseconds = divmod(stamp_of(message.header.stamp), NANOSECONDS)
+    return f" at {seconds}.{nanoseconds:09d} s"
+
+
+def stamp_of(time: Any) -> int:
+    """Nanoseconds of a time; its parts are called sec, nanosec or, in rospy, secs, nsecs."""
+    if hasattr(time, "nanosec"):
+        return int(time.sec) * NANOSECONDS + int(time.nanosec)
+    return int(time.secs) * NANOSECONDS + int(time.nsecs)
+
+
+def _scan(message: Any) -> Scan:
+    return scan_from(message, stamp_of(message.header.stamp), message.header.frame_id)
+
+
+def _picture(message: Any) -> Picture:
+    return _picture_of(message, image_of(message))
+
+
+def _compressed_picture(message: Any) -> Picture:
+    return _picture_of(message, compressed_image_of(message))
+
+
+def _picture_of(message: Any, image: NDArray[np.uint8]) -> Picture:
+    header = message.header
+    return Picture(stamp_ns=stamp_of(header.stamp), frame_id=header.frame_id, image=image)
+
+
+def _camera_info(message: Any) -> CameraInfo:
+    # ROS 1 writes D, K, R, P; ROS 2 d, k, r, p.
+    upper = hasattr(message, "K")
+    d, k, r, p = (getattr(message, name if upper else name.lower()) for name in "DKRP")
+    header = message.header
+    return CameraInfo(
+        stamp_ns=stamp_of(header.stamp),
+        frame_id=header.frame_id,
+        size=(int(message.width), int(message.height)),
+        camera_matrix=_matrix("K", k, (3, 3)),
+        distortion=_matrix("D", d, (len(d),)),
+        distortion_model=message.distortion_model,
+        rectification=_matrix("R", r, (3, 3)),
+        projection=_matrix("P", p, (3, 4)),
+    )
+
+
+def _odometry(message: Any) -> Odometry:
+    header, pose, twist = message.header, message.pose.pose, message.twist.twist
+    return Odometry(
+        stamp_ns=stamp_of(header.stamp),
+        frame_id=header.frame_id,
+        child_frame_id=message.child_frame_id,
+        pose=_transform("pose", pose.position, pose.orientation),
+        linear=_vector("twist.linear", twist.linear),
+        angular=_vector("twist.angular", twist.angular),
+    )
+
+
+def _transforms(message: Any, static: bool) -> FrameTransforms:
+    return FrameTransforms(
+        transforms=tuple(
+            FrameTransform(
+                stamp_ns=stamp_of(each.header.stamp),
+                # tf (not tf2) wrote a slash before the names.
+                parent=each.header.frame_id.lstrip("/"),
+                child=each.child_frame_id.lstrip("/"),
+                parent_from_child=_transform(
+                    f"transform of '{each.child_frame_id}'",
+                    each.transform.translation,
+                    each.transform.rotation,
+                ),
+                static=static,
+            )
+            for each in message.transforms
+        )
+    )
+
+
+_VALUES: dict[str, Callable[[Any], Message]] = {
+    "sensor_msgs/PointCloud2": _scan,
+    "sensor_msgs/Image": _picture,
+    "sensor_msgs/CompressedImage": _compressed_picture,
+    "sensor_msgs/CameraInfo": _camera_info,
+    "nav_msgs/Odometry": _odometry,
+}
+_TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
+
+
+def _matrix(name: str, values: Any, shape: tuple[int, ...]) -> Matrix:
+    numbers = np.array(values, dtype=np.float64)
+    if numbers.size != np.prod(shape):
+        raise DataError(f"field '{name}' has {numbers.size} values, expected {np.prod(shape)}")
+    if not np.isfinite(numbers).all():
+        raise DataError(f"field '{name}' is not finite: {numbers.tolist()}")
+    return numbers.reshape(shape)
+
+
+def _vector(name: str, vector: Any) -> Matrix:
+    return _matrix(name, [vector.x, vector.y, vector.z], (3,))
+
+
+def _transform(name: str, position: Any, rotation: Any) -> Matrix:
+    """float64 (4, 4) of a position and a quaternion, which need not be of unit length."""
+    pose = np.eye(4)
+    pose[:3, 3] = _vector(f"{name}, position", position)
+    numbers = [rotation.x, rotation.y, rotation.z, rotation.w]
+    x, y, z, w = quaternion = _matrix(f"{name}, rotation", numbers, (4,))
+    square = float(quaternion @ quaternion)
+    if square < 1e-12:
+        raise DataError(f"{name}: the quaternion is zero, expected a rotation")
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    pose[:3, :3] += 2 / square * (w * cross + cross @ cross)
+    return pose
+
+
+def ros_type(value: Message, stored: str) -> str:
+    """The ROS type that a value is written as; ``stored`` says how pictures are."""
+    if isinstance(value, Picture):
+        return f"sensor_msgs/msg/{'Image' if stored == 'raw' else 'CompressedImage'}"
+    return {
+        Scan: "sensor_msgs/msg/PointCloud2",
+        CameraInfo: "sensor_msgs/msg/CameraInfo",
+        Odometry: "nav_msgs/msg/Odometry",
+        FrameTransforms: "tf2_msgs/msg/TFMessage",
+    }[type(value)]
+
+
+class MessageBuilder:
+    """Makes ROS messages of values.
+
+    Args:
+        make: builds a message of a type from its fields.
+        ros: 1 or 2; headers and camera calibrations differ.
+    """
+
+    def __init__(self, make: Make, ros: Literal[1, 2]) -> None:
+        self._make = make
+        self._ros = ros
+
+    def build(self, value: Message, stored: str = "raw") -> Any:
+        """The ROS message of a value; pictures "raw" or as "jpeg" or "png".
+
+        Raises:
+            DataError: a value that has no such message.
+        """
+        name, make = ros_type(value, stored), self._make
+        if isinstance(value, FrameTransforms):
+            return make(name, transforms=[self._transform(each) for each in value.transforms])
+        header = self._header(value.stamp_ns, value.frame_id)
+        if isinstance(value, Scan):
+            return make(name, header=header, **self._cloud(value))
+        if isinstance(value, Picture):
+            raw = stored == "raw"
+            parts = image_parts(value.image) if raw else compressed_parts(value.image, stored)
+            return make(name, header=header, **parts)
+        if isinstance(value, CameraInfo):
+            return make(name, header=header, **self._camera_info(value))
+        return make(name, header=header, **self._odometry(value))
+
+    def _header(self, stamp_ns: int, frame_id: str) -> Any:
+        # ROS 1 counts seconds in 32 bits without sign, ROS 2 with.
+        if not 0 <= stamp_ns < 2 ** (33 - self._ros) * NANOSECONDS:
+            raise DataError(f"stamp {stamp_ns} ns is no time of ROS {self._ros}")
+        seconds, nanoseconds = divmod(int(stamp_ns), NANOSECONDS)
+        stamp = self._make("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+        sequence = {"seq": 0} if self._ros == 1 else {}
+        return self._make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id, **sequence)
+
+    def _cloud(self, scan: Scan) -> dict[str, Any]:
+        parts = cloud_parts(scan)
+        fields = [
+            self._make(
+                "sensor_msgs/msg/PointField", name=name, offset=offset, datatype=code, count=1
+            )
+            for name, offset, code in parts["fields"]
+        ]
+        return parts | {"fields": fields}
+
+    def _camera_info(self, info: CameraInfo) -> dict[str, Any]:
+        matrices = {
+            "D": info.distortion,
+            "K": info.camera_matrix,
+            "R": info.rectification,
+            "P": info.projection,
+        }
+        everything = self._make(
+            "sensor_msgs/msg/RegionOfInterest",
+            x_offset=0,
+            y_offset=0,
+            height=0,
+            width=0,
+            do_rectify=False,
+        )
+        flat = {name: np.ravel(matrix).astype(np.float64) for name, matrix in matrices.items()}
+        return {
+            "width": info.size[0],
+            "height": info.size[1],
+            "distortion_model": info.distortion_model,
+            "binning_x": 0,
+            "binning_y": 0,
+            "roi": everything,
+        } | (flat if self._ros == 1 else {name.lower(): values for name, values in flat.items()})
+
+    def _odometry(self, odometry: Odometry) -> dict[str, Any]:
+        make, unknown = self._make, np.zeros(36)
+        position, rotation = self._pose(odometry.pose, "Point")
+        pose = make("geometry_msgs/msg/Pose", position=position, orientation=rotation)
+        twist = make(
+            "geometry_msgs/msg/Twist",
+            linear=self._vector(odometry.linear),
+            angular=self._vector(odometry.angular),
+        )
+        return {
+            "child_frame_id": odometry.child_frame_id,
+            "pose": make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=unknown),
+            "twist": make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=unknown),
+        }
+
+    def _transform(self, transform: FrameTransform) -> Any:
+        translation, rotation = self._pose(transform.parent_from_child, "Vector3")
+        return self._make(
+            "geometry_msgs/msg/TransformStamped",
+            header=self._header(transform.stamp_ns, transform.parent),
+            child_frame_id=transform.child,
+            transform=self._make(
+                "geometry_msgs/msg/Transform", translation=translation, rotation=rotation
+            ),
+        )
+
+    def _pose(self, pose: Matrix, position: str) -> tuple[Any, Any]:
+        from scipy.spatial.transform import Rotation
+
+        if not np.isfinite(pose).all():
+            raise DataError(f"a pose is not finite: {pose.tolist()}")
+        x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
+        rotation = self._make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+        return self._vector(pose[:3, 3], position), rotation
+
+    def _vector(self, values: Matrix, name: str = "Vector3") -> Any:
+        x, y, z = np.asarray(values, dtype=np.float64).tolist()
+        return self._make(f"geometry_msgs/msg/{name}", x=x, y=y, z=z)

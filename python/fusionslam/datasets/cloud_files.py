@@ -1,0 +1,196 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reading and writing single files: point clouds and images."""
+
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.files import PathLike, atomic_path, reading_file
+
+CLOUD_SUFFIXES = (".bin", ".pcd", ".ply")
+_LONGEST_HEADER = 200
+"""Lines."""
+# KITTI's scans: little-endian float32 x, y, z, reflectance.
+BIN_RECORD = np.dtype(("<f4", 4))
+
+
+def read_cloud(path: PathLike) -> Cloud:
+    """The points of a .bin, .pcd or .ply file, with their colours if it has any.
+
+    Raises:
+        DataError: another suffix; a missing, truncated or malformed file.
+    """
+    path = Path(path)
+    readers = {".bin": read_bin, ".pcd": read_pcd, ".ply": read_ply}
+    return readers[_cloud_suffix(path)](path)
+
+
+def read_bin(path: PathLike) -> Cloud:
+    """A KITTI scan: float32 x, y, z, reflectance; the reflectance is dropped.
+
+    Raises:
+        DataError: missing, or the size is no multiple of 16 bytes.
+    """
+    path = Path(path)
+    with reading_file(path, "float32 x y z reflectance"):
+        data = path.read_bytes()
+    if len(data) % BIN_RECORD.itemsize:
+        raise DataError(
+            f"{path} has {len(data)} bytes, expected a multiple of {BIN_RECORD.itemsize} "
+            "(float32 x y z reflectance): truncated?"
+        )
+    return Cloud(_float32(np.frombuffer(data, dtype=BIN_RECORD)[:, :3]))
+
+
+def read_pcd(path: PathLike) -> Cloud:
+    """A PCD file with fields x, y, z and, for colour, packed rgb or rgba.
+
+    Points with a NaN coordinate, PCL's mark of a ray without return, are left out.
+
+    Raises:
+        DataError: missing, truncated or malformed.
+    """
+    from pypcd4.pypcd4 import PointCloud
+
+    path = Path(path)
+    with reading_file(path, "a PCD file with fields x, y and z"):
+        _check_header(path, b"DATA ", b"")
+        cloud = PointCloud.from_path(path)
+        rows = np.atleast_1d(cloud.pc_data)
+        points = _float32(np.stack([rows[axis] for axis in "xyz"], axis=1))
+        packed = next((rows[name] for name in ("rgb", "rgba") if name in cloud.fields), None)
+        colors = None if packed is None else PointCloud.decode_rgb(np.ascontiguousarray(packed))
+    _expect_points(path, len(points), cloud.points)
+    valid = ~np.isnan(points).any(axis=1)
+    return Cloud(points[valid], None if colors is None else colors[valid])
+
+
+def read_ply(path: PathLike) -> Cloud:
+    """The vertices of a PLY file: x, y, z and, for colour, uchar red, green, blue.
+
+    Raises:
+        DataError: missing, truncated or malformed; colours that are not 8 bit.
+    """
+    from trimesh.exchange.ply import load_ply
+
+    path = Path(path)
+    with reading_file(path, "a PLY file with vertices x y z"), path.open("rb") as file:
+        _check_header(path, b"end_header", b"ply")
+        ply = load_ply(file, fix_texture=False, skip_materials=True)
+        declared = ply["metadata"]["_ply_raw"]["vertex"]["length"]
+        points = _float32(ply.get("vertices", np.empty((0, 3))))
+    _expect_points(path, len(points), declared)
+    colors = ply.get("vertex_colors")
+    if colors is not None and colors.dtype != np.uint8:
+        raise DataError(f"{path} has colours of type {colors.dtype}, expected uchar")
+    return Cloud(points, None if colors is None else np.ascontiguousarray(colors[:, :3]))
+
+
+def _check_header(path: Path, last: bytes, first: bytes) -> None:
+    """Raise DataError if a header does not begin and end as it should: readers trust it."""
+    with path.open("rb") as file:
+        lines = list(islice(file, _LONGEST_HEADER))
+    if not lines or not lines[0].startswith(first):
+        raise DataError(f"{path} does not begin like a {path.suffix[1:].upper()} file")
+    if not any(line.startswith(last) for line in lines):
+        name = last.decode().strip()
+        raise DataError(f"{path} is cut short in its header: there is no line {name}")
+
+
+def write_cloud(path: PathLike, cloud: Cloud) -> None:
+    """Write a cloud as .ply (binary), .pcd (binary) or .bin (no colours, reflectance 0).
+
+    Raises:
+        DataError: another suffix, or the file cannot be written.
+        ShapeError: points that are not (N, 3), or colours of another shape.
+    """
+    path = Path(path)
+    encoders = {".bin": _encode_bin, ".pcd": _encode_pcd, ".ply": _encode_ply}
+    encode = encoders[_cloud_suffix(path)]
+    points = _float32(cloud.points)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ShapeError(f"points have shape {points.shape}, expected (N, 3)")
+    if cloud.colors is not None and cloud.colors.shape != points.shape:
+        raise ShapeError(f"colors have shape {cloud.colors.shape}, expected {points.shape}")
+    data = encode(Cloud(points, cloud.colors))
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def _encode_bin(cloud: Cloud) -> bytes:
+    return np.pad(cloud.points, ((0, 0), (0, 1))).astype("<f4").tobytes()
+
+
+def _encode_pcd(cloud: Cloud) -> bytes:
+    import io
+
+    from pypcd4.pypcd4 import Encoding, PointCloud
+
+    columns, fields = list(cloud.points.T), ["x", "y", "z"]
+    if cloud.colors is not None:
+        columns.append(PointCloud.encode_rgb(cloud.colors))
+        fields.append("rgb")
+    buffer = io.BytesIO()
+    pcd = PointCloud.from_points(columns, fields, [np.float32] * len(fields))
+    pcd.save(buffer, Encoding.BINARY)
+    return buffer.getvalue()
+
+
+def _encode_ply(cloud: Cloud) -> bytes:
+    from trimesh import PointCloud
+    from trimesh.exchange.ply import export_ply
+
+    # trimesh cannot write a cloud that has neither points nor colours.
+    colors = cloud.colors if len(cloud) else np.empty((0, 3), dtype=np.uint8)
+    data: bytes = export_ply(PointCloud(cloud.points, colors=colors))  # type: ignore[no-untyped-call]
+    return data
+
+
+def _cloud_suffix(path: Path) -> str:
+    suffix = path.suffix.lower()
+    if suffix not in CLOUD_SUFFIXES:
+        raise DataError(f"{path} is no cloud file: expected one of {', '.join(CLOUD_SUFFIXES)}")
+    return suffix
+
+
+def _expect_points(path: Path, found: int, declared: int) -> None:
+    if found != declared:
+        raise DataError(f"{path} holds {found} points, its header says {declared}: truncated?")
+
+
+def _float32(points: NDArray[Any]) -> NDArray[np.float32]:
+    return np.ascontiguousarray(points, dtype=np.float32)
+
+
+def read_image(path: PathLike) -> NDArray[np.uint8]:
+    """An image: uint8 (H, W) if it is grey, else (H, W, 3) RGB; transparency is dropped.
+
+    Raises:
+        DataError: missing, truncated, no image, or not 8 bits a channel.
+    """
+    from PIL import Image
+
+    path = Path(path)
+    with reading_file(path, "an 8-bit grey or RGB image"), Image.open(path) as image:
+        if image.mode[0] in "IF":
+            raise DataError(f"{path} has pixels of mode {image.mode}, expected 8 bits a channel")
+        return np.array(image.convert("L" if image.mode in ("1", "L", "LA") else "RGB"))
+
+
+def image_size(path: PathLike) -> tuple[int, int]:
+    """(width, height) of an image file, read from its header.
+
+    Raises:
+        DataError: missing or no image.
+    """
+    from PIL import Image
+
+    path = Path(path)
+    with reading_file(path, "an image"), Image.open(path) as image:
+        return image.size

@@ -1,0 +1,227 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reading and writing texts of poses and times, and finding those of a frame."""
+
+import warnings
+from decimal import Decimal
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.storage.files import PathLike, atomic_path, reading_file
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+# Poses stamped further than this from a frame are not its poses.
+POSE_TOLERANCE_NS = 10_000_000
+# Text has few digits; what is further from a rotation than this is none.
+ROTATION_TOLERANCE = 1e-2
+# Columns of TUM's quaternion in the order of trimesh's.
+WXYZ = (7, 4, 5, 6)
+
+
+def read_poses(path: PathLike) -> tuple[NDArray[np.int64] | None, NDArray[np.float64]]:
+    """Poses in KITTI (12 columns) or TUM format (8 columns): stamps, if it has any, and poses.
+
+    Returns:
+        int64 (N) nanoseconds or None, and float64 (N, 4, 4) world_from_body.
+
+    Raises:
+        DataError: missing, empty, another number of columns, or no number.
+    """
+    path = Path(path)
+    columns = _table(path, (8, 12), "poses, one a line").shape[1]
+    return read_poses_tum(path) if columns == 8 else (None, read_poses_kitti(path))
+
+
+def read_poses_kitti(path: PathLike) -> NDArray[np.float64]:
+    """float64 (N, 4, 4) from lines of 12 numbers, the row-major 3x4 matrix [R t].
+
+    Raises:
+        DataError: missing, empty, another number of columns, no number, or no rotation.
+    """
+    rows = _table(Path(path), (12,), "poses of 12 numbers (row-major 3x4), one a line")
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    poses[:, :3] = rows.reshape(-1, 3, 4)
+    _check_rotations(Path(path), poses[:, :3, :3])
+    return poses
+
+
+def read_poses_tum(path: PathLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """int64 (N) nanoseconds and float64 (N, 4, 4) from lines ``t x y z qx qy qz qw``.
+
+    Raises:
+        DataError: missing, empty, another number of columns, no number, or a quaternion of zeros.
+    """
+    from trimesh.transformations import quaternion_matrix
+
+    path = Path(path)
+    rows = _table(path, (8,), "poses 't x y z qx qy qz qw', one a line")
+    if (zero := np.flatnonzero(np.linalg.norm(rows[:, 4:], axis=1) < 1e-6)).size:
+        raise DataError(
+            f"{path}, line {_line_of(path, zero[0])}: a quaternion of zeros, expected a rotation"
+        )
+    poses: NDArray[np.float64] = quaternion_matrix(  # type: ignore[no-untyped-call]
+        rows[:, WXYZ]
+    ).reshape(-1, 4, 4)
+    poses[:, :3, 3] = rows[:, 1:4]
+    return _exact_stamps(path), poses
+
+
+def write_poses_tum(
+    path: PathLike, stamps_ns: NDArray[np.int64], poses: NDArray[np.float64]
+) -> None:
+    """Write poses, float64 (N, 4, 4), and their stamps, int64 (N), as ``t x y z qx qy qz qw``.
+
+    Times have all nine decimals, so that they are read back exactly.
+
+    Raises:
+        ShapeError: not one stamp per pose.
+        DataError: the file cannot be written.
+    """
+    from trimesh.transformations import quaternion_from_matrix
+
+    if poses.shape != (len(stamps_ns), 4, 4):
+        raise ShapeError(f"poses have shape {poses.shape}, expected ({len(stamps_ns)}, 4, 4)")
+    lines = []
+    for stamp, pose in zip(stamps_ns, poses, strict=True):
+        seconds = Decimal(int(stamp)).scaleb(-9)
+        wxyz = quaternion_from_matrix(pose)  # type: ignore[no-untyped-call]
+        values = [*pose[:3, 3], *np.roll(wxyz, -1)]
+        lines.append(f"{seconds:f} " + " ".join(f"{value:.17g}" for value in values) + "\n")
+    with atomic_path(path) as temporary:
+        temporary.write_text("".join(lines), encoding="ascii")
+
+
+def read_times(path: PathLike) -> NDArray[np.int64]:
+    """int64 (N) nanoseconds from KITTI's times.txt: seconds, one a line.
+
+    Raises:
+        DataError: missing, empty, more than one column, no number, or a time before the last.
+    """
+    path = Path(path)
+    _table(path, (1,), "times in seconds, one a line")
+    stamps = _exact_stamps(path)
+    _check_order(path, stamps)
+    return stamps
+
+
+def read_timestamps(path: PathLike) -> NDArray[np.int64]:
+    """int64 (N) nanoseconds since 1970 from KITTI raw's timestamps.txt, taken as UTC.
+
+    Raises:
+        DataError: missing, empty, a line that is no date and time, or a time before the last.
+    """
+    path = Path(path)
+    with reading_file(path, "dates and times such as 2011-09-26 13:02:25.964389445, one a line"):
+        lines = path.read_text(encoding="ascii").strip().splitlines()
+        stamps = np.array([line.strip() for line in lines], dtype="datetime64[ns]")
+    if not len(stamps) or np.isnat(stamps).any():
+        raise DataError(f"{path}: a line is empty, expected a date and time in each")
+    _check_order(path, stamps.astype(np.int64))
+    return stamps.astype(np.int64)
+
+
+def match_poses(
+    path: PathLike, numbers: NDArray[np.int64], stamps_ns: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """The poses of these frames: KITTI lines by frame number, TUM lines by time.
+
+    Args:
+        path: file in KITTI or TUM format.
+        numbers: int64 (N), ascending.
+        stamps_ns: int64 (N).
+
+    Returns:
+        float64 (N, 4, 4) world_from_body.
+
+    Raises:
+        DataError: the file cannot be read, is too short, or has no pose within 10 ms of a frame.
+    """
+    path = Path(path)
+    pose_stamps, poses = read_poses(path)
+    if pose_stamps is None:
+        return pick(poses, numbers, path)
+    nearest = _nearest(pose_stamps, stamps_ns)
+    distance = np.abs(pose_stamps[nearest] - stamps_ns)
+    if (far := np.flatnonzero(distance > POSE_TOLERANCE_NS)).size:
+        raise DataError(
+            f"{path} has no pose within 10 ms of {far.size} of {len(numbers)} frames; the first "
+            f"is frame {numbers[far[0]]} at {stamps_ns[far[0]] / 1e9:.9f} s"
+        )
+    return poses[nearest]
+
+
+def pick(values: NDArray[Scalar], numbers: NDArray[np.int64], path: Path) -> NDArray[Scalar]:
+    """The rows of a file that belong to these frames: row n, counted from 0, is frame n.
+
+    Raises:
+        DataError: the file is too short.
+    """
+    needed = int(numbers[-1]) + 1
+    if len(values) < needed:
+        raise DataError(f"{path} has {len(values)} lines, frame {numbers[-1]} needs {needed}")
+    return values[numbers]
+
+
+def _nearest(stamps: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.intp]:
+    """For each wanted stamp the index of the nearest one, whatever their order."""
+    order = np.argsort(stamps)
+    after = np.searchsorted(stamps, wanted, sorter=order).clip(0, len(stamps) - 1)
+    before = (after - 1).clip(0)
+    earlier, later = stamps[order[before]], stamps[order[after]]
+    return order[np.where(wanted - earlier < later - wanted, before, after)]
+
+
+def _table(path: Path, columns: tuple[int, ...], expected: str) -> NDArray[np.float64]:
+    """A file of numbers separated by blanks, float64 (N, columns), N > 0, all finite."""
+    with reading_file(path, expected), warnings.catch_warnings():
+        # An empty file is an error below.
+        warnings.filterwarnings("ignore", "loadtxt: input contained no data", UserWarning)
+        rows = np.loadtxt(path, dtype=np.float64, ndmin=2, encoding="utf-8")
+    if not rows.size:
+        raise DataError(f"{path} is empty: expected {expected}")
+    if rows.shape[1] not in columns:
+        raise DataError(f"{path} has {rows.shape[1]} columns: expected {expected}")
+    if (bad := np.flatnonzero(~np.isfinite(rows).all(axis=1))).size:
+        line = _line_of(path, bad[0])
+        raise DataError(f"{path}, line {line}: NaN or infinity, expected {expected}")
+    return rows
+
+
+def _line_of(path: Path, row: int) -> int:
+    """The number of the line, from 1, that holds a row, from 0: some lines hold none."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    filled = [n for n, line in enumerate(lines, start=1) if line.partition("#")[0].strip()]
+    return filled[row]
+
+
+def _check_rotations(path: Path, matrices: NDArray[np.float64]) -> None:
+    """Raise DataError unless these (N, 3, 3) turn and nothing else, within what is printed."""
+    apart = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    mirrored = np.linalg.det(matrices) < 0
+    if (bad := np.flatnonzero((apart > ROTATION_TOLERANCE) | mirrored)).size:
+        line = _line_of(path, bad[0])
+        raise DataError(f"{path}, line {line}: the first three columns of [R t] are no rotation")
+
+
+def _check_order(path: Path, stamps: NDArray[np.int64]) -> None:
+    """Raise DataError if time runs backwards."""
+    if (back := np.flatnonzero(np.diff(stamps) < 0)).size:
+        raise DataError(f"{path}, line {_line_of(path, back[0] + 1)}: earlier than the line before")
+
+
+def _exact_stamps(path: Path) -> NDArray[np.int64]:
+    """int64 (N) nanoseconds of the first column, seconds; float64 would lose digits of them."""
+    with reading_file(path, "times in seconds that fit 64 bits as nanoseconds"):
+        stamps = np.loadtxt(
+            path, dtype=object, usecols=0, ndmin=1, encoding="utf-8", converters=_nanoseconds
+        )
+        return stamps.astype(np.int64)
+
+
+def _nanoseconds(seconds: str) -> int:
+    return round(Decimal(seconds).scaleb(9))

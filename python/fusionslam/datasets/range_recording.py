@@ -1,0 +1,198 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings of an indoor robot as one ``.npz`` of ranges and colours.
+
+A file holds ``stamps`` (n) in seconds, increasing; ``poses`` (n, 3), true x, y in metres and yaw in
+radians of the robot, which may be missing; ``rays`` (r, 3), unit vectors of the scanner's rays in
+the robot's frame, and ``lidar_xyz`` (3), where they begin. For the shapes that the scanner met,
+``collision`` or ``visual`` or both: ``<shapes>_range_mm`` (m), ``<shapes>_ray`` (m) into ``rays``,
+``<shapes>_rgb`` (m, 3) as bytes, and ``<shapes>_offsets`` (n + 1), where each scan begins.
+"""
+
+import os
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.config import Section, option
+from fusionslam.errors import DataError
+from fusionslam.geometry.odometry_noise import OdometryConfig, measured_places
+from fusionslam.sensors.frame import Cloud
+
+SHAPES = ("visual", "collision")
+
+Array = NDArray[np.float64]
+
+
+class RecordingConfig(Section):
+    """How the scans of a recording become clouds."""
+
+    shapes: Literal["visual", "collision"] | None = option(
+        None, "what the scanner met: visual or collision; null is visual, where there is both"
+    )
+    frame: Literal["robot", "odometry"] = option("robot", "what frame clouds are in")
+    odometry: OdometryConfig = option(
+        OdometryConfig(), "frame: odometry; how far odometry is off the true poses"
+    )
+    ground_height: float | None = option(
+        0.1, "points not above this are dropped as ground; null keeps them", unit="m"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class RangeRecording:
+    """Scans of a recording, read whole; ``cloud(i)`` is one of them.
+
+    Attributes:
+        name: for people.
+        seconds: float64 (n), increasing.
+        poses: float64 (n, 3), x, y in metres and yaw in radians; None where there is no truth.
+        points: float32 (m, 3), metres in the robot's frame, ground and all.
+        colors: uint8 (m, 3) RGB.
+        offsets: int64 (n + 1) into the points.
+    """
+
+    name: str
+    seconds: Array
+    poses: Array | None
+    points: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+    offsets: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.seconds)
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str], shapes: str | None = None) -> "RangeRecording":
+        """Read a file.
+
+        Raises:
+            DataError: no such file, no recording, shapes that it lacks, or arrays that do not fit
+                each other; the message names the file and the array.
+        """
+        source = Path(path)
+        arrays = _arrays(source)
+        shapes = _chosen_shapes(source, arrays, shapes)
+        seconds, offsets = _scans(source, arrays, shapes)
+        points, colors = _points(source, arrays, shapes, int(offsets[-1]))
+        poses = _poses(source, arrays, len(seconds))
+        return cls(source.stem, seconds, poses, points, colors, offsets)
+
+    def cloud(self, index: int, config: RecordingConfig, measured: Array | None = None) -> Cloud:
+        """A scan without ground, in the frame that the configuration names.
+
+        Args:
+            index: of the scan.
+            config: ground and frame.
+            measured: float64 (n, 3) from ``odometry``, for frame "odometry".
+        """
+        span = slice(*self.offsets[index : index + 2].tolist())
+        points, colors = self.points[span], self.colors[span]
+        if config.ground_height is not None:
+            # The robot stands on the ground: heights are those of odometry's frame, too.
+            above = points[:, 2] > config.ground_height
+            points, colors = points[above], colors[above]
+        if measured is None:
+            return Cloud(points, colors)
+        x, y, yaw = measured[index]
+        c, s = np.cos(yaw), np.sin(yaw)
+        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        moved = np.einsum("ij,kj->ik", points, turn) + np.array([x, y, 0])
+        return Cloud(moved.astype(np.float32), colors)
+
+    def odometry(self, config: RecordingConfig) -> Array | None:
+        """float64 (n, 3), where odometry says the robot was; None for frame "robot".
+
+        Raises:
+            DataError: there are no true poses to begin with.
+        """
+        if config.frame == "robot":
+            return None
+        if self.poses is None:
+            raise DataError(f"{self.name} has no poses, which the frame of odometry needs")
+        return measured_places(self.poses, self.seconds, config.odometry)
+
+
+def is_recording(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is an ``.npz`` of this layout."""
+    if Path(path).suffix.lower() != ".npz" or not zipfile.is_zipfile(path):
+        return False
+    with zipfile.ZipFile(path) as archive:
+        names = set(archive.namelist())
+    return {"rays.npy", "lidar_xyz.npy", "stamps.npy"} <= names
+
+
+def _arrays(path: Path) -> dict[str, NDArray[Any]]:
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
+    except (ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        raise DataError(f"{path}: no recording, or cut short: {error}") from error
+
+
+def _chosen_shapes(path: Path, arrays: dict[str, NDArray[Any]], shapes: str | None) -> str:
+    there = [name for name in SHAPES if f"{name}_offsets" in arrays]
+    if not there:
+        raise DataError(f"{path}: expected visual_offsets or collision_offsets, found neither")
+    if shapes is not None and shapes not in there:
+        raise DataError(f"{path} has no {shapes} shapes; it has {', '.join(there)}")
+    return shapes or there[0]
+
+
+def _get(path: Path, arrays: dict[str, NDArray[Any]], name: str, shape: tuple[int, ...]) -> Any:
+    """An array of a shape, where -1 is any length."""
+    if name not in arrays:
+        raise DataError(f"{path} has no array {name}")
+    found = arrays[name].shape
+    fits = len(found) == len(shape) and all(
+        want in (-1, have) for want, have in zip(shape, found, strict=True)
+    )
+    if not fits:
+        raise DataError(f"{path}: {name} has shape {found}, expected {shape} (-1: any length)")
+    return arrays[name]
+
+
+def _finite(path: Path, name: str, values: NDArray[Any]) -> Array:
+    if not np.issubdtype(values.dtype, np.number) or not np.isfinite(values).all():
+        raise DataError(f"{path}: {name} must be finite numbers")
+    return values.astype(np.float64)
+
+
+def _scans(
+    path: Path, arrays: dict[str, NDArray[Any]], shapes: str
+) -> tuple[Array, NDArray[np.int64]]:
+    seconds = _finite(path, "stamps", _get(path, arrays, "stamps", (-1,)))
+    if not len(seconds) or (np.diff(seconds) <= 0).any():
+        raise DataError(f"{path}: stamps must increase, and there must be one")
+    name = f"{shapes}_offsets"
+    offsets = _get(path, arrays, name, (len(seconds) + 1,)).astype(np.int64)
+    if offsets[0] != 0 or (np.diff(offsets) < 0).any():
+        raise DataError(f"{path}: {name} must begin with 0 and never decrease")
+    return seconds, offsets
+
+
+def _points(
+    path: Path, arrays: dict[str, NDArray[Any]], shapes: str, count: int
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    rays = _finite(path, "rays", _get(path, arrays, "rays", (-1, 3)))
+    origin = _finite(path, "lidar_xyz", _get(path, arrays, "lidar_xyz", (3,)))
+    ray = _get(path, arrays, f"{shapes}_ray", (count,)).astype(np.int64)
+    if count and (ray.min() < 0 or ray.max() >= len(rays)):
+        raise DataError(f"{path}: {shapes}_ray must be below {len(rays)}, the number of rays")
+    metres = _get(path, arrays, f"{shapes}_range_mm", (count,)) / 1000.0
+    colors = _get(path, arrays, f"{shapes}_rgb", (count, 3))
+    if colors.dtype != np.uint8:
+        raise DataError(f"{path}: {shapes}_rgb is {colors.dtype}, expected uint8")
+    return (rays[ray] * metres[:, None] + origin).astype(np.float32), colors
+
+
+def _poses(path: Path, arrays: dict[str, NDArray[Any]], count: int) -> Array | None:
+    if "poses" not in arrays:
+        return None
+    return _finite(path, "poses", _get(path, arrays, "poses", (count, 3)))

@@ -1,0 +1,136 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Descriptors by name, with one configuration, for everything that handles several of them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam._core import M2dpConfig, cloud_resolution, cm2dp, cshot, m2dp, shot
+from fusionslam.config import Section, core_section, option
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.sensors.frame import Cloud
+
+if TYPE_CHECKING:
+
+    class M2dpSection(Section): ...
+
+else:
+    M2dpSection = core_section("M2dpSection", M2dpConfig, optional=True)
+
+Preset = Literal["robust", "paper", "author"]
+
+
+class DescriptorConfig(Section):
+    """How clouds are described."""
+
+    preset: Preset = option(
+        "robust", "M2DP and c-M2DP: robust (ours), paper (He 2016) or author (Perdomo 2019)"
+    )
+    color_space: Literal["rgb", "hsv", "lab"] = option("rgb", "c-M2DP: which colours are counted")
+    m2dp: M2dpSection = option(M2dpSection(), "single values instead of the preset's")
+    normal_radius: float | None = option(
+        None,
+        "SHOT and CSHOT: radius for normals; none is 5 x the resolution of the first cloud",
+        unit="m",
+        gt=0,
+    )
+    threads: int = option(1, "threads of one call; 0 is one a core", ge=0)
+
+
+@dataclass(frozen=True)
+class Descriptor:
+    """A kind of descriptor: what it is called, what it needs, how it is computed."""
+
+    name: str
+    needs_colors: bool
+    needs_normals: bool
+    compute: Callable[[Cloud, DescriptorConfig], NDArray[np.float32]]
+
+
+def describe(
+    cloud: Cloud, name: str, config: DescriptorConfig | None = None
+) -> NDArray[np.float32]:
+    """The descriptor of that name, float32 (D,), of a cloud.
+
+    Raises:
+        ConfigError: unknown name. DataError: no colours where they are needed, or a cloud that
+        cannot be described (empty, NaN, all points equal, ...).
+    """
+    kind = descriptor_named(name)
+    if kind.needs_colors and cloud.colors is None:
+        raise DataError(f"{name} needs colours and the cloud has none")
+    return kind.compute(cloud, config or DescriptorConfig())
+
+
+def descriptor_named(name: str) -> Descriptor:
+    """The kind of that name. Raises ConfigError naming those there are."""
+    if name not in DESCRIPTORS:
+        raise ConfigError(f"unknown descriptor {name!r}; known: {', '.join(DESCRIPTORS)}")
+    return DESCRIPTORS[name]
+
+
+def length_of(name: str, config: DescriptorConfig) -> int:
+    """How long descriptors of that name are; a small cloud tells, as only the core knows.
+
+    Raises:
+        ConfigError: unknown name, or values that exclude each other.
+    """
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1, 1, (64, 3)).astype(np.float32)
+    cloud = Cloud(points, np.full((64, 3), 128, np.uint8))
+    # The length does not depend on the radius, which may be too small for this cloud.
+    return len(describe(cloud, name, config.model_copy(update={"normal_radius": None})))
+
+
+def for_sequence(config: DescriptorConfig, first: Cloud) -> DescriptorConfig:
+    """The configuration with the radius for normals fixed by a sequence's first cloud.
+
+    Five times its resolution, the mean distance to the nearest neighbour (Perdomo 2019, 4.1.1).
+    """
+    if config.normal_radius is not None:
+        return config
+    radius = 5 * cloud_resolution(first.points)
+    return config.model_copy(update={"normal_radius": radius})
+
+
+def _m2dp_options(config: DescriptorConfig) -> dict[str, Any]:
+    settings = M2dpConfig(preset=config.preset, **config.m2dp.model_dump(exclude_none=True))
+    return {"config": settings, "threads": config.threads}
+
+
+def _normal_options(config: DescriptorConfig) -> dict[str, Any]:
+    return {"normal_radius": config.normal_radius, "threads": config.threads}
+
+
+def _m2dp(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
+    return m2dp(cloud.points, **_m2dp_options(config))
+
+
+def _cm2dp(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
+    assert cloud.colors is not None  # describe() has checked it
+    options = _m2dp_options(config)
+    return cm2dp(cloud.points, cloud.colors, color_space=config.color_space, **options)
+
+
+def _shot(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
+    return shot(cloud.points, **_normal_options(config))
+
+
+def _cshot(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
+    assert cloud.colors is not None  # describe() has checked it
+    return cshot(cloud.points, cloud.colors, **_normal_options(config))
+
+
+DESCRIPTORS = {
+    kind.name: kind
+    for kind in (
+        Descriptor("m2dp", needs_colors=False, needs_normals=False, compute=_m2dp),
+        Descriptor("cm2dp", needs_colors=True, needs_normals=False, compute=_cm2dp),
+        Descriptor("shot", needs_colors=False, needs_normals=True, compute=_shot),
+        Descriptor("cshot", needs_colors=True, needs_normals=True, compute=_cshot),
+    )
+}

@@ -1,0 +1,54 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a run cost: time per stage, memory, bytes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
+
+
+@dataclass(frozen=True)
+class StageCost:
+    """Milliseconds a frame: the median and the 95th percentile over the frames."""
+
+    median_ms: float
+    p95_ms: float
+
+
+@dataclass(frozen=True)
+class Costs:
+    """What a run cost.
+
+    Attributes:
+        stages: by stage name.
+        frame: all stages of a frame together; None if no stage was timed.
+        bytes_per_descriptor: size of one row.
+        peak_memory_bytes: what describing the largest cloud took on top of what was in use.
+        median_points: points of a described cloud.
+    """
+
+    stages: dict[str, StageCost]
+    frame: StageCost | None
+    bytes_per_descriptor: int
+    peak_memory_bytes: int
+    median_points: float | None
+
+
+def summarise_costs(run: DescriptorRun) -> Costs:
+    """Costs of a run; figures of a run without frames are left out."""
+    timed = {stage: seconds for stage, seconds in run.seconds.items() if len(seconds)}
+    return Costs(
+        stages={stage: _stage_cost(seconds) for stage, seconds in timed.items()},
+        frame=_stage_cost(np.sum(list(timed.values()), axis=0)) if timed else None,
+        bytes_per_descriptor=run.descriptors.shape[1] * run.descriptors.itemsize,
+        peak_memory_bytes=run.peak_memory_bytes,
+        median_points=float(np.median(run.points)) if len(run) else None,
+    )
+
+
+def _stage_cost(seconds: NDArray[np.float64]) -> StageCost:
+    median, p95 = np.percentile(seconds, (50, 95)) * 1e3
+    return StageCost(float(median), float(p95))

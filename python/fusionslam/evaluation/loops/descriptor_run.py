@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What ``describe`` stores: one descriptor of one kind of cloud over one sequence."""
+
+import json
+import os
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.evaluation.loops.nearest_matches import checked_descriptors
+from fusionslam.storage.files import atomic_path
+
+FORMAT = "fusionslam.descriptor_run.2"
+_TEXTS = ("source", "descriptor", "dataset", "peak_memory_bytes", "config", "skipped")
+_STAGE = "seconds."
+
+
+@dataclass(frozen=True, eq=False)
+class DescriptorRun:
+    """One descriptor on one cloud source over one sequence.
+
+    Attributes:
+        source: "lidar" (LiDAR-camera fusion), "stereo" or "cloud" (came coloured).
+        descriptor: "m2dp", "cm2dp", "shot", "cshot", ...
+        dataset: its name.
+        descriptors: float32 (N, D), one row a frame, in order of time.
+        frames: int64 (N,), indices into the dataset.
+        stamps_ns: int64 (N,), nanoseconds.
+        poses: float64 (N, 4, 4), world_from_body, or None without ground truth.
+        seconds: wall time by stage ("load", "fuse", "describe", "match"), float64 (N,) each.
+        peak_memory_bytes: what describing the largest cloud took on top of what was in use.
+        points: int64 (N,), how many points were described.
+        config: the configuration in force, as JSON can hold it.
+        numbers: int64 (N,), frame numbers as in the file names; None for those of ``frames``.
+        skipped: numbers of the frames left out because they cannot be described, and why.
+
+    Raises:
+        ShapeError: an array whose shape does not fit the descriptors'.
+        DataError: descriptors that are not finite.
+    """
+
+    source: str
+    descriptor: str
+    dataset: str
+    descriptors: NDArray[np.float32]
+    frames: NDArray[np.int64]
+    stamps_ns: NDArray[np.int64]
+    poses: NDArray[np.float64] | None
+    seconds: dict[str, NDArray[np.float64]]
+    peak_memory_bytes: int
+    points: NDArray[np.int64]
+    config: dict[str, Any] = field(default_factory=dict)
+    numbers: NDArray[np.int64] = None  # type: ignore[assignment]
+    skipped: dict[int, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "descriptors", checked_descriptors(self.descriptors))
+        count = len(self)
+        if self.numbers is None:
+            object.__setattr__(self, "numbers", self.frames)
+        for name in ("frames", "stamps_ns", "points", "numbers"):
+            _check_shape(name, getattr(self, name), (count,))
+        for stage, seconds in self.seconds.items():
+            _check_shape(f"seconds[{stage!r}]", seconds, (count,))
+        if self.poses is not None:
+            _check_shape("poses", self.poses, (count, 4, 4))
+
+    def __len__(self) -> int:
+        return len(self.descriptors)
+
+    @property
+    def positions(self) -> NDArray[np.float64] | None:
+        """float64 (N, 3), metres, in the world's frame; None without ground truth."""
+        return None if self.poses is None else self.poses[:, :3, 3]
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write one .npz, whole or not at all. Raises DataError where that is impossible."""
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        if self.poses is not None:
+            arrays["poses"] = self.poses
+        arrays |= {_STAGE + stage: seconds for stage, seconds in self.seconds.items()}
+        texts = json.dumps({name: getattr(self, name) for name in _TEXTS} | {"format": FORMAT})
+        with atomic_path(path) as temporary, temporary.open("wb") as stream:
+            np.savez(stream, about=np.array(texts), **arrays)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "DescriptorRun":
+        """Read what ``save`` wrote.
+
+        Raises:
+            DataError: the file is missing, cut short or something else; the message names it.
+        """
+        try:
+            if Path(path).is_file() and not zipfile.is_zipfile(path):
+                raise DataError(f"{path}: not a stored descriptor run: no .npz, or cut short")
+            return cls(**_read(Path(path)))
+        except DataError:
+            raise
+        except OSError as error:
+            raise DataError(f"cannot read {path}: {error.strerror or error}") from error
+        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            raise DataError(f"{path}: not a stored descriptor run: {error}") from error
+
+
+_ARRAYS: dict[str, type[np.generic]] = {
+    "descriptors": np.float32,
+    "frames": np.int64,
+    "stamps_ns": np.int64,
+    "points": np.int64,
+    "numbers": np.int64,
+}
+
+
+def _read(path: Path) -> dict[str, Any]:
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+        about = json.loads(str(stored["about"]))
+        if about.pop("format", None) != FORMAT:
+            raise ValueError(f"expected format {FORMAT}")
+        about["skipped"] = {int(number): why for number, why in about["skipped"].items()}
+        arrays = {name: stored[name].astype(dtype, copy=False) for name, dtype in _ARRAYS.items()}
+        stages = [name for name in stored.files if name.startswith(_STAGE)]
+        seconds = {name.removeprefix(_STAGE): stored[name] for name in stages}
+        poses = stored["poses"] if "poses" in stored.files else None
+        return {**about, **arrays, "seconds": seconds, "poses": poses}
+
+
+def _check_shape(name: str, array: NDArray[Any], expected: tuple[int, ...]) -> None:
+    if np.shape(array) != expected:
+        raise ShapeError(f"{name}: shape {np.shape(array)}, expected {expected}")

@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Precision and recall of loop closing over all thresholds, as a value."""
+
+import json
+import os
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+from fusionslam.storage.files import atomic_path
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+FORMAT = "fusionslam.precision_recall.1"
+_ARRAYS: dict[str, type[np.generic]] = {
+    "thresholds": np.float64,
+    "precision": np.float64,
+    "recall": np.float64,
+    "queries": np.int64,
+    "matches": np.int64,
+    "distances": np.float64,
+    "correct": np.bool_,
+    "revisit": np.bool_,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class PrecisionRecall:
+    """How well the nearest candidates tell revisited places, for every threshold.
+
+    Figures that do not exist are None: everything derived from recall where no query counts for
+    it (its denominator is 0; then ``recall`` is NaN), ``top1`` and ``recall_at_k`` where no query
+    is a revisit, thresholds where none reaches what they stand for. In JSON they are null.
+
+    Attributes:
+        thresholds: float64 (T,), the distinct descriptor distances, ascending.
+        precision: float64 (T,), correct accepted matches / accepted matches.
+        recall: float64 (T,), correct accepted matches / the protocol's denominator.
+        recall_at_full_precision: largest recall without a false match; 0 if the first is false.
+        threshold_at_full_precision: its threshold; None if the nearest match of all is false.
+        max_f1: largest 2 P R / (P + R).
+        max_f1_threshold: the lowest threshold that gives it; None if no match is correct.
+        average_precision: sum over thresholds of (R_t - R_(t-1)) P_t with R_0 = 0, no
+            interpolation: the definition of scikit-learn's average_precision_score.
+        top1: share of the revisits whose nearest candidate is correct, in every protocol.
+        recall_at_k: k -> share of the revisits with a correct one among the k nearest
+            candidates; None where fewer than k candidates a query were searched.
+        n_queries: N, all frames. n_revisits: those with some candidate within the radius.
+        n_correct: those whose nearest candidate is correct.
+        protocol, radius, window: name, metres, frames: what the figures hold for.
+        queries: int64 (N,), rows of the queries.
+        matches: int64 (N,), row of the nearest candidate, -1 = no candidate.
+        distances: float64 (N,), its descriptor distance, inf = no candidate.
+        correct: bool (N,), whether the match lies within the radius.
+        revisit: bool (N,), whether some candidate lies within the radius.
+    """
+
+    thresholds: Floats
+    precision: Floats
+    recall: Floats
+    recall_at_full_precision: float | None
+    threshold_at_full_precision: float | None
+    max_f1: float | None
+    max_f1_threshold: float | None
+    average_precision: float | None
+    top1: float | None
+    recall_at_k: dict[int, float | None]
+    n_queries: int
+    n_revisits: int
+    n_correct: int
+    protocol: str
+    radius: float
+    window: int
+    queries: NDArray[np.int64]
+    matches: NDArray[np.int64]
+    distances: Floats
+    correct: NDArray[np.bool_]
+    revisit: NDArray[np.bool_]
+
+    def __str__(self) -> str:
+        title = f"protocol {self.protocol}, radius {self.radius:g} m, window {self.window} frames"
+        counts = (
+            f"{self.n_queries} queries, {self.n_revisits} revisits, "
+            f"{self.n_correct} nearest candidates correct"
+        )
+        lines = [f"  {name:<28}{_shown(value)}" for name, value in self._rows()]
+        return "\n".join([title, counts, *lines])
+
+    def metrics(self) -> dict[str, Any]:
+        """Every single figure (no arrays), with protocol, radius and window, ready for JSON."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _ARRAYS}
+        return values | {"recall_at_k": {str(k): v for k, v in self.recall_at_k.items()}}
+
+    def accepted(self, threshold: float | None) -> NDArray[np.bool_]:
+        """Bool (N,): the queries whose match a threshold accepts; none for threshold None."""
+        if threshold is None:
+            return np.zeros(self.n_queries, dtype=np.bool_)
+        return (self.matches >= 0) & (self.distances <= threshold)
+
+    def explain(self, threshold: float | None) -> str:
+        """Say in one line what became of the queries at a threshold, and why none is left."""
+        alone = int((self.matches < 0).sum())
+        kept = int(self.accepted(threshold).sum())
+        parts = [f"{alone} without candidates"]
+        if threshold is None:
+            parts.append("no threshold accepts a correct match")
+        else:
+            parts.append(f"{self.n_queries - alone - kept} above threshold {threshold:.4g}")
+            parts.append(f"{kept} accepted")
+        if alone < self.n_queries:
+            parts.append(f"best {self.distances.min():.4g}")
+        return f"{self.n_queries} queries: {', '.join(parts)}"
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write JSON, whole or not at all; undefined figures are null. Raises DataError."""
+        arrays = {name: _plain(getattr(self, name)) for name in _ARRAYS}
+        with atomic_path(path) as temporary:
+            content = {"format": FORMAT, **self.metrics(), **arrays}
+            temporary.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "PrecisionRecall":
+        """Read what ``save`` wrote.
+
+        Raises:
+            DataError: the file is missing, cut short or something else; the message names it.
+        """
+        try:
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
+            if content.pop("format", None) != FORMAT:
+                raise DataError(f"{path}: not a {FORMAT} file")
+            return cls(**content | _restored(content))
+        except OSError as error:
+            raise DataError(f"cannot read {path}: {error.strerror}") from error
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise DataError(f"{path}: not a saved precision-recall result: {error}") from error
+
+    def plot(self, axis: "Axes | None" = None, **style: Any) -> "Axes":
+        """Draw the curve, marking recall at 100 % precision and maximal F1.
+
+        Args:
+            axis: where to draw; None makes a new figure (``axis.figure.savefig(...)``).
+            style: for the curve, as matplotlib's ``Axes.plot`` takes them.
+        """
+        axis = _new_axis() if axis is None else axis
+        (line,) = axis.plot(self.recall, self.precision, **style)
+        for marker, point in zip("so", self._marks(), strict=True):
+            if point is not None:
+                axis.plot(*point, marker, color=line.get_color(), markeredgecolor="white", ms=8)
+        axis.set(xlabel=f"recall ({self.protocol}, {self.radius:g} m)", ylabel="precision")
+        axis.set(xlim=(0, 1.02), ylim=(0, 1.04))
+        return axis
+
+    def _marks(self) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
+        """(recall, precision) at full precision and at the largest F1, where they exist."""
+        full = self.recall_at_full_precision
+        best = None
+        if self.max_f1_threshold is not None:
+            row = int(np.searchsorted(self.thresholds, self.max_f1_threshold))
+            best = (float(self.recall[row]), float(self.precision[row]))
+        return ((full, 1.0) if full else None), best
+
+    def _rows(self) -> list[tuple[str, float | None]]:
+        return [
+            ("recall at 100 % precision", self.recall_at_full_precision),
+            ("maximal F1", self.max_f1),
+            ("average precision", self.average_precision),
+            ("top-1 of the revisits", self.top1),
+            *((f"recall@{k} of the revisits", v) for k, v in self.recall_at_k.items() if k > 1),
+        ]
+
+
+def _shown(value: float | None) -> str:
+    return "undefined" if value is None else f"{value:.3f}"
+
+
+def _plain(values: NDArray[Any]) -> list[Any]:
+    """A list for JSON, null where there is no finite number."""
+    if values.dtype.kind != "f":
+        return list(values.tolist())
+    return [value if np.isfinite(value) else None for value in values.tolist()]
+
+
+def _restored(content: dict[str, Any]) -> dict[str, Any]:
+    """The fields that JSON cannot hold as they are."""
+    fill = {"distances": np.inf, "recall": np.nan}
+    arrays: dict[str, Any] = {
+        name: np.array([fill.get(name) if v is None else v for v in content[name]], dtype=dtype)
+        for name, dtype in _ARRAYS.items()
+    }
+    return arrays | {"recall_at_k": {int(k): v for k, v in content["recall_at_k"].items()}}
+
+
+def _new_axis() -> "Axes":
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 4.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axis = figure.add_subplot()
+    axis.grid(alpha=0.3)
+    return axis

@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The rules by which a match counts as found: named protocols and their parameters."""
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam import help_texts
+from fusionslam.config import Section, merged, option
+from fusionslam.errors import ConfigError
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """What recall is a share of; everything else is common to all protocols (``COMMON_RULES``).
+
+    Attributes:
+        name: what configurations and files call it.
+        denominator: what the recall is a share of, in words.
+        source: who uses it.
+        relevant: (correct, revisit), bool (N,) each -> bool (N,), the queries recall counts.
+    """
+
+    name: str
+    denominator: str
+    source: str
+    relevant: Callable[[Mask, Mask], Mask]
+
+
+COMMON_RULES = (
+    "Each frame is a query. Its candidates are the earlier frames j <= i - window - 1. The match "
+    "is the candidate whose descriptor is nearest (Euclidean distance; of equal ones the lowest "
+    "index). A threshold accepts every match whose distance is at most the threshold; equal "
+    "distances make one threshold. A match is correct if the two true positions are less than "
+    "the radius apart (3-D, strictly). Precision is correct accepted matches / accepted matches."
+)
+
+PROTOCOLS = {
+    protocol.name: protocol
+    for protocol in (
+        Protocol(
+            name="revisit",
+            denominator="queries that revisit a place: some candidate lies within the radius",
+            source="the usual definition; also counts the places that no threshold can find",
+            relevant=lambda correct, revisit: revisit,
+        ),
+        Protocol(
+            name="perdomo2019",
+            denominator="queries whose nearest candidate is correct, so recall always ends at 1",
+            source="the program of Perdomo 2019, with which the published figures were computed",
+            relevant=lambda correct, revisit: correct,
+        ),
+    )
+}
+
+
+def protocol_named(name: str) -> Protocol:
+    """The protocol of that name.
+
+    Raises:
+        ConfigError: there is none; the message gives the nearest name and all known ones.
+    """
+    if name in PROTOCOLS:
+        return PROTOCOLS[name]
+    near = difflib.get_close_matches(str(name), PROTOCOLS, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    raise ConfigError(f"unknown protocol {name!r}; {hint}known: {', '.join(PROTOCOLS)}")
+
+
+class EvaluationConfig(Section):
+    """How matches are judged against true positions."""
+
+    protocol: Literal["revisit", "perdomo2019"] = option("revisit", help_texts.PROTOCOL)
+    radius: float = option(10.0, help_texts.RADIUS, unit="m", gt=0, allow_inf_nan=False)
+    window: int = option(50, help_texts.EVALUATION_WINDOW, unit="frames", ge=0)
+
+
+DEFAULTS = EvaluationConfig()
+
+
+def checked_config(**values: Any) -> EvaluationConfig:
+    """The configuration with these values.
+
+    Raises:
+        ConfigError: a value is out of range or of the wrong type; the message names the key.
+    """
+    if "protocol" in values:
+        protocol_named(values["protocol"])
+    return merged(DEFAULTS, values, "evaluation.")

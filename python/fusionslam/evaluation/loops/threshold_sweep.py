@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Judges matches against true positions and sweeps the threshold over all distances.
+
+Source: Perdomo 2019, sections 3.2 and 4.1.2, as the author's program does it; the choice of
+recall's denominator is the protocol's.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fusionslam.evaluation.loops.nearest_matches import (
+    Matches,
+    check_causal,
+    checked_descriptors,
+    checked_positions,
+    find_matches,
+)
+from fusionslam.evaluation.loops.precision_recall import Floats, PrecisionRecall
+from fusionslam.evaluation.loops.protocols import DEFAULTS, Mask, checked_config, protocol_named
+
+RANKS = (1, 5, 10)
+"""The k of recall@k."""
+
+
+def precision_recall(
+    descriptors: NDArray[np.float32],
+    positions: ArrayLike,
+    *,
+    protocol: str = DEFAULTS.protocol,
+    radius: float = DEFAULTS.radius,
+    window: int = DEFAULTS.window,
+    threads: int = 0,
+) -> PrecisionRecall:
+    """Match every frame with its nearest earlier places and judge the matches.
+
+    Args:
+        descriptors: float32 (N, D), one row a frame, in order of time.
+        positions: (N, 3), true positions in metres, in any fixed frame.
+        protocol: "revisit" or "perdomo2019".
+        radius: two positions closer than this (metres) are one place.
+        window: this many frames before the query are no candidates.
+        threads: for the search; 0 is one per core.
+
+    Raises:
+        ShapeError: descriptors or positions of another shape, length or dtype.
+        DataError: a value that is not finite.
+        ConfigError: unknown protocol, radius <= 0 or window < 0.
+    """
+    checked_config(protocol=protocol, radius=radius, window=window)
+    descriptors = checked_descriptors(descriptors)
+    places = checked_positions(positions, len(descriptors))
+    matches = find_matches(descriptors, window=window, k=max(RANKS), threads=threads)
+    return evaluate_matches(matches, places, protocol=protocol, radius=radius, window=window)
+
+
+def evaluate_matches(
+    matches: Matches,
+    positions: ArrayLike,
+    *,
+    protocol: str = DEFAULTS.protocol,
+    radius: float = DEFAULTS.radius,
+    window: int = DEFAULTS.window,
+) -> PrecisionRecall:
+    """Judge nearest candidates that were found already. Arguments as for precision_recall.
+
+    Raises:
+        ShapeError: positions of another shape or length than the matches.
+        DataError: a position that is not finite, or a match that the window excludes.
+        ConfigError: unknown protocol, radius <= 0 or window < 0.
+    """
+    config = checked_config(protocol=protocol, radius=radius, window=window)
+    places = checked_positions(positions, len(matches))
+    check_causal(matches, config.window)
+    hits = _hits(matches.indices, places, config.radius)
+    revisit = _revisits(places, config.radius, config.window)
+    distances = matches.distances[:, 0].astype(np.float64)
+    relevant = protocol_named(config.protocol).relevant(hits[:, 0], revisit)
+    return PrecisionRecall(
+        **_swept(distances, hits[:, 0], int(relevant.sum())),
+        **_ranked(hits, revisit),
+        **config.model_dump(),
+        n_queries=len(matches),
+        n_revisits=int(revisit.sum()),
+        n_correct=int(hits[:, 0].sum()),
+        queries=np.arange(len(matches), dtype=np.int64),
+        matches=matches.indices[:, 0].copy(),
+        distances=distances,
+        correct=hits[:, 0].copy(),
+        revisit=revisit,
+    )
+
+
+def metres_between(a: Floats, b: Floats) -> Floats:
+    """Euclidean distances of positions (..., 3)."""
+    return np.asarray(np.sqrt(((a - b) ** 2).sum(axis=-1)), dtype=np.float64)
+
+
+def _hits(indices: NDArray[np.int64], places: Floats, radius: float) -> Mask:
+    """Bool (N, k): which candidates lie within the radius of their query."""
+    near = metres_between(places[:, None], places[indices]) < radius
+    return near & (indices >= 0)
+
+
+def _revisits(places: Floats, radius: float, window: int) -> Mask:
+    """Bool (N,): which queries have some candidate within the radius."""
+    found = np.zeros(len(places), dtype=np.bool_)
+    for query in range(window + 1, len(places)):
+        found[query] = (metres_between(places[: query - window], places[query]) < radius).any()
+    return found
+
+
+def _swept(distances: Floats, correct: Mask, denominator: int) -> dict[str, Any]:
+    """The curve over all distinct distances, and what is read off it."""
+    present = np.isfinite(distances)
+    thresholds, row = np.unique(distances[present], return_inverse=True)
+    accepted = np.cumsum(np.bincount(row, minlength=len(thresholds)))
+    found = np.cumsum(np.bincount(row[correct[present]], minlength=len(thresholds)))
+    precision = found / accepted
+    recall = found / denominator if denominator else np.full(len(found), np.nan)
+    curve = {"thresholds": thresholds, "precision": precision, "recall": recall}
+    return curve | (_figures(thresholds, precision, recall) if denominator else _UNDEFINED)
+
+
+_UNDEFINED = dict.fromkeys(
+    (
+        "recall_at_full_precision",
+        "threshold_at_full_precision",
+        "max_f1",
+        "max_f1_threshold",
+        "average_precision",
+    )
+)
+
+
+def _figures(thresholds: Floats, precision: Floats, recall: Floats) -> dict[str, Any]:
+    """What is read off a curve; thresholds that do not exist are None."""
+    f1 = _f1(precision, recall)
+    best = float(f1.max(initial=0))
+    # Once a false match is accepted it stays so: rows without one are a prefix.
+    flawless = int((precision == 1).sum())
+    return {
+        "recall_at_full_precision": float(recall[flawless - 1]) if flawless else 0.0,
+        "threshold_at_full_precision": float(thresholds[flawless - 1]) if flawless else None,
+        "max_f1": best,
+        "max_f1_threshold": float(thresholds[np.argmax(f1)]) if best > 0 else None,
+        "average_precision": float((np.diff(recall, prepend=0) * precision).sum()),
+    }
+
+
+def _f1(precision: Floats, recall: Floats) -> Floats:
+    """2 P R / (P + R), 0 where both are 0."""
+    total = precision + recall
+    return 2 * precision * recall / np.where(total > 0, total, 1)
+
+
+def _ranked(hits: Mask, revisit: Mask) -> dict[str, Any]:
+    """Shares of the revisits with a correct candidate among the k nearest."""
+    shares = {k: _share(np.any(hits[:, :k], axis=1), revisit) for k in RANKS}
+    searched = hits.shape[1]
+    known = {k: share if k <= searched else None for k, share in shares.items()}
+    return {"top1": shares[1], "recall_at_k": known}
+
+
+def _share(good: Mask, among: Mask) -> float | None:
+    return float(good[among].mean()) if among.any() else None

@@ -1,0 +1,232 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Judges the map that a run of RatSLAM made: by its metres, and by what it joins."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+from fusionslam.evaluation.maps.report import MapReport, PoseErrors
+from fusionslam.evaluation.views.rules import ViewRule, view_rule
+from fusionslam.geometry.rigid import fit_rigid
+from fusionslam.geometry.se2 import wrapped
+
+if TYPE_CHECKING:
+    from fusionslam.evaluation.maps.run import RatSlamRun
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_PAIRS = 1 << 19
+"""Pairs of looks that are compared at a time: some tens of megabytes."""
+
+
+def judge_map(run: "RatSlamRun", *, rule: str | ViewRule = "paper") -> MapReport:
+    """Judge the map of a run against the true poses, and beside it dead reckoning.
+
+    Without truth the report says so and holds counts alone; so it is with single steps whose true
+    pose is not known (three times NaN).
+
+    Args:
+        run: what happened.
+        rule: "paper", "author", or a ``ViewRule``: of it the loop limits (the view radius), the
+            age of a loop and the limits of a revisit.
+
+    Raises:
+        DataError: a true pose that is neither known nor unknown, one of the run's that is not
+            finite, stamps that go back, or a node that there is not.
+        ConfigError: unknown rule.
+    """
+    rule_name, values = view_rule(rule)
+    judge = _Judge(run, values)
+    counted: dict[str, Any] = {
+        "name": run.name,
+        "views": run.views,
+        "odometry": run.odometry,
+        "preset": run.preset,
+        "steps": int(judge.judged.sum()),
+        "looks": int((run.is_view & judge.judged).sum()),
+        "seconds": judge.seconds,
+        "node_count": len(run.nodes),
+        "link_count": len(run.links),
+        "loops": int(judge.loop.sum()),
+        "refused": len(run.refused),
+        "rule_name": rule_name,
+        "rule": values,
+    }
+    if not judge.known.any():
+        return MapReport(**counted, unjudged=("not judged: the run has no true poses",))
+    if not len(run.nodes):
+        return MapReport(**counted, unjudged=("not judged: the map has no node",))
+    found: dict[str, Any] = {**judge.metric(), **judge.links(), **judge.loops()}
+    found |= {**judge.refusals(), **judge.revisits()}
+    return MapReport(**counted, **found, unjudged=judge.unjudged())
+
+
+class _Judge:
+    """A run, the true poses of its nodes, and the view radius."""
+
+    def __init__(self, run: "RatSlamRun", rule: ViewRule) -> None:
+        # Not above: ratslam takes its views from fusionslam.views, which import this package.
+        from fusionslam.evaluation.maps.run import ActionKind
+
+        self.run, self.rule = run, rule
+        if (back := np.flatnonzero(np.diff(run.stamps_ns) < 0)).size:
+            raise DataError(f"stamps_ns: row {back[0] + 1} is earlier than the one before")
+        _check_ids("actions", run.actions[:, 1:], len(run.nodes))
+        _check_ids("refused", run.refused["target"], len(run.nodes))
+        for name in ("nodes", "poses", "offsets", "dead_reckoning"):
+            _check_finite(name, getattr(run, name))
+        self.truth = np.full((len(run), 3), np.nan) if run.truth is None else run.truth
+        self.known: Mask = ~np.all(np.isnan(self.truth), axis=1)
+        _check_finite("truth", self.truth, self.known)
+        self.judged = (run.node_ids >= 0) & (self.known | (run.truth is None))
+        self.loop = run.actions[:, 0] == ActionKind.CREATE_EDGE
+        self.made = run.actions[:, 0] != ActionKind.NONE
+        stamps = run.stamps_ns[self.judged]
+        self.seconds = float((stamps[-1] - stamps[0]) / 1e9) if stamps.size else 0.0
+        self.node_steps = self._known(_last_at(run.stamps_ns, run.node_stamps_ns))
+
+    def _known(self, steps: Ints) -> Ints:
+        """The steps, -1 where the truth is not known."""
+        return np.where((steps >= 0) & self.known[steps], steps, -1) if len(self.run) else steps
+
+    def metric(self) -> dict[str, PoseErrors | None]:
+        """Everything that is compared with the truth pose by pose."""
+        run, known, rows = self.run, self.node_steps >= 0, np.flatnonzero(self.judged)
+        when = self.node_steps[known]
+        return {
+            "nodes": self._errors(run.nodes[known], when),
+            "nodes_by_odometry": self._errors(run.dead_reckoning[when], when),
+            "trajectory": self._errors(run.final_poses[rows], rows),
+            "live": self._errors(run.poses[rows], rows),
+            "dead_reckoning": self._errors(run.dead_reckoning[rows], rows),
+        }
+
+    def _errors(self, poses: Floats, steps: Ints) -> PoseErrors | None:
+        return pose_errors(poses, self.truth[steps]) if steps.size else None
+
+    def links(self) -> dict[str, int]:
+        """Whether links join places that are near each other."""
+        run = self.run
+        pairs = [tuple(pair) for pair in run.actions[self.made, 1:].tolist()]
+        first = dict(zip(reversed(pairs), np.flatnonzero(self.made)[::-1].tolist(), strict=True))
+        ends = zip(run.links["source"].tolist(), run.links["target"].tolist(), strict=True)
+        steps = self._known(np.array([first.get(pair, -1) for pair in ends], np.int64))
+        known = (steps >= 0) & (self.node_steps[run.links["target"]] >= 0)
+        near = self._near(steps[known], run.links["target"][known])
+        of_loop = self.loop[steps[known]]
+        return {
+            "judged_links": int(known.sum()),
+            "near_links": int(near.sum()),
+            "loop_links": int(of_loop.sum()),
+            "near_loop_links": int((near & of_loop).sum()),
+        }
+
+    def loops(self) -> dict[str, int]:
+        """Whether the robot was where it arrived."""
+        steps = np.flatnonzero(self.loop & self.known)
+        targets = self.run.actions[steps, 2]
+        known = self.node_steps[targets] >= 0
+        near = self._near(steps[known], targets[known])
+        return {"judged_loops": int(known.sum()), "false_loops": int((~near).sum())}
+
+    def refusals(self) -> dict[str, int]:
+        """Whether the robot was where it was not allowed to arrive."""
+        refused = self.run.refused
+        steps = self._known(_last_at(self.run.stamps_ns, refused["stamp_ns"]))
+        known = (steps >= 0) & (self.node_steps[refused["target"]] >= 0)
+        near = self._near(steps[known], refused["target"][known])
+        return {"judged_refused": int(known.sum()), "refused_true": int(near.sum())}
+
+    def _near(self, steps: Ints, nodes: Ints) -> Mask:
+        """Bool (n,): whether the robot was truly within the view radius of these nodes."""
+        there = self.truth[self.node_steps[nodes]]
+        return _within(self.truth[steps], there, self.rule.loop_distance, self.rule.loop_angle)
+
+    def revisits(self) -> dict[str, int]:
+        """Whether the map joins what the robot saw again."""
+        rule, looks = self.rule, np.flatnonzero(self.run.is_view & self.known)
+        poses, times = self.truth[looks], self.run.stamps_ns[looks]
+        older = np.searchsorted(times, times - round(rule.loop_age * 1e9), side="left")
+        back, linked = np.zeros((2, len(looks)), np.bool_)
+        block = max(1, _PAIRS // max(1, len(looks)))
+        for start in range(0, len(looks), block):
+            rows = np.arange(start, min(start + block, len(looks)))
+            here, there = np.nonzero(np.arange(older[rows[-1]]) < older[rows, None])
+            here = rows[here]
+            near = _within(poses[here], poses[there], rule.revisit_distance, rule.revisit_angle)
+            here, there = here[near], there[near]
+            back[here] = True
+            linked[here[self._joined(looks[here], looks[there])]] = True
+        return {"revisits": int(back.sum()), "linked_revisits": int(linked.sum())}
+
+    def _joined(self, steps: Ints, others: Ints) -> Mask:
+        """Bool (n,): whether the nodes of these steps are one, or have a link."""
+        ids, links, count = self.run.node_ids, self.run.links, len(self.run.nodes)
+        source, target = links["source"], links["target"]
+        codes = np.concatenate([source * count + target, target * count + source])
+        one, other = ids[steps], ids[others]
+        joined = (one == other) | np.isin(one * count + other, codes)
+        return np.asarray(joined & (one >= 0) & (other >= 0))
+
+    def unjudged(self) -> tuple[str, ...]:
+        """What the truth does not reach: a run that goes on has nodes that are older than it."""
+        unknown = {"steps": ~self.known, "nodes": self.node_steps < 0}
+        return tuple(
+            f"not judged: {rows.sum()} of {len(rows)} {name}, whose true poses are not known"
+            for name, rows in unknown.items()
+            if rows.any()
+        )
+
+
+def pose_errors(poses: Floats, truth: Floats) -> PoseErrors:
+    """How far poses lie from the truth after rigid alignment (``fit_rigid``).
+
+    Args:
+        poses, truth: float64 (n, 3), n > 0, x, y in metres and heading in radians.
+
+    Raises:
+        ShapeError, DataError: as ``fit_rigid``.
+    """
+    motion = fit_rigid(poses, truth)
+    moved = motion.apply(poses)
+    apart = np.hypot(*(moved - truth)[:, :2].T)
+    turned = np.degrees(wrapped(moved[:, 2] - truth[:, 2]))
+    return PoseErrors(
+        n=len(poses),
+        rmse_m=float(np.sqrt((apart**2).mean())),
+        mean_m=float(apart.mean()),
+        max_m=float(apart.max()),
+        heading_rmse_deg=float(np.sqrt((turned**2).mean())),
+        motion=motion,
+    )
+
+
+def _within(poses: Floats, others: Floats, distance: float, angle: float) -> Mask:
+    """Bool (n,): whether poses (n, 3) are within metres and degrees of each other."""
+    apart = np.hypot(poses[:, 0] - others[:, 0], poses[:, 1] - others[:, 1])
+    turned = np.degrees(np.abs(wrapped(poses[:, 2] - others[:, 2])))
+    return np.asarray((apart <= distance) & (turned <= angle))
+
+
+def _check_ids(name: str, ids: Ints, count: int) -> None:
+    """Raise DataError for nodes that there are not; without nodes 0 stands for none."""
+    if (wrong := ids[(ids < 0) | (ids >= max(count, 1))]).size:
+        raise DataError(f"{name}: node {wrong[0]}, and there are {count}")
+
+
+def _check_finite(name: str, poses: Floats, wanted: Mask | None = None) -> None:
+    """Raise DataError that names the first row, of those wanted, which is not all numbers."""
+    broken = ~np.isfinite(poses).all(axis=1) & (True if wanted is None else wanted)
+    if (bad := np.flatnonzero(broken)).size:
+        raise DataError(f"{name}: row {bad[0]} is {poses[bad[0]].tolist()}, expected numbers")
+
+
+def _last_at(stamps: Ints, wanted: Ints) -> Ints:
+    """The last step at exactly these stamps; -1 where there is none."""
+    at = np.searchsorted(stamps, wanted, side="right") - 1
+    return np.where((at >= 0) & (stamps[at] == wanted), at, -1) if len(stamps) else at

@@ -1,0 +1,220 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""How well a map fits the world it was made in, as a value."""
+
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from fusionslam.errors import DataError
+from fusionslam.evaluation.views.report import percent, share
+from fusionslam.evaluation.views.rules import ViewRule
+from fusionslam.geometry.rigid import RigidMotion
+from fusionslam.storage.files import atomic_path
+
+FORMAT = "fusionslam.map_report.1"
+
+
+@dataclass(frozen=True)
+class PoseErrors:
+    """How far poses lie from the truth once they are laid over it as well as they can be.
+
+    Attributes:
+        n: poses.
+        rmse_m, mean_m, max_m: metres between positions.
+        heading_rmse_deg: degrees between headings.
+        motion: what brings them over the truth (``motion.apply(run.nodes)``).
+    """
+
+    n: int
+    rmse_m: float
+    mean_m: float
+    max_m: float
+    heading_rmse_deg: float
+    motion: RigidMotion
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapReport:
+    """A judged run of RatSLAM. Figures are None where nobody knows the truth.
+
+    Each set of poses is aligned with the truth by itself: turned and shifted, not scaled. All
+    steps are those from the first node on.
+
+    Attributes:
+        name, views, odometry, preset: as the run says.
+        steps, looks, seconds: steps judged, those that looked at something, the time they took.
+        node_count, link_count: of the map in the end.
+        rule_name, rule: by what distances, angles and ages places are told apart.
+        nodes: the nodes in the end against the truth at the moment each was made.
+        nodes_by_odometry: dead reckoning at those same moments.
+        trajectory: every step on the map as it is in the end (the ATE).
+        live: every step on the map as it was then: what a robot could have used.
+        dead_reckoning: every step by odometry alone.
+        judged_links: links for which the truth is known.
+        near_links: those whose ends, when they were made, lay in each other's view radius: the
+            true pose of the robot then, and that of the target when that was made.
+        loop_links, near_loop_links: the links among them that came from a loop.
+        loops: arrivals at a known node.
+        judged_loops, false_loops: those for which the truth is known; those of them where the
+            robot was not within the view radius of that node's true place.
+        refused, judged_refused, refused_true: loops that were refused; those for which the truth
+            is known; those of them that were within the view radius after all.
+        revisits: looks from where an older look was (rule: ``loop_age``, ``revisit_distance``).
+        linked_revisits: those at which the robot's node is the node of such an older look, or is
+            joined to it by a link.
+        unjudged: what could not be judged and why, for people.
+    """
+
+    name: str
+    views: str
+    odometry: str
+    preset: str
+    steps: int
+    looks: int
+    seconds: float
+    node_count: int
+    link_count: int
+    rule_name: str
+    rule: ViewRule
+    nodes: PoseErrors | None = None
+    nodes_by_odometry: PoseErrors | None = None
+    trajectory: PoseErrors | None = None
+    live: PoseErrors | None = None
+    dead_reckoning: PoseErrors | None = None
+    judged_links: int | None = None
+    near_links: int | None = None
+    loop_links: int | None = None
+    near_loop_links: int | None = None
+    loops: int = 0
+    judged_loops: int | None = None
+    false_loops: int | None = None
+    refused: int = 0
+    judged_refused: int | None = None
+    refused_true: int | None = None
+    revisits: int | None = None
+    linked_revisits: int | None = None
+    unjudged: tuple[str, ...] = ()
+
+    @property
+    def near_link_share(self) -> float | None:
+        """Share of the links that join places nearer than the view radius."""
+        return _share(self.near_links, self.judged_links)
+
+    @property
+    def near_loop_link_share(self) -> float | None:
+        """The same among the links that came from a loop: the others hold by their making."""
+        return _share(self.near_loop_links, self.loop_links)
+
+    @property
+    def linked_revisit_share(self) -> float | None:
+        """Share of the true revisits that are linked on the map."""
+        return _share(self.linked_revisits, self.revisits)
+
+    @property
+    def false_loop_share(self) -> float | None:
+        """Share of the arrivals at a known node that were elsewhere."""
+        return _share(self.false_loops, self.judged_loops)
+
+    def metrics(self) -> dict[str, Any]:
+        """Every figure, ready for JSON; undefined is null."""
+        figures = asdict(self)
+        figures["rule"] = self.rule.model_dump(mode="json")
+        shares = ("near_link", "near_loop_link", "linked_revisit", "false_loop")
+        return figures | {f"{one}_share": getattr(self, f"{one}_share") for one in shares}
+
+    def __str__(self) -> str:
+        return "\n".join([*_heading(self), *_errors(self), *_topology(self), *self.unjudged])
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write JSON, whole or not at all. Raises DataError where that is impossible."""
+        content = json.dumps({"format": FORMAT, **self.metrics()}, indent=2, allow_nan=False)
+        with atomic_path(path) as temporary:
+            temporary.write_text(content + "\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "MapReport":
+        """Read what ``save`` wrote.
+
+        Raises:
+            DataError: the file is missing, cut short or something else; the message names it.
+        """
+        try:
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
+            if content.pop("format", None) != FORMAT:
+                raise DataError(f"{path}: not a {FORMAT} file")
+            return cls(**_restored(content))
+        except OSError as error:
+            raise DataError(f"cannot read {path}: {error.strerror or error}") from error
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise DataError(f"{path}: not a saved map report: {error}") from error
+
+
+_ERRORS = {
+    "nodes": "nodes, when made",
+    "nodes_by_odometry": "  dead reckoning then",
+    "trajectory": "trajectory, final map",
+    "live": "trajectory, live",
+    "dead_reckoning": "  dead reckoning",
+}
+"""What is compared with the truth, by attribute, as the table names it."""
+
+
+def _restored(content: dict[str, Any]) -> dict[str, Any]:
+    """The arguments of a report from its JSON."""
+    kept = {name: value for name, value in content.items() if not name.endswith("_share")}
+    for name in _ERRORS:
+        if kept[name] is not None:
+            motion = RigidMotion(*kept[name].pop("motion"))
+            kept[name] = PoseErrors(**kept[name], motion=motion)
+    kept["rule"] = ViewRule(**kept["rule"])
+    kept["unjudged"] = tuple(kept["unjudged"])
+    return kept
+
+
+def _share(part: int | None, whole: int | None) -> float | None:
+    return None if part is None or whole is None else share(part, whole)
+
+
+def _heading(report: MapReport) -> list[str]:
+    return [
+        f"{report.name}: views {report.views}, odometry {report.odometry}, preset {report.preset}",
+        f"{report.seconds:.1f} s and {report.steps} steps from the first node on, "
+        f"{report.looks} looks; "
+        f"{report.node_count} nodes, {report.link_count} links",
+    ]
+
+
+def _errors(report: MapReport) -> list[str]:
+    found = [(title, getattr(report, name)) for name, title in _ERRORS.items()]
+    if all(errors is None for _, errors in found):
+        return []
+    lines = [f"  {'aligned with the truth':<24}{'poses':>7}{'RMSE':>10}{'max':>10}{'heading':>11}"]
+    for title, errors in found:
+        if errors is not None:
+            lines.append(
+                f"  {title:<24}{errors.n:>7}{errors.rmse_m:>8.3f} m{errors.max_m:>8.3f} m"
+                f"{errors.heading_rmse_deg:>7.2f} deg"
+            )
+    return lines
+
+
+def _topology(report: MapReport) -> list[str]:
+    if report.near_links is None:
+        return [f"  {report.loops} arrivals at known nodes, {report.refused} loops refused"]
+    rule = report.rule
+    return [
+        f"  near means within {rule.loop_distance:g} m and {rule.loop_angle:.3g} deg",
+        f"  near links      {percent(report.near_link_share):>8}   {report.near_links} of "
+        f"{report.judged_links}",
+        f"  right loops     {percent(report.near_loop_link_share):>8}   "
+        f"{report.near_loop_links} of {report.loop_links} links that an arrival made",
+        f"  linked revisits {percent(report.linked_revisit_share):>8}   "
+        f"{report.linked_revisits} of {report.revisits}",
+        f"  false arrivals  {percent(report.false_loop_share):>8}   {report.false_loops} of "
+        f"{report.judged_loops}, at known nodes",
+        f"  refused loops   {report.refused:>8}   {report.refused_true} of "
+        f"{report.judged_refused} wrongly refused",
+    ]

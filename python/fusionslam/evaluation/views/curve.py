@@ -1,0 +1,260 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Views judged at every threshold, as a value (Stastny 2022, 5.4: steps of 0.01)."""
+
+import json
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.evaluation.views.judge import ViewJudge, checked_ids
+from fusionslam.evaluation.views.report import ViewReport
+from fusionslam.storage.files import atomic_path
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FORMAT = "fusionslam.view_curve.1"
+THRESHOLDS: tuple[float, ...] = tuple(step / 100 for step in range(101))
+"""Those of the thesis, for similarities in [0, 1]."""
+COLUMNS = (
+    "accuracy",
+    "loop_recall",
+    "loop_precision",
+    "precision",
+    "recall",
+    "false_positives",
+    "false_negatives",
+    "views",
+    "loops",
+    "mean_false_positive_distance",
+)
+"""The figures of ``ViewReport`` that a curve keeps of each threshold."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewCurve:
+    """What became of a drive at every threshold.
+
+    Attributes:
+        thresholds: float64 (T,), ascending.
+        figures: by name (``COLUMNS``) float64 (T,); NaN where a figure does not exist.
+        rule_name: by which rule it was judged.
+    """
+
+    thresholds: Floats
+    figures: dict[str, Floats]
+    rule_name: str
+
+    def __len__(self) -> int:
+        return len(self.thresholds)
+
+    def best_threshold(self, loop_precision: float = 0.97) -> float | None:
+        """Where loop recall is largest while loop precision is at least as demanded.
+
+        Of equals the one with the largest accuracy, then the strictest (largest) threshold.
+        None where no threshold gives such a precision.
+        """
+        allowed = self.figures["loop_precision"] >= loop_precision
+        return self._largest(allowed, ("loop_recall", "accuracy"))
+
+    def most_accurate_threshold(self) -> float | None:
+        """Where accuracy is largest, what the thesis picks; None for a drive without scans."""
+        known = np.isfinite(self.figures["accuracy"])
+        return self._largest(known, ("accuracy", "loop_recall"))
+
+    def at(self, threshold: float) -> dict[str, float | None]:
+        """The figures at one of the thresholds, by name; None where one does not exist.
+
+        Raises:
+            DataError: the threshold is none of the curve's.
+        """
+        rows = np.flatnonzero(self.thresholds == threshold)
+        if not rows.size:
+            raise DataError(f"threshold {threshold} is none of the {len(self)} of the curve")
+        return self.row(int(rows[0]))
+
+    def row(self, index: int) -> dict[str, float | None]:
+        """The figures of one row, by name, None where one does not exist."""
+        values = {name: float(column[index]) for name, column in self.figures.items()}
+        return {name: value if np.isfinite(value) else None for name, value in values.items()}
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write JSON, whole or not at all; undefined figures are null. Raises DataError."""
+        with atomic_path(path) as temporary:
+            temporary.write_text(json.dumps(self.as_json(), allow_nan=False), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "ViewCurve":
+        """Read what ``save`` wrote. Raises DataError that names the file."""
+        try:
+            return cls.from_json(json.loads(Path(path).read_text(encoding="utf-8")))
+        except OSError as error:
+            raise DataError(f"cannot read {path}: {error.strerror}") from error
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise DataError(f"{path}: not a saved view curve: {error}") from error
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything, as JSON can hold it."""
+        rows = [self.row(index) for index in range(len(self))]
+        return {
+            "format": FORMAT,
+            "rule": self.rule_name,
+            "thresholds": self.thresholds.tolist(),
+            "figures": {name: [row[name] for row in rows] for name in self.figures},
+        }
+
+    @classmethod
+    def from_json(cls, content: dict[str, Any]) -> "ViewCurve":
+        """What ``as_json`` gave. Raises ValueError, KeyError or TypeError for anything else."""
+        if content.get("format") != FORMAT:
+            raise ValueError(f"expected format {FORMAT}")
+        figures = {name: content["figures"][name] for name in COLUMNS}
+        curve = cls(
+            np.array(content["thresholds"], dtype=np.float64),
+            {name: np.array(column, dtype=np.float64) for name, column in figures.items()},
+            str(content["rule"]),
+        )
+        if any(column.shape != curve.thresholds.shape for column in curve.figures.values()):
+            raise ValueError("columns of different lengths")
+        return curve
+
+    def __str__(self) -> str:
+        names = ("accuracy", "loop_recall", "loop_precision", "views")
+        lines = ["threshold  " + "  ".join(f"{name:>14}" for name in names)]
+        for index, threshold in enumerate(self.thresholds):
+            row = self.row(index)
+            cells = (_cell(name, row[name]) for name in names)
+            lines.append(f"{threshold:9.4g}  " + "  ".join(f"{cell:>14}" for cell in cells))
+        return "\n".join(lines)
+
+    def _largest(self, allowed: NDArray[np.bool_], names: tuple[str, str]) -> float | None:
+        rows = np.flatnonzero(allowed)
+        if not rows.size:
+            return None
+        keys = [np.nan_to_num(self.figures[name][rows], nan=-1.0) for name in names]
+        best = np.lexsort((self.thresholds[rows], keys[1], keys[0]))[-1]
+        return float(self.thresholds[rows[best]])
+
+
+def sweep_views(
+    judge: ViewJudge,
+    matcher: Callable[[float], ArrayLike],
+    thresholds: Iterable[float] = THRESHOLDS,
+) -> ViewCurve:
+    """Run a matcher once a threshold and judge what it says.
+
+    Which scenes are stored depends on the threshold, so this is the exact curve of a matcher
+    that compares with stored scenes only.
+
+    Args:
+        judge: the drive.
+        matcher: threshold -> ids, integers (n,), a fresh run over the whole drive.
+        thresholds: in any order; equal ones make one row.
+
+    Raises:
+        DataError: no thresholds, or one that is not finite.
+        ShapeError: the matcher gives something else than n ids.
+    """
+    steps = _checked_thresholds(thresholds)
+    reports = [judge.judge(matcher(float(step))) for step in steps]
+    return ViewCurve(steps, _columns(reports), judge.rule_name)
+
+
+def sweep_pairs(
+    judge: ViewJudge,
+    similarities: ArrayLike,
+    candidates: ArrayLike,
+    thresholds: Iterable[float] | None = None,
+) -> ViewCurve:
+    """The curve of a search whose candidates do not depend on the threshold.
+
+    That is a nearest-neighbour search among all earlier scans, stored or not.
+
+    Args:
+        judge: the drive.
+        similarities, candidates: as for ``ids_from_pairs``.
+        thresholds: None for every distinct similarity, and one that accepts nothing.
+
+    Raises:
+        ShapeError, DataError: as for ``ids_from_pairs`` and ``sweep_views``.
+    """
+    likeness, found = _checked_pairs(similarities, candidates, len(judge))
+    if thresholds is None:
+        distinct = np.unique(likeness[found >= 0])
+        above = np.nextafter(distinct[-1], np.inf) if distinct.size else 1.0
+        thresholds = [*distinct.tolist(), float(above)]
+    return sweep_views(judge, lambda limit: _ids(likeness, found, limit), thresholds)
+
+
+def ids_from_pairs(similarities: ArrayLike, candidates: ArrayLike, threshold: float) -> Ints:
+    """Ids int64 (n,) of scans whose most similar earlier scan is known.
+
+    A scan whose similarity reaches the threshold takes the id of its candidate, else a new one.
+
+    Args:
+        similarities: (n,), larger is more alike (a distance enters with its sign changed); not
+            looked at where there is no candidate.
+        candidates: integers (n,), row of the most similar earlier scan, -1 for none.
+        threshold: the least similarity that is a match.
+
+    Raises:
+        ShapeError: another shape, length or dtype.
+        DataError: a candidate that is not earlier, or a similarity of a candidate that is NaN.
+    """
+    count = len(np.atleast_1d(np.asarray(candidates)))
+    return _ids(*_checked_pairs(similarities, candidates, count), threshold)
+
+
+def _ids(likeness: Floats, candidates: Ints, threshold: float) -> Ints:
+    accepted = (candidates >= 0) & (likeness >= threshold)
+    ids = np.cumsum(~accepted) - 1
+    for scan in np.flatnonzero(accepted).tolist():
+        ids[scan] = ids[candidates[scan]]
+    return ids.astype(np.int64)
+
+
+def _checked_pairs(similarities: Any, candidates: Any, count: int) -> tuple[Floats, Ints]:
+    found = checked_ids(candidates, count)
+    try:
+        likeness = np.asarray(similarities, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"similarities: expected numbers ({count},); {error}") from error
+    if likeness.shape != (count,):
+        raise ShapeError(f"similarities: {likeness.shape}, expected ({count},), as candidates")
+    late = np.flatnonzero(found >= np.arange(count))
+    if late.size:
+        raise DataError(
+            f"candidates: row {late[0]} has {found[late[0]]}, expected an earlier scan or -1"
+        )
+    unknown = np.flatnonzero((found >= 0) & np.isnan(likeness))
+    if unknown.size:
+        raise DataError(f"similarities: row {unknown[0]} is NaN but has a candidate")
+    return likeness, found
+
+
+def _checked_thresholds(thresholds: Iterable[float]) -> Floats:
+    steps = np.unique(np.array(list(thresholds), dtype=np.float64))
+    if not steps.size or not np.isfinite(steps).all():
+        raise DataError("thresholds: expected one or more finite numbers")
+    return steps
+
+
+def _columns(reports: list[ViewReport]) -> dict[str, Floats]:
+    """Figures as arrays; NumPy makes NaN of None."""
+    return {
+        name: np.array([getattr(report, name) for report in reports], dtype=np.float64)
+        for name in COLUMNS
+    }
+
+
+def _cell(name: str, value: float | None) -> str:
+    if value is None:
+        return "none"
+    return f"{value:.0f}" if name == "views" else f"{100 * value:.1f} %"

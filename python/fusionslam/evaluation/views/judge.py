@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Judges view ids against true poses, as Stastny 2022, 5.2, and by the loops they close."""
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.evaluation.views.ground_truth import TrueScans, whole_nanoseconds
+from fusionslam.evaluation.views.report import ViewReport
+from fusionslam.evaluation.views.rules import ViewRule, view_rule
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_SECONDS = 9e9
+"""Stamps beyond this (the year 2255) are no seconds."""
+
+
+def judge_views(
+    ids: ArrayLike, poses: ArrayLike, stamps: ArrayLike, *, rule: str | ViewRule = "paper"
+) -> ViewReport:
+    """Judge the view ids that a place recognition gave to the scans of a drive.
+
+    Args:
+        ids: integers (n,), one a scan in order of time; any numbering. The stored scene of an id
+            is the first scan that has it. A negative id is no view: the scan holds nothing to
+            recognise; it counts as a negative, is never stored, and ``unplaced`` counts it.
+        poses: (n, 3), true x, y in metres and yaw in radians.
+        stamps: (n,), seconds, not decreasing.
+        rule: "paper", "author" (FACTS: his program's angles), or a ``ViewRule``.
+
+    Raises:
+        ShapeError: another shape, length or dtype.
+        DataError: a pose or stamp that is not finite, or stamps that go back.
+        ConfigError: unknown rule.
+    """
+    return ViewJudge(poses, stamps, rule=rule).judge(ids)
+
+
+class ViewJudge:
+    """A drive whose truth is known: judges any number of id sequences, as ``judge_views`` does.
+
+    Sweeps and tuning judge thousands of sequences over one drive: what depends on the truth
+    alone is worked out once. Arguments and what is raised are those of ``judge_views``. Memory
+    is linear in the number of scans.
+
+        judge = ViewJudge(poses, stamps)
+        reports = [judge.judge(ids) for ids in candidates]
+    """
+
+    def __init__(
+        self, poses: ArrayLike, stamps: ArrayLike, *, rule: str | ViewRule = "paper"
+    ) -> None:
+        self.rule_name, self.rule = view_rule(rule)
+        self.poses = checked_poses(poses)
+        self.stamps = checked_stamps(stamps, len(self.poses))
+        self._truth = TrueScans(self.rule, self.poses, whole_nanoseconds(self.stamps))
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    @cached_property
+    def revisit(self) -> Mask:
+        """Bool (n,): the scans that come back to where an older true pose was."""
+        return self._truth.revisits(np.arange(len(self)))
+
+    def judge(self, ids: ArrayLike) -> ViewReport:
+        """What is right and wrong about these ids, integers (n,). Raises ShapeError."""
+        views = checked_ids(ids, len(self))
+        first, scans = first_scenes(views), np.arange(len(self))
+        stored = np.flatnonzero(first == scans)
+        return ViewReport(
+            n=len(self),
+            views=len(stored),
+            unplaced=int((views < 0).sum()),
+            rule_name=self.rule_name,
+            rule=self.rule,
+            ids=views,
+            revisit=self.revisit,
+            **self._truth.judged(scans, first, stored),
+        )
+
+
+def first_scenes(ids: Ints) -> Ints:
+    """Int64 (n,): the first scan with the same id; -1 where the id is negative."""
+    _, first, which = np.unique(ids, return_index=True, return_inverse=True)
+    return np.where(ids >= 0, first[which], -1).astype(np.int64)
+
+
+def checked_ids(ids: Any, count: int) -> Ints:
+    """Ids as int64 (count,). Raises ShapeError, or DataError for what int64 cannot hold."""
+    views = np.asarray(ids)
+    if views.shape != (count,) or (views.dtype.kind not in "iu" and count):
+        raise ShapeError(
+            f"ids: {views.dtype} {views.shape}, expected integers ({count},): one id a pose"
+        )
+    if views.dtype.kind == "u" and count and views.max() > np.iinfo(np.int64).max:
+        raise DataError(f"ids: {views.max()} is too large for int64")
+    return views.astype(np.int64)
+
+
+def checked_poses(poses: Any) -> Floats:
+    """Poses as float64 (n, 3). Raises ShapeError, or DataError that names the row."""
+    rows = _numbers("poses", poses, "(n, 3): x, y in metres, yaw in radians")
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise ShapeError(f"poses: {rows.shape}, expected (n, 3): x, y in metres, yaw in radians")
+    broken = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    if broken.size:
+        raise DataError(f"poses: row {broken[0]} is {rows[broken[0]].tolist()}, expected numbers")
+    return rows
+
+
+def checked_stamps(stamps: Any, count: int) -> Floats:
+    """Stamps as float64 (count,), seconds. Raises ShapeError, or DataError that names the row."""
+    times = _numbers("stamps", stamps, f"({count},): seconds")
+    if times.shape != (count,):
+        raise ShapeError(f"stamps: {times.shape}, expected ({count},): one stamp a pose")
+    broken = np.flatnonzero(~np.isfinite(times))
+    if broken.size:
+        raise DataError(f"stamps: row {broken[0]} is {times[broken[0]]}, expected seconds")
+    back = np.flatnonzero(np.diff(times) < 0)
+    if back.size:
+        row = int(back[0]) + 1
+        raise DataError(f"stamps: row {row} goes back from {times[row - 1]} s to {times[row]} s")
+    if count and np.abs(times).max() > _SECONDS:
+        raise DataError(f"stamps: {times[-1]:g} s is too late; nanoseconds? Divide them by 1e9")
+    return times
+
+
+def _numbers(name: str, values: Any, expected: str) -> Floats:
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"{name}: expected numbers {expected}; {error}") from error

@@ -1,0 +1,167 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""View ids judged while a robot drives, one call a scan.
+
+running = RunningViews()
+judged = running.add(stamp_ns, match.id, (x, y, yaw))
+if judged.false_positive:
+    print(f"taken for scan {judged.matched}, which is {judged.distance:.1f} m away")
+print(running.report())
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fusionslam.evaluation.views.ground_truth import TrueScans, whole_nanoseconds
+from fusionslam.evaluation.views.judge import checked_ids, checked_poses, checked_stamps
+from fusionslam.evaluation.views.report import ViewReport
+from fusionslam.evaluation.views.rules import ViewRule, view_rule
+from fusionslam.sensors.messages import next_stamp
+
+_REPORTED: list[tuple[str, type]] = [
+    ("ids", np.int64),
+    ("matched", np.int64),
+    ("distances", np.float64),
+    ("angles", np.float64),
+    ("false_positive", np.bool_),
+    ("false_negative", np.bool_),
+    ("revisit", np.bool_),
+    ("loop", np.bool_),
+    ("loop_correct", np.bool_),
+]
+_ROW = np.dtype([("stamp_ns", np.int64), ("time", np.int64), ("pose", np.float64, 3), *_REPORTED])
+_ROOM = 1024
+
+
+@dataclass(frozen=True)
+class JudgedView:
+    """What is right and wrong about the id of one scan, as in ``ViewReport``.
+
+    Attributes:
+        scan: its number, counted from 0.
+        stamp_ns: its time.
+        id: as given.
+        false_positive: known, but too far from the first scan with this id.
+        false_negative: new, although a stored scene is within reach.
+        revisit: the robot comes back to where it was long ago.
+        loop: known, and the first scan with this id is old.
+        loop_correct: a loop, and near that scan.
+        matched: number of the first scan with this id; None if this one is new or has no view.
+        matched_stamp_ns: that scan's time.
+        distance, angle: metres and degrees to it.
+    """
+
+    scan: int
+    stamp_ns: int
+    id: int
+    false_positive: bool
+    false_negative: bool
+    revisit: bool
+    loop: bool
+    loop_correct: bool
+    matched: int | None = None
+    matched_stamp_ns: int | None = None
+    distance: float | None = None
+    angle: float | None = None
+
+    @property
+    def is_first(self) -> bool:
+        """Whether later scans with this id are compared with this one: its picture is needed."""
+        return self.matched is None and self.id >= 0
+
+
+class RunningViews:
+    """Judges each view when it comes; ``report`` is ``judge_views`` of all so far.
+
+    Memory grows by some 90 bytes a scan, the time of a call with the number of scans: it compares
+    the scan's pose with all older ones. After the clock went back older poses are another drive's:
+    go on with a new one.
+
+    Args:
+        rule: as for ``judge_views``.
+
+    Raises:
+        ConfigError: unknown rule.
+    """
+
+    def __init__(self, rule: str | ViewRule = "paper") -> None:
+        self.rule_name, self.rule = view_rule(rule)
+        self._rows = np.empty(_ROOM, _ROW)
+        self._count = 0
+        self._first: dict[int, int] = {}
+
+    def __len__(self) -> int:
+        """Number of scans."""
+        return self._count
+
+    def add(self, stamp_ns: int, view_id: int, pose: ArrayLike) -> JudgedView:
+        """Judge the next scan.
+
+        Args:
+            stamp_ns: its time, not before that of the scan before.
+            view_id: what it was recognised as; negative for nothing.
+            pose: its true x, y in metres and yaw in radians.
+
+        Raises:
+            ClockError: a stamp before that of the scan before.
+            DataError, ShapeError: as ``judge_views``. Nothing is added where this raises.
+        """
+        scan = self._count
+        last = int(self._rows["stamp_ns"][scan - 1]) if scan else None
+        self._put(scan, next_stamp(stamp_ns, last), pose)
+        view = int(checked_ids([view_id], 1)[0])
+        first = self._first.setdefault(view, scan) if view >= 0 else -1
+        self._count += 1
+        rows = self._rows[: self._count]
+        truth = TrueScans(self.rule, rows["pose"], rows["time"])
+        this, earlier = np.array([scan]), rows[:scan]
+        stored = np.flatnonzero((earlier["matched"] < 0) & (earlier["ids"] >= 0))
+        found = truth.judged(this, np.array([first]), stored)
+        found |= {"ids": np.array([view]), "revisit": truth.revisits(this)}
+        for name, values in found.items():
+            rows[name][scan] = values[0]
+        return self._judged(scan)
+
+    def report(self) -> ViewReport:
+        """What is right and wrong about all ids so far."""
+        rows = self._rows[: self._count]
+        columns: dict[str, Any] = {name: rows[name].copy() for name, _ in _REPORTED}
+        return ViewReport(
+            n=self._count,
+            views=len(self._first),
+            unplaced=int((rows["ids"] < 0).sum()),
+            rule_name=self.rule_name,
+            rule=self.rule,
+            **columns,
+        )
+
+    def _put(self, scan: int, stamp_ns: int, pose: ArrayLike) -> None:
+        """Write time and pose where the scan will be."""
+        seconds, poses = checked_stamps([stamp_ns / 1e9], 1), checked_poses([pose])
+        if scan == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+        self._rows["stamp_ns"][scan] = stamp_ns
+        self._rows["time"][scan] = whole_nanoseconds(seconds)[0]
+        self._rows["pose"][scan] = poses[0]
+
+    def _judged(self, scan: int) -> JudgedView:
+        row = dict(zip(_ROW.names or (), self._rows[scan].tolist(), strict=True))
+        matched = row["matched"]
+        known = matched >= 0
+        return JudgedView(
+            scan=scan,
+            stamp_ns=row["stamp_ns"],
+            id=row["ids"],
+            false_positive=row["false_positive"],
+            false_negative=row["false_negative"],
+            revisit=row["revisit"],
+            loop=row["loop"],
+            loop_correct=row["loop_correct"],
+            matched=matched if known else None,
+            matched_stamp_ns=int(self._rows["stamp_ns"][matched]) if known else None,
+            distance=row["distances"] if known else None,
+            angle=row["angles"] if known else None,
+        )

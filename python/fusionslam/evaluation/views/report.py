@@ -1,0 +1,246 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is right and wrong about a sequence of view ids, as a value."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.evaluation.views.rules import ViewRule
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class ViewReport:
+    """A judged sequence of view ids. Shares lie in [0, 1]; one without a denominator is None.
+
+    A scan is positive if its id was seen before, else negative; its view is the first scan with
+    the same id.
+
+    Attributes:
+        n: scans.
+        views: stored scenes: distinct ids that are not negative.
+        unplaced: scans with a negative id: nothing to recognise in them.
+        rule_name, rule: what it was judged by.
+        ids: int64 (n,), as given.
+        matched: int64 (n,), the first scan with the same id, -1 for negatives.
+        distances, angles: float64 (n,), metres and degrees to it; NaN for negatives.
+        false_positive: bool (n,), positives that are too far from their view.
+        false_negative: bool (n,), negatives within reach of an earlier stored scene.
+        revisit: bool (n,), scans that come back to an older true pose.
+        loop: bool (n,), positives whose view is older than the rule's ``loop_age``.
+        loop_correct: bool (n,), those of them that are near their view.
+    """
+
+    n: int
+    views: int
+    unplaced: int
+    rule_name: str
+    rule: ViewRule
+    ids: Ints
+    matched: Ints
+    distances: Floats
+    angles: Floats
+    false_positive: Mask
+    false_negative: Mask
+    revisit: Mask
+    loop: Mask
+    loop_correct: Mask
+
+    @property
+    def positives(self) -> int:
+        """Scans whose id was seen before."""
+        return int((self.matched >= 0).sum())
+
+    @property
+    def false_positives(self) -> int:
+        """How many positives are too far from their view."""
+        return int(self.false_positive.sum())
+
+    @property
+    def false_negatives(self) -> int:
+        """How many negatives are within reach of a stored scene."""
+        return int(self.false_negative.sum())
+
+    @property
+    def true_positives(self) -> int:
+        """How many positives are near their view."""
+        return self.positives - self.false_positives
+
+    @property
+    def true_negatives(self) -> int:
+        """How many negatives are rightly new."""
+        return self.n - self.positives - self.false_negatives
+
+    @property
+    def accuracy(self) -> float | None:
+        """1 - (false positives + false negatives) / n; hardly sees loop closing."""
+        return share(self.true_positives + self.true_negatives, self.n)
+
+    @property
+    def precision(self) -> float | None:
+        """True positives / positives."""
+        return share(self.true_positives, self.positives)
+
+    @property
+    def recall(self) -> float | None:
+        """True positives / (true positives + false negatives)."""
+        return share(self.true_positives, self.true_positives + self.false_negatives)
+
+    @property
+    def loops(self) -> int:
+        """How many scans were matched to an old view."""
+        return int(self.loop.sum())
+
+    @property
+    def correct_loops(self) -> int:
+        """How many scans were matched to an old view nearby."""
+        return int(self.loop_correct.sum())
+
+    @property
+    def revisits(self) -> int:
+        """How many scans come back to an older true pose."""
+        return int(self.revisit.sum())
+
+    @property
+    def found_revisits(self) -> int:
+        """How many of the revisits were matched to an old view nearby."""
+        return int((self.revisit & self.loop_correct).sum())
+
+    @property
+    def loop_recall(self) -> float | None:
+        """Found revisits / revisits."""
+        return share(self.found_revisits, self.revisits)
+
+    @property
+    def loop_precision(self) -> float | None:
+        """Correct loops / loops."""
+        return share(self.correct_loops, self.loops)
+
+    @property
+    def false_positive_indices(self) -> Ints:
+        """Int64 (false_positives,): their scans."""
+        return np.flatnonzero(self.false_positive)
+
+    @property
+    def false_negative_indices(self) -> Ints:
+        """Int64 (false_negatives,): their scans."""
+        return np.flatnonzero(self.false_negative)
+
+    @property
+    def false_positive_distances(self) -> Floats:
+        """Float64 (false_positives,): metres from their views."""
+        return self.distances[self.false_positive]
+
+    @property
+    def false_positive_angles(self) -> Floats:
+        """Float64 (false_positives,): degrees from their views."""
+        return self.angles[self.false_positive]
+
+    @property
+    def mean_false_positive_distance(self) -> float | None:
+        """Metres; None if there is none."""
+        return mean_of(self.false_positive_distances)
+
+    @property
+    def max_false_positive_distance(self) -> float | None:
+        """Metres; None if there is none."""
+        return max_of(self.false_positive_distances)
+
+    @property
+    def mean_false_positive_angle(self) -> float | None:
+        """Degrees; None if there is none."""
+        return mean_of(self.false_positive_angles)
+
+    @property
+    def max_false_positive_angle(self) -> float | None:
+        """Degrees; None if there is none."""
+        return max_of(self.false_positive_angles)
+
+    def metrics(self) -> dict[str, Any]:
+        """Every single figure (no arrays), with the rule, ready for JSON; undefined is null."""
+        return {
+            "rule": self.rule_name,
+            **{name: getattr(self, name) for name in FIGURES},
+            "limits": self.rule.model_dump(mode="json"),
+        }
+
+    def __str__(self) -> str:
+        return "\n".join(
+            [
+                f"rule {self.rule_name}: {self.n} scans, {self.views} views, "
+                f"{self.unplaced} without a view",
+                f"  accuracy        {percent(self.accuracy):>8}   {self.false_positives} false "
+                f"positives, {self.false_negatives} false negatives",
+                f"  loop recall     {percent(self.loop_recall):>8}   {self.found_revisits} of "
+                f"{self.revisits} revisits",
+                f"  loop precision  {percent(self.loop_precision):>8}   {self.correct_loops} of "
+                f"{self.loops} loops",
+                f"  precision       {percent(self.precision):>8}   {self.true_positives} of "
+                f"{self.positives} positives",
+                f"  recall          {percent(self.recall):>8}",
+                f"  false positives: {_apart(self)}",
+            ]
+        )
+
+
+FIGURES = (
+    "accuracy",
+    "loop_recall",
+    "loop_precision",
+    "precision",
+    "recall",
+    "n",
+    "views",
+    "unplaced",
+    "positives",
+    "true_positives",
+    "true_negatives",
+    "false_positives",
+    "false_negatives",
+    "revisits",
+    "found_revisits",
+    "loops",
+    "correct_loops",
+    "mean_false_positive_distance",
+    "max_false_positive_distance",
+    "mean_false_positive_angle",
+    "max_false_positive_angle",
+)
+"""The single figures of a report, by attribute."""
+
+
+def share(part: int, whole: int) -> float | None:
+    """Part / whole; None where there is no whole."""
+    return part / whole if whole else None
+
+
+def percent(value: float | None) -> str:
+    """A share as people read it; "none" where there is no denominator."""
+    return "none" if value is None else f"{100 * value:.1f} %"
+
+
+def mean_of(values: Floats) -> float | None:
+    """The mean; None of nothing."""
+    return float(values.mean()) if values.size else None
+
+
+def max_of(values: Floats) -> float | None:
+    """The largest; None of nothing."""
+    return float(values.max()) if values.size else None
+
+
+def _apart(report: ViewReport) -> str:
+    if not report.false_positives:
+        return "none"
+    return (
+        f"mean {report.mean_false_positive_distance:.2f} m "
+        f"{report.mean_false_positive_angle:.1f} deg, "
+        f"max {report.max_false_positive_distance:.2f} m "
+        f"{report.max_false_positive_angle:.1f} deg"
+    )

@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a place recognition by views gave on one drive: all that a report needs, as one value."""
+
+import json
+import os
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.evaluation.views.curve import ViewCurve
+from fusionslam.evaluation.views.judge import (
+    checked_ids,
+    checked_poses,
+    checked_stamps,
+    judge_views,
+)
+from fusionslam.evaluation.views.report import ViewReport
+from fusionslam.evaluation.views.rules import ViewRule
+from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.files import atomic_path
+
+FORMAT = "fusionslam.view_run.1"
+_PER_SCAN = ("similarities", "build_seconds", "match_seconds")
+_ARRAYS = ("ids", "poses", "stamps", "numbers", *_PER_SCAN)
+_TEXTS = ("world", "method", "threshold", "bytes_per_view", "config")
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ViewRun:
+    """The ids that one method gave to the scans of one drive, and what that cost.
+
+    Attributes:
+        world: the drive's name; runs over one drive stand in one table.
+        method: what gave the ids.
+        ids, poses, stamps: int64 (n,), float64 (n, 3), float64 (n,) as ``judge_views`` takes them.
+        numbers: int64 (n,), numbers of the scans in the recording; None for 0 .. n - 1.
+        similarities: float64 (n,), to the best stored view; NaN where none was compared.
+        threshold: the similarity from which views matched, None if there is no such number.
+        build_seconds: float64 (n,), wall time to make a view of each scan.
+        match_seconds: float64 (n,), wall time to compare each scan with all stored views.
+        bytes_per_view: mean size of a view as it is stored.
+        curve: the same method at other thresholds.
+        config: what was configured, as JSON can hold it.
+        images: scan number -> uint8 (H, W, 3) RGB or (H, W); not saved.
+        clouds: scan number -> its cloud in the robot's frame (x forward, z up); not saved.
+
+    Raises:
+        ShapeError, DataError: as ``judge_views``; or an array of another length.
+    """
+
+    world: str
+    method: str
+    ids: NDArray[np.int64]
+    poses: Floats
+    stamps: Floats
+    numbers: NDArray[np.int64] = None  # type: ignore[assignment]
+    similarities: Floats | None = None
+    threshold: float | None = None
+    build_seconds: Floats | None = None
+    match_seconds: Floats | None = None
+    bytes_per_view: float | None = None
+    curve: ViewCurve | None = None
+    config: dict[str, Any] = field(default_factory=dict)
+    images: Callable[[int], NDArray[np.uint8]] | None = None
+    clouds: Callable[[int], Cloud] | None = None
+
+    def __post_init__(self) -> None:
+        poses = checked_poses(self.poses)
+        count = len(poses)
+        numbers = np.arange(count) if self.numbers is None else self.numbers
+        changes: dict[str, Any] = {
+            "poses": poses,
+            "ids": checked_ids(self.ids, count),
+            "stamps": checked_stamps(self.stamps, count),
+            "numbers": checked_ids(numbers, count),
+        }
+        for name in _PER_SCAN:
+            values = getattr(self, name)
+            if values is not None:
+                changes[name] = _per_scan(name, values, count)
+        for name, value in changes.items():
+            object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def judged(self, rule: str | ViewRule = "paper") -> ViewReport:
+        """What is right and wrong about the ids."""
+        return judge_views(self.ids, self.poses, self.stamps, rule=rule)
+
+    @property
+    def pair_seconds(self) -> Floats | None:
+        """Float64 (n,): match_seconds for each stored view, NaN where none was stored yet.
+
+        Counts the first scene of each id, as the thesis stores them.
+        """
+        if self.match_seconds is None:
+            return None
+        _, first = np.unique(self.ids, return_index=True)
+        starts = np.zeros(len(self), dtype=np.int64)
+        starts[first[self.ids[first] >= 0]] = 1
+        stored = np.cumsum(starts) - starts
+        return np.where(stored > 0, self.match_seconds / np.maximum(stored, 1), np.nan)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write one .npz, whole or not at all. Raises DataError where that is impossible."""
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        about = {name: getattr(self, name) for name in _TEXTS} | {"format": FORMAT}
+        about["curve"] = self.curve.as_json() if self.curve else None
+        kept = {name: array for name, array in arrays.items() if array is not None}
+        with atomic_path(path) as temporary, temporary.open("wb") as stream:
+            np.savez_compressed(stream, about=np.array(json.dumps(about)), **kept)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "ViewRun":
+        """Read what ``save`` wrote.
+
+        Raises:
+            DataError: the file is missing, cut short or something else; the message names it.
+        """
+        try:
+            return cls(**_read(Path(path)))
+        except OSError as error:
+            raise DataError(f"cannot read {path}: {error.strerror or error}") from error
+        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            raise DataError(f"{path}: not a stored view run: {error}") from error
+
+
+def _read(path: Path) -> dict[str, Any]:
+    with path.open("rb") as stream:
+        if not zipfile.is_zipfile(stream):
+            raise ValueError("no .npz, or cut short")
+        stream.seek(0)
+        with np.load(stream, allow_pickle=False) as stored:
+            about = json.loads(str(stored["about"]))
+            if about.pop("format", None) != FORMAT:
+                raise ValueError(f"expected format {FORMAT}")
+            curve = about.pop("curve")
+            arrays = {name: stored[name] for name in _ARRAYS if name in stored.files}
+            return {**about, **arrays, "curve": ViewCurve.from_json(curve) if curve else None}
+
+
+def _per_scan(name: str, values: Any, count: int) -> Floats:
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"{name}: expected numbers ({count},); {error}") from error
+    if array.shape != (count,):
+        raise ShapeError(f"{name}: {array.shape}, expected ({count},): one value a scan")
+    return array

@@ -1,0 +1,160 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a robot believes about its way: the truth, or what turning wheels would say."""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.config import Section, option
+from fusionslam.errors import ConfigError
+from fusionslam.geometry.trajectory import Trajectory, ground_poses
+
+if TYPE_CHECKING:
+    pass
+
+Array = NDArray[np.float64]
+
+
+class OdometryConfig(Section):
+    """Errors of odometry; the defaults are none.
+
+    Noise is white: its deviation is given for one second of driving and grows with the square root
+    of the time, at any rate. Over T seconds the way forwards is off by ``speed_noise * sqrt(T)``
+    metres and the heading by ``turn_noise * sqrt(T)`` radians, one standard deviation each.
+    """
+
+    scale: float = option(1.0, "factor on every metre", gt=0, le=10)
+    rotation_scale: float = option(1.0, "factor on every turn", gt=0, le=10)
+    speed_noise: float = option(
+        0.0, "deviation of the way forwards after one second", unit="m/sqrt(s)", ge=0, le=10
+    )
+    turn_noise: float = option(
+        0.0, "deviation of the heading after one second", unit="rad/sqrt(s)", ge=0, le=10
+    )
+    seed: int = option(0, "decides the noise", ge=0)
+
+    @property
+    def neutral(self) -> bool:
+        """Whether it is the truth that is reported."""
+        factors = (self.scale, self.rotation_scale)
+        return factors == (1, 1) and self.speed_noise == 0 and self.turn_noise == 0
+
+
+class OdometryTrack(NamedTuple):
+    """Odometry at N times.
+
+    Attributes:
+        stamps_ns: int64 (N), increasing.
+        poses: float64 (N, 4, 4), odom_from_base; the first one is the true world_from_base, so
+            that without errors the odometry's frame is the world's.
+        linear: float64 (N, 3), m/s in the base's frame, over the step that ends at the stamp (the
+            first one: that starts there).
+        angular: float64 (N, 3), rad/s, likewise.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    poses: Array
+    linear: Array
+    angular: Array
+
+
+def simulate_odometry(
+    trajectory: Trajectory, config: OdometryConfig, rate_hz: float
+) -> OdometryTrack:
+    """What odometry says along a trajectory, ``rate_hz`` times a second from its first place on.
+
+    Each step is an arc: the robot turns by half the step's angle, goes straight, and turns by the
+    other half. Factors and noise change the angle and the way, then the steps are joined again.
+    Without errors the poses are those of the trajectory, exactly.
+
+    Raises:
+        ConfigError: the rate is not above 0, or so low that there are fewer than two stamps.
+    """
+    stamps = _stamps(trajectory, rate_hz)
+    seconds = stamps / 1e9
+    x, y, yaw = trajectory.places(seconds)
+    gap = np.diff(seconds)
+    turn, way = _steps(x, y, yaw)
+    if not config.neutral:
+        turn, way = _with_errors(turn, way, gap, config)
+        x, y, yaw = _joined(x[0], y[0], yaw[0], turn, way)
+    return OdometryTrack(stamps, ground_poses(x, y, yaw), _rates(way, gap), _turn_rates(turn, gap))
+
+
+def measured_places(places: Array, seconds: Array, config: OdometryConfig) -> Array:
+    """What odometry says at the places of a drive themselves.
+
+    Args:
+        places: float64 (N, 3), true x, y in metres and yaw in radians, wrapped or not.
+        seconds: float64 (N), increasing.
+        config: the errors.
+
+    Returns:
+        float64 (N, 3) in the frame whose first place is the true one; without errors ``places``.
+    """
+    if config.neutral or len(places) < 2:
+        return places
+    x, y, yaw = places[:, 0], places[:, 1], np.unwrap(places[:, 2])
+    turn, way = _with_errors(*_steps(x, y, yaw), np.diff(seconds), config)
+    return np.stack(_joined(x[0], y[0], yaw[0], turn, way), axis=1)
+
+
+def _with_errors(
+    turn: Array, way: Array, gap: Array, config: OdometryConfig
+) -> tuple[Array, Array]:
+    """Angles (N - 1) and ways (2, N - 1) of steps that take ``gap`` seconds, as measured."""
+    rng = np.random.default_rng([config.seed, 0x0D0])
+    noise = rng.standard_normal((2, len(gap))) * np.sqrt(gap)
+    way = config.scale * way
+    way[0] += config.speed_noise * noise[0]
+    return config.rotation_scale * turn + config.turn_noise * noise[1], way
+
+
+def _stamps(trajectory: Trajectory, rate_hz: float) -> NDArray[np.int64]:
+    if not (np.isfinite(rate_hz) and rate_hz > 0):
+        raise ConfigError(f"rate_hz is {rate_hz}, expected more than 0")
+    # A last stamp that rounding puts behind the last place is meant to be on it.
+    count = int(np.floor(trajectory.duration_s * rate_hz + 1e-6)) + 1
+    if count < 2:
+        raise ConfigError(
+            f"rate_hz is {rate_hz}: fewer than two stamps in the {trajectory.duration_s:.3f} s "
+            "of the trajectory"
+        )
+    after = np.round(np.arange(count) / rate_hz * 1e9).astype(np.int64)
+    return after + round(float(trajectory.seconds[0]) * 1e9)
+
+
+def _steps(x: Array, y: Array, yaw: Array) -> tuple[Array, Array]:
+    """Angles of the steps between places, (N - 1), and ways forwards and to the left, (2, N - 1).
+
+    The way is seen from the heading in the middle of the step.
+    """
+    turn, dx, dy = np.diff(yaw), np.diff(x), np.diff(y)
+    c, s = np.cos(yaw[:-1] + turn / 2), np.sin(yaw[:-1] + turn / 2)
+    return turn, np.stack([c * dx + s * dy, c * dy - s * dx])
+
+
+def _joined(x: float, y: float, yaw: float, turn: Array, way: Array) -> tuple[Array, Array, Array]:
+    """Places that steps lead to from a first one: x, y, yaw, (N) each."""
+    yaws = yaw + np.concatenate([[0.0], np.cumsum(turn)])
+    c, s = np.cos(yaws[:-1] + turn / 2), np.sin(yaws[:-1] + turn / 2)
+    xs = x + np.concatenate([[0.0], np.cumsum(c * way[0] - s * way[1])])
+    ys = y + np.concatenate([[0.0], np.cumsum(s * way[0] + c * way[1])])
+    return xs, ys, yaws
+
+
+def _rates(way: Array, gap: Array) -> Array:
+    """Velocities of the steps, the first one twice, (N, 3)."""
+    rates = np.stack([way[0] / gap, way[1] / gap, np.zeros_like(gap)], axis=1)
+    return np.concatenate([rates[:1], rates])
+
+
+def _turn_rates(turn: Array, gap: Array) -> Array:
+    """Turn rates of the steps, the first one twice, (N, 3)."""
+    rates = np.stack([np.zeros_like(gap), np.zeros_like(gap), turn / gap], axis=1)
+    return np.concatenate([rates[:1], rates])
+
+
+DRIFT = OdometryConfig(scale=1.02, rotation_scale=1.01)

@@ -1,0 +1,87 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Laying one set of poses in the plane over another: turned and shifted, never stretched."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.geometry.se2 import wrapped
+
+Floats = NDArray[np.float64]
+
+
+class RigidMotion(NamedTuple):
+    """A rigid motion of the plane: first turned about the origin by ``turn``, then shifted.
+
+    Attributes:
+        x, y: metres.
+        turn: radians, counter-clockwise.
+    """
+
+    x: float
+    y: float
+    turn: float
+
+    def apply(self, poses: Floats) -> Floats:
+        """float64 (n, 3), x, y in metres and heading in radians: the poses moved, headings too."""
+        c, s = np.cos(self.turn), np.sin(self.turn)
+        x = c * poses[:, 0] - s * poses[:, 1] + self.x
+        y = s * poses[:, 0] + c * poses[:, 1] + self.y
+        return np.stack([x, y, wrapped(poses[:, 2] + self.turn)], axis=1)
+
+
+def fit_rigid(poses: Floats, truth: Floats) -> RigidMotion:
+    """The rigid motion that brings positions nearest to the true ones, in least squares.
+
+    Headings do not count, except where all positions are one, so that none of their turns is
+    better than another: there the mean turn between headings.
+
+    Args:
+        poses, truth: float64 (n, 3), n > 0, x, y in metres and heading in radians, row by row the
+            same moment.
+
+    Raises:
+        ShapeError: other shapes, or none.
+        DataError: a value that is not finite.
+
+    Source: Kabsch 1976, in two dimensions.
+    """
+    _check(poses, truth)
+    here, there = poses[:, :2].mean(axis=0), truth[:, :2].mean(axis=0)
+    spread = (poses[:, :2] - here).T @ (truth[:, :2] - there)
+    sine, cosine = spread[0, 1] - spread[1, 0], spread[0, 0] + spread[1, 1]
+    extent = np.abs(poses[:, :2] - here).max() * np.abs(truth[:, :2] - there).max()
+    if np.hypot(sine, cosine) <= 1e-12 * len(poses) * extent:
+        turns = truth[:, 2] - poses[:, 2]
+        sine, cosine = np.sin(turns).sum(), np.cos(turns).sum()
+    turn = float(np.arctan2(sine, cosine))
+    c, s = np.cos(turn), np.sin(turn)
+    x, y = there - np.array([c * here[0] - s * here[1], s * here[0] + c * here[1]])
+    return RigidMotion(float(x), float(y), turn)
+
+
+def _check(poses: Floats, truth: Floats) -> None:
+    if poses.shape != truth.shape or poses.shape[1:] != (3,) or not len(poses):
+        raise ShapeError(
+            f"poses {poses.shape} and truth {truth.shape}: expected both (n, 3), n > 0"
+        )
+    for name, rows in (("poses", poses), ("truth", truth)):
+        broken = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+        if broken.size:
+            raise DataError(
+                f"{name}: row {broken[0]} is {rows[broken[0]].tolist()}, expected numbers"
+            )
+
+
+def rotation(angles: Sequence[float]) -> Floats:
+    """Rotation matrix (3, 3) of roll, pitch, yaw in radians: about x first, then y, then z."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
+    about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    turned: Floats = about_z @ about_y @ about_x
+    return turned

@@ -1,0 +1,162 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where a robot on the ground is at each time."""
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.storage.files import PathLike, atomic_path, reading_file
+
+Array = NDArray[np.float64]
+
+_COLUMNS = ("t", "x", "y", "yaw")
+_EXPECTED = "a trajectory: a line 't,x,y,yaw', then seconds, metres, metres, radians"
+# Seconds: times this far beyond the ends are rounding, not another time.
+_ROUNDING_S = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """N >= 2 places of a robot's base on the ground, straight lines between them.
+
+    Attributes:
+        seconds: float64 (N), increasing.
+        x, y: float64 (N), metres in the world's frame.
+        yaw: float64 (N), radians, continuous (not wrapped), x towards y.
+
+    Raises:
+        ShapeError: the arrays differ in length, or hold fewer than two places.
+        DataError: a value is not finite, or a time not after the one before.
+    """
+
+    seconds: Array
+    x: Array
+    y: Array
+    yaw: Array
+
+    def __post_init__(self) -> None:
+        arrays = [self.seconds, self.x, self.y, self.yaw]
+        shapes = [np.shape(array) for array in arrays]
+        if len(set(shapes)) > 1 or len(shapes[0]) != 1 or shapes[0][0] < 2:
+            raise ShapeError(f"seconds, x, y, yaw have shapes {shapes}, expected (N,), N >= 2")
+        if (bad := np.flatnonzero(~np.isfinite(arrays).all(axis=0))).size:
+            raise DataError(f"place {bad[0]} of the trajectory is not finite")
+        if (back := np.flatnonzero(np.diff(self.seconds) <= 0)).size:
+            time = self.seconds[back[0] + 1]
+            raise DataError(f"place {back[0] + 1} of the trajectory, at {time} s, is not later")
+
+    def __len__(self) -> int:
+        return len(self.seconds)
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first place to the last."""
+        return float(self.seconds[-1] - self.seconds[0])
+
+    @property
+    def length_m(self) -> float:
+        """Metres driven."""
+        return float(np.hypot(np.diff(self.x), np.diff(self.y)).sum())
+
+    def places(self, seconds: ArrayLike) -> tuple[Array, Array, Array]:
+        """x, y and yaw at times, (M,) each, interpolated.
+
+        Raises:
+            DataError: a time is before the first place or after the last.
+        """
+        times = np.asarray(seconds, np.float64)
+        first, last = self.seconds[0], self.seconds[-1]
+        outside = ~((times >= first - _ROUNDING_S) & (times <= last + _ROUNDING_S))
+        if outside.any():
+            raise DataError(
+                f"the trajectory has no place at {times[outside][0]} s: it lasts from {first} "
+                f"to {last} s"
+            )
+        x, y, yaw = (np.interp(times, self.seconds, v) for v in (self.x, self.y, self.yaw))
+        return x, y, yaw
+
+    def at(self, seconds: ArrayLike) -> Array:
+        """float64 (M, 4, 4), world_from_base at times (M,).
+
+        Raises:
+            DataError: a time is before the first place or after the last.
+        """
+        return ground_poses(*self.places(np.atleast_1d(seconds)))
+
+    def speeds(self) -> tuple[Array, Array]:
+        """Forward speed in m/s and turn rate in rad/s at each place, (N,) each."""
+        dx, dy, turn = (np.gradient(v, self.seconds) for v in (self.x, self.y, self.yaw))
+        return dx * np.cos(self.yaw) + dy * np.sin(self.yaw), turn
+
+
+def ground_poses(x: Array, y: Array, yaw: Array) -> Array:
+    """float64 (N, 4, 4) of places on the ground, (N,) each: z is 0 and up."""
+    poses = np.tile(np.eye(4), (len(x), 1, 1))
+    c, s = np.cos(yaw), np.sin(yaw)
+    poses[:, 0, 0], poses[:, 0, 1], poses[:, 1, 0], poses[:, 1, 1] = c, -s, s, c
+    poses[:, 0, 3], poses[:, 1, 3] = x, y
+    return poses
+
+
+def read_trajectory(path: PathLike) -> Trajectory:
+    """A trajectory from a CSV file: the line ``t,x,y,yaw``, then one place a line.
+
+    Raises:
+        DataError: missing, other columns, fewer than two places, no number, not finite, or a time
+            that is not later than the one before; the message names the line.
+    """
+    path = Path(path)
+    with reading_file(path, _EXPECTED):
+        text = path.read_text(encoding="utf-8-sig")
+        lines = list(_filled(text))
+    if not lines or tuple(name.strip() for name in lines[0][1]) != _COLUMNS:
+        found = repr(",".join(lines[0][1])) if lines else "nothing"
+        raise DataError(f"{path} starts with {found}: expected {_EXPECTED}")
+    if len(lines) < 3:
+        places = "no place" if len(lines) == 1 else "one place"
+        raise DataError(f"{path} has {places}, expected at least two")
+    rows = np.array([_row(path, number, cells) for number, cells in lines[1:]])
+    if (back := np.flatnonzero(np.diff(rows[:, 0]) <= 0)).size:
+        number = lines[back[0] + 2][0]
+        raise DataError(f"{path}, line {number}: not later than the line before")
+    t, x, y, yaw = np.ascontiguousarray(rows.T)
+    return Trajectory(t, x, y, np.unwrap(yaw))
+
+
+def write_trajectory(path: PathLike, trajectory: Trajectory) -> None:
+    """Write a trajectory as CSV with all digits: it is read back exactly.
+
+    Raises:
+        DataError: the file cannot be written.
+    """
+    columns = (trajectory.seconds, trajectory.x, trajectory.y, trajectory.yaw)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    lines = [",".join(_COLUMNS), *(",".join(map(repr, row)) for row in rows)]
+    with atomic_path(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+def _filled(text: str) -> Iterator[tuple[int, list[str]]]:
+    """The lines of a CSV text that hold something, with their numbers from 1."""
+    reader = csv.reader(text.splitlines())
+    for cells in reader:
+        if any(cell.strip() for cell in cells):
+            yield reader.line_num, cells
+
+
+def _row(path: Path, number: int, cells: list[str]) -> list[float]:
+    if len(cells) != len(_COLUMNS):
+        raise DataError(f"{path}, line {number}: {len(cells)} values, expected {_EXPECTED}")
+    try:
+        values = [float(cell) for cell in cells]
+    except ValueError as error:
+        raise DataError(f"{path}, line {number}: {error}, expected numbers") from error
+    if not np.isfinite(values).all():
+        raise DataError(f"{path}, line {number}: NaN or infinity, expected numbers")
+    return values

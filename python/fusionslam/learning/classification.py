@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Teaching PointNet to tell shapes apart (Qi et al. 2016); the head is dropped afterwards."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fusionslam.config import Section, option
+from fusionslam.errors import DataError
+from fusionslam.learning.pointnet import Classifier, PointNet, transform_penalty
+from fusionslam.learning.shape_sets import ProceduralConfig, ShapeSet
+from fusionslam.learning.torch_extra import nn, torch
+from fusionslam.learning.training_loop import OptimiserConfig, seeded
+from fusionslam.views.second_stage.architecture import HeadConfig, PointNetConfig
+from fusionslam.views.second_stage.inputs import AugmentConfig, augmented, network_input
+
+
+class ShapesTrainingConfig(Section):
+    """Training of the features on shapes."""
+
+    network: PointNetConfig = option(PointNetConfig(), "sizes of the network")
+    head: HeadConfig = option(HeadConfig(), "the classifier")
+    optimiser: OptimiserConfig = option(OptimiserConfig(epochs=12), "how it is trained")
+    augment: AugmentConfig = option(AugmentConfig(), "how shapes are varied")
+    procedural: ProceduralConfig = option(ProceduralConfig(), "shapes that need no download")
+    points: int = option(512, "points of a shape that the network sees", ge=1)
+    batch: int = option(32, "shapes in a batch", ge=2)
+    penalty: float = option(0.001, "weight of the input transform's penalty (Qi 2016)", ge=0)
+
+
+class ShapesTask:
+    """Cross entropy on varied shapes; scored on shapes that are left as they are."""
+
+    def __init__(self, train: ShapeSet, test: ShapeSet, config: ShapesTrainingConfig) -> None:
+        if train.names != test.names:
+            raise DataError("the shapes to train on and to judge on have different classes")
+        if config.network.colors:
+            raise DataError("network.colors is true, and shapes have no colours")
+        if len(train) < config.batch:
+            raise DataError(f"{len(train)} shapes to train on, expected at least {config.batch}")
+        self.config, self.train, self.test = config, train, test
+        with seeded(config.optimiser.seed):
+            self.network: nn.Module = Classifier(
+                PointNet(config.network), config.head, len(train.names)
+            )
+
+    def losses(self, rng: np.random.Generator) -> Iterator[torch.Tensor]:
+        """Every shape once, in another order and another way each time."""
+        order = rng.permutation(len(self.train))
+        for start in range(0, len(order) - self.config.batch + 1, self.config.batch):
+            chosen = order[start : start + self.config.batch]
+            clouds = np.stack([self._varied(int(index), rng) for index in chosen])
+            logits, matrix = self.network(torch.from_numpy(clouds))
+            labels = torch.from_numpy(self.train.labels[chosen])
+            loss: torch.Tensor = nn.functional.cross_entropy(logits, labels)
+            yield loss + self.config.penalty * transform_penalty(matrix)
+
+    def _varied(
+        self, index: int, rng: np.random.Generator
+    ) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+        whole = self.train.points[index]
+        some = whole[rng.permutation(len(whole))[: self.config.points]]
+        return self._normal(augmented(self._normal(some), self.config.augment, rng))
+
+    def _normal(
+        self, points: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+    ) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+        # Shapes have no place in a robot's frame: they fill the unit sphere whatever comes later.
+        return network_input(points, None, "sphere", 1.0, False)
+
+    def scores(self) -> dict[str, float]:
+        """Share of the shapes to judge on whose class is right."""
+        right = 0
+        with torch.no_grad():
+            for start in range(0, len(self.test), self.config.batch):
+                part = slice(start, start + self.config.batch)
+                clouds = np.stack(
+                    [
+                        self._normal(points[: self.config.points])
+                        for points in self.test.points[part]
+                    ]
+                )
+                logits, _ = self.network(torch.from_numpy(clouds))
+                right += int((logits.argmax(dim=1).numpy() == self.test.labels[part]).sum())
+        return {"accuracy": right / len(self.test)}

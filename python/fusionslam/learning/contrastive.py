@@ -1,0 +1,173 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Teaching PointNet end to end what the same place is, colours included (NT-Xent, Chen 2020).
+
+In a batch of pairs of sights of the same place, each sight has to find its partner among all
+others; sights that are the same place as well, or nearly, do not count as others.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.config import Section, option
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.learning.pair_comparison import features_of
+from fusionslam.learning.places import PairConfig, Places, make_pairs, same_places
+from fusionslam.learning.pointnet import PointNet, transform_penalty
+from fusionslam.learning.torch_extra import nn, torch
+from fusionslam.learning.training_loop import OptimiserConfig, seeded
+from fusionslam.views.second_stage.architecture import PointNetConfig
+from fusionslam.views.second_stage.inputs import network_input, resampled
+from fusionslam.views.second_stage.scores import area_under_curve
+
+Points = NDArray[np.float32]
+
+
+class SightAugmentConfig(Section):
+    """How sights are varied: what is meant for a batch is the same for all sights in it."""
+
+    jitter_m: float = option(0.01, "standard deviation of each coordinate", unit="m", ge=0)
+    dropout: float = option(
+        0.4, "up to this share of the points of a sight is left out", ge=0, lt=1
+    )
+    mirror: bool = option(True, "every second batch has left and right exchanged")
+    recolor: bool = option(True, "a batch's colour channels are exchanged, inverted or scaled")
+    light: float = option(0.15, "a sight is up to this share brighter or darker", ge=0, lt=1)
+
+
+class MetricTrainingConfig(Section):
+    """End-to-end training on places."""
+
+    network: PointNetConfig = option(
+        PointNetConfig(embedding=256, colors=True, normalisation="robot"), "sizes of the network"
+    )
+    optimiser: OptimiserConfig = option(OptimiserConfig(epochs=20), "how it is trained")
+    augment: SightAugmentConfig = option(SightAugmentConfig(), "how sights are varied")
+    pairs: PairConfig = option(PairConfig(), "what the same place is, and pairs that are judged")
+    points: int = option(512, "points of a sight that the network sees", ge=1)
+    batch: int = option(48, "pairs in a batch", ge=2)
+    worlds: int = option(3, "worlds in a batch: few make the other places look alike", ge=1)
+    batches: int = option(60, "batches in an epoch", ge=1)
+    temperature: float = option(0.1, "of the similarities", gt=0)
+    penalty: float = option(0.001, "weight of the input transform's penalty (Qi 2016)", ge=0)
+
+
+class MetricTask:
+    """NT-Xent on varied sights; scored on pairs of sights of other worlds."""
+
+    def __init__(self, train: Places, test: Places, config: MetricTrainingConfig) -> None:
+        if config.network.embedding is None:
+            raise ConfigError(
+                "network.embedding is null: metric learning needs features of length 1"
+            )
+        self.config, self.train, self.test = config, train, test
+        rng = np.random.default_rng([config.optimiser.seed, 0x3E])
+        self.judged = make_pairs(test, config.pairs, rng)
+        self._partners = _partners(train, config)
+        self._anchors = [
+            np.array(
+                [row for row in np.flatnonzero(train.worlds == world) if row in self._partners]
+            )
+            for world in range(len(train.names))
+        ]
+        self._anchors = [rows for rows in self._anchors if len(rows)]
+        with seeded(config.optimiser.seed):
+            self.network: nn.Module = PointNet(config.network)
+
+    def losses(self, rng: np.random.Generator) -> Iterator[torch.Tensor]:
+        """Batches of a few worlds each."""
+        for _ in range(self.config.batches):
+            anchors = self._drawn(rng)
+            partners = [int(rng.choice(self._partners[int(anchor)])) for anchor in anchors]
+            rows = np.concatenate([anchors, partners])
+            clouds = torch.from_numpy(self._varied(rows, rng))
+            features, matrix = self.network(clouds)
+            loss = _nt_xent(features, self._ignored(rows), self.config.temperature)
+            yield loss + self.config.penalty * transform_penalty(matrix)
+
+    def _drawn(self, rng: np.random.Generator) -> NDArray[np.int64]:
+        worlds = rng.permutation(len(self._anchors))[: self.config.worlds]
+        parts = np.array_split(np.arange(self.config.batch), len(worlds))
+        drawn = [
+            rng.choice(self._anchors[world], len(part))
+            for world, part in zip(worlds, parts, strict=True)
+        ]
+        return np.concatenate(drawn)
+
+    def _ignored(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Bool (n, n): pairs of a batch that are neither partners nor others."""
+        same, doubtful = same_places(
+            self.train, rows[:, None], rows[None, :], self.config.pairs.place
+        )
+        ignored = same | doubtful
+        half = len(rows) // 2
+        index = np.arange(len(rows))
+        ignored[index, (index + half) % len(rows)] = False
+        ignored[index, index] = True
+        return ignored
+
+    def _varied(self, rows: NDArray[np.int64], rng: np.random.Generator) -> Points:
+        clouds = np.stack([self._sight(int(row), rng) for row in rows])
+        if self.config.augment.mirror and rng.random() < 0.5:
+            clouds[:, :, 1] *= -1
+        if self.config.augment.recolor and self.config.network.colors:
+            channels = 3 + rng.permutation(3)
+            signs = np.where(rng.random(3) < 0.25, -1, 1) * rng.uniform(0.6, 1.0, 3)
+            clouds[:, :, 3:] = clouds[:, :, channels] * signs.astype(np.float32)
+        return clouds
+
+    def _sight(self, row: int, rng: np.random.Generator) -> Points:
+        cloud, network, augment = self.train[row], self.config.network, self.config.augment
+        taken = network_input(
+            cloud.points, cloud.colors, network.normalisation, network.range_m, network.colors
+        )
+        kept = rng.random(len(taken)) >= rng.uniform(0, augment.dropout)
+        seen = resampled(taken[kept] if kept.any() else taken, self.config.points, rng)
+        length = network.range_m if network.normalisation == "robot" else 1.0
+        noise = rng.standard_normal((len(seen), 3), np.float32)
+        seen[:, :3] += noise * np.float32(augment.jitter_m / length)
+        if network.colors:
+            gain = np.float32(1 + rng.uniform(-augment.light, augment.light))
+            seen[:, 3:] = ((seen[:, 3:] + 1) * gain - 1).clip(-1, 1)
+        return seen
+
+    def scores(self) -> dict[str, float]:
+        """Area under the curve of the pairs to judge on."""
+        assert isinstance(self.network, PointNet)
+        distances = self.judged_distances()
+        return {"auc": area_under_curve(-distances, self.judged.same)}
+
+    def judged_distances(self) -> NDArray[np.float64]:
+        """Distances of the features of the pairs to judge on, float64 (m,)."""
+        assert isinstance(self.network, PointNet)
+        rows = features_of(self.network, self.test)
+        gap = rows[self.judged.first] - rows[self.judged.second]
+        distances: NDArray[np.float64] = np.linalg.norm(gap.astype(np.float64), axis=1)
+        return distances
+
+
+def _partners(places: Places, config: MetricTrainingConfig) -> dict[int, NDArray[np.int64]]:
+    """The other sights of the same place, for each sight that has some."""
+    found: dict[int, NDArray[np.int64]] = {}
+    for world in range(len(places.names)):
+        rows = np.flatnonzero(places.worlds == world)
+        same, _ = same_places(places, rows[:, None], rows[None, :], config.pairs.place)
+        np.fill_diagonal(same, False)
+        found |= {int(row): rows[mask] for row, mask in zip(rows, same, strict=True) if mask.any()}
+    if not found:
+        raise DataError(f"{', '.join(places.names)}: no two sights are the same place")
+    return found
+
+
+def _nt_xent(
+    features: torch.Tensor, ignored: NDArray[np.bool_], temperature: float
+) -> torch.Tensor:
+    """Cross entropy of each row's partner, half the batch on, among all that is not ignored."""
+    similar = features @ features.T / temperature
+    similar = similar.masked_fill(torch.from_numpy(ignored), -torch.inf)
+    half = len(features) // 2
+    target = (torch.arange(len(features)) + half) % len(features)
+    loss: torch.Tensor = nn.functional.cross_entropy(similar, target)
+    return loss

@@ -1,0 +1,179 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""ModelNet40 as it is published, and ModelNet's voxel grids.
+
+Two layouts of ModelNet40: ``modelnet40_ply_hdf5_2048`` (Qi et al. 2016: HDF5 files of 2,048 points
+each, listed in train_files.txt and test_files.txt) and the meshes of Wu et al. 2015
+(ModelNet40/<class>/train|test/*.off).
+"""
+
+import gzip
+import os
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.learning.primitives import sample_surface
+from fusionslam.learning.shape_sets import ShapeSet
+
+Part = Literal["train", "test"]
+
+# ModelNet's objects stand along y in the published HDF5 files, along z in the meshes.
+_Z_UP = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], np.float32)
+
+
+def read_modelnet(
+    folder: str | os.PathLike[str], part: Part, points: int, rng: np.random.Generator
+) -> ShapeSet:
+    """ModelNet40 from a folder in either layout.
+
+    Args:
+        folder: the one with train_files.txt, or the one with a folder for each class.
+        part: "train" or "test".
+        points: of each object.
+        rng: decides which, or where on the surface.
+
+    Raises:
+        DataError: neither layout, or a file that is damaged; the message names it.
+        FusionSlamError: h5py is not installed.
+    """
+    base = Path(folder)
+    if (base / f"{part}_files.txt").is_file():
+        return _read_hdf5(base, part, points, rng)
+    return _read_off(base, part, points, rng)
+
+
+def _read_hdf5(base: Path, part: Part, points: int, rng: np.random.Generator) -> ShapeSet:
+    names = tuple(_lines(base / "shape_names.txt"))
+    clouds, labels = [], []
+    for line in _lines(base / f"{part}_files.txt"):
+        # The lists name the files as they lay in the authors' folder.
+        data, label = _arrays(base / Path(line).name)
+        if data.ndim != 3 or data.shape[2] != 3 or len(label) != len(data):
+            raise DataError(
+                f"{base / Path(line).name}: data {data.shape} and label {label.shape}, expected "
+                "(n, points, 3) and (n, 1)"
+            )
+        if label.max(initial=0) >= len(names) or data.shape[1] < points:
+            raise DataError(
+                f"{base / Path(line).name}: labels up to {label.max(initial=0)} and "
+                f"{data.shape[1]} points, expected below {len(names)} and at least {points}"
+            )
+        kept = rng.permutation(data.shape[1])[:points]
+        clouds.append(data[:, kept] @ _Z_UP)
+        labels.append(label)
+    return ShapeSet(np.concatenate(clouds), np.concatenate(labels), names)
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        found = [line.strip() for line in path.read_text(encoding="utf-8").splitlines()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"{path}: cannot be read: {error}") from error
+    lines = [line for line in found if line]
+    if not lines:
+        raise DataError(f"{path} is empty")
+    return lines
+
+
+def _arrays(path: Path) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    try:
+        import h5py
+    except ImportError as error:
+        raise FusionSlamError(
+            "ModelNet40's HDF5 files need h5py, which is not installed: "
+            "pip install 'fusionslam[learn]'"
+        ) from error
+    try:
+        with h5py.File(path, "r") as stored:
+            data = np.asarray(stored["data"], np.float32)
+            label = np.asarray(stored["label"], np.int64).reshape(-1)
+    except (OSError, KeyError, ValueError) as error:
+        raise DataError(f"{path}: expected HDF5 with data and label: {error}") from error
+    if not np.isfinite(data).all():
+        raise DataError(f"{path}: data has values that are not finite")
+    return data, label
+
+
+def _read_off(base: Path, part: Part, points: int, rng: np.random.Generator) -> ShapeSet:
+    files = sorted(base.glob(f"*/{part}/*.off"))
+    if not files:
+        raise DataError(
+            f"{base}: expected {part}_files.txt with HDF5 files (modelnet40_ply_hdf5_2048) or "
+            f"<class>/{part}/*.off (ModelNet40)"
+        )
+    # Classes from both parts, so that train and test number them alike.
+    names = tuple(sorted({path.parent.parent.name for path in base.glob("*/*/*.off")}))
+    clouds = [sample_surface(_mesh(path), points, rng) for path in files]
+    labels = [names.index(path.parent.parent.name) for path in files]
+    return ShapeSet(np.stack(clouds), np.asarray(labels, np.int64), names)
+
+
+def _mesh(path: Path) -> NDArray[np.float64]:
+    """The triangles, float64 (T, 3, 3)."""
+    import trimesh
+
+    try:
+        mesh: Any = trimesh.load_mesh(path, process=False)
+        triangles = np.asarray(mesh.triangles, np.float64)
+    except Exception as error:  # trimesh raises whatever its parsers stumble over
+        raise DataError(f"{path}: not a mesh in OFF: {error}") from error
+    if not len(triangles) or not np.isfinite(triangles).all():
+        raise DataError(f"{path}: expected finite triangles, found {len(triangles)}")
+    return triangles
+
+
+def read_voxels(
+    path: str | os.PathLike[str], name: str, points: int, rng: np.random.Generator
+) -> ShapeSet:
+    """Objects of one class from voxel grids, as points on the surface of what is occupied.
+
+    Grids in which nothing is occupied are left out, and so are copies of earlier ones.
+
+    Args:
+        path: .npy or .npy.gz of (n, 32, 32, 32) or (n, 1, 32, 32, 32), 1 where occupied.
+        name: of the class.
+        points: of each object; evenly over the voxels, anywhere inside them.
+        rng: decides where.
+
+    Raises:
+        DataError: another file, or nothing occupied.
+    """
+    grids = _grids(Path(path))
+    filled = np.flatnonzero(grids.any(axis=(1, 2, 3)))
+    if not len(filled):
+        raise DataError(f"{path}: nothing is occupied in any of {len(grids)} grids")
+    rows = grids[filled].reshape(len(filled), -1)
+    _, first = np.unique(np.packbits(rows, axis=1), axis=0, return_index=True)
+    kept = filled[np.sort(first)]
+    clouds = np.stack([_surface_points(grids[index], points, rng) for index in kept])
+    return ShapeSet(clouds, np.zeros(len(kept), np.int64), (name,))
+
+
+def _grids(path: Path) -> NDArray[np.bool_]:
+    opened = gzip.open if path.suffix == ".gz" else open
+    try:
+        with opened(path, "rb") as stream:
+            values = np.load(stream, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise DataError(f"{path}: cannot be read as an array of voxels, or cut short") from error
+    if values.ndim == 5 and values.shape[1] == 1:
+        values = values[:, 0]
+    if values.ndim != 4 or 0 in values.shape:
+        raise DataError(f"{path} has shape {values.shape}, expected (n, 32, 32, 32)")
+    occupied: NDArray[np.bool_] = values > 0.5
+    return occupied
+
+
+def _surface_points(
+    grid: NDArray[np.bool_], points: int, rng: np.random.Generator
+) -> NDArray[np.float32]:
+    from scipy import ndimage
+
+    inside = ndimage.binary_erosion(grid)
+    cells = np.argwhere(grid & ~inside)
+    chosen = cells[rng.integers(len(cells), size=points)]
+    return (chosen + rng.random(chosen.shape)).astype(np.float32)

@@ -1,0 +1,218 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a robot saw at known poses, and which two of these sights are the same place."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.config import Section, option
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.sensors.frame import Cloud
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+Sights = tuple[str, Sequence[Cloud], Array | None]
+"""A world's name, its clouds in the robot's frame without ground, and poses (n, 3): x, y, yaw."""
+
+
+class SamePlaceConfig(Section):
+    """When two sights are the same place (Stastny 2022, 4.6.2 and 5.2)."""
+
+    radius_m: float = option(0.5, "positions are nearer than this", unit="m", gt=0)
+    angle_deg: float = option(36.0, "headings are nearer than this", unit="deg", gt=0, le=180)
+    doubt_m: float = option(
+        1.0,
+        "unlike sights nearer than this, and turned less than twice angle_deg, count for "
+        "neither in metric learning",
+        unit="m",
+        ge=0,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Sights of one or several worlds.
+
+    Attributes:
+        points: float32 (M, 3), metres in the robot's frame, without ground, sight after sight.
+        colors: uint8 (M, 3) RGB.
+        offsets: int64 (n + 1), where each sight begins.
+        poses: float64 (n, 3), x, y in metres and yaw in radians in the frame of its world.
+        worlds: int64 (n,), the world of each, an index into ``names``.
+        names: of the worlds.
+    """
+
+    points: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+    offsets: Indices
+    poses: Array
+    worlds: Indices
+    names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def __getitem__(self, index: int) -> Cloud:
+        span = slice(*self.offsets[index : index + 2].tolist())
+        return Cloud(self.points[span], self.colors[span])
+
+    @classmethod
+    def of(cls, sources: Iterable[Sights], least: int = 1) -> "Places":
+        """Sights of worlds; those with fewer points than ``least`` are left out.
+
+        Raises:
+            DataError: a world without poses or colours, or nothing that is left of all.
+            ShapeError: not one pose for each cloud.
+        """
+        clouds: list[Cloud] = []
+        poses: list[Array] = []
+        worlds: list[int] = []
+        names: list[str] = []
+        for name, seen, where in sources:
+            checked = _checked(name, seen, where)
+            kept = [index for index, cloud in enumerate(seen) if len(cloud) >= least]
+            clouds += [seen[index] for index in kept]
+            poses.append(checked[kept])
+            worlds += [len(names)] * len(kept)
+            names.append(name)
+        if not clouds:
+            raise DataError(
+                f"no sight of at least {least} points in {', '.join(names) or 'no world'}"
+            )
+        return cls(
+            np.concatenate([cloud.points for cloud in clouds]),
+            np.concatenate([cloud.colors for cloud in clouds if cloud.colors is not None]),
+            np.cumsum([0, *map(len, clouds)]).astype(np.int64),
+            np.concatenate(poses),
+            np.asarray(worlds, np.int64),
+            tuple(names),
+        )
+
+    def chosen(self, indices: Sequence[int] | Indices) -> "Places":
+        """The sights with these indices."""
+        rows = np.asarray(indices, np.int64)
+        clouds = [self[index] for index in rows.tolist()]
+        return Places(
+            np.concatenate([np.empty((0, 3), np.float32), *(c.points for c in clouds)]),
+            np.concatenate(
+                [np.empty((0, 3), np.uint8), *(c.colors for c in clouds if c.colors is not None)]
+            ),
+            np.cumsum([0, *map(len, clouds)]).astype(np.int64),
+            self.poses[rows],
+            self.worlds[rows],
+            self.names,
+        )
+
+
+def _checked(name: str, clouds: Sequence[Cloud], poses: Array | None) -> Array:
+    if poses is None:
+        raise DataError(f"{name} has no true poses: nobody knows which sights are the same place")
+    if poses.shape != (len(clouds), 3):
+        raise ShapeError(
+            f"{name}: poses have shape {poses.shape}, expected ({len(clouds)}, 3): x, y, yaw"
+        )
+    if any(cloud.colors is None for cloud in clouds):
+        raise DataError(f"{name} has clouds without colours")
+    return poses
+
+
+def apart(first: Array, second: Array) -> tuple[Array, Array]:
+    """Distances in metres and angles in radians, 0 to pi, between poses (..., 3): x, y, yaw."""
+    gap = first - second
+    turn = np.abs((gap[..., 2] + np.pi) % (2 * np.pi) - np.pi)
+    return np.hypot(gap[..., 0], gap[..., 1]), turn
+
+
+def same_places(
+    places: Places, first: Indices, second: Indices, config: SamePlaceConfig | None = None
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which pairs of sights are the same place, and which are in doubt.
+
+    Args:
+        places: the sights.
+        first, second: int64, any shapes that go together, the sights of each pair.
+        config: the limits.
+
+    Returns:
+        bool arrays of the pairs' shape: same place; not the same, yet near enough to look alike.
+    """
+    limits = config or SamePlaceConfig()
+    distance, angle = apart(places.poses[first], places.poses[second])
+    together = places.worlds[first] == places.worlds[second]
+    most = np.deg2rad(limits.angle_deg)
+    same = together & (distance < limits.radius_m) & (angle < most)
+    doubtful = together & ~same & (distance < limits.doubt_m) & (angle < 2 * most)
+    return same, doubtful
+
+
+def split_places(places: Places, share: float) -> tuple[Places, Places]:
+    """Two parts of each world that lie apart: the share with the largest coordinate is the second.
+
+    The coordinate is x or y, whichever extends further, so that no place is in both parts.
+    """
+    held = np.zeros(len(places), bool)
+    for world in range(len(places.names)):
+        rows = np.flatnonzero(places.worlds == world)
+        where = places.poses[rows, :2]
+        along = where[:, int(np.argmax(np.ptp(where, axis=0)))] if len(rows) else where[:, 0]
+        if len(rows):
+            held[rows] = along > np.quantile(along, 1 - share)
+    return places.chosen(np.flatnonzero(~held)), places.chosen(np.flatnonzero(held))
+
+
+class PairConfig(Section):
+    """Which pairs of sights are trained on and scored."""
+
+    place: SamePlaceConfig = option(SamePlaceConfig(), "what the same place is")
+    most: int = option(20_000, "pairs of the same place, at most", ge=1)
+    unlike: float = option(3.0, "pairs of different places for each pair of the same", gt=0)
+    near_m: float = option(4.0, "every second of these pairs is nearer than this", unit="m", ge=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Pairs of sights: int64 (m,) indices, and whether they are the same place, bool (m,)."""
+
+    first: Indices
+    second: Indices
+    same: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+
+def make_pairs(places: Places, config: PairConfig, rng: np.random.Generator) -> Pairs:
+    """A random subset of all pairs of sights of a world (Stastny 2022, 4.6.2), labelled.
+
+    Raises:
+        DataError: no two sights are the same place.
+    """
+    first, second = _all_pairs(places)
+    same, _ = same_places(places, first, second, config.place)
+    alike, unlike = np.flatnonzero(same), np.flatnonzero(~same)
+    if not len(alike) or not len(unlike):
+        raise DataError(
+            f"{', '.join(places.names)}: {len(alike)} pairs of the same place and {len(unlike)} of "
+            "different ones, expected some of both"
+        )
+    alike = rng.permutation(alike)[: config.most]
+    distance, _ = apart(places.poses[first[unlike]], places.poses[second[unlike]])
+    wanted = round(config.unlike * len(alike))
+    near = rng.permutation(unlike[distance < config.near_m])[: wanted // 2]
+    other = rng.permutation(unlike)[: wanted - len(near)]
+    rows = np.concatenate([alike, near, other])
+    return Pairs(first[rows], second[rows], same[rows])
+
+
+def _all_pairs(places: Places) -> tuple[Indices, Indices]:
+    """Every pair of different sights of one world, once."""
+    found = []
+    for world in range(len(places.names)):
+        rows = np.flatnonzero(places.worlds == world)
+        upper = np.triu_indices(len(rows), 1)
+        found.append((rows[upper[0]], rows[upper[1]]))
+    return np.concatenate([a for a, _ in found]), np.concatenate([b for _, b in found])

@@ -1,0 +1,73 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Point clouds of objects with the names of their classes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.config import Section, option
+from fusionslam.errors import DataError
+from fusionslam.learning.primitives import sample_surface
+from fusionslam.learning.procedural_shapes import SHAPES
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeSet:
+    """Objects as points.
+
+    Attributes:
+        points: float32 (n, P, 3), z up.
+        labels: int64 (n,), indices into ``names``.
+        names: of the classes.
+    """
+
+    points: NDArray[np.float32]
+    labels: NDArray[np.int64]
+    names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+
+class ProceduralConfig(Section):
+    """Shapes that need no download."""
+
+    seed: int = option(0, "decides proportions and points", ge=0)
+    train: int = option(60, "shapes of each class to train on", ge=1)
+    test: int = option(15, "shapes of each class to judge on", ge=1)
+    points: int = option(1024, "points of a shape", ge=1)
+
+
+def procedural_shapes(config: ProceduralConfig) -> tuple[ShapeSet, ShapeSet]:
+    """To train on and to judge on: other shapes of the same classes."""
+    rng = np.random.default_rng([config.seed, 0x5E])
+    return _made(config.train, config.points, rng), _made(config.test, config.points, rng)
+
+
+def _made(each: int, count: int, rng: np.random.Generator) -> ShapeSet:
+    points = [
+        sample_surface(maker(rng), count, rng) for maker in SHAPES.values() for _ in range(each)
+    ]
+    return ShapeSet(np.stack(points), np.repeat(np.arange(len(SHAPES)), each), tuple(SHAPES))
+
+
+def joined(sets: Sequence[ShapeSet]) -> ShapeSet:
+    """All objects of several sets; classes of the same name are one.
+
+    Raises:
+        DataError: there is no set, or the sets have different numbers of points.
+    """
+    counts = sorted({shapes.points.shape[1] for shapes in sets})
+    if len(counts) != 1:
+        raise DataError(f"sets of shapes have {counts} points each, expected the same number")
+    names = tuple(sorted({name for shapes in sets for name in shapes.names}))
+    labels = [
+        np.array([names.index(name) for name in shapes.names], np.int64)[shapes.labels]
+        for shapes in sets
+    ]
+    return ShapeSet(
+        np.concatenate([shapes.points for shapes in sets]), np.concatenate(labels), names
+    )

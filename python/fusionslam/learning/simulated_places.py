@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Simulated places: worlds that are made, each seen from many poses, several of them near."""
+
+from collections.abc import Callable, Iterator
+from typing import Literal
+
+import numpy as np
+
+from fusionslam.config import Section, option
+from fusionslam.errors import DataError
+from fusionslam.learning.places import Array, Sights
+from fusionslam.sensors.frame import Cloud
+from fusionslam.sim.indoor import (
+    HospitalConfig,
+    HouseConfig,
+    IndoorConfig,
+    WarehouseConfig,
+    make_indoor,
+)
+from fusionslam.sim.lidar import LidarMount, scan
+from fusionslam.sim.robot import RobotConfig, base_from, robot_named
+from fusionslam.sim.scene import RayCaster
+from fusionslam.sim.simulator import map_of
+
+Progress = Callable[[int, int], None]
+
+
+class SimulatedPlacesConfig(Section):
+    """Worlds and the poses that they are seen from."""
+
+    seed: int = option(0, "decides worlds and poses", ge=0)
+    kinds: tuple[Literal["house", "hospital", "warehouse"], ...] = option(
+        ("house", "hospital", "warehouse"), "kinds of world, in turn", min_length=1
+    )
+    worlds: int = option(18, "number of worlds", ge=1, le=1000)
+    places: int = option(60, "places in each world", ge=1)
+    sights: int = option(6, "sights of each place", ge=2)
+    spread_m: float = option(0.3, "sights lie this far around the place", unit="m", ge=0)
+    spread_deg: float = option(20.0, "and are turned by this much either way", unit="deg", ge=0)
+    clearance_m: float = option(0.35, "room between the robot's middle and things", unit="m", gt=0)
+    ground_m: float = option(0.1, "points not above this are dropped", unit="m")
+    least: int = option(50, "points that a sight must have", ge=1)
+    robot: str = option("turtlebot3_waffle_pi", "the robot, whose first LiDAR sees")
+
+
+def simulate_places(
+    config: SimulatedPlacesConfig, progress: Progress | None = None
+) -> Iterator[Sights]:
+    """Each world with what the robot sees there; same configuration, same bytes.
+
+    A point's colour is that of the surface it lies on, from where the LiDAR stands.
+
+    Raises:
+        FusionSlamError: the simulator is not installed.
+        DataError: the robot has no LiDAR, or there is no room in a world.
+    """
+    robot = robot_named(config.robot)
+    if not robot.lidars:
+        raise DataError(f"{config.robot} has no LiDAR to see places with")
+    for number in range(config.worlds):
+        made = _world(config, number)
+        rng = np.random.default_rng([config.seed, number, 0x51])
+        yield _seen(
+            made, config, robot, f"{config.kinds[number % len(config.kinds)]}_{number}", rng
+        )
+        if progress is not None:
+            progress(number + 1, config.worlds)
+
+
+def _world(config: SimulatedPlacesConfig, number: int) -> IndoorConfig:
+    rng = np.random.default_rng([config.seed, number, 0x50])
+    seed = int(rng.integers(1000, 2**31))
+    match config.kinds[number % len(config.kinds)]:
+        case "house":
+            return HouseConfig(seed=seed, rooms=int(rng.integers(5, 9)))
+        case "hospital":
+            return HospitalConfig(seed=seed, wards=int(rng.integers(4, 8)))
+        case "warehouse":
+            aisle = float(np.round(rng.uniform(1.8, 3.2), 2))
+            return WarehouseConfig(
+                seed=seed, rows=int(rng.integers(3, 6)), aisle_m=aisle, bay_types=6
+            )
+
+
+def _seen(
+    made: IndoorConfig,
+    config: SimulatedPlacesConfig,
+    robot: RobotConfig,
+    name: str,
+    rng: np.random.Generator,
+) -> Sights:
+    world = make_indoor(made)
+    room = map_of(world, robot).inflated(config.clearance_m)
+    rows, columns = np.nonzero(room.reachable)
+    if not len(rows):
+        raise DataError(f"{name}: no room for a robot with {config.clearance_m} m around it")
+    chosen = rng.integers(len(rows), size=config.places)
+    x, y = room.centres(rows[chosen], columns[chosen])
+    middles = np.stack([x, y, rng.uniform(-np.pi, np.pi, config.places)], axis=1)
+    around = np.repeat(middles, config.sights, axis=0)
+    around[:, :2] += rng.uniform(-1, 1, (len(around), 2)) * config.spread_m
+    around[:, 2] += np.deg2rad(rng.uniform(-1, 1, len(around)) * config.spread_deg)
+    poses = around[room.is_free(around[:, 0], around[:, 1])]
+    caster = RayCaster(world.visual)
+    lidar = next(iter(robot.lidars.values()))
+    base_from_lidar = base_from(robot, lidar.frame_id)
+    clouds = [_cloud(caster, lidar, base_from_lidar, pose, config, rng) for pose in poses]
+    kept = [index for index, cloud in enumerate(clouds) if len(cloud) >= config.least]
+    return name, [clouds[index] for index in kept], poses[kept]
+
+
+def _cloud(
+    caster: RayCaster,
+    lidar: LidarMount,
+    base_from_lidar: Array,
+    pose: Array,
+    config: SimulatedPlacesConfig,
+    rng: np.random.Generator,
+) -> Cloud:
+    """A sight without ground, in the robot's frame."""
+    world_from_base = np.eye(4)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    world_from_base[:2] = [[c, -s, 0, pose[0]], [s, c, 0, pose[1]]]
+    world_from_lidar = world_from_base @ base_from_lidar
+    sweep = scan(caster, lidar, world_from_lidar, rng)
+    points = sweep.points @ base_from_lidar[:3, :3].T.astype(np.float32)
+    points += base_from_lidar[:3, 3].astype(np.float32)
+    kept = points[:, 2] > config.ground_m
+    rays = (sweep.points @ world_from_lidar[:3, :3].T.astype(np.float32))[kept]
+    # Lengths of rays are distances here: the hits of unit rays.
+    directions = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    pixel = float(abs(np.subtract(*(lidar.sector_rad or (-np.pi, np.pi)))) / lidar.azimuths)
+    seen = caster.colors(sweep.hits[np.flatnonzero(kept)], directions, pixel)
+    return Cloud(points[kept], np.rint(255 * seen.clip(0, 1)).astype(np.uint8))

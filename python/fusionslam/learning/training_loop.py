@@ -1,0 +1,202 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A training run that can be stopped at any time and gives the same when it goes on."""
+
+import json
+import math
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from fusionslam.config import Section, option
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.learning.curves import Row, write_curves
+from fusionslam.learning.torch_extra import nn, torch
+from fusionslam.storage.files import atomic_path
+
+FORMAT = "fusionslam.training.1"
+CHECKPOINT = "checkpoint.pt"
+
+Progress = Callable[[int, int, Mapping[str, float]], None]
+
+
+class OptimiserConfig(Section):
+    """Adam with a learning rate that falls along a cosine, as every training here uses."""
+
+    seed: int = option(0, "decides first weights, batches and variation", ge=0, lt=2**32)
+    epochs: int = option(10, "how often the data are gone through", ge=1)
+    learning_rate: float = option(1e-3, "at the start", gt=0)
+    weight_decay: float = option(1e-4, "pull of the weights towards 0", ge=0)
+
+
+class Task(Protocol):
+    """What is trained on what."""
+
+    network: nn.Module
+
+    def losses(self, rng: np.random.Generator) -> Iterator[torch.Tensor]:
+        """The loss of each batch of one epoch."""
+
+    def scores(self) -> dict[str, float]:
+        """How the network does on data that it is not trained on."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A finished training: loss and scores, and CPU seconds, of each epoch."""
+
+    rows: tuple[Row, ...]
+    seconds: tuple[float, ...]
+
+    @property
+    def scores(self) -> dict[str, float]:
+        """Loss and scores of the last epoch."""
+        return dict(self.rows[-1])
+
+    @property
+    def cpu_seconds(self) -> float:
+        """What all epochs took, those before an interruption too."""
+        return sum(self.seconds)
+
+
+@contextmanager
+def seeded(seed: int) -> Iterator[None]:
+    """One thread and torch's random numbers from a seed; both as before at the end."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+def train(
+    task: Task,
+    config: OptimiserConfig,
+    folder: str | os.PathLike[str],
+    about: Mapping[str, Any],
+    progress: Progress | None = None,
+) -> Trained:
+    """Train, or go on where an earlier call with the same settings stopped.
+
+    After every epoch the folder holds a checkpoint and the curves so far; an interrupted epoch is
+    done again, with the same random numbers.
+
+    Args:
+        task: network, data and loss.
+        config: of the optimiser.
+        folder: for checkpoint.pt, curves.csv and curves.png.
+        about: settings and data, as JSON can hold them: another training's checkpoint is refused.
+        progress: called with epochs done, epochs in all, and the last epoch's figures.
+
+    Raises:
+        ConfigError: the folder holds a checkpoint of other settings or data.
+        DataError: the checkpoint is damaged, or the loss is no longer finite.
+    """
+    place = Path(folder)
+    optimiser = torch.optim.Adam(
+        task.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
+    )
+    run = _Run(task, config, optimiser, json.dumps(dict(about), sort_keys=True))
+    rows, seconds = run.resume(place / CHECKPOINT)
+    for epoch in range(len(rows), config.epochs):
+        begin = time.process_time()
+        rows.append(run.epoch(epoch))
+        seconds.append(time.process_time() - begin)
+        run.save(place / CHECKPOINT, rows, seconds)
+        write_curves(place, rows)
+        if progress is not None:
+            progress(epoch + 1, config.epochs, rows[-1])
+    task.network.eval()
+    return Trained(tuple(rows), tuple(seconds))
+
+
+class _Run:
+    """Network and optimiser on their way."""
+
+    def __init__(
+        self, task: Task, config: OptimiserConfig, optimiser: torch.optim.Adam, about: str
+    ) -> None:
+        self.task, self.config, self.optimiser, self.about = task, config, optimiser, about
+
+    def epoch(self, number: int) -> Row:
+        """Train once on everything."""
+        self._set_rate(number)
+        rng = np.random.default_rng([self.config.seed, number])
+        total, count = 0.0, 0
+        self.task.network.train()
+        with seeded(int(rng.integers(2**62))):
+            for loss in self.task.losses(rng):
+                self.optimiser.zero_grad()
+                loss.backward()  # type: ignore[no-untyped-call]
+                self.optimiser.step()
+                total, count = total + float(loss.detach()), count + 1
+            self.task.network.eval()
+            scores = self.task.scores()
+        if not math.isfinite(total):
+            raise DataError(
+                f"epoch {number + 1}: the loss is not finite; expected a lower learning rate than "
+                f"{self.config.learning_rate:g}"
+            )
+        return {"epoch": number + 1.0, "loss": total / max(count, 1), **scores}
+
+    def _set_rate(self, number: int) -> None:
+        share = number / self.config.epochs
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.config.learning_rate * 0.5 * (1 + math.cos(math.pi * share))
+
+    def save(self, path: Path, rows: list[Row], seconds: list[float]) -> None:
+        """Write the checkpoint, whole or not at all."""
+        state = {
+            "format": FORMAT,
+            "about": self.about,
+            "rows": rows,
+            "seconds": seconds,
+            "network": self.task.network.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+        }
+        with atomic_path(path) as temporary:
+            torch.save(state, temporary)
+
+    def resume(self, path: Path) -> tuple[list[Row], list[float]]:
+        """Take over a checkpoint, if there is one, and return its rows and seconds."""
+        if not path.exists():
+            return [], []
+        try:
+            state = torch.load(path, weights_only=True, map_location="cpu")
+            known = state["format"] == FORMAT
+        except Exception as error:  # torch raises whatever its unpickler stumbles over
+            raise DataError(f"{path}: not a checkpoint of a training, or cut short") from error
+        if not known or state["about"] != self.about:
+            raise ConfigError(
+                f"{path} is of a training with other settings or data"
+                f"{_difference(str(state['about']), self.about)}; take another folder"
+            )
+        self.task.network.load_state_dict(state["network"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        return list(state["rows"]), list(state["seconds"])
+
+
+def _difference(before: str, now: str) -> str:
+    """The first value that differs, as the end of a sentence."""
+    old, new = (dict(_flat(json.loads(text))) for text in (before, now))
+    for key in sorted(old.keys() | new.keys()):
+        if old.get(key) != new.get(key):
+            return f": {key} is {old.get(key)!r} there and {new.get(key)!r} here"
+    return ""
+
+
+def _flat(value: Any, where: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _flat(inner, f"{where}.{key}" if where else str(key))
+    else:
+        yield where, value

@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Loops by descriptors, and where the robot came back: the clouds of a loop are aligned."""
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fusionslam.errors import DataError
+from fusionslam.loop_closure.detector import Loop, LoopDetector
+from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.files import atomic_path, reading
+from fusionslam.views.alignment_comparison import AlignmentConfig, align_scenes
+from fusionslam.views.scene_set import packed, unpacked
+from fusionslam.views.scenes import Scene, SceneConfig, build_scene
+
+FORMAT = "fusionslam.aligned_loops.1"
+_SCENES = "scenes.npz"
+
+
+@dataclass(frozen=True)
+class AlignedLoop:
+    """A place seen before, and where the robot is against then.
+
+    Attributes:
+        loop: numbers of both clouds, and the distance of their descriptors.
+        match_stamp_ns: stamp of the older cloud.
+        probability: that the aligned clouds show one place; None where one of them has too little
+            to be aligned.
+        pose: x, y in metres and yaw in radians of the newer cloud in the frame of the older one;
+            None with ``probability``.
+    """
+
+    loop: Loop
+    match_stamp_ns: int
+    probability: float | None = None
+    pose: tuple[float, float, float] | None = None
+
+
+class AlignedLoopDetector:
+    """A ``LoopDetector`` that keeps, of each cloud, what two of them are aligned by.
+
+    Memory grows with the number of clouds, by their descriptor and about 1 kB.
+
+    Args:
+        detector: new, or one that goes on.
+        scene: how clouds become scenes, with range images; None for the default.
+        alignment: how scenes are aligned; None for the default.
+    """
+
+    def __init__(
+        self,
+        detector: LoopDetector,
+        *,
+        scene: SceneConfig | None = None,
+        alignment: AlignmentConfig | None = None,
+    ) -> None:
+        self.detector = detector
+        self._scene, self._alignment = scene or SceneConfig(), alignment or AlignmentConfig()
+        self._stored: list[bytes] = []
+        self._stamps_ns: list[int] = []
+
+    def __len__(self) -> int:
+        """Number of clouds added so far."""
+        return len(self.detector)
+
+    def add(self, cloud: Cloud, stamp_ns: int) -> AlignedLoop | None:
+        """The loop that a cloud closes, if any; then remembers the cloud.
+
+        Args:
+            cloud: with colours, in a frame whose z axis points up, as the robot's.
+            stamp_ns: when it was measured.
+
+        Raises:
+            DataError: a cloud that cannot be described or has no colours; nothing is remembered.
+        """
+        if cloud.colors is None:
+            raise DataError("loops are aligned by coloured clouds and this one has no colours")
+        scene = build_scene(cloud.points, cloud.colors, config=self._scene)
+        loop = self.detector.add(cloud, stamp_ns=stamp_ns)
+        self._stored.append(Scene(scene.objects[:0], scene.image).to_bytes())
+        self._stamps_ns.append(stamp_ns)
+        return None if loop is None else self._aligned(loop, scene)
+
+    def _aligned(self, loop: Loop, scene: Scene) -> AlignedLoop:
+        older, stamp_ns = Scene.from_bytes(self._stored[loop.match]), self._stamps_ns[loop.match]
+        found = align_scenes(scene, older, config=self._alignment)
+        if not found.probability:
+            return AlignedLoop(loop, stamp_ns)
+        return AlignedLoop(loop, stamp_ns, found.probability, (found.x, found.y, found.yaw))
+
+    def save(self, folder: str | os.PathLike[str]) -> None:
+        """Write a folder that ``load`` goes on from.
+
+        Raises:
+            DataError: nothing was added yet, or the folder cannot be written.
+        """
+        joined, offsets = packed(self._stored)
+        stamps = np.array(self._stamps_ns, np.int64)
+        # Before the detector: a folder may hold more scenes than descriptors, never fewer.
+        with atomic_path(Path(folder) / _SCENES) as temporary, temporary.open("wb") as stream:
+            about = np.array(json.dumps({"format": FORMAT}))
+            np.savez(stream, about=about, scenes=joined, offsets=offsets, stamps_ns=stamps)
+        self.detector.save(folder)
+
+    @classmethod
+    def load(
+        cls,
+        folder: str | os.PathLike[str],
+        *,
+        scene: SceneConfig | None = None,
+        alignment: AlignmentConfig | None = None,
+    ) -> "AlignedLoopDetector":
+        """Go on from what ``save`` wrote. Raises DataError naming the file."""
+        loops = cls(LoopDetector.load(folder), scene=scene, alignment=alignment)
+        path = Path(folder) / _SCENES
+        with (
+            reading(path, "no stored loops"),
+            path.open("rb") as stream,
+            np.load(stream, allow_pickle=False) as stored,
+        ):
+            if json.loads(str(stored["about"]))["format"] != FORMAT:
+                raise DataError(f"expected format {FORMAT}")
+            loops._stored = unpacked(stored["scenes"], stored["offsets"])[: len(loops)]
+            loops._stamps_ns = stored["stamps_ns"].tolist()[: len(loops)]
+        if not len(loops._stored) == len(loops._stamps_ns) == len(loops):
+            raise DataError(f"{path}: {len(loops._stored)} scenes of {len(loops)} clouds")
+        return loops

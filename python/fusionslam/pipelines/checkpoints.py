@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a run that is not finished keeps on disk: chunks of described frames."""
+
+import shutil
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+from fusionslam.storage.files import atomic_path
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class Described:
+    """One frame: its index, vectors and points, seconds by stage; or why there are none."""
+
+    index: int
+    vectors: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+    points: int = 0
+    seconds: dict[str, float] = field(default_factory=dict)
+    reason: str | None = None
+
+
+def save_chunk(path: Path, frames: Sequence[Described]) -> None:
+    """Write some frames, whole or not at all. Raises DataError."""
+    good, bad = [f for f in frames if f.reason is None], [f for f in frames if f.reason is not None]
+    arrays: dict[str, NDArray[Any]] = {
+        "rows": np.array([f.index for f in good], np.int64),
+        "points": np.array([f.points for f in good], np.int64),
+        "bad": np.array([f.index for f in bad], np.int64),
+        "reasons": np.array([f.reason for f in bad], np.str_),
+    }
+    for first in good[:1]:
+        for name in first.vectors:
+            arrays[f"vectors.{name}"] = np.array([f.vectors[name] for f in good], np.float32)
+        for stage in first.seconds:
+            arrays[f"seconds.{stage}"] = np.array([f.seconds[stage] for f in good])
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, **arrays)  # type: ignore[arg-type]
+
+
+def joined_chunks(paths: Sequence[Path]) -> Arrays:
+    """The arrays of all chunks, one after the other; those of frames only if there are any.
+
+    Raises:
+        DataError: a chunk cannot be read; the message names it.
+    """
+    chunks = [_load_chunk(path) for path in paths]
+    keys = dict.fromkeys(key for chunk in chunks for key in chunk)
+    return {key: np.concatenate([c[key] for c in chunks if key in c]) for key in keys}
+
+
+def _load_chunk(path: Path) -> Arrays:
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise DataError(f"{path}: cannot be read ({error}); delete it and run again") from error
+
+
+def partial_folder(folder: Path, source: str, names: Sequence[str], key: str) -> Path:
+    """Where the chunks of a call wait for the others."""
+    return folder / f".partial-{source}-{'+'.join(names)}-{key}"
+
+
+def forget_partial(folder: Path, source: str, names: Sequence[str]) -> None:
+    """Delete the chunks of calls that wanted no more than these, with whatever settings."""
+    for path in _partial_of(folder, source):
+        if set(path.name.split("-")[2].split("+")) <= set(names):
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def _partial_of(folder: Path, source: str) -> Iterator[Path]:
+    return folder.glob(f".partial-{source}-*-*")

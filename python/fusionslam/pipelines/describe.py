@@ -1,0 +1,305 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""From a recording to descriptors: fuse and describe every frame, in parallel and resumable."""
+
+import hashlib
+import json
+import logging
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from fusionslam import _core
+from fusionslam.config import Section, option
+from fusionslam.descriptors import (
+    DescriptorConfig,
+    describe,
+    descriptor_named,
+    for_sequence,
+)
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.evaluation import DescriptorRun, EvaluationConfig
+from fusionslam.fusion import FusionConfig, fuse
+from fusionslam.loop_closure.detector import LoopConfig
+from fusionslam.pipelines.checkpoints import (
+    Arrays,
+    Described,
+    forget_partial,
+    joined_chunks,
+    partial_folder,
+    save_chunk,
+)
+
+if TYPE_CHECKING:
+    from fusionslam.datasets import Dataset
+from fusionslam.storage.machine import peak_memory
+from fusionslam.storage.parallel import in_order
+
+logger = logging.getLogger(__name__)
+
+T = TypeVar("T")
+Progress = Callable[[int, int], None]
+
+CHUNK = 16
+"""Frames that are written together; what an interruption can lose, with those under way."""
+BAD_FRAMES = ("error", "skip")
+"""What to do with frames that cannot be read, fused or described."""
+
+
+class PipelineConfig(Section):
+    """The configuration of every stage."""
+
+    fusion: FusionConfig = option(FusionConfig(), "frames to coloured clouds")
+    descriptors: DescriptorConfig = option(DescriptorConfig(), "clouds to vectors")
+    loop_closure: LoopConfig = option(LoopConfig(), "vectors to loops")
+    evaluation: EvaluationConfig = option(EvaluationConfig(), "how loops are judged")
+
+
+def describe_dataset(
+    dataset: "Dataset",
+    names: Sequence[str],
+    folder: str | os.PathLike[str],
+    *,
+    config: PipelineConfig | None = None,
+    jobs: int = 1,
+    bad_frames: str = "error",
+    progress: Progress | None = None,
+) -> list[DescriptorRun]:
+    """Describe every frame with every named descriptor and store one run a descriptor.
+
+    Frames done are kept in ``folder/.partial-*`` until all are: a call that was interrupted goes
+    on where it stopped. Results do not depend on ``jobs``.
+
+    Args:
+        dataset: the recording.
+        names: descriptors.
+        folder: runs are written to ``folder/<source>-<descriptor>.npz``.
+        jobs: frames worked on at a time (threads; the work is done outside the GIL).
+        bad_frames: a frame that cannot be read, fused or described is an "error", or "skip"
+            leaves it out: its number and the reason are logged and stored with the run.
+        progress: called with (frames done, frames in all).
+
+    Raises:
+        DataError: a frame that cannot be read, fused or described (the message names it), no
+            frame that can be, or a folder that cannot be written.
+        ConfigError: an unknown descriptor or way to treat bad frames.
+    """
+    settings = config or PipelineConfig()
+    if bad_frames not in BAD_FRAMES:
+        raise ConfigError(f"bad_frames is {bad_frames!r}, expected one of {', '.join(BAD_FRAMES)}")
+    for name in names:
+        descriptor_named(name)
+    settings = settled(dataset, names, settings, bad_frames)
+    work = _Work(dataset, tuple(names), settings, Path(folder), bad_frames)
+    done = 0
+    for chunk in work.run(max(jobs, 1)):
+        done += chunk
+        if progress is not None:
+            progress(done, len(dataset))
+    return work.finish()
+
+
+def settled(
+    dataset: "Dataset", names: Sequence[str], config: PipelineConfig, bad_frames: str = "error"
+) -> PipelineConfig:
+    """The configuration with what depends on the first frame fixed."""
+    if not any(descriptor_named(name).needs_normals for name in names):
+        return config
+
+    def with_radius(index: int) -> DescriptorConfig:
+        return for_sequence(config.descriptors, fuse(dataset[index], config.fusion))
+
+    described = first_that_works(dataset, with_radius, bad_frames)
+    return config.model_copy(update={"descriptors": described})
+
+
+def first_that_works(dataset: "Dataset", action: Callable[[int], T], bad_frames: str) -> T:
+    """What an action gives for the first frame, or the first of which it can be had.
+
+    Raises:
+        DataError: from the action, with the name of the frame.
+    """
+    for index, number in enumerate(dataset.numbers.tolist()):
+        try:
+            return action(index)
+        except DataError as error:
+            if bad_frames == "error":
+                raise DataError(f"{dataset.name}, frame {number}: {error}") from error
+    raise DataError(f"{dataset.name}: no frame can be described")
+
+
+@dataclass(frozen=True)
+class _Work:
+    """One call of describe_dataset."""
+
+    dataset: "Dataset"
+    names: tuple[str, ...]
+    config: PipelineConfig
+    folder: Path
+    bad_frames: str
+
+    @cached_property
+    def partial(self) -> Path:
+        """Where finished chunks wait; the name changes with anything that changes the result."""
+        identity = [
+            _core.__version__,
+            str(self.dataset.root),
+            self.dataset.name,
+            [_state(path) for path in self.dataset.files()],
+            self.dataset.stamps_ns.tolist(),
+            self.config.fusion.model_dump(),
+            self.config.descriptors.model_dump(),
+            self.bad_frames,
+        ]
+        key = hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:12]
+        return partial_folder(self.folder, self.config.fusion.source, self.names, key)
+
+    def run(self, jobs: int) -> Iterator[int]:
+        """Do the chunks that are missing; yield the number of frames in each chunk."""
+        missing = [chunk for chunk in self._chunks() if not self._chunk_path(chunk).exists()]
+        frames = (index for chunk in missing for index in chunk)
+        with ThreadPoolExecutor(jobs) as pool:
+            # Some ahead, so that nobody waits for the slowest of a chunk or while it is written.
+            described = in_order(pool, self._frame, frames, 4 * jobs)
+            try:
+                for chunk in self._chunks():
+                    if chunk in missing:
+                        save_chunk(self._chunk_path(chunk), list(islice(described, len(chunk))))
+                    yield len(chunk)
+            except BaseException:
+                pool.shutdown(wait=True, cancel_futures=True)
+                raise
+
+    def finish(self) -> list[DescriptorRun]:
+        """Join the chunks into runs, store these, and forget the chunks."""
+        joined = joined_chunks([self._chunk_path(chunk) for chunk in self._chunks()])
+        skipped = self._skipped(joined)
+        runs = [self._descriptor_run(name, joined, skipped) for name in self.names]
+        for run in runs:
+            run.save(run_path(self.folder, run.source, run.descriptor))
+        forget_partial(self.folder, self.config.fusion.source, self.names)
+        return runs
+
+    def _chunks(self) -> list[range]:
+        count = len(self.dataset)
+        return [range(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK)]
+
+    def _chunk_path(self, chunk: range) -> Path:
+        return self.partial / f"{chunk.start:06d}.npz"
+
+    def _frame(self, index: int) -> Described:
+        try:
+            return self._described(index)
+        except DataError as error:
+            if self.bad_frames == "skip":
+                return Described(index, reason=str(error))
+            number = int(self.dataset.numbers[index])
+            raise DataError(f"{self.dataset.name}, frame {number}: {error}") from error
+
+    def _described(self, index: int) -> Described:
+        clock = _Clock()
+        frame = self.dataset[index]
+        _load(frame, self.config.fusion.source)
+        clock.lap("load")
+        cloud = fuse(frame, self.config.fusion)
+        clock.lap("fuse")
+        vectors = {}
+        for name in self.names:
+            vectors[name] = describe(cloud, name, self.config.descriptors)
+            clock.lap(name)
+        return Described(index, vectors, len(cloud), clock.seconds)
+
+    def _skipped(self, joined: Arrays) -> dict[int, str]:
+        """Frame numbers left out, and why; says so in the log."""
+        numbers = self.dataset.numbers[joined["bad"]].tolist()
+        skipped = dict(zip(numbers, joined["reasons"].tolist(), strict=True))
+        if not len(joined["rows"]):
+            number, reason = next(iter(skipped.items()))
+            raise DataError(
+                f"{self.dataset.name}: no frame can be described; frame {number}: {reason}"
+            )
+        for number, reason in skipped.items():
+            logger.warning("%s, frame %d left out: %s", self.dataset.name, number, reason)
+        return skipped
+
+    def _descriptor_run(self, name: str, joined: Arrays, skipped: dict[int, str]) -> DescriptorRun:
+        rows, poses = joined["rows"], self.dataset.poses
+        return DescriptorRun(
+            source=self.config.fusion.source,
+            descriptor=name,
+            dataset=self.dataset.name,
+            descriptors=joined[f"vectors.{name}"],
+            frames=rows,
+            stamps_ns=self.dataset.stamps_ns[rows],
+            poses=None if poses is None else poses[rows],
+            seconds={
+                "load": joined["seconds.load"],
+                "fuse": joined["seconds.fuse"],
+                "describe": joined[f"seconds.{name}"],
+            },
+            peak_memory_bytes=self._working_memory(name, int(rows[joined["points"].argmax()])),
+            points=joined["points"],
+            config=self.config.model_dump(mode="json"),
+            numbers=self.dataset.numbers[rows],
+            skipped=skipped,
+        )
+
+    def _working_memory(self, name: str, largest: int) -> int:
+        """Memory that describing the largest cloud takes on top of what was there before."""
+        cloud = fuse(self.dataset[largest], self.config.fusion)
+        return peak_memory(lambda: describe(cloud, name, self.config.descriptors))
+
+
+def run_path(folder: str | os.PathLike[str], source: str, descriptor: str) -> Path:
+    """Where describe_dataset stores a run."""
+    return Path(folder) / f"{source}-{descriptor}.npz"
+
+
+def load_runs(folder: str | os.PathLike[str]) -> list[DescriptorRun]:
+    """All runs in a folder. Raises DataError if there is none."""
+    paths = run_files(folder)
+    if not paths:
+        raise DataError(f"{folder} holds no descriptor runs: make some with fusionslam describe")
+    return [DescriptorRun.load(path) for path in paths]
+
+
+def run_files(folder: str | os.PathLike[str]) -> list[Path]:
+    """The files of all descriptor runs in a folder, by name."""
+    return sorted(Path(folder).glob("*-*.npz"))
+
+
+def _state(path: Path) -> list[Any]:
+    """What changes when a file does; a file that is gone is reported when it is read."""
+    with suppress(OSError):
+        status = path.stat()
+        return [str(path), status.st_size, status.st_mtime_ns]
+    return [str(path)]
+
+
+class _Clock:
+    """Seconds since the last lap, by name."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.seconds[name] = now - self._last
+        self._last = now
+
+
+def _load(frame: Any, source: str) -> None:
+    """Read what the source needs now, so that reading is timed apart from fusing."""
+    if source != "stereo":
+        _ = frame.points
+    for camera in {"lidar": ("left",), "stereo": ("left", "right")}.get(source, ()):
+        if camera in frame.images:
+            _ = frame.images[camera]

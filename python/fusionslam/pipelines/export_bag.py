@@ -1,0 +1,216 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Coloured clouds of a whole recording as a bag: ROS 1, ROS 2 SQLite or MCAP."""
+
+import logging
+import os
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+from fusionslam.fusion import FusionConfig, frame_from_points, fuse
+from fusionslam.pipelines.export_folder import refuse_input
+from fusionslam.pipelines.recording import Recording
+from fusionslam.sensors.frame import Frame
+from fusionslam.sensors.messages import (
+    Event,
+    FrameTransform,
+    FrameTransforms,
+    Message,
+    Odometry,
+    Scan,
+)
+
+if TYPE_CHECKING:
+    from fusionslam.datasets import Dataset
+
+logger = logging.getLogger(__name__)
+
+BAG_SUFFIXES = (".bag", ".db3", ".mcap")
+CLOUDS, ODOMETRY, TRUTH = "/rgb_cloud", "/odom", "/ground_truth"
+WORLD, ODOM, ROBOT, SCAN = "world", "odom", "base_footprint", "lidar"
+_FRAME_IDS = {"scan": SCAN, "camera": "camera", "robot": ROBOT, "odometry": ODOM}
+# How ``Dataset.pose_frame`` of a bag says that odometry is all that is known of its poses.
+_BY_ODOMETRY = "by odometry in"
+
+Matrix = NDArray[np.float64]
+
+
+def write_cloud_bag(
+    recording: Recording,
+    path: str | os.PathLike[str],
+    config: FusionConfig,
+    *,
+    jobs: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Write a bag of clouds on /rgb_cloud, with what is known of the robot's motion.
+
+    /odom holds the odometry of the frames; /ground_truth their poses in the world, all of them,
+    if they are known by more than odometry; /tf links world, odom, base_footprint, the scan's frame
+    (lidar) and camera as far as they are known, /tf_static those of lidar and camera that are the
+    same in all frames. Stamps are those of the frames. Memory does not grow with the recording.
+
+    Args:
+        recording: the data.
+        path: file ending in .bag or .mcap, or a folder ending in .db3.
+        config: how frames become clouds.
+        jobs: frames worked on at a time.
+        progress: called with (frames done, frames in all).
+
+    Raises:
+        DataError: a frame that cannot be read or fused, a bag that cannot be written or is the
+            recording itself; what was written until then is kept, as ``open_writer`` says.
+    """
+    from fusionslam.datasets.bags import open_writer
+
+    target = Path(path).expanduser()
+    _refuse_own_input(recording, target)
+    dataset = recording.open(config.source)
+    if target.exists():
+        logger.warning("%s is there already and will be replaced", target)
+    maker = _Maker(dataset, config, _fixed_frames(dataset))
+    with open_writer(target) as bag, ThreadPoolExecutor(max(jobs, 1)) as pool:
+        for done, events in enumerate(_in_order(pool, maker, max(jobs, 1)), start=1):
+            for event in events:
+                bag.write(event)
+            if progress is not None:
+                progress(done, len(dataset))
+    return target
+
+
+def _refuse_own_input(recording: Recording, target: Path) -> None:
+    """Raise DataError if the bag, or what is kept of it after an error, would replace the data."""
+    for path in (target, target.with_name(f"{target.stem}.partial{target.suffix}")):
+        refuse_input(recording, path)
+        # A bag of ROS 2 is a folder, and either that or the file in it may be what is read.
+        source, there = Path(recording.path), path.resolve()
+        inside = there.exists() and source in there.parents and (source / "metadata.yaml").exists()
+        if there in source.parents or inside:
+            raise DataError(f"{target} is part of {source}, which is read: write to another place")
+
+
+def _in_order(pool: ThreadPoolExecutor, maker: "_Maker", ahead: int) -> Iterator[list[Event]]:
+    """The events of all frames in order; no more than ``ahead`` frames are held at a time."""
+    waiting: deque[Future[list[Event]]] = deque()
+    try:
+        for index in range(len(maker.dataset)):
+            waiting.append(pool.submit(maker.events, index))
+            if len(waiting) > ahead:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        for left in waiting:
+            left.cancel()
+
+
+def _fixed_frames(dataset: "Dataset") -> frozenset[str]:
+    """The scan's frame and the camera's, as far as they are where they were in all frames.
+
+    A camera of a bag moves from frame to frame against the scan if both are taken at other times.
+    """
+    fixed = {SCAN: True, _FRAME_IDS["camera"]: True}
+    first = dataset[0]
+    for index in range(len(dataset)):
+        frame = dataset[index]
+        fixed[SCAN] &= _same(frame.robot_from_points, first.robot_from_points)
+        fixed[_FRAME_IDS["camera"]] &= _same(_camera_place(frame), _camera_place(first))
+        if not any(fixed.values()):
+            break
+    return frozenset(name for name, is_fixed in fixed.items() if is_fixed)
+
+
+def _camera_place(frame: Frame) -> Matrix | None:
+    return frame.cameras["left"].rectified_from_points if "left" in frame.cameras else None
+
+
+def _same(one: Matrix | None, other: Matrix | None) -> bool:
+    return one is not None and other is not None and np.allclose(one, other, rtol=0, atol=1e-9)
+
+
+@dataclass(frozen=True)
+class _Maker:
+    """Makes the messages of single frames; shared by all threads."""
+
+    dataset: "Dataset"
+    config: FusionConfig
+    fixed: frozenset[str] = frozenset()
+
+    def events(self, index: int) -> list[Event]:
+        frame, stamp_ns = self.dataset[index], int(self.dataset.stamps_ns[index])
+        try:
+            cloud = fuse(frame, self.config)
+        except DataError as error:
+            number = self.dataset.numbers[index]
+            raise DataError(f"{self.dataset.name}, frame {number}: {error}") from error
+        name = _FRAME_IDS[self.config.frame]
+        scan = Scan(stamp_ns=stamp_ns, frame_id=name, points=cloud.points, colors=cloud.colors)
+        messages: list[tuple[str, Message]] = []
+        links = self._links(frame, stamp_ns)
+        for topic, is_static in (("/tf_static", True), ("/tf", False)):
+            chosen = tuple(link for link in links if link.static is is_static)
+            # What is fixed is said once.
+            if chosen and (index == 0 or not is_static):
+                messages.append((topic, FrameTransforms(transforms=chosen)))
+        messages += [(topic, odometry) for topic, odometry in self._motion(frame, stamp_ns)]
+        messages.append((CLOUDS, scan))
+        return [Event(topic, stamp_ns, message) for topic, message in messages]
+
+    def _motion(self, frame: Frame, stamp_ns: int) -> list[tuple[str, Odometry]]:
+        found = []
+        if frame.odometry is not None:
+            found.append((ODOMETRY, _odometry(stamp_ns, ODOM, ROBOT, frame.odometry)))
+        world_from_scan = self._world_from_scan(frame)
+        if world_from_scan is not None:
+            on_robot = frame.robot_from_points is not None
+            place = frame_from_points(frame, "robot" if on_robot else "scan")
+            pose = world_from_scan @ np.linalg.inv(place)
+            found.append((TRUTH, _odometry(stamp_ns, WORLD, ROBOT if on_robot else SCAN, pose)))
+        return found
+
+    def _links(self, frame: Frame, stamp_ns: int) -> tuple[FrameTransform, ...]:
+        """A tree: world, odom, base_footprint, lidar, camera, without what is not known."""
+        chain: list[tuple[str, Matrix]] = []  # name, name_from_scan; from the root down
+        world_from_scan = self._world_from_scan(frame)
+        if world_from_scan is not None:
+            chain.append((WORLD, world_from_scan))
+        if frame.robot_from_points is not None:
+            if frame.odometry is not None:
+                chain.append((ODOM, frame_from_points(frame, "odometry")))
+            chain.append((ROBOT, frame_from_points(frame, "robot")))
+        chain.append((SCAN, np.eye(4)))
+        if "left" in frame.cameras:
+            chain.append((_FRAME_IDS["camera"], frame_from_points(frame, "camera")))
+        return tuple(
+            FrameTransform(
+                stamp_ns=stamp_ns,
+                parent=parent,
+                child=child,
+                parent_from_child=parent_from_scan @ np.linalg.inv(child_from_scan),
+                static=child in self.fixed,
+            )
+            for (parent, parent_from_scan), (child, child_from_scan) in pairwise(chain)
+        )
+
+    def _world_from_scan(self, frame: Frame) -> Matrix | None:
+        if frame.pose is None:
+            return None
+        # Whether odometry is all that is known is the recording's matter, not that of a frame, in
+        # which the truth may happen to be the same.
+        if frame.odometry is not None and _BY_ODOMETRY in self.dataset.pose_frame:
+            return None
+        body_from_points = self.dataset.body_from_points
+        return frame.pose if body_from_points is None else frame.pose @ body_from_points
+
+
+def _odometry(stamp_ns: int, frame_id: str, child: str, pose: Matrix) -> Odometry:
+    return Odometry(stamp_ns=stamp_ns, frame_id=frame_id, child_frame_id=child, pose=pose)

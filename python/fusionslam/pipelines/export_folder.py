@@ -1,0 +1,153 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Coloured clouds of a whole recording as a plain folder, which ``open_dataset`` reads again."""
+
+import logging
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets import write_cloud, write_poses_tum
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.fusion import FusionConfig, frame_from_points, fuse
+from fusionslam.pipelines.recording import Recording
+from fusionslam.pipelines.results import Work, claim
+from fusionslam.storage.files import atomic_path
+
+if TYPE_CHECKING:
+    from fusionslam.datasets import Dataset
+
+logger = logging.getLogger(__name__)
+
+FORMATS = ("ply", "pcd", "bin")
+
+
+def write_clouds(
+    recording: Recording,
+    folder: str | os.PathLike[str],
+    config: FusionConfig,
+    *,
+    format: str = "ply",
+    jobs: int = 1,
+    command: str = "",
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Write ``clouds/NNNNNN.<format>``, times.txt and, if the data has them, poses of the scans.
+
+    Files are numbered as the frames of the dataset. Clouds that are there already are kept: a
+    call that was interrupted goes on. Format bin drops the colours.
+
+    Args:
+        recording: the data.
+        folder: where to.
+        config: how frames become clouds.
+        format: one of ``FORMATS``.
+        jobs: frames worked on at a time.
+        command: what to store as the command that led here.
+        progress: called with (frames done, frames in all).
+
+    Raises:
+        DataError: a frame that cannot be read or fused, a folder that cannot be written, holds
+            other clouds or is the recording itself. ConfigError: unknown format.
+    """
+    if format not in FORMATS:
+        raise ConfigError(f"format is {format!r}, expected one of {', '.join(FORMATS)}")
+    root = Path(folder).expanduser()
+    refuse_input(recording, root)
+    _refuse_foreign(root)
+    dataset = recording.open(config.source)
+    about = {
+        "fusion": config.model_dump(mode="json"),
+        "format": format,
+        # Clouds are numbered from 0 on, whatever is missing: other frames are other clouds.
+        "frames": dataset.numbers.tolist(),
+    }
+    work = Work(recording, dataset.name, command, about=about)
+    claim(root, work)
+    _write_texts(root, dataset, config)
+    writer = _Writer(dataset, config, root / "clouds", format)
+    with ThreadPoolExecutor(max(jobs, 1)) as pool:
+        try:
+            for done, _ in enumerate(pool.map(writer.write, range(len(dataset))), start=1):
+                if progress is not None:
+                    progress(done, len(dataset))
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+    return root
+
+
+def refuse_input(recording: Recording, target: Path) -> None:
+    """Raise DataError if writing to ``target`` would replace what is read."""
+    source, there = Path(recording.path), target.resolve()
+    if there == source or (target.exists() and source.exists() and target.samefile(source)):
+        raise DataError(f"{target} is the recording that is read: write to another place")
+
+
+def _refuse_foreign(root: Path) -> None:
+    """Raise DataError where files that no earlier call wrote have the names of ours."""
+    if Work.load(root) is not None:
+        return
+    for name in ("clouds", "times.txt", "poses.txt"):
+        if (root / name).exists():
+            raise DataError(
+                f"{root} holds {name}, which no earlier fuse wrote: choose another folder"
+            )
+
+
+@dataclass(frozen=True)
+class _Writer:
+    """Writes single clouds; shared by all threads."""
+
+    dataset: "Dataset"
+    config: FusionConfig
+    folder: Path
+    suffix: str
+
+    def write(self, index: int) -> None:
+        path = self.folder / f"{index:06d}.{self.suffix}"
+        if path.exists():
+            return
+        try:
+            write_cloud(path, fuse(self.dataset[index], self.config))
+        except DataError as error:
+            number = self.dataset.numbers[index]
+            raise DataError(f"{self.dataset.name}, frame {number}: {error}") from error
+
+
+def _write_texts(root: Path, dataset: "Dataset", config: FusionConfig) -> None:
+    with atomic_path(root / "times.txt") as temporary:
+        seconds = (Decimal(stamp).scaleb(-9) for stamp in dataset.stamps_ns.tolist())
+        temporary.write_text("".join(f"{second:f}\n" for second in seconds), encoding="ascii")
+    poses = cloud_poses(dataset, config)
+    if poses is not None:
+        write_poses_tum(root / "poses.txt", dataset.stamps_ns, poses)
+
+
+def cloud_poses(dataset: "Dataset", config: FusionConfig) -> NDArray[np.float64] | None:
+    """float64 (N, 4, 4), world_from_cloud of the clouds' frame; None if the data have no poses.
+
+    Raises:
+        DataError: a frame does not say where the frame of its cloud is.
+    """
+    if dataset.poses is None:
+        return None
+    # A plain folder's poses are those of its points.
+    body_from_points = np.eye(4) if dataset.body_from_points is None else dataset.body_from_points
+    scans = dataset.poses @ body_from_points
+    if config.frame == "scan":
+        return scans
+    if config.frame == "odometry":
+        logger.warning(
+            "poses.txt says where odometry begins, as the clouds lie in it: "
+            "loops cannot be judged by it"
+        )
+    moved = [frame_from_points(dataset[i], config.frame) for i in range(len(dataset))]
+    return np.asarray(scans @ np.linalg.inv(moved), dtype=np.float64)

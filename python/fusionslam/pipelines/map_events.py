@@ -1,0 +1,231 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The stamped events of a tour: odometry of one kind, and what a source of views looks at."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
+from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, simulate_odometry
+from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.pipelines.drive_images import template_views
+from fusionslam.pipelines.tours import Progress, Tour
+from fusionslam.pipelines.visual_odometry import seen_motions
+from fusionslam.ratslam.events import Event, Look, Motion
+from fusionslam.ratslam.view_sources import MatcherSource, TemplateSource, ViewSource
+from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
+from fusionslam.sensors.messages import Odometry
+
+OdometryName = Literal["topic", "visual", "truth", "truth+noise"]
+ODOMETRY: tuple[str, ...] = get_args(OdometryName)
+"""What may tell how a robot moved."""
+
+_SEEN_DRIFT = {"drift_m": 0.15, "drift_turn": 0.03, "drift_heading": 0.03}
+
+RATE_HZ = 30.0
+"""Odometry messages a second that are made of the truth."""
+
+_NO_ERRORS = OdometryConfig()
+
+
+def expected_drift(odometry: str | None) -> dict[str, float]:
+    """Options of the map that differ from its defaults for odometry of this kind: that of a camera
+    alone strays farther than that of wheels, and right loops must not look wrong beside it.
+
+    Args:
+        odometry: one of ``ODOMETRY``, or None.
+    """
+    return dict(_SEEN_DRIFT) if odometry == "visual" else {}
+
+
+@dataclass(frozen=True)
+class Unreadable:
+    """Something to look at that cannot be read, and why."""
+
+    stamp_ns: int
+    error: FusionSlamError
+
+
+@dataclass(frozen=True, eq=False)
+class RunEvents:
+    """What RatSLAM is fed with.
+
+    Attributes:
+        name: of the tour.
+        odometry: what tells the motion, for people.
+        motions: odometry in the order of stamps.
+        look_stamps_ns: int64 (m), increasing, when something is looked at.
+        item: what is looked at, by its place among those.
+        truth: where the robot truly was; None where nobody knows.
+    """
+
+    name: str
+    odometry: str
+    motions: Sequence[Odometry | Motion]
+    look_stamps_ns: NDArray[np.int64]
+    item: Callable[[int], Any]
+    truth: Trajectory | None = None
+
+    def after(self, moved_ns: int | None, looked_ns: int | None) -> "RunEvents":
+        """The odometry later than one stamp and the looks later than another; None for all.
+
+        Raises:
+            DataError: there is nothing later.
+        """
+        motions = [one for one in self.motions if moved_ns is None or one.stamp_ns > moved_ns]
+        first = (
+            0
+            if looked_ns is None
+            else int(np.searchsorted(self.look_stamps_ns, looked_ns, side="right"))
+        )
+        if not motions and first == len(self.look_stamps_ns):
+            seconds = max(moved_ns or 0, looked_ns or 0) / 1e9
+            raise DataError(
+                f"{self.name}: nothing later than {seconds:.3f} s, where the earlier map ended"
+            )
+        return replace(
+            self,
+            motions=motions,
+            look_stamps_ns=self.look_stamps_ns[first:],
+            item=lambda index: self.item(first + index),
+        )
+
+    def __len__(self) -> int:
+        return len(self.motions) + len(self.look_stamps_ns)
+
+    def __iter__(self) -> Iterator[Event | Unreadable]:
+        """The events in the order of their stamps, of equal ones odometry first; read when asked
+        for."""
+        stamps = [motion.stamp_ns for motion in self.motions]
+        places = np.searchsorted(stamps, self.look_stamps_ns, side="right").tolist()
+        done = 0
+        for look, place in enumerate(places):
+            yield from self.motions[done:place]
+            done = place
+            yield self._look(look)
+        yield from self.motions[done:]
+
+    def _look(self, index: int) -> Look | Unreadable:
+        stamp_ns = int(self.look_stamps_ns[index])
+        try:
+            return Look(stamp_ns, self.item(index))
+        except (DataError, ShapeError) as error:
+            return Unreadable(stamp_ns, error)
+
+
+def events_of(
+    tour: Tour,
+    source: ViewSource,
+    odometry: str | None = None,
+    errors: OdometryConfig = DRIFT,
+    *,
+    seen: VisualOdometryConfig | None = None,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> RunEvents:
+    """What RatSLAM is fed with on a tour, from the first view to the last.
+
+    Args:
+        tour: scans or images, and the motion.
+        source: what recognises places.
+        odometry: one of ``ODOMETRY``; None for the topic where there is one, else the truth.
+        errors: of truth+noise.
+        seen: how speed is seen in images, of visual odometry; None for the defaults.
+        jobs: images that are rendered at a time.
+        progress: told about that.
+
+    Raises:
+        DataError: the tour lacks what is asked for. ConfigError: an unknown kind of odometry.
+    """
+    stamps_ns, item = _looks(tour, source, jobs, progress)
+    if odometry == "visual":
+        title, motions = seen_motions(tour, seen, jobs=jobs, progress=progress)
+    else:
+        title, motions = motions_of(tour, odometry, errors)
+    return RunEvents(tour.name, title, during(motions, stamps_ns), stamps_ns, item, tour.truth)
+
+
+def motions_of(
+    tour: Tour, odometry: str | None, errors: OdometryConfig
+) -> tuple[str, list[Odometry | Motion]]:
+    """What tells the motion, for people, and all that it says. Raises as ``events_of``."""
+    if odometry is None and tour.topic is None and tour.truth is None:
+        raise DataError(
+            f"{tour.name} has neither odometry messages nor true poses; odometry may be 'visual' "
+            "where there are images"
+        )
+    chosen = odometry or ("topic" if tour.topic is not None else "truth")
+    if chosen == "topic":
+        return f"topic {tour.topic}", [*tour.odometry()]
+    if chosen == "truth":
+        return "truth", _made(tour.true_way(), _NO_ERRORS)
+    if chosen == "truth+noise":
+        return _drift_title(errors), _made(tour.true_way(), errors)
+    raise ConfigError(f"odometry is {odometry!r}, expected one of {', '.join(ODOMETRY)}")
+
+
+def _made(way: Trajectory, errors: OdometryConfig) -> list[Odometry | Motion]:
+    track = simulate_odometry(way, errors, RATE_HZ)
+    return [
+        Odometry(
+            stamp_ns=int(stamp_ns),
+            frame_id="odom",
+            child_frame_id="base_footprint",
+            pose=pose,
+            linear=linear,
+            angular=angular,
+        )
+        for stamp_ns, pose, linear, angular in zip(*track, strict=True)
+    ]
+
+
+def _drift_title(errors: OdometryConfig) -> str:
+    values = errors.model_dump(exclude_defaults=True)
+    said = ", ".join(f"{name} {value:g}" for name, value in values.items())
+    return f"truth with errors ({said or 'none'})"
+
+
+def _looks(
+    tour: Tour, source: ViewSource, jobs: int, progress: Progress | None
+) -> tuple[NDArray[np.int64], Callable[[int], Any]]:
+    """When there is something to look at, and what."""
+    if isinstance(source, TemplateSource):
+        return _image_looks(tour, source, jobs, progress)
+    ground = isinstance(source, MatcherSource) and source.matcher.fusion_config.ground == "none"
+    return tour.stamps_ns, lambda index: tour.scan(index, ground=ground)
+
+
+def _image_looks(
+    tour: Tour, source: TemplateSource, jobs: int, progress: Progress | None
+) -> tuple[NDArray[np.int64], Callable[[int], Any]]:
+    """Images; of rendered ones what templates keep of them, which is cached."""
+    config = source.templates.config
+    images = tour.images(config.bottom)
+    if images is None or not len(images):
+        raise DataError(f"{tour.name}: no images, which visual templates look at")
+    stamps_ns = np.round(images.seconds * 1e9).astype(np.int64)
+    if images.key is None:
+        return stamps_ns, images.image
+    label = f"{tour.name}: {images.origin}"
+    show = None if progress is None else lambda done, total: progress(label, done, total)
+    made = template_views(images, config, jobs=jobs, progress=show)
+    return stamps_ns, made.views.__getitem__
+
+
+def during(
+    motions: Sequence[Odometry | Motion], stamps_ns: NDArray[np.int64]
+) -> list[Odometry | Motion]:
+    """Odometry from the last one before the first view to the first one after the last view.
+
+    Args:
+        motions: in the order of stamps.
+        stamps_ns: int64 (m), m > 0, increasing, of the views.
+    """
+    stamps = np.array([motion.stamp_ns for motion in motions], np.int64)
+    first = max(int(np.searchsorted(stamps, stamps_ns[0], side="right")) - 1, 0)
+    last = int(np.searchsorted(stamps, stamps_ns[-1], side="left")) + 1
+    return list(motions[first:last])

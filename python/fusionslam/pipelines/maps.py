@@ -1,0 +1,249 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""RatSLAM run over a whole recording, and everything that it did."""
+
+import logging
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError, FusionSlamError, ShapeError
+from fusionslam.evaluation.maps.run import NO_NODE, REFUSED, RatSlamRun
+from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
+from fusionslam.geometry.se2 import wrapped
+from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.pipelines.map_events import RunEvents, Unreadable, events_of, expected_drift
+from fusionslam.pipelines.tours import Progress, open_tour
+from fusionslam.ratslam.events import Event
+from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
+from fusionslam.ratslam.view_sources import SourceOptions, source_named
+from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
+from fusionslam.storage.files import uninterrupted
+from fusionslam.views.match import NO_VIEW
+
+logger = logging.getLogger(__name__)
+
+_FIT = ("error_m", "error_rad", "allowed_m", "allowed_rad")
+_OF_THE_MAP = ("nodes", "node_stamps_ns", "node_views", "links")
+
+# The first and last true pose count for steps this far before and after.
+_BEYOND_S = 0.1
+
+Watch = Callable[[Step, RatSlam, Event], None]
+"""Called after each step, with what was taken."""
+
+
+class RunRecorder:
+    """Steps a ``RatSlam`` and keeps what it did; ``record`` may be asked for at any time.
+
+    A step is done whole or not at all, whenever Ctrl-C is pressed.
+
+    Args:
+        slam: new, or one that goes on.
+        events: what it is fed with.
+        earlier: what the same ``slam`` did before; the record begins with it.
+    """
+
+    def __init__(
+        self, slam: RatSlam, events: RunEvents, *, earlier: RatSlamRun | None = None
+    ) -> None:
+        self.slam, self.events, self._earlier = slam, events, earlier
+        self._steps: list[Step] = []
+        self._activity: list[tuple[NDArray[np.float32], ...]] = []
+        self._notes: list[str] = []
+        self._refused: FusionSlamError | None = None
+
+    @property
+    def has_steps(self) -> bool:
+        """Whether anything was taken yet."""
+        return bool(self._steps)
+
+    def step(self, event: Event | Unreadable) -> Step | None:
+        """Take an event; None of one that is refused, which is noted."""
+        if isinstance(event, Unreadable):
+            self._refuse(event.error)
+            return None
+        with uninterrupted():
+            try:
+                step = self.slam.step(event)
+            except (DataError, ShapeError) as error:
+                self._refuse(error)
+                return None
+            self._keep(step)
+        return step
+
+    def _refuse(self, error: FusionSlamError) -> None:
+        level = logging.WARNING if self._refused is None else logging.INFO
+        logger.log(level, "%s: left out: %s", self.events.name, error)
+        self._refused = self._refused or error
+        self._notes.append(f"left out: {error}")
+
+    def _keep(self, step: Step) -> None:
+        self._steps.append(step)
+        if step.looked:
+            cells = self.slam.cells.activity
+            sums = (cells.sum(axis=axes) for axes in ((1, 2), (0, 1), (0, 2)))
+            self._activity.append(tuple(each.astype(np.float32) for each in sums))
+        elif step.why and not step.action.kind:
+            self._notes.append(f"{step.stamp_ns / 1e9:.3f} s: {step.why}")
+
+    def record(self) -> RatSlamRun:
+        """Everything so far. Raises what was refused first, if nothing was seen."""
+        slam, steps = self.slam, self._steps
+        looked = [step for step in steps if step.looked]
+        if self._refused is not None and not looked:
+            raise self._refused
+        if not steps:
+            raise DataError(f"{self.events.name}: no events")
+        th, x, y = (self._sums(place) for place in range(3))
+        run = RatSlamRun(
+            name=self.events.name,
+            views=slam.views.title if slam.views is not None else "given ids",
+            odometry=self.events.odometry,
+            preset=slam.preset,
+            config=slam.config.model_dump(mode="json"),
+            **_per_step(steps),
+            truth=truth_at(self.events.truth, [step.stamp_ns for step in steps]),
+            why=[step.why for step in looked],
+            notes=list(self._notes),
+            nodes=slam.map.nodes,
+            node_stamps_ns=np.array(slam.memory.node_stamps_ns, np.int64),
+            node_views=np.array(slam.memory.node_views, np.int64),
+            links=slam.map.links,
+            refused=_refusals(steps),
+            activity_th=th,
+            activity_x=x,
+            activity_y=y,
+        )
+        return run if self._earlier is None else joined(self._earlier, run)
+
+    def _sums(self, place: int) -> NDArray[np.float32]:
+        size = self.slam.cells.activity.shape[0 if place == 0 else 1]
+        rows = [sums[place] for sums in self._activity]
+        return np.array(rows, np.float32).reshape(-1, size)
+
+
+def run_ratslam(
+    source: str | os.PathLike[str],
+    views: str = "alignment",
+    odometry: str | None = None,
+    config: RatSlamConfig | None = None,
+    *,
+    options: SourceOptions | None = None,
+    errors: OdometryConfig = DRIFT,
+    seen: VisualOdometryConfig | None = None,
+    jobs: int = 1,
+    progress: Progress | None = None,
+    watch: Watch | None = None,
+) -> RatSlamRun:
+    """Make a map of a recording.
+
+    Args:
+        source: as ``open_tour`` takes it.
+        views: what recognises places, one of ``SOURCES``.
+        odometry: what tells the motion, one of ``ODOMETRY``; None for the topic where there is one,
+            else the truth.
+        config: of the cells and the map; None for the defaults, with the drift that is to be
+            expected of this odometry.
+        options: what views are made with.
+        errors: of odometry "truth+noise".
+        seen: how speed is seen in images, of odometry "visual"; None for the defaults.
+        jobs: images that are rendered at a time.
+        progress: told about progress.
+        watch: called after each step.
+
+    Raises:
+        DataError: the recording cannot be read, or lacks what is asked for. ConfigError: an unknown
+            name.
+    """
+    chosen = source_named(views, options)
+    opened = open_tour(source, jobs=jobs, progress=progress)
+    events = events_of(opened, chosen, odometry, errors, seen=seen, jobs=jobs, progress=progress)
+    config = config or RatSlamConfig.model_validate({"map": expected_drift(odometry)})
+    recorder = RunRecorder(RatSlam(config, views=chosen), events)
+    run_events(recorder, progress, watch)
+    return recorder.record()
+
+
+def run_events(
+    recorder: RunRecorder, progress: Progress | None = None, watch: Watch | None = None
+) -> None:
+    """Take all events of a recorder, but for those that its ``RatSlam`` has seen before.
+
+    Args:
+        recorder: keeps what was done, also when this is interrupted.
+        progress: told about progress.
+        watch: called after each step.
+    """
+    label = f"{recorder.events.name}: mapping"
+    events = recorder.events.after(*recorder.slam.seen_ns)
+    for done, event in enumerate(events, 1):
+        step = recorder.step(event)
+        if step is not None and watch is not None and not isinstance(event, Unreadable):
+            watch(step, recorder.slam, event)
+        if progress is not None:
+            progress(label, done, len(events))
+
+
+def joined(earlier: RatSlamRun, later: RatSlamRun) -> RatSlamRun:
+    """The steps of two runs of the same ``RatSlam``, and the map as it is after the later one."""
+    changes: dict[str, Any] = {}
+    for name, value in vars(later).items():
+        before = getattr(earlier, name)
+        if name in ("why", "notes"):
+            changes[name] = [*before, *value]
+        elif isinstance(value, np.ndarray) and name not in _OF_THE_MAP:
+            changes[name] = None if before is None else np.concatenate([before, value])
+    return replace(later, **changes)
+
+
+def truth_at(truth: Trajectory | None, stamps_ns: list[int]) -> NDArray[np.float64] | None:
+    """float64 (n, 3): true poses at stamps; NaN where they are not known. None if all are not."""
+    if truth is None:
+        return None
+    poses = true_poses(truth, stamps_ns)
+    missing = np.count_nonzero(np.isnan(poses[:, 0]))
+    if missing:
+        logger.warning("%d of %d steps have no true pose", missing, len(poses))
+    return None if missing == len(poses) else poses
+
+
+def true_poses(truth: Trajectory, stamps_ns: list[int]) -> NDArray[np.float64]:
+    """float64 (n, 3): true x, y and heading in (-pi, pi] at stamps; NaN where not known."""
+    seconds = np.array(stamps_ns) / 1e9
+    inside = np.clip(seconds, truth.seconds[0], truth.seconds[-1])
+    known = np.abs(seconds - inside) <= _BEYOND_S
+    places = np.stack(truth.places(inside), axis=1)
+    places[:, 2] = wrapped(places[:, 2])
+    return np.where(known[:, None], places, np.nan)
+
+
+def _per_step(steps: list[Step]) -> dict[str, NDArray[Any]]:
+    def column(kind: type, of: Callable[[Step], Any]) -> NDArray[Any]:
+        return np.array([of(step) for step in steps], kind)
+
+    return {
+        "stamps_ns": column(np.int64, lambda step: step.stamp_ns),
+        "is_view": column(np.bool_, lambda step: step.looked),
+        "view_ids": column(np.int64, lambda s: NO_VIEW if s.view_id is None else s.view_id),
+        "poses": column(np.float64, lambda step: step.pose),
+        "dead_reckoning": column(np.float64, lambda step: step.dead_reckoning),
+        "node_ids": column(np.int64, lambda s: NO_NODE if s.node is None else s.node),
+        "offsets": column(np.float64, lambda step: step.offset),
+        "actions": column(np.int64, lambda step: step.action[:3]),
+        "cells": column(np.float64, lambda step: step.cells),
+        "step_seconds": column(np.float64, lambda step: step.seconds),
+    }
+
+
+def _refusals(steps: list[Step]) -> NDArray[np.void]:
+    rows = []
+    for step in steps:
+        if step.refused is not None and step.loop is not None:
+            fit = [getattr(step.loop, name) for name in _FIT]
+            rows.append((step.stamp_ns, step.refused.source, step.refused.target, *fit))
+    return np.array(rows, REFUSED)

@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is in a recording, as a value that prints."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets.base import FileDataset
+from fusionslam.errors import DataError
+from fusionslam.pipelines.first_frame import first_cloud
+from fusionslam.sensors.frame import Camera
+
+if TYPE_CHECKING:
+    from fusionslam.datasets import Dataset
+    from fusionslam.pipelines.recording import Recording
+
+
+@dataclass(frozen=True)
+class Overview:
+    """What is in a recording.
+
+    Attributes:
+        rows: (what, value) in the order in which people want to know.
+        gaps: numbers of the frames that lack a file.
+    """
+
+    rows: list[tuple[str, str]]
+    gaps: list[int]
+
+    def __str__(self) -> str:
+        return "\n".join(f"{name:<16}{value}" for name, value in self.rows)
+
+
+def overview(dataset: "Dataset") -> Overview:
+    """Look at a recording; reads no scan and of the images only their size.
+
+    Raises:
+        DataError: a file that cannot be read.
+    """
+    return Overview(list(_rows(dataset)), [int(number) for number in dataset.gaps])
+
+
+def look_at(recording: "Recording") -> Overview:
+    """Look at a recording and fuse its first frame; of a bag say what is in it.
+
+    A bag that is no dataset is told with the reason.
+
+    Raises:
+        DataError: a file that cannot be read. ConfigError: as ``open_dataset``.
+    """
+    from fusionslam.datasets.bags.reader import bag_kind
+    from fusionslam.datasets.bags.stores import KINDS as BAG_KINDS
+    from fusionslam.pipelines.bag_overview import Inspection
+
+    path = Path(recording.path)
+    if (recording.kind or bag_kind(path)) not in BAG_KINDS:
+        dataset = recording.open()
+        whole = overview(dataset)
+        return Overview([*whole.rows, ("fusion", first_cloud(dataset))], whole.gaps)
+    calibration = Path(recording.calibration) if recording.calibration else None
+    bag = Inspection.of(path, recording.topics, recording.stamps, calibration)
+    rows = [*bag.rows()]
+    try:
+        dataset = recording.open()
+    except DataError as error:
+        return Overview([*rows, ("frames", f"none: {error}"), ("fusion", bag.fusion(None))], [])
+    if not dataset.cameras:
+        rows.append(("cameras", bag.cameras()))
+    rows += [row for row in _rows(dataset) if row[0] not in dict(rows)]
+    return Overview([*rows, ("fusion", bag.fusion(dataset))], list(dataset.gaps))
+
+
+def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:
+    yield "name", dataset.name
+    yield "kind", dataset.kind
+    yield "folder", str(dataset.root)
+    yield "frames", f"{len(dataset)}, numbers {dataset.numbers[0]} to {dataset.numbers[-1]}"
+    yield "time", _time(dataset.stamps_ns)
+    for sensor in dataset.sensors:
+        yield f"sensor {sensor}", dataset.content(sensor)
+    for name, camera in dataset.cameras.items():
+        yield f"camera {name}", calibration_words(camera)
+    if not dataset.cameras:
+        yield "cameras", _no_cameras(dataset)
+    yield from _stereo(dataset)
+    yield "poses", _path(dataset)
+    yield "gaps", _gaps(dataset)
+    yield "time offsets", _offsets(dataset)
+
+
+def _time(stamps_ns: NDArray[np.int64]) -> str:
+    if len(stamps_ns) < 2:
+        return "one instant"
+    steps = np.diff(stamps_ns) / 1e9
+    median = float(np.median(steps))
+    rate = f"{1 / median:.2f} Hz" if median > 0 else "no rate"
+    lasts = (stamps_ns[-1] - stamps_ns[0]) / 1e9
+    return f"{lasts:.1f} s, {rate} (steps {steps.min():.3f} to {steps.max():.3f} s)"
+
+
+def calibration_words(camera: Camera) -> str:
+    """Focal length, centre and size of a camera."""
+    focal = camera.projection[[0, 1], [0, 1]]
+    centre = camera.projection[:2, 2]
+    size = "" if camera.size is None else f", made for {camera.size[0]}x{camera.size[1]}"
+    return (
+        f"focal {focal[0]:.1f} {focal[1]:.1f} px, centre {centre[0]:.1f} {centre[1]:.1f} px{size}"
+    )
+
+
+def _stereo(dataset: "Dataset") -> Iterator[tuple[str, str]]:
+    if {"left", "right"} <= dataset.cameras.keys():
+        left, right = (dataset.cameras[name].projection for name in ("left", "right"))
+        baseline = (left[0, 3] - right[0, 3]) / left[0, 0]
+        yield "stereo", f"baseline {baseline:.3f} m"
+
+
+def _path(dataset: "Dataset") -> str:
+    if dataset.poses is None:
+        return "none"
+    steps = np.linalg.norm(np.diff(dataset.poses[:, :3, 3], axis=0), axis=1)
+    # What was driven where frames are missing is not known.
+    known = np.diff(dataset.numbers) == 1
+    gaps = "" if known.all() else f", {(~known).sum()} gaps not counted"
+    metres = steps[known].sum()
+    # Of a metre or two, the digits matter.
+    path = f"path of {metres:.{0 if metres >= 100 else 1}f} m{gaps}"
+    return f"{len(dataset.poses)} of {dataset.pose_frame}, {path}"
+
+
+def _no_cameras(dataset: "Dataset") -> str:
+    if dataset.body_from_points is not None and dataset.kind.startswith("kitti"):
+        return "no images; the calibration is there and places the scanner"
+    return "no calibration" if {*dataset.sensors} - {"points"} else "no images, no calibration"
+
+
+def _gaps(dataset: "Dataset") -> str:
+    if not dataset.gaps:
+        return "none"
+    some = ", ".join(str(number) for number in dataset.gaps[:8])
+    more = ", ..." if len(dataset.gaps) > 8 else ""
+    if not isinstance(dataset, FileDataset):
+        return f"{len(dataset.gaps)} frames left out, see the log: {some}{more}"
+    return f"{len(dataset.gaps)} frames lack a file: {some}{more} (other commands: --skip-gaps)"
+
+
+def _offsets(dataset: "Dataset") -> str:
+    """Median time of each sensor relative to the first, where each has times of its own."""
+    if len(dataset.sensors) < 2:
+        return "none: one sensor"
+    times = {sensor: dataset.sensor_stamps(sensor) for sensor in dataset.sensors}
+    known = {sensor: stamps for sensor, stamps in times.items() if stamps is not None}
+    if len(known) < 2:
+        return "unknown: the sensors share one time a frame"
+    first, *others = known
+    count = min(len(stamps) for stamps in known.values())
+    parts = []
+    for sensor in others:
+        offsets = (known[sensor][:count] - known[first][:count]) / 1e6
+        parts.append(
+            f"{sensor} {np.median(offsets):+.1f} ms ({offsets.min():+.1f} to {offsets.max():+.1f})"
+        )
+    return f"against {first}: {', '.join(parts)}"

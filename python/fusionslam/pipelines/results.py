@@ -1,0 +1,134 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Folders of results: what ``run.json`` says of them, so that a later command can go on."""
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fusionslam.errors import DataError
+from fusionslam.storage.files import atomic_path
+
+if TYPE_CHECKING:
+    pass
+from fusionslam.pipelines.recording import Recording
+
+FORMAT = "fusionslam.work.2"
+
+
+FILE = "run.json"
+
+
+@dataclass(frozen=True)
+class Work:
+    """What ``run.json`` says about the results in its folder.
+
+    Attributes:
+        recording: what was worked on.
+        dataset: its name.
+        command: what was typed.
+        configs: the configuration in force, by source.
+        about: whatever else belongs to these results; a change of it makes other results.
+        demo: whether the demo made these, and may replace them.
+    """
+
+    recording: Recording
+    dataset: str
+    command: str = ""
+    configs: dict[str, dict[str, Any]] = field(default_factory=dict)
+    about: dict[str, Any] = field(default_factory=dict)
+    demo: bool = False
+
+    def save(self, folder: str | os.PathLike[str]) -> None:
+        """Write ``run.json``, whole or not at all. Raises DataError."""
+        with atomic_path(Path(folder) / FILE) as temporary:
+            content = {"format": FORMAT, **asdict(self)}
+            temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, folder: str | os.PathLike[str]) -> "Work | None":
+        """Read what ``save`` wrote; None where there is none. Raises DataError naming the file."""
+        path = Path(folder) / FILE
+        if not path.exists():
+            return None
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            if content.pop("format", None) != FORMAT:
+                raise DataError(f"{path}: expected format {FORMAT}")
+            return cls(**content | {"recording": Recording(**content["recording"])})
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise DataError(f"{path}: not the description of stored work: {error}") from error
+
+
+def claim(folder: str | os.PathLike[str], work: Work) -> Work:
+    """Take a folder for this work, together with work on the same data that is there already.
+
+    Returns:
+        The work with the configurations of the earlier one that it does not replace.
+
+    Raises:
+        DataError: the folder holds work on other data, or cannot be written.
+    """
+    earlier = Work.load(folder)
+    if earlier is not None:
+        if (earlier.recording.path, earlier.dataset, earlier.about) != (
+            work.recording.path,
+            work.dataset,
+            work.about,
+        ):
+            raise DataError(
+                f"{folder} holds results of {earlier.dataset} ({earlier.recording.path})"
+                f"{_shown(earlier.about)}: choose another folder or delete this one"
+            )
+        work = replace(
+            work,
+            configs=earlier.configs | work.configs,
+        )
+    work.save(folder)
+    return work
+
+
+def _shown(about: Mapping[str, Any]) -> str:
+    return " made with other settings or of other frames" if about else ""
+
+
+def forget_demo(folder: str | os.PathLike[str], recording: Recording) -> None:
+    """Take what an earlier demo made of another drive out of the way, and nothing else.
+
+    Raises:
+        DataError: the folder holds other work, which is kept; or a file cannot be deleted.
+    """
+    earlier = Work.load(folder)
+    if earlier is None or earlier.recording.path == recording.path:
+        return
+    if not earlier.demo:
+        raise DataError(
+            f"{folder} holds results of {earlier.dataset} ({earlier.recording.path}), which the "
+            "demo does not replace: choose another folder"
+        )
+    try:
+        for path in [*_runs_of(earlier, folder), Path(folder) / FILE]:
+            path.unlink()
+    except OSError as error:
+        raise DataError(f"cannot delete {error.filename}: {error.strerror}") from error
+
+
+def _runs_of(work: Work, folder: str | os.PathLike[str]) -> Iterator[Path]:
+    """The runs in a folder that belong to this work; others may lie beside them."""
+    from fusionslam.evaluation import DescriptorRun
+
+    for source in work.configs:
+        for path in sorted(runs_folder(folder).glob(f"{source}-*.npz")):
+            with suppress(DataError):
+                if DescriptorRun.load(path).dataset == work.dataset:
+                    yield path
+
+
+def runs_folder(folder: str | os.PathLike[str]) -> Path:
+    """Where the descriptor runs of a folder of results lie."""
+    inner = Path(folder) / "descriptors"
+    return inner if inner.is_dir() else Path(folder)

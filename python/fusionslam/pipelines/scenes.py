@@ -1,0 +1,189 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""From data to a ``SceneSet``: each frame fused, without its ground, in the robot's frame."""
+
+import logging
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets.range_recording import RangeRecording, RecordingConfig
+from fusionslam.descriptors import (
+    DescriptorConfig,
+    describe,
+    descriptor_named,
+    for_sequence,
+    length_of,
+)
+from fusionslam.errors import DataError
+from fusionslam.fusion import FusionConfig, fuse
+from fusionslam.pipelines.export_folder import cloud_poses
+from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.parallel import in_order
+from fusionslam.views.scene_set import CloudArray, Progress, SceneSet
+
+if TYPE_CHECKING:
+    from fusionslam.datasets import Dataset
+from fusionslam.fusion import ROBOT_FUSION
+from fusionslam.geometry.se2 import places_of
+
+logger = logging.getLogger(__name__)
+
+
+def record_scenes(
+    data: "Dataset | RangeRecording",
+    *,
+    fusion: FusionConfig = ROBOT_FUSION,
+    recording: RecordingConfig | None = None,
+    features: Sequence[str] = (),
+    descriptors: DescriptorConfig | None = None,
+    jobs: int = 1,
+    source: dict[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> SceneSet:
+    """Every scan of a recording as a coloured cloud, with its time and true pose.
+
+    Scans of which nothing is left are kept, and marked as empty.
+
+    Args:
+        data: what ``open_dataset`` or ``RangeRecording.open`` gives.
+        fusion: how frames of a dataset become clouds.
+        recording: how scans of a ``RangeRecording`` become clouds.
+        features: names of descriptors to compute, too.
+        descriptors: their configuration.
+        jobs: frames of a dataset worked on at a time; the result does not depend on it.
+        source: what to store about where the data come from.
+        progress: called with (scans done, scans in all).
+
+    Raises:
+        DataError: a frame that cannot be read or fused, or has no colours; the message names it.
+        ConfigError: an unknown descriptor.
+    """
+    for name in features:
+        descriptor_named(name)
+    if isinstance(data, RangeRecording):
+        scenes = _of_recording(data, recording or RecordingConfig(), progress)
+    else:
+        scenes = _of_dataset(data, fusion, max(jobs, 1), progress)
+    rows = {name: _feature(scenes, name, descriptors or DescriptorConfig()) for name in features}
+    return SceneSet(**scenes, features=rows, source=source or {})
+
+
+def recorded_cloud(
+    data: "Dataset | RangeRecording | SceneSet",
+    number: int,
+    *,
+    fusion: FusionConfig = ROBOT_FUSION,
+    recording: RecordingConfig | None = None,
+) -> Cloud:
+    """One scan's coloured cloud, as ``record_scenes`` makes it, without making the others.
+
+    Args:
+        data: what ``record_scenes`` takes, or what it gave.
+        number: of the scan, as the data number it.
+        fusion, recording: as for ``record_scenes``.
+
+    Raises:
+        DataError: no such scan, no clouds, or a frame that cannot be read or fused.
+    """
+    numbers = np.arange(len(data)) if isinstance(data, RangeRecording) else data.numbers
+    found = np.flatnonzero(numbers == number)
+    if not len(found):
+        known = f"numbered {numbers[0]} to {numbers[-1]}" if len(numbers) else "none"
+        raise DataError(f"{data.name} has no scan {number}; its scans are {known}")
+    row = int(found[0])
+    if isinstance(data, RangeRecording):
+        config = recording or RecordingConfig()
+        return data.cloud(row, config, data.odometry(config))
+    if isinstance(data, SceneSet):
+        if data.clouds is None:
+            raise DataError(f"{data.name} holds no clouds: record it without --only-scenes")
+        return data.clouds[row]
+    return fuse(data[row], fusion)
+
+
+def _of_recording(
+    data: RangeRecording, config: RecordingConfig, progress: Progress | None
+) -> dict[str, Any]:
+    measured, clouds = data.odometry(config), []
+    for index in range(len(data)):
+        clouds.append(data.cloud(index, config, measured))
+        if progress is not None:
+            progress(index + 1, len(data))
+    stamps = np.round(data.seconds * 1e9).astype(np.int64)
+    return _fields(data.name, stamps, np.arange(len(data)), clouds, config.frame, data.poses)
+
+
+def _of_dataset(
+    data: "Dataset", config: FusionConfig, jobs: int, progress: Progress | None
+) -> dict[str, Any]:
+    clouds: list[Cloud] = []
+
+    def fused(index: int) -> Cloud:
+        try:
+            return fuse(data[index], config)
+        except DataError as error:
+            raise DataError(f"{data.name}, frame {data.numbers[index]}: {error}") from error
+
+    with ThreadPoolExecutor(jobs) as pool:
+        try:
+            for cloud in in_order(pool, fused, range(len(data)), 4 * jobs):
+                clouds.append(cloud)
+                if progress is not None:
+                    progress(len(clouds), len(data))
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+    poses = _true_places(data, config)
+    return _fields(data.name, data.stamps_ns, data.numbers, clouds, config.frame, poses)
+
+
+def _fields(
+    name: str,
+    stamps_ns: NDArray[np.int64],
+    numbers: NDArray[np.int64],
+    clouds: list[Cloud],
+    frame: str,
+    poses: NDArray[np.float64] | None,
+) -> dict[str, Any]:
+    stored = CloudArray.of(clouds)
+    return {
+        "name": name,
+        "stamps_ns": stamps_ns,
+        "numbers": numbers,
+        "empty": stored.sizes == 0,
+        "frame": frame,
+        "poses": poses,
+        "clouds": stored,
+    }
+
+
+def _true_places(data: "Dataset", config: FusionConfig) -> NDArray[np.float64] | None:
+    """float64 (n, 3): x, y, yaw of the robot, or of its scanner where that is all that is known."""
+    if data.poses is None:
+        return None
+    on_robot = data[0].robot_from_points is not None
+    poses = cloud_poses(data, config.model_copy(update={"frame": "robot" if on_robot else "scan"}))
+    return None if poses is None else places_of(poses)
+
+
+def _feature(scenes: dict[str, Any], name: str, config: DescriptorConfig) -> NDArray[np.float32]:
+    """float32 (n, D); NaN where a cloud cannot be described, which the log says."""
+    clouds: CloudArray = scenes["clouds"]
+    rows = np.full((len(clouds), length_of(name, config)), np.nan, np.float32)
+    if descriptor_named(name).needs_normals and len(clouds.points):
+        config = for_sequence(config, clouds[int(np.flatnonzero(clouds.sizes)[0])])
+    failed = []
+    for index in range(len(clouds)):
+        try:
+            rows[index] = describe(clouds[index], name, config)
+        except DataError as error:
+            failed.append((index, str(error)))
+    if failed:
+        numbers = [int(scenes["numbers"][index]) for index, _ in failed]
+        logger.warning("%s of %d scans cannot be had: %s", name, len(failed), failed[0][1])
+        logger.info("without %s: %s", name, numbers)
+    return rows

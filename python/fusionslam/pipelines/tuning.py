@@ -1,0 +1,391 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Looks for the parameters of the similarity that judge recorded drives best (Stastny 2022, 4.6).
+
+The thesis uses a genetic algorithm, its author's program differential evolution: both are pymoo's.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.config import Section, merged, option
+from fusionslam.errors import ConfigError, DataError, FusionSlamError
+from fusionslam.evaluation import ViewJudge, ViewReport
+from fusionslam.pipelines.tuning_state import Generation, TuningState
+from fusionslam.pipelines.views import views_of
+from fusionslam.views.comparison import View
+from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig, similarity_config
+from fusionslam.views.scene_set import SceneSet
+
+if TYPE_CHECKING:
+    from pymoo.core.algorithm import Algorithm
+import os
+from typing import TYPE_CHECKING
+
+from fusionslam.storage.files import atomic_path
+
+if TYPE_CHECKING:
+    from fusionslam.views.matcher import ViewMatcherConfig
+    from fusionslam.views.scene_set import SceneSet
+
+Array = NDArray[np.float64]
+Bounds = dict[str, tuple[float, float]]
+
+_THESIS: Bounds = {
+    "color_x0": (0, 15),
+    "color_a": (0, 25),
+    "color_weight": (0, 1),
+    "distance_x0": (0, 1),
+    "distance_a": (0, 25),
+    "distance_weight": (0, 1),
+    "volume_x0": (0, 1),
+    "volume_a": (0, 25),
+    "volume_weight": (0, 1),
+    "ratio_x0": (0, 20),
+    "ratio_a": (0, 25),
+    "ratio_weight": (0, 1),
+    "threshold": (0, 1),
+}
+_ROBUST: Bounds = {
+    "color_x0": (0, 60),
+    "color_a": (0, 2),
+    "color_weight": (0, 1),
+    "distance_x0": (0, 2),
+    "distance_a": (0, 25),
+    "distance_weight": (0, 1),
+    "extent_x0": (0, 2),
+    "extent_a": (0, 25),
+    "extent_weight": (0, 1),
+    "range_slack": (0, 1),
+    "threshold": (0, 1),
+}
+BOUNDS = {"thesis": _THESIS, "robust": _ROBUST}
+"""Numbers to look for by name, and between what values: those of thesis S, and of our preset."""
+_DIGITS = 6
+"""Of each number: what is written is what was tried."""
+_WORST = 1e6
+"""The value of numbers that are no configuration, such as weights that are all 0."""
+
+
+class TuningConfig(Section):
+    """How parameters are looked for, and what a good run is."""
+
+    algorithm: Literal["ga", "de"] = option(
+        "ga", "ga: genetic algorithm (Stastny 2022); de: differential evolution (his program)"
+    )
+    numbers: Literal["thesis", "robust"] = option(
+        "thesis",
+        "which are looked for: thesis: colour, distance, volume, ratio and the "
+        "threshold; robust: colour, distance, extents, range_slack and the threshold",
+    )
+    population: int = option(40, "runs of a generation", ge=4)
+    generations: int = option(100, "generations", ge=1)
+    seed: int = option(0, "decides the random choices", ge=0)
+    false_positives: float = option(1.0, "weight of the share of false positives", ge=0)
+    false_negatives: float = option(1.0, "weight of the share of false negatives", ge=0)
+    loop_recall: float = option(0.0, "weight of 1 - loop recall", ge=0)
+    loop_precision: float = option(0.0, "weight of 1 - loop precision", ge=0)
+    rule: Literal["paper", "author"] = option("paper", "how views are judged")
+
+
+@dataclass(frozen=True, eq=False)
+class TuningResult:
+    """The best that was found.
+
+    Attributes:
+        config: of the matcher, with the numbers found.
+        value: what was minimised.
+        reports: the judged run over each set.
+        best_values: float64 (generations,), the best value until then.
+    """
+
+    config: ViewMatcherConfig
+    value: float
+    reports: Sequence[ViewReport]
+    best_values: Array
+
+
+Progress = Callable[[int, int, float], None]
+
+
+def tune(
+    sets: Sequence[SceneSet],
+    base: ViewMatcherConfig,
+    config: TuningConfig | None = None,
+    *,
+    state: TuningState | None = None,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> TuningResult:
+    """Look for the numbers with which a matcher does best on average over scene sets.
+
+    The numbers of ``base`` are among the first that are tried, so the result is no worse. The
+    result depends on the seed, not on ``jobs``.
+
+    Args:
+        sets: with true poses, and clouds or scenes.
+        base: the matcher's configuration, of which the numbers are changed.
+        config: how to look for them.
+        state: keeps what was tried: a call that was interrupted goes on, and comes to the same end.
+        jobs: processes that try numbers.
+        progress: called with (generations done, generations in all, best value).
+
+    Raises:
+        DataError: a set without poses, or a state that belongs to other data or settings.
+        ConfigError: a matcher that does not compare scenes. FusionSlamError: pymoo is missing.
+    """
+    config = config or TuningConfig()
+    if base.method not in (None, "scenes"):
+        raise ConfigError(f"views.method is {base.method!r}: tuning needs 'scenes'")
+    base = merged(base, {"method": "scenes"})
+    if not sets:
+        raise DataError("there is no scene set to tune on")
+    search = _Search(base, config)
+    trial = Trial(drives_of(sets, base, config.rule), base, config)
+    kept = state or TuningState()
+    kept.begin(search.identity(sets))
+    done: list[Generation] = []
+    with _workers(trial, jobs) as values_of:
+        for generation in search.generations(kept.generations, values_of):
+            if len(done) >= len(kept.generations):
+                kept.add(generation)
+            done.append(generation)
+            if progress is not None:
+                best = min(float(each.values.min()) for each in done)
+                progress(len(done), config.generations, best)
+    return _result(done, trial)
+
+
+Drive = tuple[list[View], ViewJudge]
+
+
+def drives_of(sets: Sequence[SceneSet], base: ViewMatcherConfig, rule: str) -> list[Drive]:
+    """What of scene sets does not depend on the numbers: views and judges."""
+    drives = []
+    for scenes in sets:
+        judge = ViewJudge(scenes.true_poses(), scenes.seconds, rule=rule)
+        drives.append((views_of(scenes, ViewMatcher(base)), judge))
+    return drives
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Tries numbers on drives."""
+
+    drives: Sequence[Drive]
+    base: ViewMatcherConfig
+    config: TuningConfig
+
+    def value(self, numbers: Array) -> float:
+        """What is minimised, of one vector of numbers."""
+        try:
+            reports = self.reports(numbers)
+        except ConfigError:
+            return _WORST
+        return float(np.mean([self._badness(report) for report in reports]))
+
+    def reports(self, numbers: Array) -> list[ViewReport]:
+        """The judged runs. Raises ConfigError if the numbers are no configuration."""
+        config = with_numbers(self.base, self.config.numbers, numbers)
+        reports = []
+        for views, judge in self.drives:
+            matcher = ViewMatcher(config)
+            ids = [matcher.process(view).id for view in views]
+            reports.append(judge.judge(np.array(ids, np.int64)))
+        return reports
+
+    def _badness(self, report: ViewReport) -> float:
+        config = self.config
+        wrong = (
+            config.false_positives * report.false_positives
+            + config.false_negatives * report.false_negatives
+        )
+        # A drive without loops has none to find or to miss.
+        missed = 1 - (1.0 if report.loop_recall is None else report.loop_recall)
+        false = 1 - (1.0 if report.loop_precision is None else report.loop_precision)
+        return (
+            wrong / max(report.n, 1) + config.loop_recall * missed + config.loop_precision * false
+        )
+
+
+def with_numbers(base: ViewMatcherConfig, which: str, numbers: Array) -> ViewMatcherConfig:
+    """The configuration with numbers in the order of ``BOUNDS[which]`` in it."""
+    values = {
+        name: float(f"{number:.{_DIGITS}g}")
+        for name, number in zip(BOUNDS[which], numbers.tolist(), strict=True)
+    }
+    threshold = values.pop("threshold")
+    similarity = base.similarity.model_copy(update=values)
+    return base.model_copy(update={"similarity": similarity, "threshold": threshold})
+
+
+class _Search:
+    """The algorithm, asked for numbers and told their values, generation after generation."""
+
+    def __init__(self, base: ViewMatcherConfig, config: TuningConfig) -> None:
+        self.base, self.config = base, config
+        self.low, self.high = np.array([*BOUNDS[config.numbers].values()], np.float64).T
+
+    def identity(self, sets: Sequence[SceneSet]) -> dict[str, Any]:
+        """What another search differs in; more generations of the same one do not."""
+        return {
+            "views": self.base.model_dump(mode="json"),
+            "tuning": self.config.model_dump(mode="json", exclude={"generations"}),
+            "sets": [scenes.digest() for scenes in sets],
+        }
+
+    def generations(
+        self, known: Sequence[Generation], values_of: Callable[[Array], Array]
+    ) -> Iterator[Generation]:
+        """Each generation: those known are told as they were, the others are tried.
+
+        The algorithm asks for the same numbers again as long as it is told the same values: this
+        needs nothing of what it keeps inside.
+
+        Raises:
+            DataError: it asks for others than those known.
+        """
+        algorithm = self._algorithm()
+        for number in range(self.config.generations):
+            asked = algorithm.ask()
+            numbers = np.array(asked.get("X"), np.float64)
+            if number < len(known):
+                if not np.array_equal(numbers, known[number].numbers):
+                    raise DataError(
+                        f"generation {number} of the tuning kept differs from this one's: another "
+                        "version of pymoo? Delete the state and begin anew"
+                    )
+                values = known[number].values
+            else:
+                values = values_of(numbers)
+            asked.set("F", values[:, None])
+            algorithm.tell(infills=asked)
+            yield Generation(numbers, values)
+
+    def _algorithm(self) -> "Algorithm":
+        try:
+            from pymoo.algorithms.soo.nonconvex.de import DE
+            from pymoo.algorithms.soo.nonconvex.ga import GA
+            from pymoo.core.problem import Problem
+            from pymoo.core.termination import NoTermination
+        except ImportError as error:
+            raise FusionSlamError(
+                f"tuning needs pymoo, which is not installed ({error}): "
+                "pip install 'fusionslam[tune]'"
+            ) from error
+        problem = Problem(n_var=len(self.low), n_obj=1, xl=self.low, xu=self.high)
+        kinds = {"ga": GA, "de": DE}
+        first = self._first()
+        algorithm = kinds[self.config.algorithm](pop_size=len(first), sampling=first)
+        algorithm.setup(problem, termination=NoTermination(), seed=self.config.seed, verbose=False)
+        return algorithm
+
+    def _first(self) -> Array:
+        """float64 (population, d): the numbers of the base, then evenly random ones."""
+        rng = np.random.default_rng([self.config.seed, 0x7E])
+        first = rng.uniform(self.low, self.high, (self.config.population, len(self.low)))
+        core = similarity_config(self.base)
+        matcher = ViewMatcher(self.base)
+        own = [
+            matcher.threshold if name == "threshold" else getattr(core, name)
+            for name in BOUNDS[self.config.numbers]
+        ]
+        first[0] = np.clip(own, self.low, self.high)
+        return np.asarray(first, np.float64)
+
+
+def _result(done: Sequence[Generation], trial: Trial) -> TuningResult:
+    values = np.concatenate([generation.values for generation in done])
+    numbers = np.concatenate([generation.numbers for generation in done])
+    best = int(values.argmin())
+    per_generation = np.array([generation.values.min() for generation in done])
+    return TuningResult(
+        config=with_numbers(trial.base, trial.config.numbers, numbers[best]),
+        value=float(values[best]),
+        reports=trial.reports(numbers[best]),
+        best_values=np.minimum.accumulate(per_generation),
+    )
+
+
+@contextmanager
+def _workers(trial: Trial, jobs: int) -> Iterator[Callable[[Array], Array]]:
+    """A function that gives the values, float64 (k,), of numbers, float64 (k, d)."""
+    if jobs <= 1:
+        yield lambda numbers: np.array([trial.value(row) for row in numbers])
+        return
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    # Processes: a run is as much Python as it is the core. Forking is unsafe beside threads.
+    pool = ProcessPoolExecutor(
+        jobs,
+        mp_context=get_context("spawn"),
+        initializer=_begin,
+        initargs=(trial.drives, trial.base.model_dump(), trial.config.model_dump()),
+    )
+    try:
+        yield lambda numbers: np.array(
+            list(pool.map(_value, numbers, chunksize=math.ceil(len(numbers) / (4 * jobs))))
+        )
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+_trials: list[Trial] = []
+"""The trial of this process, where it is a worker's."""
+
+
+def _begin(drives: Sequence[Drive], base: dict[str, Any], config: dict[str, Any]) -> None:
+    import signal
+
+    # Ctrl-C reaches all processes: the first one ends the others.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _trials[:] = [Trial(drives, merged(ViewMatcherConfig(), base), TuningConfig(**config))]
+
+
+def _value(numbers: Array) -> float:
+    return _trials[0].value(numbers)
+
+
+def write_tuned(
+    path: str | os.PathLike[str],
+    result: "TuningResult",
+    config: "TuningConfig",
+    sets: "Sequence[SceneSet]",
+    command: str,
+) -> None:
+    """Write what was found as YAML, with all values of scenes and similarity.
+
+    A comment says how it was made and how well it does.
+
+    Raises:
+        DataError: the file cannot be written.
+    """
+    import yaml
+
+    settings = ", ".join(f"{key} {value}" for key, value in config.model_dump().items())
+    lines = [f"# {command}", f"# {settings}", f"# value {result.value:.6f}"]
+    for scenes, report in zip(sets, result.reports, strict=True):
+        made = scenes.source.get("command")
+        lines += [f"# {scenes.name}: {made}"] if made else []
+        lines += [f"# {scenes.name}: {line.strip()}" for line in str(report).splitlines()]
+    text = yaml.safe_dump({"views": _values(result.config)}, sort_keys=False)
+    with atomic_path(path) as temporary:
+        temporary.write_text("\n".join([*lines, text]), encoding="utf-8")
+
+
+def _values(config: "ViewMatcherConfig") -> dict[str, Any]:
+    """Everything that decides the ids: a later preset with other values does not change them."""
+    from fusionslam.views.matcher import scene_config, similarity_config
+
+    values = config.model_dump(mode="json", exclude_unset=True)
+    for name, core in (("scene", scene_config(config)), ("similarity", similarity_config(config))):
+        options = type(core).options()
+        values[name] = {entry["name"]: getattr(core, entry["name"]) for entry in options}
+    return {"preset": config.preset, "threshold": config.threshold, **values}

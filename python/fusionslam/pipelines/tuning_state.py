@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a tuning tried, kept after each generation so that it can go on."""
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+from fusionslam.storage.files import DAMAGED, atomic_path
+
+FORMAT = "fusionslam.tuning.1"
+
+
+@dataclass(frozen=True, eq=False)
+class Generation:
+    """Numbers that were tried, float64 (k, d), and their values, float64 (k,)."""
+
+    numbers: NDArray[np.float64]
+    values: NDArray[np.float64]
+
+
+class TuningState:
+    """The generations of a tuning, in a file or, without a path, in memory.
+
+    Args:
+        path: of the file, which need not exist.
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None = None) -> None:
+        self.path = None if path is None else Path(path)
+        self.generations: list[Generation] = []
+        self._identity = ""
+
+    def begin(self, identity: dict[str, Any]) -> None:
+        """Take up what the file holds.
+
+        Raises:
+            DataError: it is cut, of another version, or of a tuning with other data or settings.
+        """
+        self._identity = json.dumps(identity, sort_keys=True)
+        if self.path is None or not self.path.exists():
+            return
+        stored, self.generations = _read(self.path)
+        if stored != self._identity:
+            differing = _differences(json.loads(stored), identity)
+            raise DataError(
+                f"{self.path} belongs to a tuning with other {differing}: delete it, or write to "
+                "another file"
+            )
+
+    def add(self, generation: Generation) -> None:
+        """Keep a generation. Raises DataError if the file cannot be written."""
+        self.generations.append(generation)
+        if self.path is None:
+            return
+        sizes = np.array([len(each.values) for each in self.generations], np.int64)
+        about = json.dumps({"format": FORMAT, "identity": self._identity})
+        with atomic_path(self.path) as temporary, temporary.open("wb") as stream:
+            np.savez(
+                stream,
+                about=np.array(about),
+                sizes=sizes,
+                numbers=np.concatenate([each.numbers for each in self.generations]),
+                values=np.concatenate([each.values for each in self.generations]),
+            )
+
+
+def _read(path: Path) -> tuple[str, list[Generation]]:
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            about = json.loads(str(stored["about"]))
+            if about.get("format") != FORMAT:
+                raise DataError(f"{path} is of format {about.get('format')}, expected {FORMAT}")
+            edges = np.cumsum(stored["sizes"])[:-1]
+            pairs = zip(
+                np.split(stored["numbers"], edges), np.split(stored["values"], edges), strict=True
+            )
+            return str(about["identity"]), [Generation(*pair) for pair in pairs]
+    except DataError:
+        raise
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
+    except DAMAGED as error:
+        raise DataError(f"{path}: no state of a tuning, or cut short: {error}") from error
+
+
+def _differences(before: dict[str, Any], now: dict[str, Any]) -> str:
+    """The names of what differs, such as "tuning.seed, sets"."""
+    names = []
+    for key, value in now.items():
+        other = before.get(key)
+        if isinstance(value, dict) and isinstance(other, dict):
+            names += [f"{key}.{name}" for name in value if other.get(name) != value[name]]
+        elif other != value:
+            names.append(key)
+    return ", ".join(names)

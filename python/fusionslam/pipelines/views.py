@@ -1,0 +1,242 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A whole scene set given to a matcher, scan after scan, and thresholds swept over one."""
+
+import csv
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.descriptors import DescriptorConfig
+from fusionslam.errors import DataError
+from fusionslam.evaluation import ViewJudge, ViewRun
+from fusionslam.evaluation.views.curve import THRESHOLDS, ViewCurve, sweep_views
+from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.files import atomic_path
+from fusionslam.views.comparison import Comparison, View
+from fusionslam.views.match import ViewMatch, ViewStats
+from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig, scene_config
+from fusionslam.views.scene_set import Progress, SceneSet
+from fusionslam.views.two_stage_comparison import TWO_STAGES
+
+# Of alignments, which take too long for a hundred runs.
+_PROBABILITIES = (0.0, 0.5, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98, 0.99, 1.0)
+COLUMNS = ("scan", "stamp_ns", "id", "similarity", "is_new", "matched", "x", "y", "yaw", "reason")
+
+
+@dataclass(frozen=True, eq=False)
+class MatchRun:
+    """What a matcher made of each scan of a set.
+
+    Attributes:
+        scenes: the set.
+        matches: one a scan.
+        stats: of the matcher at the end.
+        threshold: from which similarity scans matched.
+        build_seconds, match_seconds: float64 (n,), what a scan took, to compare it and to find it.
+    """
+
+    scenes: SceneSet
+    matches: Sequence[ViewMatch]
+    stats: ViewStats
+    threshold: float
+    build_seconds: NDArray[np.float64]
+    match_seconds: NDArray[np.float64]
+
+    @property
+    def ids(self) -> NDArray[np.int64]:
+        """int64 (n,), -1 for scans that hold nothing to recognise."""
+        return np.array([match.id for match in self.matches], np.int64)
+
+    @property
+    def similarities(self) -> NDArray[np.float64]:
+        """float64 (n,), of the best stored view."""
+        return np.array([match.similarity for match in self.matches], np.float64)
+
+    def with_truth(self, method: str, config: Mapping[str, Any] | None = None) -> ViewRun:
+        """What is judged and reported. Raises DataError where the set has no true poses.
+
+        Args:
+            method: what gave the ids, for tables.
+            config: what was configured.
+        """
+        clouds, compared = self.scenes.clouds, self.similarities > 0
+        rows = {int(number): row for row, number in enumerate(self.scenes.numbers)}
+        return ViewRun(
+            world=self.scenes.name,
+            method=method,
+            ids=self.ids,
+            poses=self.scenes.true_poses(),
+            stamps=self.scenes.seconds,
+            numbers=self.scenes.numbers,
+            similarities=np.where(compared, self.similarities, np.nan),
+            threshold=self.threshold,
+            build_seconds=self.build_seconds,
+            match_seconds=self.match_seconds,
+            bytes_per_view=self.stats.bytes_per_view,
+            config=dict(config or {}),
+            clouds=None if clouds is None else lambda number: clouds[rows[number]],
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a CSV, one line a scan; scans by their number. Raises DataError."""
+        with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            for index, match in enumerate(self.matches):
+                writer.writerow(self._row(index, match))
+
+    def _row(self, index: int, match: ViewMatch) -> list[Any]:
+        numbers = self.scenes.numbers
+        pose = [f"{value:.6g}" for value in match.relative_pose or ()] or ["", "", ""]
+        matched = "" if match.matched is None else numbers[match.matched]
+        similarity = f"{match.similarity:.9g}"
+        return [
+            numbers[index],
+            self.scenes.stamps_ns[index],
+            match.id,
+            similarity,
+            int(match.is_new),
+            matched,
+            *pose,
+            match.reason,
+        ]
+
+
+def run_views(scenes: SceneSet, matcher: ViewMatcher, progress: Progress | None = None) -> MatchRun:
+    """Give every scan of a set to a matcher.
+
+    Args:
+        scenes: whatever the matcher compares must be in it, or be made of its clouds.
+        matcher: new, or one that goes on.
+        progress: called with (scans done, scans in all).
+
+    Raises:
+        DataError: the set lacks what is compared, or a scan cannot be compared; the message names
+            it.
+    """
+    matches, seconds = [], np.zeros((2, len(scenes)))
+    for index, view in enumerate(_timed(scenes, matcher, seconds[0])):
+        start = time.perf_counter()
+        matches.append(matcher.process(view))
+        seconds[1, index] = time.perf_counter() - start
+        if progress is not None:
+            progress(index + 1, len(scenes))
+    return MatchRun(scenes, matches, matcher.stats, matcher.threshold, seconds[0], seconds[1])
+
+
+def views_of(
+    scenes: SceneSet, matcher: ViewMatcher, progress: Progress | None = None
+) -> list[View]:
+    """What the matcher compares of each scan: built once, for many runs. Raises as run_views."""
+    views = []
+    for view in _timed(scenes, matcher, np.zeros(len(scenes))):
+        views.append(view)
+        if progress is not None:
+            progress(len(views), len(scenes))
+    return views
+
+
+def _timed(scenes: SceneSet, matcher: ViewMatcher, seconds: NDArray[np.float64]) -> Iterator[View]:
+    item_at = _items(scenes, matcher)
+    for index in range(len(scenes)):
+        start = time.perf_counter()
+        try:
+            view = matcher.view(item_at(index))
+        except DataError as error:
+            raise DataError(f"{scenes.name}, scan {scenes.numbers[index]}: {error}") from error
+        seconds[index] = time.perf_counter() - start
+        yield view
+
+
+def _items(scenes: SceneSet, matcher: ViewMatcher) -> Callable[[int], Any]:
+    """What to give the matcher of each scan: what is stored if it fits, else its cloud."""
+    config, kind = matcher.config, matcher.comparison.kind
+    if kind.endswith("alignment") and scenes.frame == "odometry":
+        raise DataError(
+            f"{scenes.name}: alignment needs clouds in the robot's frame, these are in that of "
+            "odometry: record them in frame robot, or compare objects (views.method=scenes)"
+        )
+    if kind in ("scenes", "alignment") and scenes.fits(scene_config(config)):
+        return lambda index: (scenes.scenes or ())[index]
+    if kind == "descriptor" and config.descriptor in scenes.features:
+        rows = scenes.features[config.descriptor]
+        nothing = Cloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
+        return lambda index: nothing if np.isnan(rows[index]).any() else rows[index]
+    if scenes.clouds is None:
+        raise DataError(f"{scenes.name} holds no clouds, and {_lacking(scenes, config, kind)}")
+    return scenes.clouds.__getitem__
+
+
+def _lacking(scenes: SceneSet, config: ViewMatcherConfig, kind: str) -> str:
+    """What else a set without clouds would have to hold."""
+    if kind == "descriptor":
+        return f"no {config.descriptor}: record it with --features {config.descriptor}"
+    if kind.startswith(TWO_STAGES):
+        return "two stages need them: record it without --only-scenes"
+    other = "scenes of another configuration" if scenes.scenes else "no scenes"
+    return f"{other}: record it with these views.scene, or without --only-scenes"
+
+
+def sweep_thresholds(
+    scenes: SceneSet,
+    config: ViewMatcherConfig,
+    *,
+    descriptors: DescriptorConfig | None = None,
+    rule: str = "paper",
+    comparison: Callable[[], Comparison] | None = None,
+    progress: Progress | None = None,
+) -> ViewCurve:
+    """Judge a run with each of a hundred thresholds; the views are built once.
+
+    Object scenes are tried from 0 to 1 in steps of 0.01 (Stastny 2022, 5.4). Other similarities lie
+    closer together: their thresholds divide the similarities to the best earlier scan evenly.
+
+    Args:
+        scenes: with true poses.
+        config: of the matcher, whose threshold is not used.
+        descriptors: how clouds are described, for method "descriptor".
+        rule: of the judge.
+        comparison: makes a new one for each run; None for the configured one.
+        progress: called with (runs done, runs in all).
+
+    Raises:
+        DataError: the set has no poses, or lacks what is compared.
+    """
+    judge = ViewJudge(scenes.true_poses(), scenes.seconds, rule=rule)
+
+    def matcher(threshold: float) -> ViewMatcher:
+        made = comparison() if comparison is not None else None
+        changed = config.model_copy(update={"threshold": threshold})
+        return ViewMatcher(changed, descriptors=descriptors, comparison=made)
+
+    first = matcher(1.0)
+    views = views_of(scenes, first)
+    kind = first.comparison.kind.removeprefix(TWO_STAGES)
+    known = {"scenes": THRESHOLDS, "alignment": _PROBABILITIES}.get(kind)
+    thresholds = list(known or _quantiles(views, first, len(THRESHOLDS)))
+    done = 0
+
+    def ids(threshold: float) -> NDArray[np.int64]:
+        nonlocal done
+        one = matcher(threshold)
+        found = np.array([one.process(view).id for view in views], np.int64)
+        done += 1
+        if progress is not None:
+            progress(done, len(thresholds))
+        return found
+
+    return sweep_views(judge, ids, thresholds)
+
+
+def _quantiles(views: Sequence[View], strict: ViewMatcher, count: int) -> list[float]:
+    """Thresholds that divide the best similarities evenly."""
+    found = [strict.process(view) for view in views]
+    best = [match.similarity for match in found if match.id >= 0 and match.similarity > 0]
+    divided = np.quantile(np.array(best or [0.0]), np.linspace(0, 1, count))
+    return [float(value) for value in np.unique(divided)]

@@ -1,0 +1,165 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Visual odometry over all images of a drive: what it says, as a map takes it."""
+
+import hashlib
+import json
+import logging
+import zipfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+from fusionslam.pipelines.drive_images import Images
+from fusionslam.pipelines.drive_images import Progress as Counted
+from fusionslam.pipelines.tours import Progress, Tour
+from fusionslam.ratslam.events import Motion
+from fusionslam.ratslam.visual_odometry import (
+    Sight,
+    VisualOdometry,
+    VisualOdometryConfig,
+    VisualSpeed,
+)
+from fusionslam.sensors.messages import Odometry
+from fusionslam.storage.files import atomic_path
+from fusionslam.storage.parallel import in_order
+
+logger = logging.getLogger(__name__)
+
+
+def visual_speeds(
+    images: Images, odometry: VisualOdometry, *, jobs: int = 1, progress: Counted | None = None
+) -> list[VisualSpeed | None]:
+    """What visual odometry says at each image; None where it cannot say anything.
+
+    Args:
+        images: of the drive.
+        odometry: new; it has seen all of them afterwards.
+        jobs: images that are read or rendered at a time; the result does not depend on it.
+        progress: called with (images done, images in all).
+
+    Raises:
+        DataError, ShapeError: an image that cannot be read or used.
+    """
+    stamps_ns = image_stamps_ns(images)
+    sights = all_sights(images, odometry, jobs, progress)
+    return [
+        odometry.compare(sight, stamp_ns)
+        for sight, stamp_ns in zip(sights, stamps_ns.tolist(), strict=True)
+    ]
+
+
+def seen_motions(
+    tour: Tour,
+    config: VisualOdometryConfig | None = None,
+    *,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> tuple[str, list[Odometry | Motion]]:
+    """What visual odometry is called, for people, and what it says on a tour.
+
+    Args:
+        tour: with images.
+        config: None for the defaults.
+        jobs: images that are read or rendered at a time; the result does not depend on it.
+        progress: told about that.
+
+    Raises:
+        DataError: no images, or as ``visual_speeds``.
+    """
+    images = tour.images()
+    if images is None or not len(images):
+        raise DataError(f"{tour.name}: no images, which visual odometry looks at")
+    odometry = VisualOdometry(config, camera=images.camera)
+    if images.camera is not None and images.camera.size is not None:
+        images = tour.images(odometry.rows_used(images.camera.size[1])) or images
+    label = f"{tour.name}: {images.origin}"
+    show = None if progress is None else lambda done, total: progress(label, done, total)
+    speeds = visual_speeds(images, odometry, jobs=jobs, progress=show)
+    title = f"visual odometry ({odometry.config.preset})"
+    return title, [*visual_motions(image_stamps_ns(images), speeds)]
+
+
+def visual_motions(
+    stamps_ns: NDArray[np.int64], speeds: Sequence[VisualSpeed | None]
+) -> list[Motion]:
+    """Odometry messages at the stamps of images: a robot that cannot see stands still.
+
+    Args:
+        stamps_ns: int64 (n).
+        speeds: of ``visual_speeds``.
+    """
+    doubts = Counter(
+        speed.why.partition(" by ")[0] for speed in speeds if speed is not None and speed.why
+    )
+    for why, count in doubts.items():
+        logger.warning("visual odometry: at %d of %d images %s", count, len(speeds), why)
+    return [
+        Motion(stamp_ns, 0.0, 0.0) if speed is None else Motion(stamp_ns, speed.v, speed.w)
+        for stamp_ns, speed in zip(stamps_ns.tolist(), speeds, strict=True)
+    ]
+
+
+def image_stamps_ns(images: Images) -> NDArray[np.int64]:
+    """int64 (n): when images were taken."""
+    return np.round(images.seconds * 1e9).astype(np.int64)
+
+
+def all_sights(
+    images: Images, odometry: VisualOdometry, jobs: int = 1, progress: Counted | None = None
+) -> list[Sight]:
+    """What is used of each image; of rendered ones it is kept in the user's cache.
+
+    Raises:
+        DataError, ShapeError: an image that cannot be read or used, or the cache cannot be written.
+    """
+    path = None if images.key is None else _cache_path(images.key, odometry)
+    kept = None if path is None else _kept(path, len(images))
+    if kept is not None:
+        return kept
+    made = [*_made(images, odometry, jobs, progress)]
+    if path is not None and made:
+        with atomic_path(path) as temporary, temporary.open("wb") as file:
+            turns, speeds = (np.stack([getattr(s, n) for s in made]) for n in ("turn", "speed"))
+            np.savez(file, shape=made[0].shape, turns=turns, speeds=speeds)
+    return made
+
+
+def _made(
+    images: Images, odometry: VisualOdometry, jobs: int, progress: Counted | None
+) -> Iterator[Sight]:
+    with ThreadPoolExecutor(max(jobs, 1)) as pool:
+        try:
+            loaded = in_order(pool, images.image, range(len(images)), 4 * max(jobs, 1))
+            for done, image in enumerate(loaded, 1):
+                yield odometry.sight(image)
+                if progress is not None:
+                    progress(done, len(images))
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+
+
+def _cache_path(key: str, odometry: VisualOdometry) -> Path:
+    from fusionslam.storage.cache import cache_folder
+
+    text = json.dumps([key, odometry.config.turn_rows, odometry.config.speed_rows])
+    return cache_folder() / f"profiles-{hashlib.sha256(text.encode()).hexdigest()[:12]}.npz"
+
+
+def _kept(path: Path, count: int) -> list[Sight] | None:
+    """What the cache has; None for nothing, or for a file that is none of ours."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            (height, width), turns, speeds = stored["shape"], stored["turns"], stored["speeds"]
+    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile):
+        return None
+    if not turns.shape == speeds.shape == (count, width) or turns.dtype != np.float64:
+        return None
+    shape = (int(height), int(width))
+    return [Sight(shape, *pair) for pair in zip(turns, speeds, strict=True)]

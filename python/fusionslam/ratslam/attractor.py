@@ -1,0 +1,284 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""How odometry and views move activity on the sheet: as the reference does it, and steadily."""
+
+import math
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam._core import PoseSheet
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.geometry.se2 import (
+    HEADINGS,
+    LAYER,
+    NOWHERE,
+    Place,
+    after,
+    arc,
+    back,
+    differences,
+    on_sheet,
+)
+
+Floats = NDArray[np.float64]
+
+# Sines of the layers out of those of a quarter: opposite ones are equal to the last bit, so that a
+# symmetric packet stays symmetric.
+_QUARTER = np.sin(np.arange(HEADINGS // 4 + 1) * LAYER)
+_HALF = np.concatenate((_QUARTER, _QUARTER[-2:0:-1]))
+_SINES = np.concatenate((_HALF, -_HALF))
+_COSINES = np.roll(_SINES, -HEADINGS // 4)
+# A packet that is decoded farther from where it was than this has given way to another one.
+_JUMP = 1.0
+# What is told farther from the packet than this, in cells and layers, does not belong to it.
+_REACH = 3
+# Ways and silences of more steps of the attractor than this leave nothing but the packet.
+_MOST = 100
+# Steps after which a packet that starts in eight cells has its form.
+_FORMED = 10
+
+
+class Network(Protocol):
+    """A sheet of pose cells with what drives it."""
+
+    @property
+    def best(self) -> Place:
+        """The decoded pose."""
+
+    @property
+    def activity(self) -> Floats:
+        """float64 (36, n, n) by th, y, x: a copy."""
+
+    def move(self, way: float, turn: float, dt: float) -> None:
+        """Odometry: cells forwards, radians, seconds, all finite."""
+
+    def inject(self, place: Place, energy: float) -> None:
+        """A view says that the robot is at this place."""
+
+    def accept(self) -> None:
+        """The place to which the packet jumped is right."""
+
+    def go_back(self) -> None:
+        """It is wrong: be where odometry alone leads to from before the jump."""
+
+    def numbers(self) -> Floats:
+        """What it remembers besides the cells, float64 (k,)."""
+
+    def remember(self, cells: Floats, numbers: Floats) -> None:
+        """Take over ``cells`` and ``numbers``. Raises DataError, ShapeError."""
+
+    @property
+    def cells(self) -> Floats:
+        """What ``remember`` takes: the cells as they are stored."""
+
+
+class ReferenceNetwork:
+    """A step of the attractor with each odometry, as in the reference run (Ball et al. 2013).
+
+    Args:
+        size: cells along x and y.
+        global_inhibition: taken from every cell in each step.
+    """
+
+    def __init__(self, size: int, global_inhibition: float) -> None:
+        self._sheet, self._inhibition = PoseSheet(size), global_inhibition
+        self._best = Place(float(size // 2), float(size // 2), float(HEADINGS // 2))
+
+    @property
+    def best(self) -> Place:
+        return self._best
+
+    @property
+    def activity(self) -> Floats:
+        return self._sheet.activity
+
+    cells = activity
+
+    def move(self, way: float, turn: float, dt: float) -> None:
+        """Heading 0 goes along +y here. Raises DataError for steps of a cell or more."""
+        if abs(way) >= 1:
+            raise DataError(
+                f"odometry: a step of {abs(way):.6g} cells, the openratslam preset takes less than "
+                "one; give shorter steps, larger cells, or preset='robust'"
+            )
+        self._sheet.settle(self._inhibition)
+        self._sheet.move(way * _SINES, way * _COSINES, turn / LAYER)
+        self._best = Place(*self._sheet.decode())
+
+    def inject(self, place: Place, energy: float) -> None:
+        """Into one cell, the one whose corner lies before the place."""
+        x, y, th = map(math.floor, place)
+        self._sheet.inject(x, y, th, energy)
+
+    def accept(self) -> None:
+        """The reference knows no doubt."""
+
+    def go_back(self) -> None:
+        """The reference knows no doubt."""
+
+    def numbers(self) -> Floats:
+        return np.array(self._best)
+
+    def remember(self, cells: Floats, numbers: Floats) -> None:
+        _check_numbers(numbers, 3, self._sheet.activity.shape[1])
+        _take_over(self._sheet, cells)
+        self._best = Place(*numbers.tolist())
+
+
+class SteadyNetwork:
+    """A step of the attractor every ``step_s`` seconds or every cell of way; exact motion between.
+
+    The attractor pulls a packet towards the middle of cells, which makes it up to a fifth slower
+    than the robot, the slower the smaller the steps. Here it only decides which packet wins: after
+    each step the winner is put back to where odometry and views have it. So neither how often
+    odometry nor how often views arrive changes the pose. Heading 0 moves the packet along +x.
+    Layers move in their own directions, so that longer ways would tear the packet apart.
+
+    Args:
+        size: cells along x and y.
+        global_inhibition: taken from every cell in each step.
+        step_s: seconds.
+    """
+
+    def __init__(self, size: int, global_inhibition: float, step_s: float) -> None:
+        self._sheet, self._size = PoseSheet(size), size
+        self._inhibition, self._step_s = global_inhibition, step_s
+        # Where the packet belongs, and what it is off; then the way since the last step, and which
+        # part of the way to the next one that is.
+        self._base = Place(float(size // 2), float(size // 2), float(HEADINGS // 2))
+        self._slip, self._way, self._progress = NOWHERE, NOWHERE, 0.0
+        self._before: Place | None = None
+
+    @property
+    def best(self) -> Place:
+        return on_sheet(after(self._base, self._way), self._size)
+
+    @property
+    def activity(self) -> Floats:
+        moved = PoseSheet(self._size)
+        moved.assign(self._sheet.activity)
+        self._follow(moved)
+        return moved.activity
+
+    @property
+    def cells(self) -> Floats:
+        return self._sheet.activity
+
+    def _follow(self, sheet: PoseSheet) -> None:
+        """Every layer goes the way that the robot went, in its own direction."""
+        way, slip = self._way, self._slip
+        sheet.move(
+            _COSINES * way.x - _SINES * way.y + slip.x,
+            _SINES * way.x + _COSINES * way.y + slip.y,
+            way.th + slip.th,
+        )
+
+    def move(self, way: float, turn: float, dt: float) -> None:
+        """Steps fall on the same places and stamps however odometry is cut."""
+        steps = max(dt / self._step_s, abs(way))
+        if not steps:
+            return
+        if self._progress + steps > _MOST:
+            self._go(way, turn, 1.0)
+            self._restart(self.best)
+            self._progress = math.fmod(self._progress + steps, 1.0)
+            return
+        left = steps
+        while self._progress + left >= 1 - 1e-9:
+            part = min(max(1 - self._progress, 0.0), left)
+            self._go(way, turn, part / steps)
+            self._step()
+            left -= part
+        self._go(way, turn, left / steps)
+        self._progress += left
+
+    def _go(self, way: float, turn: float, part: float) -> None:
+        piece = arc(way * part, turn * part)
+        self._way = after(self._way, piece)
+        if self._before is not None:
+            self._before = on_sheet(after(self._before, piece), self._size)
+
+    def _step(self) -> None:
+        self._sheet.settle(self._inhibition)
+        self._follow(self._sheet)
+        here = self.best
+        self._way, self._progress = NOWHERE, 0.0
+        self._place_packet(here, Place(*self._sheet.decode()))
+
+    def _place_packet(self, expected: Place, found: Place) -> None:
+        """What was decoded is a packet off its place, or another packet."""
+        slip = Place(*differences(expected, found, self._size).tolist())
+        if max(map(abs, slip)) < _JUMP:
+            self._base, self._slip = expected, slip
+        else:
+            self._before = self._before or on_sheet(after(expected, self._way), self._size)
+            self._base, self._slip = found, NOWHERE
+
+    def inject(self, place: Place, energy: float) -> None:
+        """Spread over the cells around the place; the packet moves as far as its mean does.
+
+        Which packet wins is seen after the next step of the attractor: before it, the few cells
+        that a view has just told are more active than any of a packet's.
+        """
+        place, slip = after(place, back(self._way)), self._slip
+        self._sheet.inject(place.x - slip.x, place.y - slip.y, place.th - slip.th, energy)
+        self._sheet.assign(self._sheet.activity / (1 + energy))
+        away = differences(place, self._base, self._size)
+        if np.abs(away).max() <= _REACH:
+            base = np.array(self._base) + away * (energy / (1 + energy))
+            self._base = on_sheet(Place(*base.tolist()), self._size)
+
+    def accept(self) -> None:
+        self._before = None
+
+    def go_back(self) -> None:
+        if self._before is None:
+            return
+        self._restart(self._before)
+        self._before = None
+
+    def _restart(self, place: Place) -> None:
+        """One packet, and nothing else."""
+        cells = np.zeros((HEADINGS, self._size, self._size))
+        cells[0, 0, 0] = np.finfo(np.float64).tiny
+        self._sheet.assign(cells)
+        self._sheet.inject(*place, 1.0)
+        for _ in range(_FORMED):
+            self._sheet.settle(self._inhibition)
+        self._base, self._way = place, NOWHERE
+        off = differences(place, Place(*self._sheet.decode()), self._size)
+        self._slip = Place(*off.tolist())
+
+    def numbers(self) -> Floats:
+        before = (math.nan,) * 3 if self._before is None else self._before
+        return np.array([*self._base, *self._slip, *self._way, self._progress, *before])
+
+    def remember(self, cells: Floats, numbers: Floats) -> None:
+        _check_numbers(numbers, 13, self._size)
+        _take_over(self._sheet, cells)
+        values = numbers.tolist()
+        self._base, self._slip, self._way = (Place(*values[i : i + 3]) for i in (0, 3, 6))
+        self._progress = values[9]
+        self._before = None if math.isnan(values[10]) else Place(*values[10:])
+
+
+def _check_numbers(numbers: Floats, count: int, size: int) -> None:
+    """First a place on the sheet; behind the tenth one where the packet was, or NaN."""
+    if numbers.shape != (count,):
+        raise DataError(f"network: numbers of the shape {numbers.shape}, expected {(count,)}")
+    nowhere = count > 10 and bool(np.isnan(numbers[10:]).all())
+    if not np.isfinite(numbers[:10] if nowhere else numbers).all():
+        raise DataError(f"network: {numbers.tolist()}: expected finite numbers")
+    if any(not 0 <= x < end for x, end in zip(numbers[:3], (size, size, HEADINGS), strict=True)):
+        raise DataError(f"network: place {numbers[:3].tolist()} is not on the sheet")
+    if not 0 <= numbers[9:10].sum() <= 1:
+        raise DataError(f"network: {numbers[9]} of a step, expected 0 to 1")
+
+
+def _take_over(sheet: PoseSheet, cells: Floats) -> None:
+    expected = sheet.activity.shape
+    if cells.shape != expected:
+        raise ShapeError(f"the activity has cells of the shape {cells.shape}, expected {expected}")
+    sheet.assign(cells)

@@ -1,0 +1,141 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Views that another process recognises, and that may start anew while the map goes on."""
+
+import json
+import logging
+import math
+import operator
+from dataclasses import dataclass
+from typing import Any
+
+from fusionslam.errors import DataError
+from fusionslam.ratslam.events import Sighting
+from fusionslam.views.match import NO_VIEW
+
+logger = logging.getLogger(__name__)
+
+# A place that is farther from its view was not recognised; and an angle is no number of turns.
+_FARTHEST_M, _FARTHEST_RAD = 1000.0, 100.0
+
+
+@dataclass(frozen=True)
+class GivenView:
+    """What somebody else recognised; the item of a ``Look``.
+
+    Attributes:
+        view_id: theirs; -1 where nothing was recognised.
+        is_new: whether they see it for the first time.
+        relative_rotation: radians, counter-clockwise, that the robot is turned against the view.
+        relative_place: metres, x forward and y to the left, where the robot is in the view's frame.
+        reason: why it is this view, in a sentence.
+    """
+
+    view_id: int
+    is_new: bool
+    relative_rotation: float = 0.0
+    relative_place: tuple[float, float] = (0.0, 0.0)
+    reason: str = ""
+
+
+class GivenViews:
+    """A source of views whose ids somebody else gives: the same ids, while nobody starts anew.
+
+    The map knows each view by a number of its own, without gaps. Who gives a view as new knows no
+    view from that id on: if the map knows some, they were lost, and from there on ids mean other
+    places, which get new numbers. An id that the map does not know, though it is not new, is of a
+    place from before the map began, and gets a new number, too.
+
+    Attributes:
+        restarts: how often views were lost or unknown.
+    """
+
+    kind = "given ids"
+
+    def __init__(self) -> None:
+        self.restarts = 0
+        self._count = 0
+        # By their id: the number on the map.
+        self._numbers: dict[int, int] = {}
+        self._beyond = 0
+
+    @property
+    def title(self) -> str:
+        """For people."""
+        return self.kind
+
+    @property
+    def known(self) -> int:
+        """As ``ViewSource``: number of views of the map."""
+        return self._count
+
+    def look(self, item: Any, stamp_ns: int) -> Sighting:
+        """As ``ViewSource``, of a ``GivenView``."""
+        given = _checked(item)
+        place, turn, reason = given.relative_place, given.relative_rotation, given.reason
+        if given.view_id == NO_VIEW:
+            return Sighting(stamp_ns, NO_VIEW, turn, place, reason)
+        view_id = operator.index(given.view_id)
+        if given.is_new:
+            self._lose(view_id)
+        elif view_id not in self._numbers:
+            self._say_restart(f"view {view_id} is of before this map began")
+        number = self._numbers.get(view_id, self._count)
+        if number == self._count:
+            self._numbers[view_id] = number
+            self._count, self._beyond = self._count + 1, max(self._beyond, view_id + 1)
+        if number != view_id:
+            reason = f"{reason or f'view {view_id}'}, which is view {number} of this map"
+        return Sighting(stamp_ns, number, turn, place, reason)
+
+    def _lose(self, view_id: int) -> None:
+        """They see it for the first time, so that they know none from there on."""
+        if view_id >= self._beyond:
+            return
+        kept = {known: number for known, number in self._numbers.items() if known < view_id}
+        lost = len(self._numbers) - len(kept)
+        self._numbers, self._beyond = kept, view_id
+        if lost:
+            self._say_restart(f"view {view_id} is new once more: {lost} views were lost")
+
+    def _say_restart(self, why: str) -> None:
+        level = logging.INFO if self.restarts else logging.WARNING
+        self.restarts += 1
+        logger.log(level, "%s; the map has it as another view", why)
+
+    def to_bytes(self) -> bytes:
+        """As ``ViewSource``."""
+        return json.dumps({"count": self._count, "numbers": [*self._numbers.items()]}).encode()
+
+    def restore(self, content: bytes) -> None:
+        """As ``ViewSource``."""
+        try:
+            stored = json.loads(content)
+            count, numbers = operator.index(stored["count"]), dict(stored["numbers"])
+            fits = all(0 <= operator.index(number) < count for number in numbers.values())
+            fits &= all(operator.index(view_id) >= 0 for view_id in numbers)
+        except (ValueError, KeyError, TypeError) as error:
+            raise DataError(f"no stored ids of views: {error!r}") from error
+        if not fits:
+            raise DataError(f"stored ids of views: expected none of {count} or more")
+        self._count, self._numbers, self._beyond = count, numbers, max(numbers, default=-1) + 1
+
+
+def _checked(item: Any) -> GivenView:
+    """Raises DataError for what no map can take, before anything is counted."""
+    if not isinstance(item, GivenView):
+        raise DataError(f"{type(item).__name__}: expected a GivenView")
+    try:
+        view_id, (x, y) = operator.index(item.view_id), item.relative_place
+        way, turn = math.hypot(x, y), abs(float(item.relative_rotation))
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{item}: expected a whole id, an angle, and x, y") from error
+    if view_id < NO_VIEW:
+        raise DataError(f"view {view_id}: expected -1 or more")
+    # Not of NaN either.
+    if not (way <= _FARTHEST_M and turn <= _FARTHEST_RAD):
+        raise DataError(
+            f"view {view_id}: {way:g} m and {turn:g} rad from the robot, expected no more than "
+            f"{_FARTHEST_M:g} m and {_FARTHEST_RAD:g} rad"
+        )
+    return item

@@ -1,0 +1,282 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps and trajectories in files that others read: JSON, TUM, g2o, GraphML.
+
+Of a ``RatSlamRun``, or of a ``LiveMap`` while it grows.
+
+All lengths are metres, angles radians counter-clockwise, stamps nanoseconds, unless the format
+itself says otherwise. Poses are on the map, whose frame begins where the robot began; only the
+true ones are in the world's frame. Every file is written whole or not at all.
+"""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets.pose_files import write_poses_tum
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.ratslam.map_snapshot import MapRecord
+from fusionslam.storage.files import atomic_path
+
+PathLike = str | os.PathLike[str]
+Floats = NDArray[np.float64]
+
+MAP_FORMAT = "fusionslam.experience_map.1"
+UNITS = {
+    "x": "m",
+    "y": "m",
+    "heading": "rad",
+    "distance": "m",
+    "facing": "rad",
+    "duration": "s",
+    "sd_m": "m",
+    "sd_rad": "rad",
+    "stamp_ns": "ns",
+}
+"""By the name of a field of a node or link; ids have none."""
+
+TRAJECTORIES = {
+    "final": "trajectory.txt",
+    "live": "trajectory_live.txt",
+    "dead_reckoning": "dead_reckoning.txt",
+    "truth": "truth.txt",
+}
+"""By the name of a trajectory, the file that ``export_run`` writes it into."""
+
+_GRAPHML = "http://graphml.graphdrawing.org/xmlns"
+
+
+def export_run(folder: PathLike, run: MapRecord) -> list[Path]:
+    """Write every format into a folder, and the trajectories that are known.
+
+    Returns:
+        The files: map.json, map.g2o, map.graphml, and those of ``TRAJECTORIES``.
+
+    Raises:
+        DataError: a value that is not finite, or a file that cannot be written.
+    """
+    base = Path(folder)
+    maps = {"map.json": write_map_json, "map.g2o": write_g2o, "map.graphml": write_graphml}
+    for name, write in maps.items():
+        write(base / name, run)
+    known = {which: name for which, name in TRAJECTORIES.items() if _poses(run, which) is not None}
+    for which, name in known.items():
+        write_trajectory(base / name, run, which)
+    return [base / name for name in (*maps, *known.values())]
+
+
+def write_map_json(path: PathLike, run: MapRecord) -> None:
+    """Write the map and the trajectory as one JSON object.
+
+    Its keys: ``format``; ``name``, ``views``, ``odometry``, ``preset``, ``config`` of the run;
+    ``units`` by field; ``nodes``, a list of objects (id, x, y, heading, stamp_ns, view); ``links``,
+    a list of objects (source and target by id; distance and heading of the way and facing, the
+    rotation, both seen from the source's heading; duration; the deviations to be expected of the
+    way, along each axis, and of the rotation); ``trajectory``, of equally long lists:
+    stamps_ns, node and view by id (-1 for none), and poses [x, y, heading] live, final and
+    dead_reckoning, and truth: null as a whole where nobody kept them, and truth at steps where
+    nobody knows it.
+
+    Raises:
+        DataError: a value that is not finite, or the file cannot be written.
+    """
+    _check(run)
+    content = {
+        "format": MAP_FORMAT,
+        **_about(run),
+        "config": dict(run.config),
+        "units": UNITS,
+        "nodes": _nodes(run),
+        "links": _links(run),
+        "trajectory": {
+            "stamps_ns": run.stamps_ns.tolist(),
+            "node": run.node_ids.tolist(),
+            "view": run.view_ids.tolist(),
+            **{which: _listed(_poses(run, which)) for which in TRAJECTORIES},
+        },
+    }
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        json.dump(content, file, allow_nan=False)
+        file.write("\n")
+
+
+def write_trajectory(path: PathLike, run: MapRecord, which: str = "final") -> None:
+    """Write a trajectory as TUM lines: seconds, x y z, quaternion x y z w.
+
+    Args:
+        path: of the file.
+        run: what happened.
+        which: "final" (on the map as it is in the end), "live" (as it was then),
+            "dead_reckoning" or "truth", of the steps at which it is known. Of steps at one stamp
+            the last one counts.
+
+    Raises:
+        ConfigError: another word.
+        DataError: no such poses, one that is not finite, or the file cannot be written.
+    """
+    poses = _poses(run, which)
+    if poses is None:
+        said = {"truth": "true", "dead_reckoning": "reckoned"}.get(which, which)
+        raise DataError(f"{run.name}: no {said} poses to write into {path}")
+    _check(run)
+    last = np.append(np.diff(run.stamps_ns) != 0, True)[: len(poses)]
+    kept = last & ~_unknown(poses)
+    write_poses_tum(path, run.stamps_ns[kept], _matrices(poses[kept]))
+
+
+def write_g2o(path: PathLike, run: MapRecord) -> None:
+    """Write the map for pose graph optimisers: VERTEX_SE2 and EDGE_SE2, the first node fixed.
+
+    An edge's measurement is what odometry and view said of the target as seen from the source:
+    x, y in metres, rotation in radians; its information matrix (1/m^2, 1/rad^2) is what relaxation
+    weighs it by: it follows from the link's deviations.
+
+    Raises:
+        DataError: a value that is not finite, a deviation that is not above 0, or the file cannot
+            be written.
+    """
+    _check(run)
+    lines = [f"VERTEX_SE2 {node} {_numbers(pose)}" for node, pose in enumerate(run.nodes)]
+    lines += ["FIX 0"] if lines else []
+    rows = zip(run.links, measured_ways(run.links), _information(run.links), strict=True)
+    for link, way, (place, rotation) in rows:
+        information = _numbers([place, 0.0, 0.0, place, 0.0, rotation])
+        ends = f"{link['source']} {link['target']}"
+        lines.append(f"EDGE_SE2 {ends} {_numbers(way)} {information}")
+    with atomic_path(path) as temporary:
+        temporary.write_text("".join(line + "\n" for line in lines), encoding="ascii")
+
+
+def measured_ways(links: NDArray[np.void]) -> Floats:
+    """float64 (n, 3): x, y and rotation of the target of each link, as seen from its source."""
+    c, s = np.cos(links["heading"]), np.sin(links["heading"])
+    return np.stack([links["distance"] * c, links["distance"] * s, links["facing"]], axis=1)
+
+
+def write_graphml(path: PathLike, run: MapRecord) -> None:
+    """Write the map as a directed GraphML graph; attributes as in ``write_map_json``.
+
+    Nodes are "n0", "n1", ...; whole numbers are of type long, others double; what the run says
+    about itself are attributes of the graph.
+
+    Raises:
+        DataError: a value that is not finite, or the file cannot be written.
+    """
+    _check(run)
+    ElementTree.register_namespace("", _GRAPHML)
+    root = ElementTree.Element(f"{{{_GRAPHML}}}graphml")
+    graph = ElementTree.Element(
+        f"{{{_GRAPHML}}}graph", {"id": "experience_map", "edgedefault": "directed"}
+    )
+    keys: dict[tuple[str, str], str] = {}
+    _put(root, keys, graph, _about(run))
+    for node in _nodes(run):
+        element = ElementTree.SubElement(graph, f"{{{_GRAPHML}}}node", {"id": f"n{node.pop('id')}"})
+        _put(root, keys, element, node)
+    for link in _links(run):
+        ends = {end: f"n{link.pop(end)}" for end in ("source", "target")}
+        _put(root, keys, ElementTree.SubElement(graph, f"{{{_GRAPHML}}}edge", ends), link)
+    root.append(graph)
+    ElementTree.indent(root)
+    with atomic_path(path) as temporary:
+        ElementTree.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
+
+
+def _put(
+    root: ElementTree.Element,
+    keys: dict[tuple[str, str], str],
+    element: ElementTree.Element,
+    values: dict[str, Any],
+) -> None:
+    """Give an element its attributes, and the file the keys that declare them."""
+    kind = element.tag.rpartition("}")[2]
+    for name, value in values.items():
+        key = keys.get((kind, name))
+        if key is None:
+            key = keys[kind, name] = f"{kind}_{name}"
+            types = {str: "string", int: "long", float: "double"}
+            declared = {"id": key, "for": kind, "attr.name": name, "attr.type": types[type(value)]}
+            ElementTree.SubElement(root, f"{{{_GRAPHML}}}key", declared)
+        data = ElementTree.SubElement(element, f"{{{_GRAPHML}}}data", {"key": key})
+        data.text = value if isinstance(value, str) else repr(value)
+
+
+def _about(run: MapRecord) -> dict[str, str]:
+    return {name: getattr(run, name) for name in ("name", "views", "odometry", "preset")}
+
+
+def _nodes(run: MapRecord) -> list[dict[str, Any]]:
+    rows = zip(
+        run.nodes.tolist(), run.node_stamps_ns.tolist(), run.node_views.tolist(), strict=True
+    )
+    return [
+        {"id": node, "x": x, "y": y, "heading": heading, "stamp_ns": stamp, "view": view}
+        for node, ((x, y, heading), stamp, view) in enumerate(rows)
+    ]
+
+
+def _links(run: MapRecord) -> list[dict[str, Any]]:
+    names = run.links.dtype.names or ()
+    return [dict(zip(names, link, strict=True)) for link in run.links.tolist()]
+
+
+def _poses(run: MapRecord, which: str) -> Floats | None:
+    if which not in TRAJECTORIES:
+        raise ConfigError(f"unknown trajectory {which!r}: expected {', '.join(TRAJECTORIES)}")
+    names = {"final": "final_poses", "live": "poses"}
+    found: Floats | None = getattr(run, names.get(which, which))
+    return found
+
+
+def _listed(poses: Floats | None) -> list[list[float] | None] | None:
+    """Poses as JSON holds them; None for those that are not known."""
+    if poses is None:
+        return None
+    rows = zip(poses.tolist(), _unknown(poses).tolist(), strict=True)
+    return [None if nowhere else pose for pose, nowhere in rows]
+
+
+def _unknown(poses: Floats) -> NDArray[np.bool_]:
+    """Bool (n,): the poses that nobody knows, three times NaN."""
+    return np.asarray(np.isnan(poses).all(axis=1))
+
+
+def _matrices(poses: Floats) -> Floats:
+    """float64 (n, 4, 4) of poses in the plane."""
+    matrices = np.tile(np.eye(4), (len(poses), 1, 1))
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    matrices[:, 0, 0], matrices[:, 0, 1] = c, -s
+    matrices[:, 1, 0], matrices[:, 1, 1] = s, c
+    matrices[:, :2, 3] = poses[:, :2]
+    return matrices
+
+
+def _information(links: NDArray[np.void]) -> Floats:
+    """float64 (n, 2): 1/m^2 and 1/rad^2. Raises DataError of the first that is none."""
+    deviations = np.stack([links["sd_m"], links["sd_rad"]], axis=1)
+    if (wrong := np.flatnonzero((deviations <= 0).any(axis=1))).size:
+        found = deviations[wrong[0]].tolist()
+        raise DataError(f"links: row {wrong[0]} deviates by {found} m and rad, expected above 0")
+    return deviations**-2.0
+
+
+def _numbers(values: Any) -> str:
+    """Numbers with all their digits, separated by blanks."""
+    return " ".join(f"{value:.17g}" for value in values)
+
+
+def _check(run: MapRecord) -> None:
+    """Raise DataError that names the first value which is not finite."""
+    tables: dict[str, NDArray[Any] | None] = {"nodes": run.nodes, "offsets": run.offsets}
+    tables |= {"poses": run.poses, "dead_reckoning": run.dead_reckoning}
+    tables |= {f"links, {name}": run.links[name][:, None] for name in run.links.dtype.names or ()}
+    if run.truth is not None:
+        tables["truth"] = np.where(_unknown(run.truth)[:, None], 0.0, run.truth)
+    for name, rows in tables.items():
+        if rows is not None and (bad := np.flatnonzero(~np.isfinite(rows).all(axis=1))).size:
+            raise DataError(f"{name}: row {bad[0]} is {rows[bad[0]].tolist()}, expected numbers")

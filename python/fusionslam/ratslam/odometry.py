@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""How a robot moved between two stamps, of poses or of velocities."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.geometry.se2 import wrapped
+from fusionslam.ratslam.events import Event, Motion
+from fusionslam.sensors.frame import Frame
+from fusionslam.sensors.messages import NANOSECONDS, Odometry
+
+Ground = tuple[float, float, float]
+"""x, y in metres and heading in radians."""
+
+
+# Odometry that is started again begins this near to its origin, having been farther away than that.
+_ORIGIN_M, _ORIGIN_RAD = 0.05, 0.05
+_AWAY_M, _AWAY_RAD = 0.5, 0.5
+
+
+FORGOTTEN_NS = -(2**62) - 1
+"""The stamp of odometry whose clock went back: no event has one so early."""
+
+
+class Limits(NamedTuple):
+    """Seconds of silence that are noted; m/s, and metres in one step, beyond which odometry is not
+    believed."""
+
+    gap: float
+    max_speed: float
+    max_way: float = math.inf
+
+
+class Stride(NamedTuple):
+    """One step of odometry: m/s forwards, rad/s, seconds; and what is to be said of it.
+
+    Over a long one the robot did not drive an arc: then ``bearing`` says where it went straight to,
+    in radians from its first heading.
+    """
+
+    v: float
+    w: float
+    dt: float
+    note: str = ""
+    bearing: float | None = None
+
+    @property
+    def legs(self) -> list[tuple[float, float, float]]:
+        """Velocities and times that lead there one after the other."""
+        if self.bearing is None:
+            return [(self.v, self.w, self.dt)]
+        third, rest = self.dt / 3, self.w * self.dt - self.bearing
+        return [
+            (0.0, self.bearing / third, third),
+            (3 * self.v, 0.0, third),
+            (0.0, rest / third, third),
+        ]
+
+
+class Odometry2D(NamedTuple):
+    """What one message says: when, where if it says so, how fast if it says so."""
+
+    stamp_ns: int
+    pose: Ground | None
+    speed: tuple[float, float] | None
+
+
+def said_by(event: Event) -> Odometry2D | None:
+    """The odometry in an event, on the ground; None if it has none.
+
+    Poses count where there are any: their differences hold whatever the rate. Velocities are used
+    where the pose is not finite, or of a ``Motion``, which has nothing else.
+
+    Raises:
+        DataError: neither pose nor velocity is finite. ShapeError: of other shapes than theirs.
+    """
+    if isinstance(event, Motion):
+        said = Odometry2D(int(event.stamp_ns), None, _finite(event.v, event.w))
+    elif isinstance(event, Odometry):
+        _check_shapes(event)
+        speed = _finite(float(event.linear[0]), float(event.angular[2]))
+        said = Odometry2D(int(event.stamp_ns), _ground(event.pose), speed)
+    elif isinstance(event, Frame) and event.odometry is not None:
+        said = Odometry2D(int(event.stamp_ns), _ground(event.odometry), None)
+    else:
+        return None
+    if said.pose is None and said.speed is None:
+        raise DataError(f"odometry at {said.stamp_ns} ns: neither a finite pose nor velocity")
+    return said
+
+
+def stride_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -> Stride | None:
+    """How the robot moved from one message to the next; None of the first one.
+
+    A silence longer than ``limits.gap`` is noted. Poses tell all the same how far the robot came in
+    it; a velocity is believed for that long and no longer. What is faster than ``limits.max_speed``
+    or farther than ``limits.max_way`` jumped; what is back at its origin after a silence
+    began anew, as where its driver, or the robot, was started again where it stood. Of both, the
+    velocity counts if there is one, else the robot did not move.
+
+    Args:
+        before: the message before.
+        now: the one that arrived.
+        limits: of what is believed.
+
+    Raises:
+        DataError: a stamp that is not later, or nothing that tells the motion.
+    """
+    if before is None:
+        return None
+    if before.stamp_ns == FORGOTTEN_NS:
+        return _after_jump(before, now, limits)
+    dt = (now.stamp_ns - before.stamp_ns) / NANOSECONDS
+    if dt <= 0:
+        raise DataError(
+            f"odometry at {now.stamp_ns} ns: expected a stamp later than {before.stamp_ns} ns"
+        )
+    if before.pose is None or now.pose is None:
+        return _by_speed(now, dt, limits)
+    forward, turn = _moved(before.pose, now.pose)
+    way = float(np.hypot(now.pose[0] - before.pose[0], now.pose[1] - before.pose[1]))
+    known = now._replace(speed=now.speed or (0.0, 0.0))
+    if way > min(limits.max_speed * dt, limits.max_way):
+        return _by_speed(known, dt, limits, f"odometry jumped {way:.4g} m, which is left out")
+    if dt > limits.gap and _began_anew(before.pose, now.pose):
+        note = (
+            f"odometry began anew after {dt:.2f} s: the {way:.2f} m back to its origin are left out"
+        )
+        return _by_speed(known, dt, limits, note)
+    if dt <= limits.gap:
+        return Stride(forward / dt, turn / dt, dt)
+    silent = f"odometry was silent for {dt:.2f} s: {way:.2f} m in one step"
+    return _straight(before.pose, now.pose, dt, silent)
+
+
+def _after_jump(before: Odometry2D, now: Odometry2D, limits: Limits) -> Stride | None:
+    """From where odometry was when the clock went back to where it is, in whatever time."""
+    if before.pose is None or now.pose is None:
+        return None
+    way = float(np.hypot(now.pose[0] - before.pose[0], now.pose[1] - before.pose[1]))
+    if way > limits.max_way:
+        return None
+    note = f"the clock went back, and odometry is {way:.2f} m from where it was"
+    dt = max(limits.gap, 2 * way / limits.max_speed)
+    return _straight(before.pose, now.pose, dt, note)
+
+
+def _straight(before: Ground, now: Ground, dt: float, note: str) -> Stride:
+    """The step from one pose straight to another one."""
+    way = float(np.hypot(now[0] - before[0], now[1] - before[1]))
+    turn = float(wrapped(np.asarray(now[2] - before[2])))
+    bearing = float(np.arctan2(now[1] - before[1], now[0] - before[0]))
+    ahead = float(wrapped(np.asarray(bearing - before[2])))
+    if abs(ahead) > np.pi / 2:  # backwards
+        way, ahead = -way, ahead - float(np.copysign(np.pi, ahead))
+    return Stride(way / dt, turn / dt, dt, note, ahead)
+
+
+def _by_speed(now: Odometry2D, dt: float, limits: Limits, note: str = "") -> Stride:
+    if now.speed is None:
+        raise DataError(f"odometry at {now.stamp_ns} ns: no pose before it, and no velocity")
+    v, w = now.speed
+    if abs(v) > limits.max_speed or abs(v) * min(dt, limits.gap) > limits.max_way:
+        return Stride(0.0, 0.0, dt, f"odometry says {v:.4g} m/s, which is left out")
+    if not note and dt > limits.gap:
+        note = f"odometry was silent for {dt:.2f} s: its velocity counts for {limits.gap:g} s"
+    return Stride(v, w, min(dt, limits.gap), note)
+
+
+def _began_anew(before: Ground, now: Ground) -> bool:
+    """Whether odometry is at its origin, and was elsewhere."""
+    away = np.hypot(*before[:2]) > _AWAY_M or abs(before[2]) > _AWAY_RAD
+    return bool(away and np.hypot(*now[:2]) <= _ORIGIN_M and abs(now[2]) <= _ORIGIN_RAD)
+
+
+def _moved(before: Ground, now: Ground) -> tuple[float, float]:
+    """Metres forwards, seen from the heading in the middle of the step, and radians turned."""
+    turn = float(wrapped(np.asarray(now[2] - before[2])))
+    middle = before[2] + turn / 2
+    dx, dy = now[0] - before[0], now[1] - before[1]
+    return float(np.cos(middle) * dx + np.sin(middle) * dy), turn
+
+
+def _check_shapes(event: Odometry) -> None:
+    for name, shape in (("pose", (4, 4)), ("linear", (3,)), ("angular", (3,))):
+        found = getattr(event, name)
+        if np.shape(found) != shape or np.asarray(found).dtype.kind not in "fiu":
+            raise ShapeError(
+                f"odometry at {event.stamp_ns} ns: {name} {found!r}, expected numbers {shape}"
+            )
+
+
+def _ground(pose: NDArray[np.float64]) -> Ground | None:
+    if not np.isfinite(pose).all():
+        return None
+    return float(pose[0, 3]), float(pose[1, 3]), float(np.arctan2(pose[1, 0], pose[0, 0]))
+
+
+def _finite(v: float, w: float) -> tuple[float, float] | None:
+    try:
+        speed = float(v), float(w)
+    except (TypeError, ValueError, OverflowError):
+        raise DataError(f"odometry v {v!r}, w {w!r}: expected numbers") from None
+    return speed if np.isfinite(speed).all() else None

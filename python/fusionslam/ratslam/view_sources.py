@@ -1,0 +1,294 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What recognises places for RatSLAM: visual templates, or whatever a ``ViewMatcher`` compares.
+
+>>> from fusionslam.ratslam.view_sources import TemplateSource
+>>> source = TemplateSource(bottom=100)
+>>> source.look(np.full((100, 120), 90, np.uint8), stamp_ns=0).view_id
+0
+"""
+
+import json
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.config import merged
+from fusionslam.descriptors import DescriptorConfig
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.fusion import ROBOT_FUSION, FusionConfig
+from fusionslam.ratslam.events import Sighting
+from fusionslam.ratslam.external_views import GivenViews
+from fusionslam.sensors.frame import Frame
+from fusionslam.sensors.messages import Picture
+from fusionslam.views.match import ViewMatch
+from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig, method_of
+from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
+
+Pose = tuple[float, float, float]
+
+_NOT_TURNED = (0.0, 0.0, 0.0)
+
+
+class ViewSource(Protocol):
+    """Recognises places.
+
+    Attributes:
+        kind: its name in saved files.
+        title: for people.
+    """
+
+    kind: str
+
+    @property
+    def title(self) -> str: ...
+
+    @property
+    def known(self) -> int:
+        """Number of ids given so far: the next new one."""
+
+    def look(self, item: Any, stamp_ns: int) -> Sighting:
+        """The view that something shows; ids count from 0, a new view has the next one.
+
+        Raises:
+            DataError, ShapeError: it cannot be recognised; nothing is stored then.
+        """
+
+    def to_bytes(self) -> bytes:
+        """All that ``restore`` needs to go on exactly from here."""
+
+    def restore(self, content: bytes) -> None:
+        """Go on from ``to_bytes``. Raises DataError if it is of something else."""
+
+
+class TemplateSource:
+    """Views by visual templates: how the original RatSLAM recognises places.
+
+    It looks at images, at frames with one, and at what ``VisualTemplates.view`` kept of one.
+
+    Args:
+        config: None for the defaults.
+        changes: values of the configuration that differ from it.
+    """
+
+    kind = "visual templates"
+
+    def __init__(self, config: VisualTemplatesConfig | None = None, **changes: Any) -> None:
+        self.templates = VisualTemplates(config, **changes)
+
+    @property
+    def title(self) -> str:
+        """For people."""
+        return "visual templates"
+
+    @property
+    def known(self) -> int:
+        """As ``ViewSource``."""
+        return len(self.templates)
+
+    def look(self, item: Any, stamp_ns: int) -> Sighting:
+        """As ``ViewSource``."""
+        view = _image_of(item)
+        if not (view.ndim == 1 and view.dtype == np.float32):
+            view = self.templates.view(view)
+        match = self.templates.recognise(view)
+        threshold = self.templates.config.threshold
+        reason = f"new view {match.id}: the nearest differs by {match.error:.4f} > {threshold:g}"
+        if not match.is_new:
+            reason = f"matched view {match.id}: it differs by {match.error:.4f} <= {threshold:g}"
+        elif not np.isfinite(match.error):
+            reason = f"new view {match.id}: none is like it"
+        return Sighting(stamp_ns, match.id, match.relative_rotation, reason=reason)
+
+    def to_bytes(self) -> bytes:
+        """As ``ViewSource``."""
+        return _written(self.templates.save)
+
+    def restore(self, content: bytes) -> None:
+        """As ``ViewSource``."""
+        self.templates = _read(content, VisualTemplates.load)
+
+
+class MatcherSource:
+    """Views by a ``ViewMatcher``: alignment, objects, two stages, or a descriptor.
+
+    It looks at frames, clouds, and at what the matcher makes of them. Where views are aligned, the
+    robot's place against the view is known, too.
+
+    Args:
+        matcher: new, or one that goes on; None for the default, alignment.
+    """
+
+    kind = "view matcher"
+
+    def __init__(self, matcher: ViewMatcher | None = None) -> None:
+        # One without views is false.
+        self.matcher = ViewMatcher() if matcher is None else matcher
+        # By the number of a scan that is stored as another view of a place: where it was taken,
+        # in the frame of the place's first view, which is where RatSLAM has the place.
+        self._places: dict[int, Pose] = {}
+
+    @property
+    def title(self) -> str:
+        """For people."""
+        config = self.matcher.config
+        names = {"descriptor": config.descriptor, "scenes": f"objects {config.preset}"}
+        first = names.get(method_of(config), method_of(config))
+        return first if config.second_stage is None else f"{first}, then {config.second_stage}"
+
+    @property
+    def known(self) -> int:
+        """As ``ViewSource``."""
+        return self.matcher.stats.new
+
+    def look(self, item: Any, stamp_ns: int) -> Sighting:
+        """As ``ViewSource``."""
+        if isinstance(item, Picture):
+            raise DataError(f"the image at {stamp_ns} ns: {self.title} looks at clouds or frames")
+        number = self.matcher.stats.processed
+        match = self.matcher.process(item)
+        x, y, turn = self._against_first(match)
+        if match.stored and not match.is_new:
+            self._places[number] = x, y, turn
+        return Sighting(stamp_ns, match.id, turn, (x, y), match.reason)
+
+    def _against_first(self, match: ViewMatch) -> Pose:
+        """Where the robot is in the frame of the first view of its place."""
+        if match.relative_pose is None or match.matched is None:
+            return _NOT_TURNED
+        x, y, turn = match.relative_pose
+        at_x, at_y, at_turn = self._places.get(match.matched, _NOT_TURNED)
+        c, s = np.cos(at_turn), np.sin(at_turn)
+        return float(at_x + c * x - s * y), float(at_y + s * x + c * y), at_turn + turn
+
+    def to_bytes(self) -> bytes:
+        """As ``ViewSource``."""
+        places = json.dumps([[number, *pose] for number, pose in self._places.items()]).encode()
+        return len(places).to_bytes(8, "little") + places + _written(self.matcher.save)
+
+    def restore(self, content: bytes) -> None:
+        """As ``ViewSource``."""
+        start = 8 + int.from_bytes(content[:8], "little")
+        matcher = _read(content[start:], ViewMatcher.load)
+        rows = json.loads(content[8:start])
+        self.matcher, self._places = matcher, {row[0]: tuple(row[1:]) for row in rows}
+
+
+KINDS: Mapping[str, type[TemplateSource] | type[MatcherSource] | type[GivenViews]] = {
+    TemplateSource.kind: TemplateSource,
+    MatcherSource.kind: MatcherSource,
+    GivenViews.kind: GivenViews,
+}
+"""The sources that are made anew when a saved run is read, by their name in files."""
+
+
+@dataclass(frozen=True)
+class SourceOptions:
+    """What the sources that have names are made with."""
+
+    views: ViewMatcherConfig = field(default_factory=ViewMatcherConfig)
+    fusion: FusionConfig = ROBOT_FUSION
+    descriptors: DescriptorConfig | None = None
+    templates: VisualTemplatesConfig = field(default_factory=VisualTemplatesConfig)
+
+
+@dataclass(frozen=True)
+class NamedSource:
+    """A source that the command line knows by name.
+
+    Attributes:
+        help: what it is.
+        make: makes one.
+    """
+
+    help: str
+    make: Callable[[SourceOptions], ViewSource]
+
+
+def _by_matcher(*, ground: bool = False, **changes: Any) -> Callable[[SourceOptions], ViewSource]:
+    """A matcher as configured, but for some values; ``ground``: clouds keep theirs."""
+
+    def make(options: SourceOptions) -> ViewSource:
+        fusion = merged(options.fusion, {"ground": "none"}) if ground else options.fusion
+        config = merged(options.views, changes)
+        return MatcherSource(ViewMatcher(config, fusion=fusion, descriptors=options.descriptors))
+
+    return make
+
+
+def _two_stages(options: SourceOptions) -> ViewSource:
+    # The thesis's parameters go with its network, trained anew; ours with ours.
+    named = options.views.second_stage
+    usual = "places" if options.views.preset == "robust" else "thesis"
+    return _by_matcher(method="scenes", second_stage=named or usual)(options)
+
+
+SOURCES: Mapping[str, NamedSource] = {
+    "alignment": NamedSource(
+        "our default: scans laid over each other", _by_matcher(method="alignment")
+    ),
+    "objects": NamedSource(
+        "the second thesis's first stage: objects", _by_matcher(method="scenes", second_stage=None)
+    ),
+    "two-stage": NamedSource("objects, then a network that has to agree", _two_stages),
+    "cm2dp": NamedSource(
+        "the first thesis's descriptor",
+        # The ground helps it: docs/view_results.md.
+        _by_matcher(method="descriptor", descriptor="cm2dp", ground=True),
+    ),
+    "visual": NamedSource(
+        "visual templates, as in the original RatSLAM",
+        lambda options: TemplateSource(options.templates),
+    ),
+}
+"""What ``fusionslam ratslam --views`` takes."""
+
+
+def source_named(name: str, options: SourceOptions | None = None) -> ViewSource:
+    """A new source of views. Raises ConfigError for a name that is none of ``SOURCES``."""
+    if name not in SOURCES:
+        raise ConfigError(f"views is {name!r}, expected one of {', '.join(SOURCES)}")
+    return SOURCES[name].make(options or SourceOptions())
+
+
+def _image_of(item: Any) -> NDArray[Any]:
+    if isinstance(item, Picture):
+        return item.image
+    if isinstance(item, Frame):
+        if "left" not in item.images:
+            raise DataError(f"frame {item.index}: no left image, which visual templates look at")
+        return item.images["left"]
+    if not isinstance(item, np.ndarray):
+        raise DataError(f"visual templates look at images, got {type(item).__name__}")
+    return item
+
+
+def _written(save: Callable[[Path], None]) -> bytes:
+    """What a function writes to a file."""
+    with _temporary() as path:
+        save(path)
+        return path.read_bytes()
+
+
+def _read(content: bytes, load: Callable[[Path], Any]) -> Any:
+    """What a function reads from a file."""
+    with _temporary() as path:
+        path.write_bytes(content)
+        return load(path)
+
+
+@contextmanager
+def _temporary() -> Iterator[Path]:
+    """A file that is gone afterwards. Raises DataError where there is no room for it."""
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            yield Path(folder) / "views.npz"
+    except OSError as error:
+        where = tempfile.gettempdir()
+        raise DataError(f"cannot write into {where}: {error.strerror or error}") from error

@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of two frames side by side: their camera images and their coloured clouds."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+from fusionslam.evaluation import DescriptorRun
+from fusionslam.report.loops.outcomes import Pair
+from fusionslam.report.loops.plots import new_figure, widest_axes
+from fusionslam.sensors.frame import Cloud
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+T = TypeVar("T")
+Image = NDArray[np.uint8]
+CloudReader = Callable[[str, int], Cloud]
+ImageReader = Callable[[str, int], Image]
+_MOST_POINTS = 40_000
+_COLUMN = 4.5
+"""Inches."""
+_BACKGROUND = "#15181d"
+_GAMMA = 0.65  # brightens colours, which look darker as dots on a dark ground
+
+
+def forgiving(reader: Callable[..., T] | None, missed: dict[str, None]) -> Callable[..., T | None]:
+    """A reader that reads each frame once and gives None where there is no data (DataError).
+
+    The reasons become keys of ``missed``, in order.
+    """
+
+    @cache
+    def read(*which: Any) -> T | None:
+        try:
+            return reader(*which) if reader else None
+        except DataError as error:
+            missed[str(error)] = None
+            return None
+
+    return read
+
+
+def draw_pair(
+    run: DescriptorRun,
+    pair: Pair,
+    clouds: Callable[[str, int], Cloud | None],
+    images: Callable[[str, int], Image | None],
+) -> "Figure | None":
+    """Query on the left, match on the right; None if neither images nor clouds exist."""
+    frames = [int(run.numbers[row]) for row in (pair.query, pair.match)]
+    pictures = [images(run.source, frame) for frame in frames]
+    scenes = [clouds(run.source, frame) for frame in frames]
+    view = _common_view(scenes)
+    heights = _image_height(pictures) + ([view.height] if view else [])
+    if not heights:
+        return None
+    figure = new_figure(2 * _COLUMN + 0.2, 0.5 + sum(heights))
+    axes = figure.subplots(len(heights), 2, squeeze=False, height_ratios=heights)
+    for column, title in enumerate(_titles(run, pair)):
+        axes[0, column].set_title(title)
+        if len(heights) == 2 or not view:
+            _draw_image(axes[0, column], pictures[column])
+        if view:
+            _draw_cloud(axes[-1, column], scenes[column], view)
+    return figure
+
+
+@dataclass(frozen=True)
+class _View:
+    """Two axes of the clouds, and the part of their plane that is shown, metres."""
+
+    axes: tuple[int, int]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+    @property
+    def height(self) -> float:
+        """Inches at the width of a column, within what is pleasant to look at."""
+        wide, high = self.high - self.low
+        return float(np.clip(_COLUMN * high / wide, 1.6, 4.2))
+
+
+def _common_view(scenes: list[Cloud | None]) -> _View | None:
+    """Along the axis of least extent, wide enough for all clouds but for stray points."""
+    present = [scene.points for scene in scenes if scene is not None and len(scene)]
+    if not present:
+        return None
+    points = np.concatenate(present)
+    axes = widest_axes(points)
+    low, high = np.percentile(points[:, axes], (0.5, 99.5), axis=0)
+    margin = 0.04 * (high - low) + 0.1
+    return _View(axes, low - margin, high + margin)
+
+
+def _image_height(pictures: list[Image | None]) -> list[float]:
+    """Inches of the row of images, if there are any."""
+    shapes = [picture.shape for picture in pictures if picture is not None]
+    return [_COLUMN * shapes[0][0] / shapes[0][1]] if shapes else []
+
+
+def _titles(run: DescriptorRun, pair: Pair) -> list[str]:
+    start = run.stamps_ns[0]
+    return [
+        f"{name}: frame {run.numbers[row]}, {(run.stamps_ns[row] - start) / 1e9:.1f} s"
+        for name, row in (("query", pair.query), ("earlier", pair.match))
+    ]
+
+
+def _draw_image(axis: "Axes", picture: Image | None) -> None:
+    axis.set_axis_off()
+    if picture is None:
+        axis.text(0.5, 0.5, "no image", ha="center", transform=axis.transAxes)
+        return
+    # A column is about 540 pixels wide.
+    step = max(1, picture.shape[1] // 540)
+    axis.imshow(picture[::step, ::step], cmap="gray")
+
+
+def _draw_cloud(axis: "Axes", scene: Cloud | None, view: _View) -> None:
+    axis.set(xticks=[], yticks=[], facecolor=_BACKGROUND, aspect="equal")
+    axis.set(xlim=(view.low[0], view.high[0]), ylim=(view.low[1], view.high[1]))
+    if scene is None or not len(scene):
+        axis.text(0.5, 0.5, "no cloud", ha="center", color="w", transform=axis.transAxes)
+        return
+    step = -(-len(scene) // _MOST_POINTS)
+    points = scene.points[::step]
+    (up,) = {0, 1, 2} - set(view.axes)
+    colors = points[:, up] if scene.colors is None else (scene.colors[::step] / 255) ** _GAMMA
+    across, along = view.axes
+    axis.scatter(points[:, across], points[:, along], s=3.0, linewidths=0, c=colors)
+    axis.set_xlabel(f"{len(scene):,} points", fontsize=8, color="#666666")

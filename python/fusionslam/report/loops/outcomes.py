@@ -1,0 +1,145 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What became of each query at one threshold: the rows behind the pictures and matches.csv."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.evaluation import DescriptorRun, Evaluation, PrecisionRecall
+from fusionslam.evaluation.loops.threshold_sweep import metres_between
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two frames of a run that are, or should have been, one place.
+
+    Attributes:
+        kind: "best", "worst" or "missed".
+        query, match: rows of the run.
+        distance: of the descriptors.
+        metres: between the true positions.
+    """
+
+    kind: str
+    query: int
+    match: int
+    distance: float
+    metres: float
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Loops at one threshold: bool (N,) each, one entry a query."""
+
+    threshold: float | None
+    accepted: Mask
+    true: Mask
+    false: Mask
+    missed: Mask
+
+
+def outcome(curve: PrecisionRecall) -> Outcome:
+    """What the threshold of maximal F1 accepts, and which revisits it misses."""
+    threshold = curve.max_f1_threshold
+    accepted = curve.accepted(threshold)
+    return Outcome(
+        threshold=threshold,
+        accepted=accepted,
+        true=accepted & curve.correct,
+        false=accepted & ~curve.correct,
+        missed=curve.revisit & ~accepted,
+    )
+
+
+def nearest_of(
+    evaluation: Evaluation, protocol: str
+) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+    """Nearest candidates and their distances, (N,) each; None if nobody searched them."""
+    curve = evaluation.curves.get(protocol)
+    if curve is not None:
+        return curve.matches, curve.distances
+    if evaluation.matches is None:
+        return None
+    found = evaluation.matches
+    return found.indices[:, 0], found.distances[:, 0].astype(np.float64)
+
+
+def telling_pairs(run: DescriptorRun, curve: PrecisionRecall) -> list[Pair]:
+    """The closest correct match, the closest false one, and the nearest miss.
+
+    The miss is the rejected revisit whose nearest candidate came closest to the threshold; it is
+    shown with the earlier place it should have found, the one fewest metres away.
+    """
+    matched = curve.matches >= 0
+    chosen = (
+        ("best", matched & curve.correct),
+        ("worst", matched & ~curve.correct),
+        ("missed", outcome(curve).missed & matched),
+    )
+    return [
+        _pair(run, curve, kind, int(np.argmin(np.where(mask, curve.distances, np.inf))))
+        for kind, mask in chosen
+        if mask.any()
+    ]
+
+
+def _pair(run: DescriptorRun, curve: PrecisionRecall, kind: str, query: int) -> Pair:
+    places = run.positions
+    assert places is not None, "a curve exists only where positions do"
+    match = int(curve.matches[query])
+    if kind == "missed":
+        match = int(np.argmin(metres_between(places[: query - curve.window], places[query])))
+    return Pair(
+        kind=kind,
+        query=query,
+        match=match,
+        distance=float(np.linalg.norm(run.descriptors[query] - run.descriptors[match])),
+        metres=float(metres_between(places[query], places[match])),
+    )
+
+
+MATCH_COLUMNS = (
+    "source",
+    "descriptor",
+    "query",
+    "match",
+    "distance",
+    "accepted",
+    "correct",
+    "metres",
+    "query_stamp_ns",
+    "match_stamp_ns",
+)
+
+
+def match_rows(evaluation: Evaluation, protocol: str) -> Iterator[tuple[object, ...]]:
+    """One row a query that has a candidate, as MATCH_COLUMNS; frames by number.
+
+    Without ground truth the judgements (accepted, correct, metres) are empty.
+    """
+    run, nearest = evaluation.run, nearest_of(evaluation, protocol)
+    if nearest is None:
+        return
+    curve = evaluation.curves.get(protocol)
+    accepted = outcome(curve).accepted if curve else None
+    for query in np.flatnonzero(nearest[0] >= 0):
+        match = nearest[0][query]
+        judged: tuple[object, ...] = ("", "", "")
+        if curve is not None and accepted is not None and run.positions is not None:
+            metres = float(metres_between(run.positions[query], run.positions[match]))
+            judged = (int(accepted[query]), int(curve.correct[query]), f"{metres:.3f}")
+        yield (
+            run.source,
+            run.descriptor,
+            run.numbers[query],
+            run.numbers[match],
+            f"{nearest[1][query]:.9g}",
+            *judged,
+            run.stamps_ns[query],
+            run.stamps_ns[match],
+        )

@@ -1,0 +1,177 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report's pictures of results: curves, trajectories, distance matrices."""
+
+from collections.abc import Mapping
+from itertools import cycle
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.evaluation import DescriptorRun, PrecisionRecall
+from fusionslam.evaluation.loops.threshold_sweep import metres_between
+from fusionslam.report.loops.outcomes import Outcome, outcome
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's colours, which colour-blind readers can tell apart.
+CURVE_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+TRUE, FALSE, MISSED = "#1a9850", "#d73027", "#f59a0b"
+PATH = "#b4b8bf"
+_STYLE: dict[Any, Any] = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#777777",
+    "axes.linewidth": 0.8,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "legend.frameon": False,
+    "image.interpolation": "nearest",
+}
+_LARGEST_MATRIX = 800
+_LABELS = ("x", "y", "z")
+
+
+def styled() -> Any:
+    """A context in which matplotlib draws in the report's style."""
+    import matplotlib
+
+    return matplotlib.rc_context(_STYLE)
+
+
+def new_figure(width: float, height: float) -> "Figure":
+    """An empty figure, inches, that no global state knows."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=120)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def draw_curves(curves: Mapping[str, PrecisionRecall]) -> "Figure":
+    """Precision over recall of every descriptor on one source, by descriptor name."""
+    figure = new_figure(7.4, 4.6)
+    axis = figure.add_subplot()
+    _iso_f1(axis)
+    for (name, curve), color in zip(curves.items(), cycle(CURVE_COLORS), strict=False):
+        curve.plot(axis, color=color, lw=1.8, label=_curve_label(name, curve))
+    axis.legend(loc="upper left", bbox_to_anchor=(1.02, 1), borderaxespad=0)
+    return figure
+
+
+def _curve_label(name: str, curve: PrecisionRecall) -> str:
+    return (
+        f"{name}: AP {curve.average_precision:.3f}\n"
+        f"R@100P {curve.recall_at_full_precision:.3f}, F1 {curve.max_f1:.3f}"
+    )
+
+
+def _iso_f1(axis: "Axes") -> None:
+    for f1 in (0.2, 0.4, 0.6, 0.8):
+        recall = np.linspace(f1 / (2 - f1), 1, 100)
+        axis.plot(recall, f1 * recall / (2 * recall - f1), color="#dddddd", lw=0.8, zorder=0)
+        axis.text(1.0, f1 / (2 - f1) + 0.01, f"F1 {f1}", color="#aaaaaa", fontsize=7, ha="right")
+
+
+def widest_axes(points: NDArray[np.floating[Any]]) -> tuple[int, int]:
+    """The two axes along which points (N, 3) extend most, in ascending order."""
+    low, high = np.percentile(points, (1, 99), axis=0)
+    first, second = sorted(np.argsort(low - high, kind="stable")[:2].tolist())
+    return first, second
+
+
+def draw_trajectory(run: DescriptorRun, curve: PrecisionRecall) -> "Figure":
+    """The path from above with the loops at the threshold of maximal F1."""
+    places = run.positions
+    assert places is not None, "a curve exists only where positions do"
+    across, up = widest_axes(places)
+    tall = bool(np.ptp(places[:, up]) > np.ptp(places[:, across]))
+    if tall:
+        across, up = up, across
+    plane = places[:, (across, up)]
+    wide, high = np.ptp(plane, axis=0)
+    figure = new_figure(8.2, 1.3 + 7.2 * float(np.clip(high / max(wide, 1e-9), 0.22, 0.8)))
+    axis = figure.add_subplot()
+    axis.plot(*plane.T, color=PATH, lw=1.2, zorder=1)
+    axis.plot(*plane[0], "D", color="#333333", ms=5, zorder=5, label="start")
+    _loops(axis, plane, curve, outcome(curve))
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.set(xlabel=f"{_LABELS[across]} (m)", ylabel=f"{_LABELS[up]} (m)")
+    if tall:
+        # Two swapped axes would show a mirror image.
+        axis.invert_yaxis()
+    figure.legend(loc="outside lower center", ncols=4)
+    return figure
+
+
+def _loops(
+    axis: "Axes", plane: NDArray[np.float64], curve: PrecisionRecall, found: Outcome
+) -> None:
+    from matplotlib.collections import LineCollection
+
+    kinds = (
+        (found.missed, MISSED, "x", "missed revisits", 2),
+        (found.true, TRUE, "o", "true loops", 3),
+        (found.false, FALSE, "s", "false loops", 4),
+    )
+    for mask, color, marker, label, order in kinds:
+        ends = plane[mask]
+        axis.plot(*ends.T, marker, color=color, ms=3.5, zorder=order, label=f"{mask.sum()} {label}")
+        if label != "missed revisits":
+            lines = np.stack([ends, plane[curve.matches[mask]]], axis=1)
+            axis.add_collection(LineCollection(list(lines), colors=color, lw=0.7, alpha=0.6))
+
+
+def draw_distances(run: DescriptorRun, window: int, radius: float | None) -> "Figure":
+    """Descriptor distances of all pairs and, where positions are known, the true ones."""
+    rows = np.arange(0, len(run), -(-len(run) // _LARGEST_MATRIX) or 1)
+    lag = rows[:, None] - rows[None, :]
+    places = run.positions if radius is not None else None
+    figure = new_figure(4.6 if places is None else 8.8, 4.2)
+    axes = figure.subplots(1, 1 if places is None else 2, sharey=True, squeeze=False)[0]
+    distances = np.where(lag > window, pairwise(run.descriptors[rows]), np.nan)
+    _matrix(axes[0], distances, rows, window, "descriptor distance")
+    if places is not None and radius is not None:
+        apart = metres_between(places[rows][:, None], places[rows][None, :])
+        near = np.where(lag > window, np.minimum(apart, 5 * radius), np.nan)
+        _matrix(axes[1], near, rows, window, "true distance (m)", closer_than=radius)
+    axes[0].set_ylabel("query frame")
+    return figure
+
+
+def pairwise(vectors: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Euclidean distances (N, N) of the rows of (N, D)."""
+    wide = vectors.astype(np.float64)
+    squares = (wide**2).sum(axis=1)
+    apart = np.sqrt(np.maximum(squares[:, None] + squares - 2 * wide @ wide.T, 0))
+    return np.asarray(apart, dtype=np.float64)
+
+
+def _matrix(
+    axis: "Axes",
+    values: NDArray[np.float64],
+    rows: NDArray[np.int64],
+    window: int,
+    title: str,
+    closer_than: float | None = None,
+) -> None:
+    """One lower triangle; grey: the excluded band; red: closer than a radius."""
+    extent = (-0.5, rows[-1] + 0.5, rows[-1] + 0.5, -0.5) if len(rows) else (0, 1, 1, 0)
+    band = rows[:, None] - rows[None, :]
+    excluded = np.ma.masked_where((band < 0) | (band > window), np.ones(band.shape))
+    axis.imshow(excluded, cmap="Greys", vmin=0, vmax=3, extent=extent)
+    if np.isfinite(values).any():
+        # A few frames like no other must not take all the colours.
+        low, high = np.nanpercentile(values, (0, 98))
+        shown = axis.imshow(values, cmap="viridis", extent=extent, vmin=low, vmax=high)
+        axis.figure.colorbar(shown, ax=axis, shrink=0.8, pad=0.02)
+    if closer_than is not None:
+        near = np.ma.masked_where(~(values < closer_than), np.ones(values.shape))
+        axis.imshow(near, cmap="autumn", vmin=1, vmax=2, extent=extent)
+        title += f", red: < {closer_than:g} m"
+    axis.set(title=title, xlabel="candidate frame")

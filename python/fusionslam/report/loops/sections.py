@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the report says of one source: its curves, and each descriptor's loops."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from fusionslam.evaluation import Evaluation, PrecisionRecall
+from fusionslam.report.loops.frame_pairs import Image, draw_pair
+from fusionslam.report.loops.labels import best_of, run_label
+from fusionslam.report.loops.outcomes import Pair, nearest_of, telling_pairs
+from fusionslam.report.loops.plots import draw_curves, draw_distances, draw_trajectory
+from fusionslam.report.loops.tables import time_table
+from fusionslam.report.page.images import Picture, keep
+from fusionslam.report.page.tables import Table
+from fusionslam.sensors.frame import Cloud
+
+_PAIR_TEXTS = {
+    "best": "Closest correct match",
+    "worst": "Closest false match",
+    "missed": "Missed revisit, with the earlier place it should have found",
+}
+
+
+@dataclass(frozen=True)
+class Context:
+    """What all sections share.
+
+    Attributes:
+        folder: where pictures go.
+        protocol: by which the loops are judged.
+        clouds, images: (source, frame) -> cloud or image, or None.
+    """
+
+    folder: Path
+    protocol: str
+    clouds: Callable[[str, int], Cloud | None]
+    images: Callable[[str, int], Image | None]
+
+
+@dataclass(frozen=True)
+class DescriptorPart:
+    """What is shown of one descriptor: a line on its loops, and pictures."""
+
+    name: str
+    best: bool
+    loops: str
+    trajectory: Picture | None
+    distances: Picture | None
+    pairs: list[Picture] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class SourcePart:
+    """What is shown of one source."""
+
+    source: str
+    name: str
+    curves: Picture | None
+    times: Table
+    descriptors: list[DescriptorPart]
+
+
+def source_part(context: Context, name: str, evaluations: Sequence[Evaluation]) -> SourcePart:
+    """Draw everything that is known of one source's evaluations; ``name`` is the source's."""
+    source = evaluations[0].run.source
+    best = best_of(evaluations, context.protocol)
+    return SourcePart(
+        source=source,
+        name=name,
+        curves=_curves(context, source, evaluations),
+        times=time_table(evaluations),
+        descriptors=[_descriptor_part(context, e, best=e is best) for e in evaluations],
+    )
+
+
+def _curves(context: Context, source: str, evaluations: Sequence[Evaluation]) -> Picture | None:
+    curves = {e.run.descriptor: e.curves.get(context.protocol) for e in evaluations}
+    defined = {name: c for name, c in curves.items() if c and c.average_precision is not None}
+    if not defined:
+        return None
+    figure = draw_curves(defined)
+    caption = (
+        "Precision over recall as the threshold grows from left to right; up and right is better. "
+        "Square: recall at 100 % precision. Dot: maximal F1. Grey: lines of equal F1."
+    )
+    return keep(context.folder, f"pr_{source}", figure, caption)
+
+
+def _descriptor_part(context: Context, evaluation: Evaluation, *, best: bool) -> DescriptorPart:
+    run, curve = evaluation.run, evaluation.curves.get(context.protocol)
+    # Where no frame is a revisit, neither picture has anything to show.
+    empty = curve is not None and not curve.n_revisits
+    return DescriptorPart(
+        name=run_label(run),
+        best=best,
+        loops=_loops_line(evaluation, curve, context.protocol),
+        trajectory=_trajectory(context, evaluation, curve) if curve and not empty else None,
+        distances=None if empty else _distances(context, evaluation, curve),
+        pairs=_pairs(context, evaluation, curve) if curve else [],
+    )
+
+
+def _loops_line(evaluation: Evaluation, curve: PrecisionRecall | None, protocol: str) -> str:
+    if curve is not None:
+        revisits = f"{curve.n_revisits} of them revisits" if curve.n_revisits else "no revisit"
+        return f"{curve.explain(curve.max_f1_threshold)} ({revisits})."
+    nearest = nearest_of(evaluation, protocol)
+    if nearest is None:
+        return "No ground truth and no search: there are no loops to show."
+    listed = int((nearest[0] >= 0).sum())
+    return (
+        f"No ground truth: matches.csv lists the nearest candidates of {listed} frames, unjudged."
+    )
+
+
+def _trajectory(context: Context, evaluation: Evaluation, curve: PrecisionRecall) -> Picture:
+    run, threshold = evaluation.run, curve.max_f1_threshold
+    at = "No threshold accepts a correct match"
+    if threshold is not None:
+        at = f"Loops at the threshold of maximal F1, {threshold:.4g}"
+    caption = (
+        f"{at}. Green: correct. Red: false; its line leads to the place it was taken for. "
+        "Orange: revisits that were missed. Grey: the path."
+    )
+    name = f"trajectory_{run.source}_{run.descriptor}"
+    return keep(context.folder, name, draw_trajectory(run, curve), caption)
+
+
+def _distances(context: Context, evaluation: Evaluation, curve: PrecisionRecall | None) -> Picture:
+    run = evaluation.run
+    window = curve.window if curve else evaluation.window
+    figure = draw_distances(run, window, curve.radius if curve else None)
+    caption = (
+        "Each row is a query, each column an earlier frame. Dark: the descriptors are alike; "
+        f"revisits show as dark lines. Grey band: the {window} frames that are no candidates."
+    )
+    if curve:
+        caption += " Right: what is true; red places should be dark on the left."
+    return keep(context.folder, f"distances_{run.source}_{run.descriptor}", figure, caption)
+
+
+def _pairs(context: Context, evaluation: Evaluation, curve: PrecisionRecall) -> list[Picture]:
+    drawn = (_pair(context, evaluation, pair) for pair in telling_pairs(evaluation.run, curve))
+    return [picture for picture in drawn if picture is not None]
+
+
+def _pair(context: Context, evaluation: Evaluation, pair: Pair) -> Picture | None:
+    run = evaluation.run
+    figure = draw_pair(run, pair, context.clouds, context.images)
+    if figure is None:
+        return None
+    caption = (
+        f"{_PAIR_TEXTS[pair.kind]}: descriptors {pair.distance:.4g} apart, places "
+        f"{pair.metres:.1f} m apart. Clouds from above, both at one scale."
+    )
+    name = f"pairs_{run.source}_{run.descriptor}_{pair.kind}"
+    return keep(context.folder, name, figure, caption, photo=True)

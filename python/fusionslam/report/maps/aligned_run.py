@@ -1,0 +1,149 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A run of RatSLAM as it is drawn: map, dead reckoning and truth in one frame, loops judged."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.evaluation import MapReport, PoseErrors
+from fusionslam.evaluation.maps.run import ActionKind, RatSlamRun
+from fusionslam.geometry.se2 import wrapped
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is drawn, in the frame of the truth, or in the map's where nobody knows the truth.
+
+    Map and dead reckoning are each laid over the truth by the motion that the report found.
+
+    Attributes:
+        run, report: what happened, and how it was judged.
+        nodes: float64 (k, 3), metres and radians.
+        path: float64 (n, 3), every step on the map as it is in the end.
+        reckoned: float64 (n, 3), dead reckoning.
+        made: int64 (l), the step in which the robot arrived at a known node, or was not allowed to
+            at first, for which each link was made: a loop; -1 for links that came with a node.
+        false: bool (l), which loops join poses that are not near each other; none without truth.
+    """
+
+    run: RatSlamRun
+    report: MapReport
+    nodes: Floats
+    path: Floats
+    reckoned: Floats
+    made: Integers
+    false: Mask
+
+    @property
+    def truth(self) -> Floats | None:
+        """float64 (n, 3), or None."""
+        return self.run.truth
+
+    @property
+    def loops(self) -> Mask:
+        """Bool (l), which links are loops."""
+        return np.asarray(self.made >= 0)
+
+    @property
+    def right(self) -> Mask:
+        """Bool (l), which links are loops that are not false."""
+        return self.loops & ~self.false
+
+
+def scene_of(run: RatSlamRun, report: MapReport) -> Scene:
+    """Lay a run over its truth, and tell its loops apart."""
+    made = _arrivals(run)
+    return Scene(
+        run=run,
+        report=report,
+        nodes=moved(run.nodes, report.nodes),
+        path=moved(run.final_poses, report.nodes),
+        reckoned=moved(run.dead_reckoning, report.dead_reckoning),
+        made=made,
+        false=_false_links(run, report, made),
+    )
+
+
+def denied(run: RatSlamRun) -> Mask:
+    """Bool (r), which refused loops have no link in the end: others may agree with one later."""
+    pairs = zip(run.links["source"].tolist(), run.links["target"].tolist(), strict=True)
+    linked = {frozenset(pair) for pair in pairs}
+    ends = zip(run.refused["source"].tolist(), run.refused["target"].tolist(), strict=True)
+    return np.array([frozenset(pair) not in linked for pair in ends], np.bool_)
+
+
+def link_misfits(run: RatSlamRun) -> Floats:
+    """float64 (l): metres from where a link says that its target is to where the map has it."""
+    links, nodes = run.links, run.nodes
+    source, target = nodes[links["source"]], nodes[links["target"]]
+    way = source[:, 2] + links["heading"]
+    said = source[:, :2] + (links["distance"] * np.stack([np.cos(way), np.sin(way)])).T
+    return np.asarray(np.hypot(*(target[:, :2] - said).T))
+
+
+def near(run: RatSlamRun, report: MapReport, steps: Integers, nodes: Integers) -> Floats:
+    """float64 (m): 1 where the robot truly was in the view radius of these nodes, else 0.
+
+    NaN where nobody knows. Arguments as of ``offs``.
+    """
+    metres, degrees = offs(run, steps, nodes)
+    within = (metres <= report.rule.loop_distance) & (degrees <= report.rule.loop_angle)
+    return np.where(np.isnan(metres), np.nan, within)
+
+
+def moved(poses: Floats, errors: PoseErrors | None) -> Floats:
+    """Poses laid over the truth; as they are where nobody knows it."""
+    return poses if errors is None else errors.motion.apply(poses)
+
+
+def steps_at(run: RatSlamRun, stamps_ns: Integers) -> Integers:
+    """int64, the last step at exactly these stamps; -1 where there is none."""
+    found = np.searchsorted(run.stamps_ns, stamps_ns, side="right") - 1
+    there = run.stamps_ns[found] if len(run) else found
+    return np.where((found >= 0) & (there == stamps_ns), found, -1)
+
+
+def offs(run: RatSlamRun, steps: Integers, nodes: Integers) -> tuple[Floats, Floats]:
+    """How far the robot truly was from where nodes were made: metres and degrees.
+
+    Args:
+        run: what happened.
+        steps: int64 (m), when.
+        nodes: int64 (m), which nodes.
+
+    Returns:
+        float64 (m) each; NaN where the truth is not known.
+    """
+    at = steps_at(run, run.node_stamps_ns)[nodes]
+    if run.truth is None or not len(steps):
+        return np.full(len(steps), np.nan), np.full(len(steps), np.nan)
+    difference = run.truth[steps] - run.truth[at]
+    difference[(steps < 0) | (at < 0)] = np.nan
+    return np.hypot(*difference[:, :2].T), np.degrees(np.abs(wrapped(difference[:, 2])))
+
+
+def _arrivals(run: RatSlamRun) -> Integers:
+    """The step of the loop that each link was made for; -1 where it was made with a node."""
+    changes = np.flatnonzero(run.actions[:, 0] != ActionKind.NONE)[::-1].tolist()
+    first = {(int(run.actions[row, 1]), int(run.actions[row, 2])): row for row in changes}
+    for row, one in zip(steps_at(run, run.refused["stamp_ns"]), run.refused, strict=True):
+        # One that was refused at first is linked as soon as others agree with it.
+        first.setdefault((int(one["source"]), int(one["target"])), int(row))
+    pairs = zip(run.links["source"].tolist(), run.links["target"].tolist(), strict=True)
+    steps = np.array([first.get(pair, -1) for pair in pairs], np.int64)
+    with_node = run.actions[steps, 0] == ActionKind.CREATE_NODE
+    with_node &= run.actions[steps, 2] == run.links["target"]
+    return np.where((steps >= 0) & ~with_node, steps, -1)
+
+
+def _false_links(run: RatSlamRun, report: MapReport, made: Integers) -> Mask:
+    """Loops made while the robot truly was somewhere else than at the node it arrived at."""
+    false = made >= 0
+    false[false] = near(run, report, made[false], run.links["target"][false]) == 0
+    return false

@@ -1,0 +1,66 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The configurations of runs of RatSLAM, value by value."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from fusionslam.config import walk
+from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.ratslam.slam import RatSlamConfig
+
+
+@dataclass(frozen=True)
+class ConfigTable:
+    """Values of configurations; each row is a dotted name, a value for each head, and a meaning."""
+
+    heads: list[str]
+    rows: list[tuple[str, list[str], str]]
+
+
+def config_table(labels: Sequence[str], runs: Sequence[RatSlamRun]) -> ConfigTable | None:
+    """A column for each configuration that differs; None where none is known."""
+    groups: list[tuple[dict[str, str], list[str]]] = []
+    for label, run in zip(labels, runs, strict=True):
+        values = dict(_flat(run.config))
+        same = next((names for known, names in groups if known == values), None)
+        if same is None:
+            groups.append((values, [label]))
+        else:
+            same.append(label)
+    names = list(dict.fromkeys(name for values, _ in groups for name in values))
+    if not names:
+        return None
+    meanings = _meanings()
+    heads = ["value" if len(groups) == 1 else "; ".join(group) for _, group in groups]
+    return ConfigTable(
+        heads,
+        [
+            (
+                name,
+                [values.get(name, "\N{EN DASH}") for values, _ in groups],
+                meanings.get(name, ""),
+            )
+            for name in names
+        ],
+    )
+
+
+def _flat(config: Mapping[str, Any], where: str = "") -> Iterator[tuple[str, str]]:
+    """Dotted names and values as text."""
+    for name, value in config.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{where}{name}.")
+        else:
+            yield f"{where}{name}", "null" if value is None else str(value)
+
+
+def _meanings() -> dict[str, str]:
+    """What each value means, with its unit, by dotted name."""
+    said = {}
+    for name, _, definition in walk(RatSlamConfig()):
+        extra = definition.json_schema_extra
+        unit = extra.get("unit") if isinstance(extra, dict) else ""
+        said[name] = f"{definition.description}{f' ({unit})' if unit else ''}"
+    return said

@@ -1,0 +1,225 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of experience maps: over the truth and dead reckoning, or several side by side."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+from fusionslam.evaluation import MapReport, judge_map
+from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.report.loops.plots import CURVE_COLORS, PATH, new_figure, styled
+from fusionslam.report.maps.aligned_run import Scene, denied, scene_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import LineCollection
+    from matplotlib.figure import Figure
+
+MAP, RECKONED = CURVE_COLORS[0], CURVE_COLORS[3]
+"""Colours of the map and of dead reckoning in all pictures."""
+RIGHT, WRONG, DENIED = CURVE_COLORS[2], CURVE_COLORS[1], CURVE_COLORS[4]
+"""Colours of loops: closed rightly, closed wrongly, refused."""
+INK = "#333333"
+_MARGIN = 0.05
+_FLATTEST, _STEEPEST = 0.25, 1.6
+
+Bounds = NDArray[np.float64]
+
+
+def draw_map(scene: Scene) -> "Figure":
+    """The map over the truth and dead reckoning, with its links and loops."""
+    figure, axis = single_map(scene, bounds_of([scene], scene.reckoned))
+    axis.plot(
+        *scene.reckoned[:, :2].T, color=RECKONED, lw=1, ls="--", zorder=2, label="dead reckoning"
+    )
+    _map(axis, scene, counted=True)
+    _ends(axis, scene)
+    figure.legend(loc="outside lower center", ncols=4)
+    return figure
+
+
+def single_map(scene: Scene, bounds: Bounds) -> tuple["Figure", "Axes"]:
+    """A picture of what lies within, as yet with nothing but the truth."""
+    ratio = ratio_of(bounds)
+    width = 8.2 if ratio < 1 else 6.0
+    figure = new_figure(width, 1.4 + (width - 0.8) * ratio)
+    axis = figure.add_subplot()
+    draw_truth(axis, scene, lw=3.5)
+    frame(axis, bounds)
+    axis.set(xlabel="x (m)", ylabel="y (m)")
+    return figure, axis
+
+
+def map_figure(
+    runs: Sequence[RatSlamRun],
+    reports: Sequence[MapReport] | None = None,
+    *,
+    titles: Sequence[str] | None = None,
+    columns: int | None = None,
+) -> "Figure":
+    """The exact trajectory beside the maps that runs made of it, all at one scale.
+
+    As the thesis's figures 5.13 to 5.15 show them.
+
+    Args:
+        runs: over one drive; the first one that knows the truth gives the trajectory.
+        reports: how they were judged; None judges them.
+        titles: above the maps; None for what recognised the views.
+        columns: panels in a row at most; None for as many as are legible.
+
+    Raises:
+        DataError: no runs, or not a title for each.
+    """
+    names = [run.views for run in runs] if titles is None else list(titles)
+    known = [judge_map(run) for run in runs] if reports is None else list(reports)
+    if not runs or not len(names) == len(known) == len(runs):
+        given = f"{len(runs)} runs, {len(known)} reports and {len(names)} titles"
+        raise DataError(f"picture of maps: {given}, expected one of each, and one run at least")
+    with styled():
+        return side_by_side(
+            [scene_of(*pair) for pair in zip(runs, known, strict=True)], names, columns
+        )
+
+
+def side_by_side(
+    scenes: Sequence[Scene], names: Sequence[str], columns: int | None = None
+) -> "Figure":
+    """As ``map_figure``, of what is laid over the truth already."""
+    exact = next((scene for scene in scenes if scene.truth is not None), None)
+    bounds, count = bounds_of(scenes), len(scenes) + (exact is not None)
+    figure, panels = _panels(count, ratio_of(bounds), columns)
+    if exact is not None:
+        first, panels = panels[0], panels[1:]
+        draw_truth(first, exact, color=INK, lw=1.2)
+        frame(first, bounds)
+        first.set_title("exact trajectory")
+    for axis, scene, name in zip(panels, scenes, names, strict=False):
+        draw_truth(axis, scene, lw=2.5)
+        _map(axis, scene, counted=False)
+        frame(axis, bounds)
+        axis.set_title(f"{name}\n{_figures(scene)}")
+    found = [axis.get_legend_handles_labels() for axis in panels]
+    handles = {name: one for ones, names in found for one, name in zip(ones, names, strict=True)}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=5)
+    return figure
+
+
+def _panels(count: int, ratio: float, columns: int | None) -> tuple["Figure", list["Axes"]]:
+    """A figure with so many panels whose height is ``ratio`` times their width."""
+    most = columns or (2 if ratio < 0.4 else 3 if ratio < 0.9 else 4)
+    down = -(-count // most)
+    across = -(-count // down)
+    width = 9.2 / across - 0.45
+    figure = new_figure(9.2, 0.7 + down * (0.75 + width * ratio))
+    panels = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
+    for axis in panels.flat[count:]:
+        axis.set_axis_off()
+    for axis in panels[-1]:
+        axis.set_xlabel("x (m)")
+    for axis in panels[:, 0]:
+        axis.set_ylabel("y (m)")
+    return figure, list(panels.flat[:count])
+
+
+def _figures(scene: Scene) -> str:
+    words = counted_word(len(scene.nodes), "node")
+    errors = scene.report.nodes
+    return words if errors is None else f"{words}, RMSE {errors.rmse_m:.2f} m"
+
+
+def draw_truth(axis: "Axes", scene: Scene, *, lw: float, color: str = PATH) -> None:
+    """The true path, where somebody knows it."""
+    if scene.truth is not None:
+        axis.plot(*scene.truth[:, :2].T, color=color, lw=lw, alpha=0.75, zorder=1, label="truth")
+
+
+def _map(axis: "Axes", scene: Scene, *, counted: bool) -> None:
+    """Links and nodes, and loops by what became of them."""
+    axis.add_collection(lines_between(scene, pairs_of(scene.run.links[~scene.loops]), MAP, 1.0, 3))
+    axis.plot(*scene.nodes[:, :2].T, ".-", color=MAP, ms=3, lw=0, zorder=4)
+    axis.plot([], [], ".-", color=MAP, ms=3, lw=1, label="experience map")
+    run, name = scene.run, "loop" if scene.truth is None else "right loop"
+    refused = pairs_of(run.refused[denied(run)])
+    for order, (pairs, color, fill, marker, style, kind) in enumerate(
+        (
+            (refused, DENIED, "white", "^", "--", "refused loop"),
+            (pairs_of(run.links[scene.right]), RIGHT, "white", "o", "-", name),
+            (pairs_of(run.links[scene.false]), WRONG, WRONG, "X", "-", "false loop"),
+        ),
+        start=5,
+    ):
+        if len(pairs):
+            label = counted_word(len(pairs), kind) if counted else f"{kind}s"
+            # Hundreds of long lines must not hide the map.
+            alpha = float(np.clip(40 / len(pairs), 0.2, 0.85))
+            axis.add_collection(lines_between(scene, pairs, color, 1.3, order, style, alpha=alpha))
+            # Right loops are short: without their ends they would not be seen.
+            drawn: dict[str, Any] = {"mfc": fill, "mec": color, "ms": 4.5, "mew": 1.1}
+            axis.plot(*scene.nodes[np.unique(pairs), :2].T, marker, zorder=order, **drawn)
+            axis.plot([], [], marker, ls=style, color=color, lw=1.3, label=label, **drawn)
+
+
+def counted_word(number: int, word: str) -> str:
+    """As in "1 loop" and "2 loops"."""
+    return f"{number} {word}{'' if number == 1 else 's'}"
+
+
+def pairs_of(links: NDArray[np.void]) -> NDArray[np.int64]:
+    """int64 (l, 2): sources and targets."""
+    return np.stack([links["source"], links["target"]], axis=1)
+
+
+def lines_between(
+    scene: Scene,
+    pairs: NDArray[np.int64],
+    color: str,
+    width: float,
+    order: int,
+    style: str = "-",
+    alpha: float = 1.0,
+) -> "LineCollection":
+    """Lines between pairs of nodes, int64 (m, 2)."""
+    from matplotlib.collections import LineCollection
+
+    segments = list(scene.nodes[pairs, :2])
+    return LineCollection(
+        segments, colors=color, lw=width, zorder=order, linestyles=style, alpha=alpha
+    )
+
+
+def _ends(axis: "Axes", scene: Scene) -> None:
+    """Where the path starts and ends; one does not hide the other."""
+    # Before its first node the robot is not on the map yet.
+    first = int(np.argmax(scene.run.node_ids >= 0))
+    for row, marker, size, fill, label in (
+        (first, "D", 8, "white", "start"),
+        (-1, "s", 4.5, INK, "end"),
+    ):
+        place = scene.path[row, :2]
+        axis.plot(*place, marker, mfc=fill, mec=INK, ms=size, ls="", zorder=8, label=label)
+
+
+def bounds_of(scenes: Sequence[Scene], *more: Bounds) -> Bounds:
+    """float64 (2, 2): low and high corner of maps and truths, with a margin."""
+    shown = [scene.nodes for scene in scenes] + [scene.path for scene in scenes]
+    shown += [scene.truth for scene in scenes if scene.truth is not None] + list(more)
+    places = np.concatenate(shown)[:, :2]
+    low, high = places.min(axis=0), places.max(axis=0)
+    edge = np.maximum(_MARGIN * (high - low).max(), 0.5)
+    return np.stack([low - edge, high + edge])
+
+
+def ratio_of(bounds: Bounds) -> float:
+    """Height of a picture of what lies within over its width."""
+    wide, tall = bounds[1] - bounds[0]
+    return float(np.clip(tall / wide, _FLATTEST, _STEEPEST))
+
+
+def frame(axis: "Axes", bounds: Bounds) -> None:
+    """Show what lies within, metres alike on both axes."""
+    axis.set(xlim=bounds[:, 0], ylim=bounds[:, 1])
+    axis.set_aspect("equal")

@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writes the report of maps: the page, its pictures, the figures, and the runs."""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fusionslam.errors import DataError
+from fusionslam.evaluation import MapReport, judge_map
+from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.report.loops.plots import styled
+from fusionslam.report.maps.config_table import config_table
+from fusionslam.report.maps.sections import DrivePart, drive_part
+from fusionslam.report.maps.tables import MOST
+from fusionslam.report.page.html import about_report, check_extra, environment, file_name
+from fusionslam.storage.files import atomic_path
+
+RUNS = "ratslam"
+"""Folder of the runs, beside the page."""
+
+Judged = list[tuple[RatSlamRun, MapReport]]
+
+
+def write_ratslam_report(
+    folder: str | os.PathLike[str],
+    runs: RatSlamRun | Sequence[RatSlamRun],
+    reports: MapReport | Sequence[MapReport] | None = None,
+    *,
+    title: str | None = None,
+    command: str = "",
+    notes: Sequence[str] = (),
+) -> Path:
+    """Write ratslam.html, which opens offline, its pictures and figures, and the runs.
+
+    Args:
+        folder: made if missing. Files of an earlier report there are replaced; its runs under
+            other names stay.
+        runs: those over one drive share a ``name`` and are compared.
+        reports: how the runs were judged; None judges them.
+        title: None makes one.
+        command: what was typed to get here.
+        notes: sentences for the head of the page.
+
+    Returns:
+        The path of ratslam.html.
+
+    Raises:
+        DataError: no runs, a run without steps, two of one name, not a report for each, values
+            that cannot be judged, or the folder cannot be written.
+        FusionSlamError: matplotlib or jinja2 is not installed.
+    """
+    check_extra()
+    judged = _judged(runs, reports)
+    target = Path(folder)
+    for run, _ in judged:
+        run.save(target / RUNS / f"{_name(run)}.npz")
+    with styled():
+        drives = [
+            drive_part(target, f"{number}", name, group)
+            for number, (name, group) in enumerate(_by_drive(judged).items())
+        ]
+    config = {_label(run): dict(run.config) for run, _ in judged if run.config}
+    about = about_report(", ".join(drive.name for drive in drives), command, config)
+    about |= {"title": title, "notes": list(notes)}
+    _write_figures(target / "ratslam.json", judged, about)
+    page = _page(drives, about, judged)
+    with atomic_path(target / "ratslam.html") as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return target / "ratslam.html"
+
+
+def _judged(
+    runs: RatSlamRun | Sequence[RatSlamRun], reports: MapReport | Sequence[MapReport] | None
+) -> Judged:
+    """Runs with their reports; raises DataError if nothing can be written of them."""
+    runs = [runs] if isinstance(runs, RatSlamRun) else list(runs)
+    if not runs:
+        raise DataError("report: there are no runs to write about")
+    names = [_name(run) for run in runs]
+    for run, name in zip(runs, names, strict=True):
+        if not len(run):
+            raise DataError(f"report: the run {_label(run)} has no steps")
+        if names.count(name) > 1:
+            raise DataError(f"report: two runs are called {_label(run)}")
+    given = [reports] if isinstance(reports, MapReport) else reports
+    judged = [judge_map(run) for run in runs] if given is None else list(given)
+    if len(judged) != len(runs):
+        raise DataError(f"report: {len(judged)} reports of {len(runs)} runs, expected one of each")
+    return list(zip(runs, judged, strict=True))
+
+
+def _name(run: RatSlamRun) -> str:
+    return file_name(run.name, run.views, run.odometry, run.preset)
+
+
+def _label(run: RatSlamRun) -> str:
+    return " / ".join((run.name, run.views, run.odometry, run.preset))
+
+
+def _by_drive(judged: Judged) -> dict[str, Judged]:
+    groups: dict[str, Judged] = {}
+    for run, report in judged:
+        groups.setdefault(run.name, []).append((run, report))
+    return groups
+
+
+def _write_figures(path: Path, judged: Judged, about: Mapping[str, Any]) -> None:
+    """Write what is known about the report, and under "runs" the figures of each run."""
+    content = {**about, "runs": [report.metrics() for _, report in judged]}
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", "utf-8")
+
+
+def _page(drives: Sequence[DrivePart], about: Mapping[str, Any], judged: Judged) -> str:
+    runs = [run for run, _ in judged]
+    return (
+        environment()
+        .get_template("ratslam.html.j2")
+        .render(
+            title=about["title"] or f"Maps of {about['dataset']}",
+            drives=drives,
+            runs=len(runs),
+            about=about,
+            rule=judged[0][1].rule,
+            most=MOST,
+            config=config_table([_label(run) for run in runs], runs),
+        )
+    )

@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Picture of the quickest way over a map from one node to another."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.evaluation import MapReport, judge_map
+from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.ratslam.experience_map import Route, quickest_route
+from fusionslam.report.loops.plots import CURVE_COLORS, styled
+from fusionslam.report.maps.aligned_run import Scene, scene_of
+from fusionslam.report.maps.map_figures import (
+    INK,
+    bounds_of,
+    counted_word,
+    lines_between,
+    pairs_of,
+    single_map,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_LINK, _ROUTE = CURVE_COLORS[5], CURVE_COLORS[1]
+_ARROWS = 8
+
+
+def path_figure(run: RatSlamRun, a: int, b: int, report: MapReport | None = None) -> "Figure":
+    """The map, and on it the quickest way from node a to node b.
+
+    Args:
+        run: whose map in the end is shown, laid over the truth where that is known.
+        a, b: ids of nodes.
+        report: how the run was judged; None judges it.
+
+    Raises:
+        DataError: a node that there is not, or two that no links join.
+    """
+    route = quickest_route(run.links, len(run.nodes), a, b)
+    with styled():
+        return draw_route(scene_of(run, report or judge_map(run)), route)
+
+
+def draw_route(scene: Scene, route: Route) -> "Figure":
+    """As ``path_figure``, of a way that is known already."""
+    figure, axis = single_map(scene, bounds_of([scene]))
+    axis.add_collection(lines_between(scene, pairs_of(scene.run.links), _LINK, 0.9, 2))
+    axis.plot([], [], color=_LINK, lw=0.9, label="links of the map")
+    places = scene.nodes[route.ids, :2]
+    axis.plot(*places.T, ".-", color=_ROUTE, lw=2.2, ms=6, zorder=4, label="quickest way")
+    _arrows(axis, places)
+    for row, marker, size, fill, word in ((0, "D", 8, "white", "from"), (-1, "*", 13, INK, "to")):
+        axis.plot(
+            *places[row],
+            marker,
+            mfc=fill,
+            mec=INK,
+            ms=size,
+            ls="",
+            zorder=6,
+            label=f"{word} node {route.ids[row]}",
+        )
+    axis.set_title(route_words(route, places))
+    figure.legend(loc="outside lower center", ncols=5)
+    return figure
+
+
+def route_words(route: Route, places: NDArray[np.float64]) -> str:
+    """How long a way is: links, metres on the map, seconds as it was driven."""
+    metres = float(np.hypot(*np.diff(places, axis=0).T).sum())
+    return (
+        f"from node {route.ids[0]} to node {route.ids[-1]}: "
+        f"{counted_word(len(route.ids) - 1, 'link')}, {metres:.1f} m, {route.seconds:.1f} s"
+    )
+
+
+def _arrows(axis: "Axes", places: NDArray[np.float64]) -> None:
+    """Which way it goes: arrow heads at even distances along the way."""
+    steps = np.diff(places, axis=0)
+    lengths = np.hypot(*steps.T)
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    if not along[-1] > 0:
+        return
+    for distance in (np.arange(_ARROWS) + 0.5) * along[-1] / _ARROWS:
+        row = int(np.searchsorted(along, distance)) - 1
+        middle = places[row] + steps[row] * (distance - along[row]) / lengths[row]
+        ahead = middle + 1e-3 * steps[row] / lengths[row]
+        style = {"arrowstyle": "-|>", "color": _ROUTE, "mutation_scale": 14, "lw": 0}
+        axis.annotate("", xy=ahead, xytext=middle, arrowprops=style, zorder=5)

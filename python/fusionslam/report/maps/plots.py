@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What happened in a run of RatSLAM over time: cells, views and actions, errors."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.evaluation.maps.run import ActionKind, RatSlamRun
+from fusionslam.report.loops.plots import CURVE_COLORS, PATH, new_figure
+from fusionslam.report.maps.aligned_run import Scene, moved
+from fusionslam.report.maps.map_figures import DENIED, MAP, RECKONED, RIGHT, WRONG
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_COLUMNS = 900
+_WIDTH = 9.2
+
+Floats = NDArray[np.float64]
+
+
+def draw_activity(run: RatSlamRun) -> "Figure | None":
+    """The cells' activity along each axis over time; None where nothing was looked at."""
+    if not run.is_view.any():
+        return None
+    figure = new_figure(_WIDTH, 6.2)
+    panels = figure.subplots(3, 1, sharex=True)
+    rows = ((run.activity_th, "th (deg)", 360.0), (run.activity_x, "x (cells)", None))
+    for axis, (activity, label, reach), column in zip(
+        panels, (*rows, (run.activity_y, "y (cells)", None)), (2, 0, 1), strict=True
+    ):
+        size = activity.shape[1]
+        top = reach or float(size)
+        _activity(axis, run, activity, top)
+        decoded = run.cells[run.is_view, column] * top / size
+        axis.plot(run.seconds[run.is_view], decoded, ".", ms=1.6, mew=0, color="white", alpha=0.8)
+        axis.set(ylabel=label, ylim=(0, top))
+    panels[0].set_yticks(range(0, 361, 90))
+    panels[-1].set_xlabel("time (s)")
+    shown = panels[0].images[0]
+    figure.colorbar(shown, ax=list(panels), shrink=0.6, pad=0.01, label="share of the activity")
+    return figure
+
+
+def _activity(axis: "Axes", run: RatSlamRun, activity: NDArray[np.float32], top: float) -> None:
+    """One picture whose columns are even in time: each shows the last activity known then."""
+    stamps = run.seconds[run.is_view]
+    start, end = float(stamps[0]), float(max(stamps[-1], stamps[0] + 1e-3))
+    moments = np.linspace(start, end, min(_COLUMNS, max(2, len(stamps))))
+    rows = np.searchsorted(stamps, moments + 1e-9, side="right") - 1
+    from matplotlib.colors import PowerNorm
+
+    axis.imshow(
+        activity[rows].T,
+        extent=(start, end, 0, top),
+        origin="lower",
+        aspect="auto",
+        cmap="magma",
+        # Activity spreads over many cells: a square root keeps its rims visible.
+        norm=PowerNorm(0.5, vmin=0, vmax=1),
+    )
+
+
+def draw_views(scene: Scene) -> "Figure | None":
+    """Views by their ids over time, and what the map did; None where nothing was looked at."""
+    run = scene.run
+    if not run.is_view.any():
+        return None
+    from matplotlib.ticker import MaxNLocator
+
+    figure = new_figure(_WIDTH, 4.6)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    seconds, ids = run.seconds[run.is_view], run.view_ids[run.is_view]
+    new = new_views(ids)
+    for mask, color, name in ((~new & (ids >= 0), RIGHT, "known view"), (new, MAP, "new view")):
+        label = f"{name}: {np.count_nonzero(mask)}"
+        above.plot(seconds[mask], ids[mask], "o", mew=0, ms=3, color=color, label=label)
+    most = max(int(ids.max()), 1)
+    above.set(ylabel="view", ylim=(-0.04 * most - 0.5, 1.04 * most + 0.5))
+    above.yaxis.set_major_locator(MaxNLocator(integer=True))
+    above.grid(alpha=0.25)
+    _marks(below, scene, seconds[ids < 0])
+    below.set_xlabel("time (s)")
+    figure.legend(loc="outside upper left", ncols=2)
+    return figure
+
+
+def new_views(ids: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which of the ids are there for the first time; -1 is none."""
+    new = np.zeros(len(ids), bool)
+    new[np.unique(ids, return_index=True)[1]] = True
+    return new & (ids >= 0)
+
+
+def _marks(axis: "Axes", scene: Scene, blind: Floats) -> None:
+    """A row of strokes for each kind of event."""
+    run, kinds, seconds = scene.run, scene.run.actions[:, 0], scene.run.seconds
+    right = scene.made[scene.right]
+    rows = (
+        ("nothing seen", blind, PATH),
+        ("refused loop", (run.refused["stamp_ns"] - run.stamps_ns[0]) / 1e9, DENIED),
+        ("false loop", seconds[scene.made[scene.false]], WRONG),
+        ("right loop" if scene.truth is not None else "loop", seconds[right], RIGHT),
+        ("known node", seconds[kinds == ActionKind.CREATE_EDGE], RIGHT),
+        ("new node", seconds[kinds == ActionKind.CREATE_NODE], MAP),
+    )
+    shown = [row for row in rows if len(row[1])]
+    for height, (_, stamps, color) in enumerate(shown):
+        axis.vlines(stamps, height - 0.38, height + 0.38, colors=color, lw=0.8)
+    names = [f"{name}: {len(stamps)}" for name, stamps, _ in shown]
+    axis.set_yticks(range(len(shown)), names)
+    axis.set_ylim(-0.6, max(len(shown), 1) - 0.4)
+    axis.tick_params(axis="y", length=0)
+
+
+def draw_errors(scene: Scene) -> "Figure | None":
+    """How far map and dead reckoning are off over time; None without truth, or without a node."""
+    if scene.truth is None or scene.report.trajectory is None:
+        return None
+    figure = new_figure(_WIDTH, 3.6)
+    axis = figure.add_subplot()
+    run, report, rows = scene.run, scene.report, scene.run.node_ids >= 0
+    for poses, errors, color, style, name in (
+        (run.dead_reckoning, report.dead_reckoning, RECKONED, "--", "dead reckoning"),
+        (run.poses, report.live, CURVE_COLORS[5], "-", "map, at the time"),
+        (run.final_poses, report.trajectory, MAP, "-", "map, in the end"),
+    ):
+        if errors is None:
+            continue
+        apart = np.hypot(*(moved(poses, errors) - scene.truth)[rows, :2].T)
+        label = f"{name}: RMSE {errors.rmse_m:.2f} m"
+        axis.plot(run.seconds[rows], apart, style, color=color, lw=1.2, label=label)
+    axis.set(xlabel="time (s)", ylabel="metres from the truth")
+    axis.set_ylim(bottom=0)
+    axis.grid(alpha=0.25)
+    figure.legend(loc="outside upper left", ncols=3)
+    return figure

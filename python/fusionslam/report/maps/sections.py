@@ -1,0 +1,270 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the report of maps says of one drive, and of each run over it."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fusionslam.errors import DataError
+from fusionslam.evaluation import MapReport
+from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.ratslam.experience_map import quickest_route
+from fusionslam.report.maps.aligned_run import Scene, denied, scene_of
+from fusionslam.report.maps.map_figures import counted_word, draw_map, side_by_side
+from fusionslam.report.maps.path_figure import draw_route
+from fusionslam.report.maps.plots import draw_activity, draw_errors, draw_views, new_views
+from fusionslam.report.maps.tables import (
+    REFUSALS,
+    error_table,
+    joins_table,
+    loop_table,
+    reason_table,
+    refusals,
+    refused_table,
+)
+from fusionslam.report.maps.times import cost_table, draw_step_times
+from fusionslam.report.page.html import file_name
+from fusionslam.report.page.images import Picture, keep
+from fusionslam.report.page.tables import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Judged = Sequence[tuple[RatSlamRun, MapReport]]
+_NOTES = 50
+
+
+@dataclass(frozen=True)
+class RunPart:
+    """What is shown of one run; pictures that would be empty are None, and ``words`` say why."""
+
+    name: str
+    sentence: str
+    words: list[str]
+    pictures: list[Picture]
+    loops: Table | None
+    refused: Table | None
+    reasons: Table | None
+    notes: list[str]
+
+
+@dataclass(frozen=True)
+class DrivePart:
+    """What is shown of one drive."""
+
+    name: str
+    id: str
+    answer: str
+    unjudged: list[str]
+    errors: Table | None
+    joins: Table
+    maps: Picture | None
+    costs: Table | None
+    runs: list[RunPart]
+
+
+def drive_part(folder: Path, id: str, name: str, judged: Judged) -> DrivePart:
+    """Draw everything that is known of the runs over one drive.
+
+    Args:
+        folder: where pictures go.
+        id: that no other drive of the page has.
+        name: of the drive.
+        judged: its runs.
+    """
+    runs, reports = [run for run, _ in judged], [report for _, report in judged]
+    labels = run_labels(runs)
+    scenes = [scene_of(run, report) for run, report in judged]
+    unjudged = {
+        f"{label}: {why}": None
+        for label, report in zip(labels, reports, strict=True)
+        for why in report.unjudged
+    }
+    return DrivePart(
+        name=name,
+        id=id,
+        answer=answer(labels, reports),
+        unjudged=[*unjudged],
+        errors=error_table(labels, reports),
+        joins=joins_table(labels, scenes),
+        maps=_maps(folder, name, labels, scenes),
+        costs=cost_table(labels, runs),
+        runs=[_run_part(folder, label, one) for label, one in zip(labels, scenes, strict=True)],
+    )
+
+
+def run_labels(runs: Sequence[RatSlamRun]) -> list[str]:
+    """What recognised the views, and of odometry and preset what tells the runs apart."""
+    parts = [[run.views, f"odometry {run.odometry}", f"preset {run.preset}"] for run in runs]
+    telling = [0] + [i for i in (1, 2) if len({part[i] for part in parts}) > 1]
+    return [", ".join(part[i] for i in telling) for part in parts]
+
+
+def answer(labels: Sequence[str], reports: Sequence[MapReport]) -> str:
+    """The best map against dead reckoning, in a sentence."""
+    known = [(label, one) for label, one in zip(labels, reports, strict=True) if one.trajectory]
+    if not known:
+        return "Without true poses nobody can say how good a map is: there are only counts."
+    label, best = min(known, key=lambda pair: _rmse(pair[1]))
+    assert best.trajectory is not None and best.dead_reckoning is not None
+    ours, alone = best.trajectory.rmse_m, best.dead_reckoning.rmse_m
+    name = f"{label} has the best map: it" if len(known) > 1 else "The map"
+    first = f"{name} puts the robot {ours:.2f} m (RMSE) from where it was"
+    if ours < alone:
+        return f"{first}, dead reckoning {alone:.2f} m."
+    return f"{first}, dead reckoning {alone:.2f} m: mapping did not help."
+
+
+def _rmse(report: MapReport) -> float:
+    return report.trajectory.rmse_m if report.trajectory else np.inf
+
+
+def _maps(folder: Path, name: str, labels: list[str], scenes: list[Scene]) -> Picture | None:
+    """All maps at one scale; one map alone is shown by its own picture."""
+    drawn = [pair for pair in zip(labels, scenes, strict=True) if len(pair[1].nodes) > 1]
+    if len(drawn) < 2:
+        return None
+    figure = side_by_side([scene for _, scene in drawn], [label for label, _ in drawn])
+    caption = (
+        "The maps at one scale, each turned and shifted onto the truth as well as it can be, not "
+        "stretched. Marks are the ends of loops."
+    )
+    return keep(folder, f"ratslam_maps_{file_name(name)}", figure, caption)
+
+
+def _run_part(folder: Path, label: str, scene: Scene) -> RunPart:
+    run = scene.run
+    return RunPart(
+        name=label,
+        sentence=what_happened(scene),
+        words=[*_missing(scene)],
+        pictures=[*_pictures(folder, scene)],
+        loops=loop_table(scene),
+        refused=refused_table(scene),
+        reasons=reason_table(run),
+        notes=[*run.notes[:_NOTES], *_left_out(len(run.notes), _NOTES, "notes")],
+    )
+
+
+def what_happened(scene: Scene) -> str:
+    """Steps, views, nodes and loops of a run, in sentences; steps as the report counts them."""
+    run, report = scene.run, scene.report
+    span = f"{report.seconds:.1f} s and {counted_word(report.steps, 'step')} from the first node on"
+    views = counted_word(int(new_views(run.view_ids[run.is_view]).sum()), "view")
+    made = f"{counted_word(len(run.nodes), 'node')} and {counted_word(len(run.links), 'link')}"
+    loops = counted_word(int(scene.loops.sum()), "loop")
+    judged = report.false_loops is not None and scene.loops.any()
+    verdict = f", {int(scene.false.sum())} of them false" if judged else ""
+    refused = f"{counted_word(len(run.refused), 'loop')} refused"
+    became = Counter(refusals(scene))
+    told = [f"{became[kind]} {kind}" for kind in REFUSALS if became[kind]]
+    refused += f" ({', '.join(told)})" if told else ""
+    return (
+        f"{span}, {counted_word(report.looks, 'look')}; {views}, {made}; "
+        f"{loops} closed{verdict}; {refused}."
+    )
+
+
+def _missing(scene: Scene) -> list[str]:
+    """Sentences in the place of pictures that would show nothing."""
+    run, said = scene.run, []
+    if not run.is_view.any():
+        said.append(
+            "Nothing was looked at, so there are no views, and nothing corrected the cells."
+        )
+    elif not (run.view_ids >= 0).any():
+        said.append("Nothing was recognised in any look, so there is no view.")
+    if not len(run.nodes):
+        said.append("The map has no node: odometry and a view are both needed to make the first.")
+    elif len(run.nodes) == 1:
+        said.append("The map is a single node: there is nothing to draw.")
+    elif not scene.loops.any():
+        said.append("No loop was closed: the map is dead reckoning, cut into nodes.")
+    if run.truth is None:
+        said.append("The true poses are not known, so there are no errors to show.")
+    if not (run.step_seconds > 0).any():
+        said.append("No step was timed.")
+    return said
+
+
+def _pictures(folder: Path, scene: Scene) -> list[Picture]:
+    """All pictures of a run that show something."""
+    run = scene.run
+    drawn: list[tuple[str, Figure | None, str]] = [
+        ("map", draw_map(scene) if len(run.nodes) > 1 else None, _map_caption(scene)),
+        ("errors", draw_errors(scene), _ERRORS),
+        ("views", draw_views(scene), _VIEWS),
+        ("cells", draw_activity(run), _CELLS),
+        ("way", _way_home(scene), _WAY),
+        ("times", draw_step_times(run), _TIMES),
+    ]
+    name = file_name(run.name, run.views, run.odometry, run.preset)
+    return [
+        keep(folder, f"ratslam_{kind}_{name}", figure, caption)
+        for kind, figure, caption in drawn
+        if figure is not None
+    ]
+
+
+def _way_home(scene: Scene) -> "Figure | None":
+    """From where the robot is in the end back to its first node; None where there is no way."""
+    run = scene.run
+    if len(run.nodes) < 2 or run.node_ids[-1] <= 0:
+        return None
+    try:
+        route = quickest_route(run.links, len(run.nodes), int(run.node_ids[-1]), 0)
+    except DataError:
+        # A stored map may be in pieces.
+        return None
+    return draw_route(scene, route)
+
+
+def _map_caption(scene: Scene) -> str:
+    """What the picture shows, and no more."""
+    known = scene.truth is not None
+    marks = (
+        (scene.right.any(), "rings, closed rightly" if known else "rings, closed"),
+        (scene.false.any(), "crosses, closed while the robot was elsewhere"),
+        (
+            denied(scene.run).any(),
+            "triangles and broken lines, refused as they do not fit the odometry",
+        ),
+    )
+    told = "; ".join(words for there, words in marks if there)
+    laid = "Map and dead reckoning are each turned and shifted onto the truth, not stretched. "
+    loops = f" Marks are the ends of loops: {told}." if told else ""
+    return f"{laid if known else ''}Dots are nodes, lines links.{loops}"
+
+
+def _left_out(number: int, most: int, what: str) -> list[str]:
+    return [f"{number - most} more {what} are in the stored run."] if number > most else []
+
+
+_ERRORS = (
+    "How far each step lies from the truth. Each line is turned and shifted onto the truth by "
+    "itself, so it need not start at 0. The map at the time is what the robot could have used; "
+    "in the end, its past is corrected too."
+)
+_VIEWS = (
+    "Above: the view of each look by its number; a lap that repeats shows as the same line again. "
+    "Below, a stroke for each event: the robot makes a node, arrives at a known one, and where "
+    "there was no link yet, closes a loop."
+)
+_CELLS = (
+    "Activity of the pose cells, summed over the other two axes; the colours are stretched for "
+    "small values. White: the decoded pose. All axes wrap around; a jump is a recognised view that "
+    "moved the packet."
+)
+_WAY = (
+    "What a map is for: the quickest way along links, by the time they took, from where the robot "
+    "is in the end back to where it began. fusionslam.report.path_figure shows any other one."
+)
+_TIMES = (
+    "Milliseconds a step, on a logarithmic scale. Right: only steps that change the map, by how "
+    "many nodes it had."
+)

@@ -1,0 +1,101 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the steps of a run of RatSLAM took: a table and a picture."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.evaluation.maps.run import ActionKind, RatSlamRun
+from fusionslam.report.loops.plots import CURVE_COLORS, new_figure
+from fusionslam.report.page.tables import Column, Table, filled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STAGES = ("looking", "pose cells", "map")
+"""What the columns of ``step_seconds`` are called."""
+_BUSY = ("steps that looked", "steps that moved or looked", "steps that changed the map")
+_COLORS = (CURVE_COLORS[2], CURVE_COLORS[4], CURVE_COLORS[0])
+_WIDTH = 9.2
+
+Named = tuple[str, RatSlamRun]
+
+
+def busy_ms(run: RatSlamRun, stage: int | None = None) -> NDArray[np.float64]:
+    """float64: milliseconds of the steps in which a stage had something to do.
+
+    Args:
+        run: what happened.
+        stage: of ``STAGES``; None for all stages of every step together.
+    """
+    times = run.step_seconds.sum(axis=1) if stage is None else run.step_seconds[:, stage]
+    if stage == STAGES.index("map"):
+        times = times[run.actions[:, 0] != ActionKind.NONE]
+    return np.asarray(times[times > 0] * 1e3)
+
+
+def cost_table(labels: Sequence[str], runs: Sequence[RatSlamRun]) -> Table | None:
+    """Median and 95th percentile of what steps took; None where nothing was timed."""
+    if not any((run.step_seconds > 0).any() for run in runs):
+        return None
+    columns = []
+    for stage, (name, busy) in enumerate(zip(STAGES, _BUSY, strict=True)):
+        columns += [_column(name, stage, 50, busy), _column(name, stage, 95, busy)]
+    columns += [_column("step", None, 50, "all steps"), _column("step", None, 95, "all steps")]
+    hint = "how much faster than the data come in"
+    columns.append(Column("times real time", hint, lambda pair: _speed(pair[1]), "{:.3g}"))
+    return filled(columns, list(zip(labels, runs, strict=True)), lambda pair: pair[0])
+
+
+def _column(name: str, stage: int | None, share: int, busy: str) -> Column[Named]:
+    def value(pair: Named) -> float | None:
+        return _percentile(pair[1], stage, share)
+
+    return Column(f"{name} p{share} ms", f"percentile {share} of {busy}", value, "{:.3g}")
+
+
+def _percentile(run: RatSlamRun, stage: int | None, share: int) -> float | None:
+    times = busy_ms(run, stage)
+    return float(np.percentile(times, share)) if times.size else None
+
+
+def _speed(run: RatSlamRun) -> float | None:
+    spent = float(run.step_seconds.sum())
+    return float(run.seconds[-1]) / spent if spent > 0 and run.seconds[-1] > 0 else None
+
+
+def draw_step_times(run: RatSlamRun) -> "Figure | None":
+    """What each stage of a step took, over time and over the size of the map.
+
+    None where nothing was timed.
+    """
+    times = np.where(run.step_seconds > 0, run.step_seconds * 1e3, np.nan)
+    if not np.isfinite(times).any():
+        return None
+    figure = new_figure(_WIDTH, 3.6)
+    left, right = figure.subplots(1, 2, sharey=True)
+    changed = run.actions[:, 0] != ActionKind.NONE
+    nodes = np.cumsum(run.actions[:, 0] == ActionKind.CREATE_NODE)
+    for stage, color in enumerate(_COLORS):
+        if (label := _stage_label(run, stage)) is not None:
+            left.plot(run.seconds, times[:, stage], ".", ms=2, color=color)
+            left.plot([], [], "o", color=color, label=label)
+    right.plot(nodes[changed], times[changed, 2], ".", ms=3, color=_COLORS[2])
+    left.set(xlabel="time (s)", ylabel="milliseconds", yscale="log", title="every step")
+    right.set(xlabel="nodes of the map", title="map, in steps that change it")
+    left.yaxis.set_major_formatter("{x:g}")
+    for axis in (left, right):
+        axis.grid(alpha=0.25)
+    figure.legend(loc="outside upper left", ncols=3)
+    return figure
+
+
+def _stage_label(run: RatSlamRun, stage: int) -> str | None:
+    """A stage with its percentiles, as in the table; None where it had nothing to do."""
+    half, most = (_percentile(run, stage, share) for share in (50, 95))
+    if half is None or most is None:
+        return None
+    return f"{STAGES[stage]}: p50 {half:.3g}, p95 {most:.3g} ms"

@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A picture is written beside the report and embedded into it."""
+
+import base64
+import io
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PIL import Image
+
+from fusionslam.storage.files import atomic_path
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+_COLORS = 128
+"""Enough for drawings, whose files they make a quarter as large."""
+_QUALITY = 80
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A PNG or JPEG and what to see in it.
+
+    Attributes:
+        name: of the file beside the report.
+        caption: what to see.
+        data: the file's bytes.
+    """
+
+    name: str
+    caption: str
+    data: bytes
+
+    @property
+    def data_uri(self) -> str:
+        """The picture as an address that needs no file."""
+        kind = {".png": "png", ".jpg": "jpeg"}[Path(self.name).suffix]
+        return f"data:image/{kind};base64," + base64.b64encode(self.data).decode("ascii")
+
+
+def keep(
+    folder: Path, name: str, figure: "Figure", caption: str, *, photo: bool = False
+) -> Picture:
+    """Render a figure, write it to the folder and return it.
+
+    Args:
+        folder: where to.
+        name: of the file, without its end.
+        figure: what to render.
+        caption: what to see in it.
+        photo: whether it shows camera images or clouds, which JPEG suits; drawings are PNG.
+
+    Raises:
+        DataError: the folder cannot be written.
+    """
+    encode, end = (_jpeg, ".jpg") if photo else (_png, ".png")
+    return _kept(folder, name + end, encode(_rendered(figure)), caption)
+
+
+def write_png(path: str | os.PathLike[str], figure: "Figure") -> None:
+    """Render a drawing and write it as PNG, whole or not at all. Raises DataError."""
+    data = _png(_rendered(figure))
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def write_photo(path: str | os.PathLike[str], image: Image.Image) -> None:
+    """Write a picture that is drawn already as JPEG, whole or not at all. Raises DataError."""
+    data = _jpeg(image)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def keep_photo(folder: Path, name: str, image: Image.Image, caption: str) -> Picture:
+    """Write a picture that is drawn already as JPEG, and return it. Arguments as for ``keep``."""
+    return _kept(folder, name + ".jpg", _jpeg(image), caption)
+
+
+def _kept(folder: Path, name: str, data: bytes, caption: str) -> Picture:
+    picture = Picture(re.sub(r"[^\w.-]+", "-", name), caption, data)
+    with atomic_path(folder / picture.name) as temporary:
+        temporary.write_bytes(picture.data)
+    return picture
+
+
+def _rendered(figure: "Figure") -> Image.Image:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", facecolor="white")
+    return Image.open(buffer).convert("RGB")
+
+
+def _png(image: Image.Image) -> bytes:
+    buffer = io.BytesIO()
+    few = image.quantize(_COLORS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    few.save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def _jpeg(image: Image.Image) -> bytes:
+    buffer = io.BytesIO()
+    image.save(buffer, "JPEG", quality=_QUALITY, optimize=True)
+    return buffer.getvalue()

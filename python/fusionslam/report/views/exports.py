@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The files beside the report of views, and the data of the page's scrubbing view."""
+
+import csv
+import json
+from base64 import b64encode
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusionslam.evaluation import ViewReport, ViewRun, baselines, judge_views
+from fusionslam.report.views.plots import path_pieces
+from fusionslam.report.views.previews import counterparts, needed_rows, shown_rows, stamp_key
+from fusionslam.storage.files import atomic_path
+
+Judged = Sequence[tuple[ViewRun, ViewReport]]
+COLUMNS = (
+    "world",
+    "method",
+    "scan",
+    "stamp",
+    "id",
+    "similarity",
+    "view_scan",
+    "metres",
+    "degrees",
+    "verdict",
+    "revisit",
+    "loop",
+)
+
+
+def verdict(report: ViewReport, row: int) -> str:
+    """What is said of a scan, in a few words."""
+    if report.false_positive[row]:
+        return "false positive"
+    if report.false_negative[row]:
+        return "false negative"
+    if report.ids[row] < 0:
+        return "no view"
+    return "known" if report.matched[row] >= 0 else "new"
+
+
+def loop_word(report: ViewReport, row: int) -> str:
+    """What is said of a scan as a loop; nothing where there is none to close."""
+    if report.loop[row]:
+        return "right loop" if report.loop_correct[row] else "wrong loop"
+    return "missed revisit" if report.revisit[row] else ""
+
+
+def write_view_metrics(path: Path, judged: Judged, about: Mapping[str, Any]) -> None:
+    """Write what is known about the report, and under "runs" the figures of each run."""
+    runs = [_metrics(run, report) for run, report in judged]
+    with atomic_path(path) as temporary:
+        content = {**about, "runs": runs}
+        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", "utf-8")
+
+
+def _metrics(run: ViewRun, report: ViewReport) -> dict[str, Any]:
+    without = {
+        name: judge_views(ids, run.poses, run.stamps, rule=report.rule).metrics()
+        for name, ids in baselines(len(run)).items()
+    }
+    return {
+        "world": run.world,
+        "method": run.method,
+        "threshold": run.threshold,
+        **report.metrics(),
+        "bytes_per_view": run.bytes_per_view,
+        "baselines": without,
+        "curve": run.curve.as_json() if run.curve else None,
+        "config": run.config,
+    }
+
+
+def write_view_rows(path: Path, judged: Judged) -> None:
+    """Write one line a scan of every run."""
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for run, report in judged:
+            writer.writerows(_csv_rows(run, report))
+
+
+def _csv_rows(run: ViewRun, report: ViewReport) -> Iterator[tuple[object, ...]]:
+    for row in range(len(run)):
+        matched = int(report.matched[row])
+        known = matched >= 0
+        yield (
+            run.world,
+            run.method,
+            run.numbers[row],
+            f"{run.stamps[row]:.9f}",
+            report.ids[row],
+            _number(None if run.similarities is None else run.similarities[row], "{:.6f}") or "",
+            run.numbers[matched] if known else "",
+            f"{report.distances[row]:.3f}" if known else "",
+            f"{report.angles[row]:.2f}" if known else "",
+            verdict(report, row),
+            int(report.revisit[row]),
+            loop_word(report, row) if report.loop[row] else "",
+        )
+
+
+def scrub_data(run: ViewRun, report: ViewReport, previews: Mapping[int, bytes]) -> dict[str, Any]:
+    """What the scrubbing view shows of one run, as JSON can hold it.
+
+    ``frames`` are the scans that the page can show; ``i`` of each is its place in ``places``,
+    which lists every scan that has to be drawn, and ``v`` the place of what it is shown beside
+    (``counterparts``), or -1.
+    """
+    rows = needed_rows(run, report)
+    where = {row: place for place, row in enumerate(rows)}
+    beside = counterparts(run, report)
+    return {
+        "method": run.method,
+        "path": [np.round(piece, 2).tolist() for piece in path_pieces(run)],
+        "places": [_place(run, row, previews) for row in rows],
+        "frames": [
+            _frame(run, report, row, where[row], where.get(int(beside[row]), -1))
+            for row in shown_rows(report)
+        ],
+    }
+
+
+def _place(run: ViewRun, row: int, previews: Mapping[int, bytes]) -> dict[str, Any]:
+    key = stamp_key(run.stamps[row])
+    return {
+        "n": int(run.numbers[row]),
+        "t": round(float(run.stamps[row] - run.stamps[0]), 2),
+        "p": np.round(run.poses[row], 3).tolist(),
+        "k": str(key) if key in previews else None,
+    }
+
+
+def _frame(run: ViewRun, report: ViewReport, row: int, place: int, beside: int) -> dict[str, Any]:
+    known = report.matched[row] >= 0
+    similarity = None if run.similarities is None else run.similarities[row]
+    return {
+        "i": place,
+        "v": beside,
+        "id": int(report.ids[row]),
+        "s": _number(similarity, "{:.3f}"),
+        "d": f"{report.distances[row]:.2f} m, {report.angles[row]:.0f}°" if known else None,
+        "w": verdict(report, row),
+        "l": loop_word(report, row),
+    }
+
+
+def embedded(previews: Mapping[int, bytes]) -> dict[str, str]:
+    """Previews as base64 by their key."""
+    return {str(key): b64encode(data).decode("ascii") for key, data in previews.items()}
+
+
+def _number(value: float | None, show: str) -> str | None:
+    return None if value is None or not np.isfinite(value) else show.format(value)

@@ -1,0 +1,141 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The previews of a drive: made where its data are at hand, kept beside the runs, read again."""
+
+import json
+import zipfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+from fusionslam.evaluation import ViewReport, ViewRun
+from fusionslam.report.views.thumbnails import Scale, cloud_preview, image_preview, scale_of
+from fusionslam.storage.files import atomic_path
+
+T = TypeVar("T")
+
+FORMAT = "fusionslam.previews.1"
+MOST = 600
+"""Scans of a run that the page can show."""
+_SAMPLE = 40
+
+
+def stamp_key(stamp: float) -> int:
+    """What a preview is found by: runs over one drive saw the same at the same nanosecond."""
+    return round(stamp * 1e9)
+
+
+def shown_rows(report: ViewReport) -> list[int]:
+    """Rows of the run that the page can show: up to ``MOST``, and all false positives first."""
+    step = max(1, -(-report.n // MOST))
+    wrong = report.false_positive_indices[:MOST].tolist()
+    return sorted({*range(0, report.n, step), *wrong})
+
+
+def counterparts(run: ViewRun, report: ViewReport) -> NDArray[np.int64]:
+    """Int64 (n,): the first scene of each positive's view; the nearest stored scene of a false
+    negative, which it should have matched; -1 for the rest."""
+    found = report.matched.copy()
+    stored = np.flatnonzero((report.matched < 0) & (report.ids >= 0))
+    for row in report.false_negative_indices.tolist():
+        earlier = stored[stored < row]
+        apart = run.poses[earlier] - run.poses[row]
+        turned = np.abs(np.degrees(np.angle(np.exp(1j * apart[:, 2]))))
+        metres = np.hypot(apart[:, 0], apart[:, 1])
+        turned_away = turned > report.rule.false_negative_angle
+        found[row] = earlier[np.argmin(np.where(turned_away, np.inf, metres))]
+    return found
+
+
+def needed_rows(run: ViewRun, report: ViewReport) -> list[int]:
+    """The rows that are shown, and what each is shown beside."""
+    rows = shown_rows(report)
+    beside = counterparts(run, report)[rows]
+    return sorted({*rows, *beside[beside >= 0].tolist()})
+
+
+def previews_of(
+    runs: Sequence[ViewRun], reports: Sequence[ViewReport], path: Path, missed: dict[str, None]
+) -> dict[int, bytes]:
+    """JPEG by ``stamp_key`` of all that is shown of one drive's runs.
+
+    What the runs' images and clouds show now counts more than what was kept.
+
+    Args:
+        runs, reports: what is shown.
+        path: where previews made earlier are; what is made is added there.
+        missed: takes the reasons why scans have no picture.
+    """
+    kept = load_previews(path) if path.exists() else {}
+    made: dict[int, bytes] = {}
+    for run, report in zip(runs, reports, strict=True):
+        made |= _made(run, needed_rows(run, report), made, missed)
+    if made:
+        save_previews(path, kept | made)
+    return kept | made
+
+
+def _made(
+    run: ViewRun, rows: list[int], known: dict[int, bytes], missed: dict[str, None]
+) -> dict[int, bytes]:
+    """Previews of rows that have none yet; the image where there is one, else the cloud."""
+    new = [row for row in rows if stamp_key(run.stamps[row]) not in known]
+    scale: Scale | None = None
+    made: dict[int, bytes] = {}
+    for row in new:
+        key, number = stamp_key(run.stamps[row]), int(run.numbers[row])
+        if (image := _read(run.images, number, missed)) is not None:
+            made[key] = image_preview(image)
+        elif (cloud := _read(run.clouds, number, missed)) is not None:
+            scale = scale or _scale(run, new)
+            made[key] = cloud_preview(cloud, scale)
+    return made
+
+
+def _scale(run: ViewRun, rows: list[int]) -> Scale:
+    """The scale that suits a sample of the clouds."""
+    sample = rows[:: -(-len(rows) // _SAMPLE)]
+    clouds = (_read(run.clouds, int(run.numbers[row]), {}) for row in sample)
+    return scale_of(cloud for cloud in clouds if cloud is not None)
+
+
+def _read(reader: Callable[[int], T] | None, number: int, missed: dict[str, None]) -> T | None:
+    """What a reader gives, or None where there is no data; the reason becomes a key of missed."""
+    try:
+        return reader(number) if reader else None
+    except DataError as error:
+        missed[str(error)] = None
+        return None
+
+
+def save_previews(path: Path, previews: dict[int, bytes]) -> None:
+    """Write one .npz, whole or not at all."""
+    keys = sorted(previews)
+    sizes = [len(previews[key]) for key in keys]
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        np.savez(
+            stream,
+            about=np.array(json.dumps({"format": FORMAT})),
+            stamps_ns=np.array(keys, dtype=np.int64),
+            offsets=np.append(0, np.cumsum(sizes)).astype(np.int64),
+            jpegs=np.frombuffer(b"".join(previews[key] for key in keys), dtype=np.uint8),
+        )
+
+
+def load_previews(path: Path) -> dict[int, bytes]:
+    """Read what ``save_previews`` wrote. Raises DataError that names the file."""
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            if json.loads(str(stored["about"])).get("format") != FORMAT:
+                raise ValueError(f"expected format {FORMAT}")
+            data, ends = stored["jpegs"].tobytes(), stored["offsets"].tolist()
+            keys = stored["stamps_ns"].tolist()
+            return {key: data[ends[i] : ends[i + 1]] for i, key in enumerate(keys)}
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
+    except (ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile) as error:
+        raise DataError(f"{path}: no stored previews, or cut short: {error}") from error

@@ -1,0 +1,309 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of scenes: a scan before and after clustering, and what joins two of them."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import cycle, islice
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import FusionSlamError
+from fusionslam.report.loops.plots import new_figure, styled
+from fusionslam.report.page.images import write_png
+from fusionslam.views.alignment_comparison import Alignment, AlignmentConfig, align_scenes
+from fusionslam.views.clusters import ClusteredScan, object_similarities
+from fusionslam.views.similarity import SimilarityConfig, scene_similarity
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Flat = NDArray[np.float64]
+"""Float64 (N, 2): to the right and up in a picture, metres."""
+
+_GROUND, _WORDS, _LOOSE = "#15181d", "#e8eaed", "#70757d"
+# Okabe and Ito's colours that can be seen on a dark ground, and white.
+_OBJECTS = ("#56B4E9", "#E69F00", "#00B583", "#CC79A7", "#F0E442", "#FF7F3F", "#FFFFFF")
+_STORED, _CURRENT = "#56B4E9", "#FF7F3F"
+_DOWN = np.radians(30)
+"""How far the eye behind the robot looks down."""
+_LIGHTEST = 0.8
+"""Where the scale of colours ends: what lies beyond is too dark for a dark ground."""
+_EMPTY_M = 5.0
+"""Extent of a picture without points."""
+
+
+def write_scene_picture(path: str | os.PathLike[str], scan: ClusteredScan) -> None:
+    """Write a PNG: a scan as it was measured and as a scene, from behind and from above.
+
+    Raises:
+        DataError: the file cannot be written. FusionSlamError: matplotlib is not installed.
+    """
+    with _drawing():
+        write_png(path, draw_scene(scan))
+
+
+def write_pair_picture(
+    path: str | os.PathLike[str],
+    current: ClusteredScan,
+    stored: ClusteredScan,
+    similarity: SimilarityConfig,
+    alignment: AlignmentConfig | None = None,
+) -> None:
+    """Write a PNG: two scenes with their most similar objects joined, and aligned if that is asked.
+
+    Raises:
+        DataError, FusionSlamError: as ``write_scene_picture``.
+    """
+    with _drawing():
+        write_png(path, draw_pair(current, stored, similarity, alignment))
+
+
+@contextmanager
+def _drawing() -> Iterator[None]:
+    try:
+        with styled():
+            yield
+    except ImportError as error:
+        raise FusionSlamError("pictures need: pip install 'fusionslam[report]'") from error
+
+
+def draw_scene(scan: ClusteredScan) -> "Figure":
+    """A scan before (left) and after it became objects, from behind and from above."""
+    figure = new_figure(7.6, 7.2)
+    panels = figure.subplots(2, 2)
+    for row, project in zip(panels, (_from_behind, _from_above), strict=True):
+        flat = project(scan.points)
+        for axis in row:
+            _frame(axis, flat, ticks=project is _from_above)
+        _points(row[0], flat, scan)
+        _objects(row[1], flat, scan)
+        _numbers(row[1], project(scan.scene.objects["center"]), scan)
+    panels[0, 0].set_title(f"scan {scan.number}: {len(scan.points)} points above the floor")
+    panels[0, 1].set_title(_scene_words(scan))
+    panels[0, 0].set_ylabel("from behind")
+    panels[1, 0].set_ylabel("from above: m ahead")
+    for axis in panels[1]:
+        axis.set_xlabel("m to the left")
+    return figure
+
+
+def draw_pair(
+    current: ClusteredScan,
+    stored: ClusteredScan,
+    similarity: SimilarityConfig,
+    alignment: AlignmentConfig | None = None,
+) -> "Figure":
+    """Two scenes from above, a line from each object to the one it is most like.
+
+    Args:
+        current: whose objects the full lines begin at; dashed ones are the way back, where it
+            ends elsewhere and the similarity counts it.
+        stored: where they end.
+        similarity: how objects are compared.
+        alignment: how a third panel lays one over the other; None for no such panel.
+    """
+    figure = new_figure(7.6 if alignment is None else 10.8, 4.6)
+    panels = figure.subplots(1, 2 if alignment is None else 3)
+    both = np.concatenate([_from_above(scan.points) for scan in (current, stored)])
+    for axis, scan in zip(panels, (current, stored), strict=False):
+        _frame(axis, both, ticks=True)
+        _objects(axis, _from_above(scan.points), scan)
+        _numbers(axis, _from_above(scan.scene.objects["center"]), scan)
+    _join(figure, panels[0], panels[1], current, stored, similarity)
+    whole = scene_similarity(current.scene, stored.scene, config=similarity)
+    panels[0].set_title(f"scan {current.number};\nsimilarity of the scenes {whole:.3f}")
+    panels[1].set_title(f"scan {stored.number}")
+    if alignment is not None:
+        found = align_scenes(current.scene, stored.scene, config=alignment)
+        _frame(panels[2], both, ticks=True)
+        _laid_over(panels[2], current, stored, found)
+    panels[0].set_ylabel("m ahead")
+    for axis in panels:
+        axis.set_xlabel("m to the left")
+    return figure
+
+
+def _from_above(points: NDArray[np.floating]) -> Flat:
+    """The robot looks up from the bottom."""
+    return np.stack([-points[:, 1], points[:, 0]], axis=1).astype(np.float64)
+
+
+def _from_behind(points: NDArray[np.floating]) -> Flat:
+    """Parallel rays from behind the robot, which look down at it."""
+    x, y, z = points.astype(np.float64).T
+    return np.stack([-y, x * np.sin(_DOWN) + z * np.cos(_DOWN)], axis=1)
+
+
+def _frame(axis: "Axes", flat: Flat, *, ticks: bool) -> None:
+    """Same scale along both axes, room for all points."""
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+    shown = flat if len(flat) else np.array([[-_EMPTY_M / 2, 0], [_EMPTY_M / 2, _EMPTY_M]])
+    axis.update_datalim(shown)
+    axis.margins(0.06)
+    axis.set_facecolor(_GROUND)
+    axis.set_aspect("equal", adjustable="datalim")
+    if not ticks:
+        axis.set(xticks=[], yticks=[])
+        return
+    axis.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+    axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+    # y of the robot's frame grows to the left.
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{-value + 0:g}"))
+
+
+def _points(axis: "Axes", flat: Flat, scan: ClusteredScan) -> None:
+    """All points in their own colours, those that are nearer last."""
+    order = np.argsort(-scan.points[:, 0], kind="stable")
+    _dots(axis, flat[order], scan.colors[order] / 255)
+
+
+def _objects(axis: "Axes", flat: Flat, scan: ClusteredScan) -> None:
+    """Each object's points in a colour of its own within its hull; grey ones belong to none."""
+    _dots(axis, flat[scan.loose], _LOOSE)
+    for color, indices in zip(_colors(len(scan.members)), scan.members, strict=True):
+        _dots(axis, flat[indices], color)
+        axis.fill(*outline(flat[indices]).T, facecolor=(*_rgb(color), 0.18), edgecolor=color, lw=1)
+
+
+def _numbers(axis: "Axes", centers: Flat, scan: ClusteredScan) -> None:
+    """Where each object's centre is, in the object's mean colour, and its number."""
+    mean = scan.scene.objects["color"] / 255
+    x, y = centers.T
+    axis.scatter(x, y, c=mean, s=46, edgecolors=_WORDS, linewidths=0.9, zorder=4)
+    for number, center in enumerate(centers.tolist()):
+        axis.annotate(
+            str(number),
+            center,
+            (5, 4),
+            textcoords="offset points",
+            color=_WORDS,
+            fontsize=9,
+            path_effects=_rimmed(),
+        )
+
+
+def _dots(axis: "Axes", flat: Flat, color: Any, label: str = "") -> None:
+    axis.scatter(flat[:, 0], flat[:, 1], c=color, s=5, linewidths=0, label=label)
+
+
+def outline(flat: Flat) -> Flat:
+    """Float64 (k, 2): corners of the convex hull; of points on a line its two ends."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return np.asarray(flat[ConvexHull(flat).vertices])
+    except (QhullError, ValueError):  # fewer than three points, or all on a line
+        away = flat - flat[0]
+        along = away @ away[np.hypot(*away.T).argmax()]
+        return flat[[int(along.argmin()), int(along.argmax())]]
+
+
+def _join(
+    figure: "Figure",
+    left: "Axes",
+    right: "Axes",
+    current: ClusteredScan,
+    stored: ClusteredScan,
+    config: SimilarityConfig,
+) -> None:
+    """Lines between most similar objects with their similarity."""
+    table = object_similarities(current.scene, stored.scene, config)
+    if not table.size:
+        return
+    there = table.argmax(axis=1)
+    for i, j in enumerate(there.tolist()):
+        _line(figure, (left, right), (current, stored), (i, j), table[i, j], dashed=False)
+    if config.symmetric:
+        for j, i in enumerate(table.argmax(axis=0).tolist()):
+            if there[i] != j:
+                _line(figure, (left, right), (current, stored), (i, j), table[i, j], dashed=True)
+
+
+def _line(
+    figure: "Figure",
+    axes: "tuple[Axes, Axes]",
+    scans: tuple[ClusteredScan, ClusteredScan],
+    pair: tuple[int, int],
+    similarity: float,
+    *,
+    dashed: bool,
+) -> None:
+    from matplotlib import colormaps
+    from matplotlib.patches import ConnectionPatch
+
+    ends = [
+        tuple(_from_above(scan.scene.objects["center"][row : row + 1])[0].tolist())
+        for scan, row in zip(scans, pair, strict=True)
+    ]
+    color = colormaps["RdYlGn"](_LIGHTEST * similarity)
+    figure.add_artist(
+        ConnectionPatch(
+            xyA=ends[0],
+            xyB=ends[1],
+            coordsA=axes[0].transData,
+            coordsB=axes[1].transData,
+            color=color,
+            lw=1.3,
+            ls="--" if dashed else "-",
+            zorder=3,
+        )
+    )
+    axes[dashed].annotate(
+        f"{similarity:.2f}",
+        ends[dashed],
+        (5, -10),
+        textcoords="offset points",
+        color=color,
+        fontsize=8,
+        path_effects=_rimmed(),
+    )
+
+
+def _laid_over(
+    axis: "Axes", current: ClusteredScan, stored: ClusteredScan, found: Alignment
+) -> None:
+    """The points of both in the stored one's frame."""
+    c, s = np.cos(found.yaw), np.sin(found.yaw)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    moved = np.einsum("ij,kj->ik", current.points, turn)
+    moved += np.array([found.x, found.y, 0])
+    for points, color, scan in (
+        (stored.points, _STORED, stored),
+        (moved, _CURRENT, current),
+    ):
+        label = f"scan {scan.number}"
+        _dots(axis, _from_above(points), color, label)
+    axis.legend(loc="lower left", labelcolor=_WORDS, markerscale=3)
+    axis.set_title(
+        f"aligned: x {found.x:.2f} m, y {found.y:.2f} m, yaw {np.degrees(found.yaw):.1f} deg;\n"
+        f"probability {found.probability:.3f}"
+    )
+
+
+def _scene_words(scan: ClusteredScan) -> str:
+    objects, loose = len(scan.scene), len(scan.loose)
+    size = len(scan.scene.to_bytes(image=False))
+    return f"{objects} objects in {size} bytes; {loose} points in none"
+
+
+def _rimmed() -> list[Any]:
+    """Words that can be read on lines and points."""
+    from matplotlib.patheffects import withStroke
+
+    return [withStroke(linewidth=2.2, foreground=_GROUND)]
+
+
+def _colors(count: int) -> list[str]:
+    return list(islice(cycle(_OBJECTS), count))
+
+
+def _rgb(color: str) -> tuple[float, float, float]:
+    from matplotlib.colors import to_rgb
+
+    return to_rgb(color)

@@ -1,0 +1,214 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the report of views says of one drive."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusionslam.evaluation import ViewReport, ViewRun, rerun_descriptors
+from fusionslam.evaluation.views.report import percent
+from fusionslam.report.page.html import file_name
+from fusionslam.report.page.images import Picture, keep, keep_photo
+from fusionslam.report.page.tables import Table
+from fusionslam.report.views.exports import embedded, scrub_data
+from fusionslam.report.views.plots import draw_errors, draw_path, draw_times, draw_view_curves
+from fusionslam.report.views.previews import MOST, needed_rows, previews_of, stamp_key
+from fusionslam.report.views.tables import accuracy_table, cost_table, rerun_table, sweep_table
+from fusionslam.report.views.thumbnails import side_by_side
+
+Judged = Sequence[tuple[ViewRun, ViewReport]]
+_PAIRS = 8
+
+
+@dataclass(frozen=True)
+class MethodPart:
+    """What is shown of one run: its loops, and pairs of its worst false positives."""
+
+    name: str
+    loops: str
+    wrong: int
+    path: Picture | None
+    pairs: list[Picture]
+
+
+@dataclass(frozen=True)
+class WorldPart:
+    """What is shown of one drive; pictures that would be empty are None."""
+
+    name: str
+    id: str
+    sentence: str
+    figures: Table
+    costs: Table
+    rerun: Table | None
+    published: str
+    curves: Picture | None
+    sweeps: list[tuple[str, Table]]
+    errors: Picture | None
+    times: Picture | None
+    methods: list[MethodPart]
+    scrub: dict[str, Any]
+    left_out: str
+
+
+def world_part(
+    folder: Path, stored: Path, id: str, world: str, judged: Judged, missed: dict[str, None]
+) -> WorldPart:
+    """Draw everything that is known of one drive.
+
+    Args:
+        folder: where pictures go.
+        stored: folder of the previews.
+        id: that no other drive of the page has.
+        world: its name.
+        judged: its runs.
+        missed: takes the reasons why scans have no picture.
+    """
+    runs, reports = [run for run, _ in judged], [report for _, report in judged]
+    name = file_name(world)
+    previews = previews_of(runs, reports, stored / f"{name}.previews", missed)
+    return WorldPart(
+        name=world,
+        id=id,
+        sentence=_sentence(runs[0], reports[0]),
+        figures=accuracy_table(judged),
+        costs=cost_table(judged),
+        rerun=rerun_table(judged),
+        published=_cm2dp(world),
+        curves=_curves(folder, name, judged),
+        sweeps=[
+            (run.method, sweep_table(run, run.curve, report.rule))
+            for run, report in judged
+            if run.curve is not None
+        ],
+        errors=_errors(folder, name, judged),
+        times=_times(folder, name, judged),
+        methods=[_method_part(folder, run, report, previews) for run, report in judged],
+        scrub=_scrub(judged, previews),
+        left_out=_left_out(judged),
+    )
+
+
+def _sentence(run: ViewRun, report: ViewReport) -> str:
+    seconds = float(run.stamps[-1] - run.stamps[0])
+    length = float(np.hypot(*np.diff(run.poses[:, :2], axis=0).T).sum())
+    back = f"{report.revisits} of them come back to where the robot was more than "
+    if not report.revisits:
+        back = "none of them comes back to where the robot was more than "
+    return (
+        f"{len(run)} scans in {seconds:.0f} s and {length:.0f} m; "
+        f"{back}{report.rule.loop_age:g} s before."
+    )
+
+
+def _cm2dp(world: str) -> str:
+    """The first thesis's descriptor in this world, in words; nothing where it is not known."""
+    return "; ".join(
+        f"{row.input.removeprefix('c-M2DP, ')} {percent(row.top1)}"
+        for row in rerun_descriptors(world)
+    )
+
+
+def _curves(folder: Path, name: str, judged: Judged) -> Picture | None:
+    figure = draw_view_curves(judged)
+    caption = (
+        "Precision over recall as the threshold changes; up and right is better. Dots: the "
+        "thresholds in use. Which scenes are stored depends on the threshold, so curves may turn "
+        "back. Grey: programs without a sensor, which have recall but no loop recall."
+    )
+    return keep(folder, f"views_pr_{name}", figure, caption) if figure else None
+
+
+def _errors(folder: Path, name: str, judged: Judged) -> Picture | None:
+    figure = draw_errors(judged)
+    caption = (
+        "Every false positive: when it happened, and how far from the first scene of its view. "
+        "Dashed: from here on the distance alone makes it false; below, it is the angle."
+    )
+    without = [run.method for run, report in judged if not report.false_positives]
+    if without:
+        caption += f" No false positive: {', '.join(without)}."
+    return keep(folder, f"views_errors_{name}", figure, caption) if figure else None
+
+
+def _times(folder: Path, name: str, judged: Judged) -> Picture | None:
+    figure = draw_times(judged)
+    caption = "Wall time of every scan, to make its view and to compare it with all stored ones."
+    return keep(folder, f"views_times_{name}", figure, caption) if figure else None
+
+
+def _method_part(
+    folder: Path, run: ViewRun, report: ViewReport, previews: Mapping[int, bytes]
+) -> MethodPart:
+    return MethodPart(
+        name=run.method,
+        loops=_loops(report),
+        wrong=report.false_positives,
+        path=_path(folder, run, report),
+        pairs=_pairs(folder, run, report, previews),
+    )
+
+
+def _loops(report: ViewReport) -> str:
+    if not report.revisits and not report.loops:
+        return "No scan comes back, and none was matched with an old view: there is no loop."
+    found = f"{report.found_revisits} of {report.revisits} revisits found"
+    if not report.revisits:
+        found = "No scan comes back, so loop recall does not exist"
+    right = f"{report.correct_loops} of {report.loops} matches with old views are right"
+    if not report.loops:
+        right = "no scan was matched with an old view, so loop precision does not exist"
+    return f"{found}; {right}."
+
+
+def _path(folder: Path, run: ViewRun, report: ViewReport) -> Picture | None:
+    if not report.revisits and not report.loops:
+        return None
+    caption = (
+        "Grey: the path. Green: matches with old views that are right. Red: wrong ones; their "
+        "lines lead to the views they were taken for. Orange: revisits that were missed."
+    )
+    name = f"views_path_{file_name(run.world, run.method)}"
+    return keep(folder, name, draw_path(run, report), caption)
+
+
+def _pairs(
+    folder: Path, run: ViewRun, report: ViewReport, previews: Mapping[int, bytes]
+) -> list[Picture]:
+    """The false positives that are farthest off, as pictures of both scans."""
+    wrong = report.false_positive_indices
+    worst = wrong[np.argsort(-report.distances[wrong], kind="stable")]
+    pictures: list[Picture] = []
+    for row in worst.tolist():
+        matched = int(report.matched[row])
+        left, right = (previews.get(stamp_key(run.stamps[i])) for i in (row, matched))
+        if left is None or right is None or len(pictures) == _PAIRS:
+            continue
+        caption = (
+            f"Scan {run.numbers[row]} was taken for scan {run.numbers[matched]}: "
+            f"{report.distances[row]:.2f} m and {report.angles[row]:.0f}° apart."
+        )
+        name = f"views_false_{file_name(run.world, run.method)}_{run.numbers[row]}"
+        pictures.append(keep_photo(folder, name, side_by_side(left, right), caption))
+    return pictures
+
+
+def _scrub(judged: Judged, previews: Mapping[int, bytes]) -> dict[str, Any]:
+    shown = {
+        stamp_key(run.stamps[row]) for run, report in judged for row in needed_rows(run, report)
+    }
+    return {
+        "runs": [scrub_data(run, report, previews) for run, report in judged],
+        "previews": embedded({key: data for key, data in previews.items() if key in shown}),
+    }
+
+
+def _left_out(judged: Judged) -> str:
+    longest = max(len(run) for run, _ in judged)
+    if longest <= MOST:
+        return ""
+    return f"Of {longest} scans about {MOST} can be shown, evenly chosen, and every false positive."

@@ -1,0 +1,158 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The drives of chapter 5: worlds that are made and recorded here, or recordings."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusionslam.config import merged
+from fusionslam.errors import DataError
+from fusionslam.evaluation.views.published import world_of
+from fusionslam.pipelines.drive_images import Images
+from fusionslam.pipelines.drives import Drive, Step, open_drive
+from fusionslam.pipelines.tours import Tour, open_tour
+from fusionslam.reproduce.config import QUICK_EACH, QUICK_M, ReproduceConfig
+from fusionslam.reproduce.work_cache import state_of
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Source:
+    """A drive through one of the thesis's worlds, or through one that is made like it.
+
+    Attributes:
+        world: "warehouse", "house" or "hospital".
+        path: of the recording; None for a world that is made.
+        quick: whether only one scan of some is looked at, and made worlds are driven less far.
+        jobs: frames worked on at a time.
+        step: told about progress.
+    """
+
+    world: str
+    path: Path | None
+    quick: bool
+    jobs: int
+    step: Step | None
+
+    @property
+    def made(self) -> bool:
+        """Whether the world is ours, not the thesis's."""
+        return self.path is None
+
+    @property
+    def words(self) -> str:
+        """What the drive is, for people."""
+        thinned = f", one scan of {QUICK_EACH}" if self.quick else ""
+        if self.path is None:
+            part = f", {QUICK_M:g} m of it" if self.quick else ""
+            return f"{self.world}, made by fusionslam{part}{thinned}"
+        return f"{self.path.stem}, a recording in the thesis's world{thinned}"
+
+    @cached_property
+    def identity(self) -> list[Any]:
+        """What decides the scans."""
+        return [*([self._bag.name] if self.path is None else state_of(self.path)), self.quick]
+
+    @cached_property
+    def recording(self) -> Path:
+        """The file of the recording, made if it has yet to be.
+
+        Raises:
+            DataError: the cache cannot be written.
+            FusionSlamError: the simulator's extra is not installed.
+        """
+        if self.path is not None:
+            return self.path
+        from fusionslam.sim.recordings import embedded_bag
+
+        label, step = f"driving: {self.world}", self.step
+        progress = partial(step, label) if step is not None else None
+        return embedded_bag(self.world, self._config, jobs=self.jobs, progress=progress)
+
+    @cached_property
+    def drive(self) -> Drive:
+        """The scans, which take a while to be read. Raises as ``open_drive``."""
+        where = self.world if self.path is None and not self.quick else self.recording
+        opened = open_drive(where, jobs=self.jobs, step=self.step)
+        if self.path is None:
+            return replace(opened, name=f"simulated {self.world}", world=None)
+        return _thinned(opened) if self.quick else opened
+
+    @cached_property
+    def tour(self) -> Tour:
+        """The way as the robot drove it. Raises as ``open_tour``."""
+        return open_tour(self.recording, jobs=self.jobs, progress=self.step)
+
+    @property
+    def _config(self) -> Any:
+        from fusionslam.sim.recordings import embedded_config
+
+        config = embedded_config(self.world)
+        return _rarer(config) if self.quick else config
+
+    @property
+    def _bag(self) -> Path:
+        from fusionslam.sim.recordings import embedded_path
+
+        return embedded_path(self.world, self._config)
+
+
+def sources(config: ReproduceConfig, jobs: int, step: Step | None) -> list[Source]:
+    """The drives that a configuration names: recordings where there are some, else made worlds.
+
+    Raises:
+        DataError: the folder of the data is none.
+    """
+    known = {} if config.data is None else _recordings(Path(config.data).expanduser())
+    for world in config.worlds:
+        if config.data is not None and world not in known:
+            logger.info("%s: no recording of %s, which is made instead", config.data, world)
+    return [Source(world, known.get(world), config.quick, jobs, step) for world in config.worlds]
+
+
+def _recordings(folder: Path) -> dict[str | None, Path]:
+    if not folder.is_dir():
+        raise DataError(f"{folder}: expected a folder with recordings/<world>.npz")
+    return {world_of(path.stem): path for path in sorted((folder / "recordings").glob("*.npz"))}
+
+
+def _rarer(config: Any) -> Any:
+    """A short drive with a part of its scans and images."""
+    robot = config.robot
+    slower: dict[str, Any] = {
+        kind: {name: {"rate_hz": one.rate_hz / QUICK_EACH} for name, one in mounted.items()}
+        for kind, mounted in (("lidars", robot.lidars), ("cameras", robot.cameras))
+    }
+    return merged(config, {"robot": slower, "plan": {"length_m": QUICK_M}})
+
+
+def _thinned(drive: Drive) -> Drive:
+    """A part of the scans and as many images."""
+    rows = np.arange(0, len(drive.scenes), QUICK_EACH)
+    find: Callable[[int | None], Images | None] = drive.find_images
+
+    def images(bottom: int | None) -> Images | None:
+        found = find(bottom)
+        return None if found is None else _thinned_images(found, drive.scenes.seconds[rows])
+
+    scenes = drive.scenes.subset(rows.astype(np.int64))
+    return replace(drive, scenes=scenes, find_images=images)
+
+
+def _thinned_images(images: Images, seconds: np.ndarray[Any, np.dtype[np.float64]]) -> Images:
+    """The last image up to each scan."""
+    rows = np.unique(np.maximum(np.searchsorted(images.seconds, seconds + 1e-6, "right") - 1, 0))
+    return Images(
+        images.seconds[rows],
+        None if images.poses is None else images.poses[rows],
+        lambda index: images.image(int(rows[index])),
+        images.origin,
+        None if images.key is None else f"{images.key} {rows.tolist()}",
+    )

@@ -1,0 +1,322 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Chapter 4 of Perdomo 2019 as tables and pictures, published figures beside ours."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusionslam.evaluation import CITATION, PrecisionRecall
+from fusionslam.evaluation.loops.published import (
+    PUBLISHED_COLOR_SPACES,
+    PUBLISHED_MATCH_SECONDS,
+    PUBLISHED_RECALL,
+    PUBLISHED_SECONDS,
+)
+from fusionslam.report.loops.exports import metrics_of
+from fusionslam.report.loops.plots import draw_curves
+from fusionslam.report.page.images import Picture, keep
+from fusionslam.reproduce.conclusions import Claim, compared
+from fusionslam.reproduce.config import KITTI_SEQUENCES
+from fusionslam.reproduce.descriptor_study import (
+    COLOR_SPACES,
+    PROTOCOL,
+    TOWN,
+    DescriptorStudy,
+    Measured,
+)
+from fusionslam.reproduce.document import Chapter, Head, shown, table_of
+
+NAMES = {"m2dp": "M2DP", "cm2dp": "c-M2DP", "cshot": "CSHOT"}
+SPACES = {"rgb": "RGB", "hsv": "HSV", "lab": "CIELab"}
+STORED = "KITTI 06, its author's descriptors"
+_SOURCES = {"lidar": "LiDAR and camera", "stereo": "stereo camera"}
+_TABLES = {"lidar": ("4.2", "4.4"), "stereo": ("4.3", "4.5")}
+_FIRST_FIGURE = {"lidar": 2, "stereo": 6}
+
+
+def chapters(study: DescriptorStudy, folder: Path) -> list[Chapter]:
+    """Sections 4.2 to 4.4."""
+    return [_colors(study, folder), _times(study), _recalls(study, folder)]
+
+
+def _colors(study: DescriptorStudy, folder: Path) -> Chapter:
+    chapter = Chapter("Perdomo 2019, 4.2: colour spaces")
+    case = _colored_case(study)
+
+    def at(space: str, precision: float) -> float | None:
+        return color_recall(study, space, precision)
+
+    heads = []
+    for place, precision in enumerate((1.0, 0.9)):
+        title = f"recall at {100 * precision:.0f} % precision"
+        heads += [
+            Head(title, f"here, on {case}", lambda s, p=precision: shown(at(s, p), "{:.3f}")),  # type: ignore[misc]
+            Head(
+                "thesis, KITTI 06",
+                "as published",
+                lambda s, i=place: f"{PUBLISHED_COLOR_SPACES[s][i]:.3f}",  # type: ignore[misc]
+            ),
+        ]
+    table = table_of(COLOR_SPACES, heads, SPACES)
+    chapter.show(f"c-M2DP on {case}, LiDAR and camera, as its author computes it", table, "colours")
+    curves = {SPACES[space]: _color_curve(study, space) for space in COLOR_SPACES}
+    caption = f"Figure 4.1: c-M2DP in three colour spaces, on {case}. {_MARKS}"
+    chapter.picture(_drawn(curves, folder, "descriptors_colors", caption))
+    return chapter
+
+
+def _times(study: DescriptorStudy) -> Chapter:
+    chapter = Chapter("Perdomo 2019, 4.3: times")
+    case = "KITTI 05" if "KITTI 05" in study.cases else study.cases[0]
+    for source in study.sources(case):
+
+        def mean(name: str, stage: str, source: str = source) -> str:
+            found = study.find(case, source, name, "author")
+            seconds = None if found is None else found.evaluation.run.seconds.get(stage)
+            if seconds is None or not len(seconds):
+                return ""
+            return f"{np.mean(seconds) * 1e3:.3g} ± {np.std(seconds) * 1e3:.2g}"
+
+        def known(name: str, stage: str, source: str = source) -> str:
+            table = PUBLISHED_SECONDS if stage == "describe" else PUBLISHED_MATCH_SECONDS
+            return shown(table.get(("05", source, name)), "{:.1f}", 1e3)
+
+        heads = []
+        for stage, title in (("describe", "computing"), ("match", "matching")):
+            hint = "mean and deviation"
+            heads += [
+                Head(f"{title}, ms", hint, lambda name, s=stage, m=mean: m(name, s)),  # type: ignore[misc]
+                Head("thesis, ms", "mean over KITTI 05", lambda name, s=stage, k=known: k(name, s)),  # type: ignore[misc]
+            ]
+        if source in _TABLES:
+            table = table_of(tuple(NAMES), heads, NAMES)
+            title = f"Table {_TABLES[source][0]}, {_SOURCES[source]}, here on {case}"
+            chapter.show(title, table, "descriptor")
+    thinned = (
+        " Stereo clouds of the town are thinned to one point in 0.2 m." if TOWN in case else ""
+    )
+    chapter.say(
+        "One frame at a time took this long while as many were worked on as there were jobs; the "
+        f"thesis's times are from another machine, an i7 at 2.0 GHz.{thinned}"
+    )
+    return chapter
+
+
+def _recalls(study: DescriptorStudy, folder: Path) -> Chapter:
+    chapter = Chapter("Perdomo 2019, 4.4: precision and recall")
+    chapter.say(f"Published: {CITATION}. Here: the same protocol; recall ends at 1 by definition.")
+    for source in _SOURCES:
+        rows = [f"KITTI {name}" for name in KITTI_SEQUENCES]
+        rows += [case for case in study.cases if case not in rows]
+        if source == "lidar" and study.stored is not None:
+            rows.insert(1, STORED)
+        heads = []
+        for name, title in NAMES.items():
+            heads.append(_measured_head(study, source, name, "author", title))
+            heads.append(_published_head(source, name))
+        for name in ("m2dp", "cm2dp"):
+            heads.append(_measured_head(study, source, name, "robust", f"ours, {NAMES[name]}"))
+        title = f"Table {_TABLES[source][1]}, recall at 100 % precision, {_SOURCES[source]}"
+        chapter.show(title, table_of(rows, heads), "sequence")
+    if study.cases == [TOWN]:
+        chapter.say(
+            "KITTI was not given (--kitti), so its rows hold what was published; the town is "
+            "simulated and has another difficulty."
+        )
+    if study.stored is not None:
+        _stored(chapter, study)
+    for case in study.cases:
+        for source in study.sources(case):
+            chapter.picture(_figure(study, case, source, folder))
+    return chapter
+
+
+def _stored(chapter: Chapter, study: DescriptorStudy) -> None:
+    stored = study.stored
+    assert stored is not None  # the caller has seen to it
+    chapter.say(
+        f"From the descriptors of KITTI 06 that their author stored, {stored.equal} of the "
+        f"{stored.rows} points of his curve come out to 6 digits (figure 4.2, M2DP)."
+    )
+    heads = [
+        Head(
+            "L2 from its author's vector",
+            "of the cloud that he described",
+            lambda name: f"{stored.vectors[name]:.1e}",
+        )
+    ]
+    title = "Our vectors of one of his clouds, preset author"
+    chapter.show(title, table_of(list(stored.vectors), heads), "vector")
+
+
+def _measured_head(
+    study: DescriptorStudy, source: str, name: str, variant: str, title: str
+) -> Head:
+    def text(case: str) -> str:
+        if case == STORED:
+            mine = name == "m2dp" and variant == "author" and study.stored is not None
+            full = study.stored.curve.recall_at_full_precision if mine and study.stored else None
+            return shown(full, "{:.6f}")
+        found = study.find(case, source, name, variant)
+        curve = None if found is None else found.curve
+        return shown(None if curve is None else curve.recall_at_full_precision, "{:.3f}")
+
+    return Head(title, f"here, preset {variant}", text)
+
+
+def _published_head(source: str, name: str) -> Head:
+    def text(case: str) -> str:
+        key = (case.removeprefix("KITTI ")[:2], source, name)
+        return shown(PUBLISHED_RECALL.get(key), "{:.6f}")
+
+    return Head("thesis", "as published", text)
+
+
+_MARKS = "Squares: recall at 100 % precision; dots: the largest F1."
+
+
+def _figure(study: DescriptorStudy, case: str, source: str, folder: Path) -> Picture | None:
+    curves = {
+        f"{NAMES[name]}{', ours' if variant == 'robust' else ''}": found.curve
+        for variant in ("author", "robust")
+        for name in NAMES
+        if (found := study.find(case, source, name, variant)) is not None
+    }
+    sequence = case.removeprefix("KITTI ")
+    where = "The like of figures 4.2 to 4.9"
+    if sequence in KITTI_SEQUENCES and source in _FIRST_FIGURE:
+        where = f"Figure 4.{_FIRST_FIGURE[source] + KITTI_SEQUENCES.index(sequence)}"
+    caption = f"{where}: {case}, {_SOURCES.get(source, source)}. {_MARKS}"
+    return _drawn(curves, folder, f"descriptors_{case}_{source}", caption)
+
+
+def _drawn(
+    curves: dict[str, PrecisionRecall | None], folder: Path, name: str, caption: str
+) -> Picture | None:
+    """The curves of those that found anything; None if none did."""
+    known = {title: curve for title, curve in curves.items() if curve and curve.n_correct}
+    return keep(folder, name, draw_curves(known), caption) if known else None
+
+
+def recall_at(curve: PrecisionRecall | None, precision: float) -> float | None:
+    """The largest recall with at least so much precision; None where recall does not exist."""
+    if curve is None or not curve.n_correct:
+        return None
+    reached = curve.recall[curve.precision >= precision]
+    return float(reached.max()) if reached.size else 0.0
+
+
+def color_recall(study: DescriptorStudy, space: str, precision: float) -> float | None:
+    """The largest recall of c-M2DP in a colour space with at least so much precision."""
+    return recall_at(_color_curve(study, space), precision)
+
+
+def _color_curve(study: DescriptorStudy, space: str) -> PrecisionRecall | None:
+    found = study.find(_colored_case(study), "lidar", "cm2dp", space)
+    return None if found is None else found.curve
+
+
+def _colored_case(study: DescriptorStudy) -> str:
+    return next(one.case for one in study.measured if one.variant in COLOR_SPACES)
+
+
+def descriptor_claims(study: DescriptorStudy) -> list[Claim]:
+    """Those of chapter 4, judged on what there was."""
+    cases = {
+        f"{case}, {source}": (case, source)
+        for case in study.cases
+        for source in study.sources(case)
+    }
+
+    def of(
+        name: str, variant: str, figure: Callable[[Measured], float | None]
+    ) -> Callable[[str], float | None]:
+        def value(case: str) -> float | None:
+            found = study.find(*cases[case], name, variant)
+            return None if found is None else figure(found)
+
+        return value
+
+    names = list(cases)
+    claims = [
+        compared(
+            "c-M2DP recalls more than M2DP at 100 % precision",
+            names,
+            of("cm2dp", "author", full_recall),
+            of("m2dp", "author", full_recall),
+            "{:.3f}",
+        ),
+        *(
+            compared(
+                f"c-M2DP recalls more at 100 % precision in RGB than in {SPACES[space]}",
+                [_colored_case(study)],
+                lambda case: color_recall(study, "rgb", 1.0),
+                lambda case, space=space: color_recall(study, space, 1.0),  # type: ignore[misc]
+                "{:.3f}",
+            )
+            for space in ("hsv", "lab")
+        ),
+        compared(
+            "CSHOT takes longer to compute than c-M2DP",
+            names,
+            of("cshot", "author", describe_ms),
+            of("cm2dp", "author", describe_ms),
+            "{:.1f} ms",
+        ),
+        compared(
+            "Ours, not the thesis's: our preset of c-M2DP recalls at least as much as its author's",
+            names,
+            of("cm2dp", "robust", full_recall),
+            of("cm2dp", "author", full_recall),
+            "{:.3f}",
+            ties=True,
+        ),
+    ]
+    if study.stored is not None:
+        claims.append(_stored_claim(study))
+    return claims
+
+
+def _stored_claim(study: DescriptorStudy) -> Claim:
+    assert study.stored is not None  # the caller has seen to it
+    full = study.stored.curve.recall_at_full_precision or 0.0
+    known = PUBLISHED_RECALL["06", "lidar", "m2dp"]
+    case = "KITTI 06"
+    return Claim(
+        "From the author's stored descriptors comes the published recall, to 6 digits",
+        {case: f"{full:.6f} and {known:.6f}"},
+        {case: f"{full:.6f}" == f"{known:.6f}"},
+    )
+
+
+def full_recall(measured: Measured | None) -> float | None:
+    """Recall at 100 % precision; None where it was not measured, or does not exist."""
+    return None if measured is None else recall_at(measured.curve, 1.0)
+
+
+def describe_ms(measured: Measured | None) -> float | None:
+    """Mean time to describe a cloud; None where it was not measured."""
+    if measured is None:
+        return None
+    seconds = measured.evaluation.run.seconds.get("describe", np.empty(0))
+    return float(np.mean(seconds) * 1e3) if len(seconds) else None
+
+
+def descriptor_figures(study: DescriptorStudy) -> dict[str, Any]:
+    """All that was found of descriptors."""
+    stored = study.stored and {
+        "curve": study.stored.curve.metrics(),
+        **{k: v for k, v in asdict(study.stored).items() if k != "curve"},
+    }
+    return {
+        "descriptors": [
+            {"case": one.case, "variant": one.variant, **metrics_of(one.evaluation)}
+            for one in study.measured
+        ],
+        "protocol": PROTOCOL,
+        "stored": stored,
+    }

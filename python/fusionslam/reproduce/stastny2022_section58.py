@@ -1,0 +1,297 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Section 5.8 of Stastny 2022 as tables and pictures: what it says of its maps beside ours."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from fusionslam.evaluation import MapReport
+from fusionslam.pipelines.methods import ENTRANTS
+from fusionslam.report.maps.map_figures import map_figure
+from fusionslam.report.page.images import Picture, keep
+from fusionslam.report.page.tables import Table
+from fusionslam.reproduce.conclusions import Claim, compared
+from fusionslam.reproduce.config import OURS
+from fusionslam.reproduce.document import Chapter, Head, shown, table_of
+from fusionslam.reproduce.map_study import MapStudy
+from fusionslam.reproduce.stastny2022_chapter5 import title_of
+
+SAID = {
+    "first stage": dict.fromkeys(("warehouse", "house", "hospital"), "satisfactory"),
+    "both stages": dict.fromkeys(("warehouse", "house", "hospital"), "as 1st stage"),
+    "RatSLAM": {"hospital": "failed"},
+}
+"""Section 5.8, in a word, by what the thesis calls a way and by world; it gives no figures."""
+SETUPS = {
+    "truth": "the thesis's set-up: odometry that never errs",
+    "truth+noise": "what the thesis did not try: odometry off by 2 % of the way and 1 % of the "
+    "turns",
+}
+_MAPS = {
+    "openratslam": "RatSLAM as the thesis used it",
+    "robust": "our map of the same views",
+}
+_FIGURES = {"warehouse": "5.13", "house": "5.14", "hospital": "5.15"}
+
+Value = Callable[[MapReport], float | None]
+
+
+def maps_chapter(study: MapStudy, folder: Path) -> Chapter:
+    """The tables of every odometry, then figures 5.13 to 5.15 and the like of them."""
+    chapter = Chapter("Stastny 2022, 5.8: maps")
+    chapter.say(
+        "The thesis shows maps and gives no figures of them; its columns say in a word what its "
+        "section 5.8 says. Here: nodes of the map in the end against where the robot truly was "
+        "when it made them, after turning and shifting the map onto the truth, not stretching it."
+    )
+    chapter.say(
+        "Its text names cells of 0.2 m and 12 degrees; here they are 0.4 m and 10 degrees, those "
+        "of the reference run. Its program publishes how similar a match is as the angle between "
+        "two views; here that angle is 0 for objects and templates, and measured by alignment."
+    )
+    for odometry, words in SETUPS.items():
+        _tables(chapter, study, odometry, words)
+    if "hospital" in study.made:
+        chapter.say(
+            "All wards of the made hospital have one plan, and its corridors are symmetric. What "
+            "looks at clouds in the robot's frame, or at images, takes one ward for another there: "
+            "it folds a map that closes every loop. Clouds in world coordinates carry the answer "
+            "with them."
+        )
+    for note in study.notes():
+        chapter.say(f"Missing: {note}.")
+    for odometry in SETUPS:
+        for world in study.words:
+            chapter.picture(_figure(study, world, odometry, folder))
+    return chapter
+
+
+def _tables(chapter: Chapter, study: MapStudy, odometry: str, words: str) -> None:
+    for preset, what in _MAPS.items():
+        title = f"RMSE of the nodes in m, {words}; {what}"
+        chapter.show(title, _errors(study, odometry, preset), "world")
+    if odometry == "truth":
+        chapter.say(
+            "Where odometry never errs, odometry alone is off only by what adding up its steps "
+            "loses: there is next to nothing for a map to mend, and wrong matches can fold it."
+        )
+    chapter.show(
+        f"Arrivals at a known node while the robot was elsewhere, of all arrivals, {words}",
+        _arrivals(study, odometry),
+        "world",
+    )
+    chapter.show(
+        f"Revisits that the map joins with the place seen before, in %, {words}",
+        _shares(study, odometry),
+        "world",
+    )
+
+
+def _errors(study: MapStudy, odometry: str, preset: str) -> Table:
+    alone = Head(
+        "odometry alone",
+        "at the same moments as the nodes of the first map of the row",
+        lambda world: shown(_alone(study, world, odometry), "{:.2f}"),
+    )
+    heads = [alone]
+    for method in study.methods:
+        used = "robust" if method == OURS else preset
+        heads.append(_head(study, odometry, method, used, _rmse, "{:.2f}"))
+        if odometry == "truth" and preset == "openratslam" and ENTRANTS[method].published:
+            heads.append(_said(method))
+    return table_of(list(study.words), heads)
+
+
+def _alone(study: MapStudy, world: str, odometry: str) -> float | None:
+    reports = (m.report for m in study.maps if (m.world, m.odometry) == (world, odometry))
+    errors = (r.nodes_by_odometry for r in reports if r is not None)
+    return next((one.rmse_m for one in errors if one is not None), None)
+
+
+def _rmse(report: MapReport) -> float | None:
+    return None if report.nodes is None else report.nodes.rmse_m
+
+
+def _head(
+    study: MapStudy, odometry: str, method: str, preset: str, value: Value, show: str
+) -> Head:
+    def text(world: str) -> str:
+        return shown(figure(study, world, odometry, method, preset, value), show)
+
+    return Head(title_of(method), f"{ENTRANTS[method].help}; preset {preset}", text)
+
+
+def _said(method: str) -> Head:
+    words = SAID[ENTRANTS[method].published or ""]
+    return Head("thesis", "what section 5.8 says", lambda world: words.get(world, ""))
+
+
+def figure(
+    study: MapStudy, world: str, odometry: str, method: str, preset: str, value: Value
+) -> float | None:
+    """A figure of a map; None where there is no map or no such figure."""
+    mapped = study.map(world, odometry, method, preset)
+    report = None if mapped is None else mapped.report
+    return None if report is None else value(report)
+
+
+def _pairs(study: MapStudy) -> list[tuple[str, str]]:
+    """Ways and presets in the order of the columns."""
+    return [
+        (method, preset)
+        for method in study.methods
+        for preset in (("robust",) if method == OURS else tuple(_MAPS))
+    ]
+
+
+def _titled(method: str, preset: str) -> str:
+    own = "" if method == OURS or preset == "openratslam" else ", our map"
+    return title_of(method) + own
+
+
+def _arrivals(study: MapStudy, odometry: str) -> Table:
+    def text(world: str, method: str, preset: str) -> str:
+        mapped = study.map(world, odometry, method, preset)
+        report = None if mapped is None else mapped.report
+        if report is None or report.judged_loops is None:
+            return ""
+        refused = f", {report.refused} refused" if preset == "robust" else ""
+        return f"{report.false_loops} of {report.judged_loops}{refused}"
+
+    heads = [
+        Head(_titled(*pair), f"preset {pair[1]}", lambda world, pair=pair: text(world, *pair))  # type: ignore[misc]
+        for pair in _pairs(study)
+    ]
+    return table_of(list(study.words), heads)
+
+
+def _shares(study: MapStudy, odometry: str) -> Table:
+    def share(report: MapReport) -> float | None:
+        found = report.linked_revisit_share
+        return None if found is None else 100 * found
+
+    heads = []
+    for method, preset in _pairs(study):
+        head = _head(study, odometry, method, preset, share, "{:.0f}")
+        heads.append(Head(_titled(method, preset), head.hint, head.text))
+    return table_of(list(study.words), heads)
+
+
+def _figure(study: MapStudy, world: str, odometry: str, folder: Path) -> Picture | None:
+    drawn = []
+    for method in study.methods:
+        preset = "robust" if method == OURS else "openratslam"
+        one = study.map(world, odometry, method, preset)
+        if one and one.run and one.report and len(one.run.nodes) > 1:
+            drawn.append((one.run, one.report, title_of(method)))
+    if not drawn:
+        return None
+    runs, reports, titles = zip(*drawn, strict=True)
+    picture = map_figure(runs, reports, titles=titles)
+    like = "Figure" if odometry == "truth" else "The like of figure"
+    caption = (
+        f"{like} {_FIGURES[world]}, {study.words[world]}; {SETUPS[odometry]}. Grey: the truth. "
+        "Each map is turned and shifted onto it, not stretched; rings mark the ends of loops. Ours "
+        "is made by our preset, the others by the original's."
+    )
+    name = f"maps_{world}_{'exact' if odometry == 'truth' else 'drift'}"
+    return keep(folder, name, picture, caption)
+
+
+_SATISFACTORY_M = 0.8
+"""A map whose nodes are off by less, the thesis's own limit for one place, is satisfactory."""
+_IDENTICAL_M = 0.25
+"""Maps whose errors differ by less are almost identical."""
+
+
+def map_claims(study: MapStudy) -> list[Claim]:
+    """What section 5.8 concludes, then what is ours."""
+
+    def of(odometry: str, method: str, preset: str) -> Callable[[str], float | None]:
+        return lambda world: figure(study, world, odometry, method, preset, _rmse)
+
+    def drift_alone(world: str) -> float | None:
+        return _alone(study, world, "truth+noise")
+
+    worlds, show = list(study.words), "{:.2f} m"
+    first, second = (
+        of("truth", "first_stage", "openratslam"),
+        of("truth", "both_stages", "openratslam"),
+    )
+    original = of("truth", "templates", "openratslam")
+    return [
+        compared(
+            f"Maps of the first stage are satisfactory: nodes off by less than {_SATISFACTORY_M} "
+            "m, the limit of one place (5.8; the limit first)",
+            worlds,
+            lambda world: _SATISFACTORY_M,
+            first,
+            show,
+        ),
+        _alike("first stage", "both stages", worlds, first, second),
+        compared(
+            "The original's map is farther off than that of the first stage (5.8, of the hospital)",
+            worlds,
+            original,
+            first,
+            show,
+        ),
+        compared(
+            "Ours, not the thesis's: with drifting odometry the first stage's map is farther off "
+            "than ours",
+            worlds,
+            of("truth+noise", "first_stage", "openratslam"),
+            of("truth+noise", OURS, "robust"),
+            show,
+        ),
+        compared(
+            "Ours, not the thesis's: drifting odometry alone is farther off than our map",
+            worlds,
+            drift_alone,
+            of("truth+noise", OURS, "robust"),
+            show,
+        ),
+        compared(
+            "Ours, not the thesis's: the templates' map is farther off as the original makes it "
+            "than as ours makes it of the same views (drifting odometry)",
+            worlds,
+            of("truth+noise", "templates", "openratslam"),
+            of("truth+noise", "templates", "robust"),
+            show,
+        ),
+    ]
+
+
+def _alike(
+    one: str,
+    other: str,
+    worlds: list[str],
+    left: Callable[[str], float | None],
+    right: Callable[[str], float | None],
+) -> Claim:
+    figures, holds = {}, {}
+    for world in worlds:
+        pair = left(world), right(world)
+        if pair[0] is not None and pair[1] is not None:
+            figures[world] = f"{pair[0]:.2f} m and {pair[1]:.2f} m"
+            holds[world] = abs(pair[0] - pair[1]) <= _IDENTICAL_M
+    text = f"Maps of the {one} and of {other} are almost identical: within {_IDENTICAL_M} m (5.8)"
+    return Claim(text, figures, holds)
+
+
+_NAMES = ("world", "odometry", "method", "preset", "note")
+
+
+def map_figures(study: MapStudy) -> dict[str, Any]:
+    """All that was found of maps."""
+    return {
+        "maps": [
+            {
+                **{name: getattr(mapped, name) for name in _NAMES},
+                "report": mapped.report and mapped.report.metrics(),
+                "config": dict(mapped.run.config) if mapped.run else {},
+            }
+            for mapped in study.maps
+        ]
+    }

@@ -1,0 +1,149 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Listens to a robot as the nodes would, without publishing anything."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import rospy
+
+from fusionslam.datasets.bags.reader import RawMessage
+from fusionslam.errors import DataError, one_line
+from fusionslam.ros.check.master import look_at_master
+from fusionslam.ros.check.observed_topics import Heard, choose
+from fusionslam.ros.check.trial_fusion import Trial
+from fusionslam.ros.messages.types import CLOUD, IMAGES, deserialized
+from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, Arrival, Inbox
+from fusionslam.ros.runtime.rospy_node import BUFFER_BYTES
+from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Message
+
+Progress = Callable[[str, int, int], None]
+
+TRANSFORMS = ("/tf", "/tf_static")
+"""The topics of TF, which are roles as well."""
+_LARGE = (CLOUD, *IMAGES)
+_LOOK_S = 0.2
+_POLL_S = 0.05
+
+
+class Ears:
+    """Listens to the topics of the nodes, or to the best guess where one is not there.
+
+    Args:
+        asked: topics of the nodes by role, and what /tf and /tf_static are to them, as remapped;
+            rospy itself must know of no remappings, or it would remap the guesses.
+        trial: takes what arrives.
+
+    Attributes:
+        graph: what the master knew when it was asked last.
+        choices: by role.
+        heard: by role, where there is a topic.
+
+    Raises:
+        FusionSlamError: the master does not answer.
+    """
+
+    def __init__(self, asked: Mapping[str, str], trial: Trial) -> None:
+        self.heard: dict[str, Heard] = {}
+        self._asked = {role: topic for role, topic in asked.items() if role not in TRANSFORMS}
+        self._trial = trial
+        common = trial.config.node
+        self._by_arrival = common.stamps == "arrival"
+        self._inbox = Inbox(common.queue, common.only_one)
+        self._subscribers: dict[str, Any] = {}
+        # Before anybody publishes them: a bag tells its static transforms once, at its start.
+        for role in TRANSFORMS:
+            self._subscribe(role, asked[role])
+        self._look()
+
+    def listen(self, seconds: float, progress: Progress) -> None:
+        """Wait so long for the first sensor, then listen so long. Raises as the constructor."""
+        self._until("waiting", seconds, progress, self._any)
+        if self._any():
+            self._until("listening", seconds, progress, rospy.is_shutdown)
+        self._look()
+        for subscriber in self._subscribers.values():
+            subscriber.unregister()
+        self._trial.end()
+
+    def _any(self) -> bool:
+        return any(heard.count for heard in self.heard.values())
+
+    def _until(
+        self, what: str, seconds: float, progress: Progress, done: Callable[[], bool]
+    ) -> None:
+        begin = looked = time.monotonic()
+        while (since := time.monotonic() - begin) < seconds and not done():
+            progress(what, int(since), round(seconds))
+            arrival = self._inbox.get(_POLL_S)
+            if arrival is not None:
+                self._work_off(arrival)
+            if time.monotonic() - looked > _LOOK_S:
+                self._look()
+                looked = time.monotonic()
+        progress(what, round(seconds), round(seconds))
+
+    def _look(self) -> None:
+        """Listen to what was not there before."""
+        self.graph = look_at_master()
+        self.choices = choose(self.graph.topics, self.graph.publishers, self._asked)
+        for role, choice in self.choices.items():
+            present = self.heard.get(role)
+            # What ended meanwhile was heard all the same.
+            if choice.topic and (present is None or present.topic != choice.topic):
+                self.heard[role] = Heard(choice.topic, self.graph.topics[choice.topic].type)
+                self._subscribe(role, choice.topic)
+
+    def _subscribe(self, role: str, topic: str) -> None:
+        if role in self._subscribers:
+            self._subscribers[role].unregister()
+        self._subscribers[role] = rospy.Subscriber(
+            topic,
+            rospy.AnyMsg,
+            self._arrived,
+            callback_args=(role, topic),
+            buff_size=BUFFER_BYTES,
+            tcp_nodelay=True,
+        )
+
+    def _arrived(self, message: Any, place: tuple[str, str]) -> None:
+        """In a thread of rospy: note when it came, and leave the rest to the main thread."""
+        role, topic = place
+        about, now_ns = message._connection_header, rospy.Time.now().to_nsec()
+        is_tf = role in TRANSFORMS
+        # The name of its topic tells what is static, wherever that was remapped to.
+        raw = RawMessage(role if is_tf else topic, about["type"], now_ns, message)
+        # Of two publishers nodes hear the first alone: so does this.
+        dropped = self._inbox.put(
+            Arrival(role, raw, time.monotonic()), None if is_tf else about["callerid"]
+        )
+        if dropped != SECOND_PUBLISHER and not is_tf:
+            header = deserialized(message, "std_msgs/Header")
+            self.heard[role].series.add(replace(raw, content=SimpleNamespace(header=header)))
+
+    def _work_off(self, arrival: Arrival) -> None:
+        """Read a message, of images and clouds only those until a first cloud came of them."""
+        role, raw = arrival.topic, arrival.message
+        if raw.type in _LARGE and self._trial.first is not None:
+            return
+        value = self._value(role, raw)
+        if value is not None:
+            self._trial.take(role, value, raw.time_ns)
+
+    def _value(self, role: str, raw: RawMessage) -> Message | None:
+        """What a message says, with the stamp that counts; None if the nodes would refuse it."""
+        try:
+            value = replace(raw, content=deserialized(raw.content, raw.type)).value()
+        except DataError as error:
+            refuse = self._trial.links.refuse if role in TRANSFORMS else self.heard[role].refuse
+            refuse(one_line(error))
+            return None
+        if isinstance(value, FrameTransforms):
+            return value
+        self.heard[role].value = value
+        if self._by_arrival:
+            return replace(value, stamp_ns=raw.time_ns)
+        return value if value.stamp_ns or isinstance(value, CameraInfo) else None

@@ -1,0 +1,149 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a robot's topics are to the nodes, and what was heard of them, without any middleware."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fusionslam.datasets.bags.index import Series
+from fusionslam.datasets.bags.reader import Topic
+from fusionslam.datasets.bags.topics import ROLES, candidates
+from fusionslam.ros.nodes import NODES
+from fusionslam.ros.nodes.data_fusion import LEFT, ODOM, RIGHT, SCANS
+from fusionslam.ros.nodes.lv_dataset_creator import TRUTH
+from fusionslam.sensors.messages import Message
+
+INPUTS = {
+    "points": SCANS,
+    "left": LEFT[0],
+    "camera_info": LEFT[1],
+    "right": RIGHT[0],
+    "right_camera_info": RIGHT[1],
+    "odometry": ODOM,
+    "truth": TRUTH,
+}
+"""What the nodes call the topic of each role."""
+_OF_SOURCE = {
+    "lidar": ("points", "left", "camera_info"),
+    "stereo": ("left", "camera_info", "right", "right_camera_info"),
+    "cloud": ("points",),
+}
+_OF_MOTION = ("odometry", "truth")
+
+
+def needed_roles(source: str) -> Sequence[str]:
+    """What clouds of a source are made of."""
+    return _OF_SOURCE[source]
+
+
+def roles_of(source: str) -> Sequence[str]:
+    """All that nodes may listen to, if clouds are made of this source."""
+    return (*_OF_SOURCE[source], *_OF_MOTION)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which topic fills a role.
+
+    Attributes:
+        role: what it is to the nodes.
+        asked: the topic that nodes listen to as they are started.
+        topic: the one that fits: that one, else the best guess; empty if there is none.
+        others: further topics that would fit, best first.
+    """
+
+    role: str
+    asked: str
+    topic: str
+    others: Sequence[str] = ()
+
+    @property
+    def is_guess(self) -> bool:
+        """Whether the nodes need a remapping."""
+        return bool(self.topic) and self.topic != self.asked
+
+    @property
+    def remapping(self) -> str:
+        """How the nodes are told of the topic."""
+        return f"{INPUTS[self.role]}:={self.topic}"
+
+
+def choose(
+    topics: Mapping[str, Topic], publishers: Mapping[str, Sequence[str]], asked: Mapping[str, str]
+) -> dict[str, Choice]:
+    """A topic for each role, guessed where the one that is asked for is not there.
+
+    Args:
+        topics: all that are published.
+        publishers: nodes by topic; what our own nodes publish is no sensor.
+        asked: the topics that nodes listen to, by role.
+    """
+    free = {name: topics[name] for name in topics if not _is_own(publishers.get(name, ()))}
+    chosen = {
+        role: name
+        for role, name in asked.items()
+        if name in topics and topics[name].type in ROLES[role]
+    }
+    found = {}
+    for role, name in asked.items():
+        fitting = [chosen[role]] if role in chosen else candidates(free, role, chosen)
+        taken = [other for key, other in chosen.items() if key != role]
+        fitting = [each for each in fitting if each not in taken]
+        if fitting:
+            chosen[role] = fitting[0]
+        found[role] = Choice(role, name, next(iter(fitting), ""), tuple(fitting[1:]))
+    return found
+
+
+def _is_own(nodes: Iterable[str]) -> bool:
+    names = {node.rpartition("/")[2] for node in nodes}
+    return bool(names) and names <= {*NODES}
+
+
+@dataclass(eq=False)
+class Heard:
+    """What arrived on a topic.
+
+    Attributes:
+        topic: its full name.
+        type: of its messages, as "nav_msgs/Odometry".
+        series: when they were measured and when they arrived, by ROS time.
+        value: the last one that could be read.
+        unreadable: how many could not, and
+        why: what is wrong with the last of these.
+    """
+
+    topic: str
+    type: str
+    series: Series = field(default_factory=lambda: Series(by_arrival=False))
+    value: Message | None = None
+    unreadable: int = 0
+    why: str = ""
+
+    def refuse(self, why: str) -> None:
+        """Note a message that could not be read."""
+        self.unreadable, self.why = self.unreadable + 1, why
+
+    @property
+    def count(self) -> int:
+        """How many messages arrived."""
+        return len(self.series.times)
+
+    @property
+    def unstamped(self) -> int:
+        """How many of them have the stamp zero."""
+        return sum(not stamp for stamp in self.series.headers)
+
+    @property
+    def delay_s(self) -> float:
+        """As ``delay_s`` of the series."""
+        return delay_s(self.series)
+
+
+def delay_s(series: Series) -> float:
+    """How long after their stamps messages arrived: the median, in seconds; NaN without stamps."""
+    known = np.array(series.headers, dtype=np.int64) > 0
+    delays = series.delays_ns[known]
+    return float(np.median(delays)) / 1e9 if len(delays) else float("nan")

@@ -1,0 +1,322 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a running robot, or a bag that is played, has what the nodes need."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from fusionslam.doctor import Finding
+from fusionslam.errors import ConfigError
+from fusionslam.ros.check import topics
+from fusionslam.ros.check.master import CLOCK, Graph, look_at_master, silent_nodes
+from fusionslam.ros.check.observed_topics import INPUTS, Choice, Heard, needed_roles, roles_of
+from fusionslam.ros.check.transforms import cloud_finding, frame_findings
+from fusionslam.ros.check.trial_fusion import Trial
+from fusionslam.ros.environment import need_ros
+from fusionslam.sensors.messages import CameraInfo, Odometry, Picture, Scan
+
+if TYPE_CHECKING:
+    from fusionslam.ros.check.listener import Progress
+
+_NAME = "fusionslam_check"
+_ON_CLOUDS = ("data_fusion", "lv_builder", "lv_matching", "loop_closure")
+_ON_TRUTH = ("lv_analyzer", "lv_dataset_creator")
+_OF_IMAGES = ("left", "odometry", "truth")
+_LAUNCH_ARGUMENTS = {
+    "points": "scan",
+    "left": "image",
+    "camera_info": "camera_info",
+    "odometry": "odom",
+    "truth": "truth",
+}
+_NOTHING = "This suffices for none of the nodes"
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What was found out by listening.
+
+    Attributes:
+        graph: what the master knows.
+        choices: which topic is what, by role.
+        heard: what arrived, by role.
+        trial: what came of it.
+        seconds: how long nothing, or something, was waited for.
+        unreachable: publishers that cannot be reached, with their addresses.
+        clock: whether ROS time runs.
+        arguments: remappings and parameters of the nodes.
+    """
+
+    graph: Graph
+    choices: Mapping[str, Choice]
+    heard: Mapping[str, Heard]
+    trial: Trial
+    seconds: float
+    unreachable: Mapping[str, str]
+    clock: bool
+    arguments: Sequence[str] = ()
+
+    def value(self, role: str) -> object:
+        """The last message of a role that could be read; None without."""
+        return self.heard[role].value if role in self.heard else None
+
+
+@dataclass(frozen=True)
+class Check:
+    """What suffices on a robot, and what does not.
+
+    Attributes:
+        findings: one for each thing looked at.
+        remappings: what the nodes have to be given so that they find their topics, and
+        again: that with what they were given already.
+        verdict: which nodes can work, in a sentence.
+        launch: name and arguments of the launch file that makes most of it; empty without any.
+        works: whether data_fusion can work as it was asked for.
+    """
+
+    findings: Sequence[Finding]
+    remappings: Sequence[str]
+    again: Sequence[str]
+    verdict: str
+    launch: Sequence[str]
+    works: bool
+
+
+def check_robot(arguments: Sequence[str], seconds: float, progress: "Progress") -> Check:
+    """Listen to a robot and judge what it has. Once in a process: rospy allows no more.
+
+    Args:
+        arguments: remappings and parameters (_fusion/source:=stereo) as data_fusion takes them,
+            or topics as launch files do (scan:=/points).
+        seconds: how long to wait for a sensor, and then to listen.
+        progress: called with what is done, seconds done and seconds in all.
+
+    Raises:
+        FusionSlamError: there is no ROS, or no master that answers.
+        ConfigError: an argument that is none, or a parameter that data_fusion does not know.
+    """
+    if wrong := [argument for argument in arguments if ":=" not in argument]:
+        raise ConfigError(f"{wrong[0]!r} is no remapping, expected NAME:=TOPIC")
+    need_ros()
+    look_at_master()  # rospy would wait for it for ever
+    import rospy
+
+    # Remappings of topics are left to us: the topics that are guessed are as they are.
+    own = [argument for argument in arguments if argument.startswith("_")]
+    try:
+        rospy.init_node(_NAME, argv=[_NAME, *own], anonymous=True, disable_signals=True)
+        return judge(_listened(_spelled_out(arguments), seconds, progress))
+    except rospy.ROSInitException as error:
+        raise ConfigError(f"{' '.join(own)}: {error}") from error
+    finally:
+        _leave()
+
+
+def _spelled_out(arguments: Sequence[str]) -> Sequence[str]:
+    """Arguments of launch files as the remappings that they make of them."""
+    names = {short: INPUTS[role] for role, short in _LAUNCH_ARGUMENTS.items()}
+    pairs = [argument.partition(":=") for argument in arguments]
+    return [f"{names.get(name, name)}:={value}" for name, _, value in pairs]
+
+
+def _leave() -> None:
+    """Leave nothing behind: neither parameters of ours nor a node that the master knows."""
+    import rospy
+
+    with suppress(OSError, rospy.ROSException):  # the master is gone
+        if rospy.has_param("~"):
+            rospy.delete_param("~")
+    rospy.signal_shutdown("checked")
+
+
+def _remapped(arguments: Sequence[str], names: Mapping[str, str]) -> dict[str, str]:
+    """The full names of topics, as nodes with these arguments know them."""
+    import rospy
+    from rosgraph.names import load_mappings, resolve_name
+
+    node = rospy.get_name()
+    mappings = {
+        resolve_name(name, node): resolve_name(topic, node)
+        for name, topic in load_mappings(arguments).items()
+    }
+    return {key: resolve_name(name, node, mappings) for key, name in names.items()}
+
+
+def _listened(arguments: Sequence[str], seconds: float, progress: "Progress") -> Evidence:
+    import rospy
+
+    from fusionslam.ros.check.listener import TRANSFORMS, Ears
+    from fusionslam.ros.nodes.data_fusion import DataFusion
+    from fusionslam.ros.runtime.config import from_parameters
+
+    trial = Trial(from_parameters(DataFusion.defaults, rospy.get_param("~", {})))
+    inputs = {role: INPUTS[role] for role in roles_of(trial.config.fusion.source)}
+    ears = Ears(_remapped(arguments, inputs | {name: name for name in TRANSFORMS}), trial)
+    ears.listen(seconds, progress)
+    silent = [ears.choices[role].topic for role, heard in ears.heard.items() if not heard.count]
+    nodes = {node for topic in silent for node in ears.graph.publishers.get(topic, ())}
+    clock = not rospy.Time.now().is_zero()
+    unreachable = silent_nodes(sorted(nodes))
+    return Evidence(
+        ears.graph, ears.choices, ears.heard, trial, seconds, unreachable, clock, arguments
+    )
+
+
+def judge(evidence: Evidence) -> Check:
+    """What the evidence says."""
+    config = evidence.trial.config
+    needed = needed_roles(config.fusion.source)
+    findings = [*_clock(evidence)]
+    for role in evidence.choices:
+        findings += _sensor(evidence, role, role in needed)
+    findings += _together(evidence)
+    findings += frame_findings(evidence.trial, *_ends(evidence))
+    findings.append(cloud_finding(evidence.trial, _lacking(evidence, needed)))
+    remappings = [each.remapping for each in evidence.choices.values() if each.is_guess]
+    found = all(not evidence.choices[role].is_guess for role in needed)
+    works = found and evidence.trial.first is not None
+    files = _launch_files(evidence)
+    verdict = _verdict(evidence, files, bool(remappings))
+    # The last one does most.
+    launch = [files[-1], *_launch_arguments(evidence, files[-1])] if files else []
+    again = _again(evidence.arguments, remappings) if remappings else []
+    return Check(findings, remappings, again, verdict, launch, works)
+
+
+def _again(arguments: Sequence[str], remappings: Sequence[str]) -> Sequence[str]:
+    """The arguments with these remappings in the place of older ones."""
+    names = {each.partition(":=")[0] for each in remappings}
+    return [*(each for each in arguments if each.partition(":=")[0] not in names), *remappings]
+
+
+def _clock(evidence: Evidence) -> Iterator[Finding]:
+    graph = evidence.graph
+    has_clock = CLOCK in graph.topics
+    time = "sim time" if graph.sim_time else "wall time"
+    yield Finding("master", True, f"{graph.uri}, {len(graph.topics)} topics, {time}")
+    if graph.sim_time and not evidence.clock:
+        detail = (
+            f"use_sim_time is set, but {CLOCK} {'stands at 0' if has_clock else 'is missing'}: "
+            "start the simulator or rosbag play --clock; on a real robot rosparam set "
+            "use_sim_time false, and start all nodes anew"
+        )
+        yield Finding("clock", False, detail)
+    if found := topics.clock_finding(evidence.heard, graph.sim_time):
+        yield found
+
+
+def _sensor(evidence: Evidence, role: str, needed: bool) -> Iterator[Finding]:
+    graph, choice, heard = evidence.graph, evidence.choices[role], evidence.heard.get(role)
+    yield topics.topic_finding(choice, graph.topics, graph.publishers, needed)
+    if heard is None:
+        return
+    if not heard.count:
+        yield topics.silence_finding(choice, evidence.seconds, evidence.unreachable, needed)
+        return
+    config = evidence.trial.config
+    by_arrival = config.node.stamps == "arrival"
+    yield topics.rate_finding(role, heard, by_arrival, config.online.sync.jump)
+    if heard.unreadable:
+        yield topics.unreadable_finding(role, heard)
+    yield from _content(evidence, role, heard)
+
+
+def _content(evidence: Evidence, role: str, heard: Heard) -> Iterator[Finding]:
+    value = heard.value
+    if isinstance(value, Scan):
+        yield topics.scan_finding(value)
+    elif isinstance(value, Picture):
+        yield topics.image_finding(role, value, heard.type)
+    elif isinstance(value, CameraInfo):
+        picture = evidence.value("right" if role.startswith("right") else "left")
+        seen = picture if isinstance(picture, Picture) else None
+        yield topics.info_finding(role, value, seen, heard.topic)
+    elif isinstance(value, Odometry):
+        yield topics.odometry_finding(role, value, evidence.trial.config.online)
+
+
+def _together(evidence: Evidence) -> Iterator[Finding]:
+    """Whether what several sensors say goes together."""
+    heard, config = evidence.heard, evidence.trial.config
+    by_arrival, sync = config.node.stamps == "arrival", config.online.sync
+    if {"points", "left"} <= heard.keys():
+        yield from topics.sync_findings(
+            heard["points"],
+            heard["left"],
+            sync.max_difference,
+            by_arrival,
+            "scans have an image",
+        )
+    if {"left", "right"} <= heard.keys():
+        yield from topics.sync_findings(
+            heard["left"],
+            heard["right"],
+            sync.stereo_difference,
+            by_arrival,
+            "left images have a right one",
+        )
+    if {"points", "odometry"} <= heard.keys() and not by_arrival:
+        found = topics.motion_finding(heard["points"], heard["odometry"])
+        yield from [found] if found else []
+    left, right = evidence.value("camera_info"), evidence.value("right_camera_info")
+    if isinstance(left, CameraInfo) and isinstance(right, CameraInfo):
+        names = {"left": heard["camera_info"].topic, "right": heard["right_camera_info"].topic}
+        yield topics.pair_finding(left, right, names)
+
+
+def _ends(evidence: Evidence) -> tuple[str, str]:
+    """The frames of scanner and camera, as far as they are known."""
+    scan, info, picture = (evidence.value(role) for role in ("points", "camera_info", "left"))
+    frames = [each.frame_id for each in (info, picture) if isinstance(each, CameraInfo | Picture)]
+    camera = next((frame for frame in frames if frame), "")
+    return (scan.frame_id if isinstance(scan, Scan) else ""), camera
+
+
+def _lacking(evidence: Evidence, needed: Sequence[str]) -> str:
+    lacking = [topics.WORDS[role] for role in needed if evidence.value(role) is None]
+    return f"no {' and no '.join(lacking)}" if lacking else ""
+
+
+def _launch_files(evidence: Evidence) -> Sequence[str]:
+    """The launch files that the robot suffices for; they make clouds of scans and images."""
+    if evidence.trial.config.fusion.source != "lidar":
+        return []
+    clouds, odometry = evidence.trial.first is not None, evidence.value("odometry") is not None
+    files = ["visual"] if odometry and evidence.value("left") is not None else []
+    files += ["loops", "first_stage", "two_stages"] if clouds else []
+    return [*files, "ratslam"] if clouds and odometry else files
+
+
+def _launch_arguments(evidence: Evidence, file: str) -> Iterator[str]:
+    """What a launch file has to be told: topics that are not where it looks by itself."""
+    for role, argument in _LAUNCH_ARGUMENTS.items():
+        topic = evidence.choices[role].topic
+        is_known = file != "visual" or role in _OF_IMAGES
+        # Without being told a topic, it expects no truth.
+        if topic and is_known and (role == "truth" or topic != f"/{INPUTS[role]}"):
+            yield f"{argument}:={topic}"
+
+
+def _verdict(evidence: Evidence, files: Sequence[str], remapped: bool) -> str:
+    """Which nodes and launch files the robot suffices for, and what the others lack."""
+    clouds = evidence.trial.first is not None
+    images, odometry, truth = (
+        evidence.value(role) is not None for role in ("left", "odometry", "truth")
+    )
+    nodes = [*(_ON_CLOUDS if clouds else ()), *(_ON_TRUTH if clouds and truth else ())]
+    nodes += ["ratslam"] if odometry and (clouds or images) else []
+    nodes += [] if clouds or not images else ["lv_matching with _source:=visual"]
+    lacks = [] if clouds else ["there are no coloured clouds"]
+    lacks += [] if odometry else ["ratslam lacks odometry"]
+    lacks += [] if truth or not clouds else [f"{_listed(_ON_TRUTH)} lack true poses"]
+    start = "With these remappings, this" if remapped else "This"
+    launch = f" (launch files {_listed(files)})" if files else ""
+    suffices = f"{start} suffices for {_listed(nodes)}{launch}" if nodes else _NOTHING
+    return "; ".join([suffices, *lacks]) + "."
+
+
+def _listed(names: Sequence[str]) -> str:
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last

@@ -1,0 +1,115 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the executables of the ROS package start."""
+
+import logging
+import os
+import sys
+from collections.abc import Callable
+
+from fusionslam.errors import ConfigError, FusionSlamError
+from fusionslam.ros.environment import need_ros
+from fusionslam.ros.nodes import node_class
+from fusionslam.ros.runtime.logs import ToRosout, init_node
+
+_WRONG, _INTERRUPTED = 2, 130
+
+
+def start(name: str, arguments: list[str] | None = None) -> None:
+    """Run a node until ROS shuts down.
+
+    Args:
+        name: one of ``NODES``.
+        arguments: as on a command line: remappings (``odom:=/wheels/odom``) and private parameters
+            (``_fusion/voxel:=0.05``); None for those of this process.
+
+    Raises:
+        SystemExit: 2 if it cannot start, 130 if it is interrupted before it could.
+    """
+    _guarded(name, lambda: _run(name, sys.argv if arguments is None else [name, *arguments]))
+
+
+def start_player() -> None:
+    """Play a bag to the nodes of the launch file that this process is part of."""
+
+    def play() -> None:
+        from fusionslam.ros.launch.bag_player import play_bag
+
+        _init("bag_player")
+        play_bag()
+
+    _guarded("bag_player", play)
+
+
+def _guarded(name: str, action: Callable[[], None]) -> None:
+    try:
+        need_ros()
+        action()
+    except FusionSlamError as error:
+        _end(_WRONG, f"error: {name}: {error}")
+    except KeyboardInterrupt:
+        _end(_INTERRUPTED, f"{name}: interrupted")
+
+
+def _run(name: str, arguments: list[str]) -> None:
+    import rospy
+
+    kind = node_class(name)
+    _init(kind.name, arguments)
+    to_rosout = ToRosout()
+    logging.getLogger("fusionslam").addHandler(to_rosout)
+    logging.getLogger(__package__).setLevel(logging.INFO)
+    from fusionslam.ros.runtime.rospy_node import Shell
+
+    try:
+        shell = Shell(kind)
+    except (OSError, rospy.ROSException) as error:  # as the master is asked for parameters
+        raise _no_start(error) from error
+    except ConfigError:
+        _forget_parameters(arguments)
+        raise
+    to_rosout.complaints = shell.complaints
+    heard = ", ".join(rospy.resolve_name(topic) for topic in shell.inputs)
+    rospy.loginfo("%s is ready: it listens to %s", kind.name, heard)
+    shell.run()
+
+
+def _init(name: str, arguments: list[str] | None = None) -> None:
+    import rospy
+
+    try:
+        init_node(name, arguments)
+    except (OSError, ValueError, rospy.ROSException) as error:
+        raise _no_start(error) from error
+    except (TypeError, OverflowError) as error:  # of what sends parameters to the server
+        raise ConfigError(
+            f"a parameter on the command line is nothing that ROS can hold ({error}); null is the "
+            "text \"'null'\""
+        ) from error
+
+
+def _no_start(error: Exception) -> BaseException:
+    """What to raise where rospy does not start: interrupted, or for what reason."""
+    import rospy
+
+    if rospy.is_shutdown():
+        return KeyboardInterrupt()
+    master = os.environ.get("ROS_MASTER_URI", "unset")
+    where = f"; ROS_MASTER_URI is {master}" if isinstance(error, OSError) else ""
+    return FusionSlamError(f"ROS does not start: {' '.join(str(error).split())}{where}")
+
+
+def _forget_parameters(arguments: list[str]) -> None:
+    """Refused ones would stay on the server, and be refused at the next start, too."""
+    import rospy
+
+    for given in rospy.client.load_command_line_node_params(arguments):
+        name = given
+        rospy.delete_param(f"~{name}")
+        while (name := name.rpartition("/")[0]) and rospy.get_param(f"~{name}", None) == {}:
+            rospy.delete_param(f"~{name}")
+
+
+def _end(code: int, message: str) -> None:
+    print(message, file=sys.stderr)
+    raise SystemExit(code)

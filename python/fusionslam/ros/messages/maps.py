@@ -1,0 +1,109 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the map and its changes are as messages (Ball et al. 2013), and for RViz."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.ratslam.map_export import measured_ways
+from fusionslam.ratslam.slam import RatSlam, Step
+from fusionslam.ros.messages.markers import color, marker, point
+from fusionslam.ros.messages.types import (
+    MARKERS,
+    PATH,
+    POSE,
+    TOPOLOGICAL_ACTION,
+    TOPOLOGICAL_MAP,
+    ground_pose,
+    ground_transform,
+    header,
+    make,
+    ros_duration,
+    ros_time,
+)
+from fusionslam.sensors.messages import NANOSECONDS
+
+Floats = NDArray[np.float64]
+
+_SPHERES, _LINES = 7, 5
+_NODE_M, _LINE_M = 0.12, 0.03
+_NODES, _LINKS = (0.95, 0.75, 0.2), (0.35, 0.65, 0.95)
+
+
+def action_message(step: Step, frame_id: str) -> Any:
+    """The TopologicalAction of a step."""
+    action = step.action
+    x, y = action.relative_place
+    return make(
+        TOPOLOGICAL_ACTION,
+        header=header(step.stamp_ns, frame_id),
+        action=int(action.kind),
+        src_id=action.source,
+        dest_id=action.target,
+        relative_rad=action.relative_rotation,
+        relative_x=x,
+        relative_y=y,
+    )
+
+
+def map_message(top: Any, slam: RatSlam) -> Any:
+    """The TopologicalMap as it is now."""
+    graph, memory = slam.map, slam.memory
+    rows = zip(graph.nodes.tolist(), memory.node_stamps_ns, memory.node_views, strict=True)
+    nodes = [
+        make(
+            "fusionslam_ros/TopologicalNode",
+            id=number,
+            pose=ground_pose((x, y, heading)),
+            stamp=ros_time(stamp_ns),
+            view_id=view,
+        )
+        for number, ((x, y, heading), stamp_ns, view) in enumerate(rows)
+    ]
+    edges = _edges(graph.links)
+    return make(
+        TOPOLOGICAL_MAP,
+        header=top,
+        node_count=len(nodes),
+        node=nodes,
+        edge_count=len(edges),
+        edge=edges,
+    )
+
+
+def _edges(links: NDArray[np.void]) -> list[Any]:
+    ways = measured_ways(links).tolist()
+    return [
+        make(
+            "fusionslam_ros/TopologicalEdge",
+            id=number,
+            source_id=int(link["source"]),
+            destination_id=int(link["target"]),
+            duration=ros_duration(round(float(link["duration"]) * NANOSECONDS)),
+            transform=ground_transform((x, y, facing)),
+        )
+        for number, (link, (x, y, facing)) in enumerate(zip(links, ways, strict=True))
+    ]
+
+
+def map_markers(top: Any, slam: RatSlam) -> Any:
+    """Nodes as dots and links as lines."""
+    nodes, links = slam.map.nodes, slam.map.links
+    ends = np.stack([links["source"], links["target"]], axis=1).ravel()
+    dots = marker(top, "nodes", 0, _SPHERES, [_NODE_M] * 3, color(_NODES))
+    dots.points = [point(x, y) for x, y, _ in nodes.tolist()]
+    lines = marker(top, "links", 0, _LINES, [_LINE_M, 0.0, 0.0], color(_LINKS))
+    lines.points = [point(x, y) for x, y, _ in nodes[ends].tolist()]
+    return make(MARKERS, markers=[dots, lines])
+
+
+def path_message(top: Any, nodes: Floats, visits: Sequence[int]) -> Any:
+    """The nodes that the robot was at, one after another, where the map has them now."""
+    poses = [
+        make(POSE, header=top, pose=ground_pose((x, y, heading)))
+        for x, y, heading in nodes[list(visits)].tolist()
+    ]
+    return make(PATH, header=top, poses=poses)

@@ -1,0 +1,111 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The classes of ROS messages by name, and messages made of values."""
+
+import functools
+import math
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from fusionslam.datasets.bags.messages import MessageBuilder, plain_type
+from fusionslam.errors import DataError
+from fusionslam.ros.environment import PACKAGE
+from fusionslam.sensors.messages import NANOSECONDS
+
+VIEW_DESCRIPTION = f"{PACKAGE}/LVDescription"
+VIEW_TEMPLATE = f"{PACKAGE}/ViewTemplate"
+TOPOLOGICAL_ACTION = f"{PACKAGE}/TopologicalAction"
+TOPOLOGICAL_MAP = f"{PACKAGE}/TopologicalMap"
+LOOP_CLOSURE = f"{PACKAGE}/LoopClosure"
+VIEW_STATISTICS = f"{PACKAGE}/ViewStatistics"
+CLOUD = "sensor_msgs/PointCloud2"
+IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
+CAMERA_INFO = "sensor_msgs/CameraInfo"
+ODOMETRY = "nav_msgs/Odometry"
+TRANSFORMS = "tf2_msgs/TFMessage"
+POSE = "geometry_msgs/PoseStamped"
+PATH = "nav_msgs/Path"
+MARKERS = "visualization_msgs/MarkerArray"
+DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
+
+Ground = tuple[float, float, float]
+"""x, y in metres and a heading in radians."""
+
+
+@functools.cache
+def message_class(type_name: str) -> type[Any]:
+    """The class of a type such as "nav_msgs/Odometry". Raises DataError if it is not installed."""
+    package, _, name = plain_type(type_name).partition("/")
+    try:
+        return getattr(import_module(f"{package}.msg"), name)  # type: ignore[no-any-return]
+    except (ImportError, AttributeError):
+        raise DataError(f"the message type {type_name} is not installed") from None
+
+
+def make(type_name: str, /, **fields: Any) -> Any:
+    """A message of its fields, as ``MessageBuilder`` wants it."""
+    if type_name.startswith("builtin_interfaces/"):
+        return ros_time(int(fields["sec"]) * NANOSECONDS + int(fields["nanosec"]))
+    flat = {
+        # What genpy packs as bytes has to be bytes.
+        name: value.tobytes()
+        if isinstance(value, np.ndarray) and value.dtype == np.uint8
+        else value
+        for name, value in fields.items()
+    }
+    return message_class(type_name)(**flat)
+
+
+builder = MessageBuilder(make, ros=1)
+"""Makes messages of scans, images, calibrations, odometry and transforms."""
+
+
+def deserialized(message: Any, type_name: str) -> Any:
+    """A message that rospy left as it came (AnyMsg), as its type. Raises DataError."""
+    typed = message_class(type_name)()
+    try:
+        return typed.deserialize(message._buff)
+    except Exception as error:  # genpy raises all kinds
+        raise DataError(f"no {type_name}, or cut short: {error}; look at its publisher") from error
+
+
+def ros_time(stamp_ns: int) -> Any:
+    """A time of rospy."""
+    from genpy import Time
+
+    seconds, nanoseconds = divmod(int(stamp_ns), NANOSECONDS)
+    return Time(seconds, nanoseconds)
+
+
+def ros_duration(nanoseconds: int) -> Any:
+    """A duration of rospy, which may be negative."""
+    from genpy import Duration
+
+    seconds, rest = divmod(int(nanoseconds), NANOSECONDS)
+    return Duration(seconds, rest)
+
+
+def header(stamp_ns: int, frame_id: str) -> Any:
+    """A std_msgs/Header."""
+    return make("std_msgs/Header", stamp=ros_time(stamp_ns), frame_id=frame_id)
+
+
+def ground_pose(place: Ground) -> Any:
+    """A geometry_msgs/Pose of x, y in metres and a heading in radians."""
+    x, y, heading = (float(value) for value in place)
+    position = make("geometry_msgs/Point", x=x, y=y, z=0.0)
+    return make("geometry_msgs/Pose", position=position, orientation=_turned(heading))
+
+
+def ground_transform(place: Ground) -> Any:
+    """A geometry_msgs/Transform of the same."""
+    x, y, heading = (float(value) for value in place)
+    translation = make("geometry_msgs/Vector3", x=x, y=y, z=0.0)
+    return make("geometry_msgs/Transform", translation=translation, rotation=_turned(heading))
+
+
+def _turned(heading: float) -> Any:
+    z, w = math.sin(heading / 2), math.cos(heading / 2)
+    return make("geometry_msgs/Quaternion", x=0.0, y=0.0, z=z, w=w)

@@ -1,0 +1,51 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a node says of itself on /diagnostics: counts, latencies, processor time."""
+
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from fusionslam.ros.messages.types import DIAGNOSTICS, header, make
+
+if TYPE_CHECKING:
+    from fusionslam.ros.runtime.worker import Worker
+
+_OK, _WARN = 0, 1
+
+
+def diagnostics(worker: "Worker") -> Any:
+    """A DiagnosticArray of a node as it is now."""
+    import rospy
+
+    values = dict(reported(worker))
+    problems = [f"nothing has arrived on {entry.topic}" for entry in worker.silent]
+    problems += [f"{t}: {cause}" for (t, cause), _ in worker.complaints.counts.most_common(1)]
+    status = make(
+        "diagnostic_msgs/DiagnosticStatus",
+        level=_WARN if problems else _OK,
+        name=f"fusionslam: {worker.node.name}",
+        message=problems[0] if problems else "fine",
+        hardware_id=rospy.get_name(),
+        values=[make("diagnostic_msgs/KeyValue", key=key, value=values[key]) for key in values],
+    )
+    now = rospy.Time.now().to_nsec()
+    return make(DIAGNOSTICS, header=header(now, ""), status=[status])
+
+
+def reported(worker: "Worker") -> Iterator[tuple[str, str]]:
+    """All that is counted and measured, as (what, how much)."""
+    taken = worker.inbox.taken
+    for topic in worker.inputs:
+        yield f"received {topic}", str(taken[topic])
+    for (topic, reason), count in sorted(worker.inbox.dropped.items()):
+        yield f"dropped {topic}: {reason}", str(count)
+    for what, count in worker.node.report().items():
+        yield what, str(count)
+    for (topic, cause), count in sorted(worker.complaints.counts.items()):
+        yield f"refused {topic}: {cause}", str(count)
+    for share in (0.5, 0.95):
+        milliseconds = worker.watch.quantile_ms(share)
+        if milliseconds is not None:
+            yield f"latency p{100 * share:.0f} [ms]", f"{milliseconds:.2f}"
+    yield "processor time [s]", f"{time.process_time():.2f}"

@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""rospy around a node: messages in, messages out, reports, and a clean end."""
+
+import time
+from collections.abc import Collection
+from typing import Any
+
+import rospy
+
+from fusionslam.ros.messages.types import DIAGNOSTICS, message_class
+from fusionslam.ros.runtime.config import from_parameters
+from fusionslam.ros.runtime.diagnostics import diagnostics
+from fusionslam.ros.runtime.master_watch import Registration
+from fusionslam.ros.runtime.node import Node
+from fusionslam.ros.runtime.problem_log import Complaints
+from fusionslam.ros.runtime.stopwatch import Stopwatch
+from fusionslam.ros.runtime.worker import Worker
+
+BUFFER_BYTES = 1 << 24
+"""What a socket reads at a time: rospy's default of 64 KiB delays clouds and images."""
+_POLL_S = 0.1
+_REPORTS = "/diagnostics"
+
+
+class Shell:
+    """Runs one node until ROS shuts down.
+
+    Args:
+        kind: the node's class.
+
+    Raises:
+        ConfigError: a parameter that the node does not know, or a wrong value.
+        DataError: what the node would go on from cannot be read.
+    """
+
+    def __init__(self, kind: type[Node[Any]]) -> None:
+        self.config = from_parameters(kind.defaults, rospy.get_param("~", {}))
+        # Before the node is made, which may take a while: who listens finds the topics at once.
+        self._publishers = {topic: self._publisher(topic, kind) for topic in kind.outputs}
+        self._reports = rospy.Publisher(_REPORTS, message_class(DIAGNOSTICS), queue_size=10)
+        self._watch = Stopwatch()
+        node = kind(self.config, self)
+        self._worker = Worker(node, rospy.resolve_name, _now_ns, self._is_there, self._watch)
+        self._subscribers: dict[str, rospy.Subscriber] = {}
+        for topic in self._worker.inputs:
+            self._subscribers[topic] = self._subscriber(topic)
+        Registration().start()
+        self._started = self._last_work = self._last_report = time.monotonic()
+        self._looked_for_silence = False
+
+    @property
+    def inputs(self) -> Collection[str]:
+        """Topics of the node."""
+        return self._worker.inputs
+
+    @property
+    def complaints(self) -> Complaints:
+        """Those of the node."""
+        return self._worker.complaints
+
+    def publish(self, topic: str, message: Any) -> None:
+        """As ``Outlet``."""
+        _send(self._publishers[topic], message)
+        self._watch.published()
+
+    def is_wanted(self, topic: str) -> bool:
+        """As ``Outlet``."""
+        return bool(self._publishers[topic].get_num_connections())
+
+    def run(self) -> None:
+        """Work until ROS shuts down, then let the node keep what it has to."""
+        try:
+            while not rospy.is_shutdown():
+                if self._worker.work(_POLL_S):
+                    self._last_work = time.monotonic()
+                self._look_at_clock(time.monotonic())
+        finally:
+            self._worker.guarded("closing", self._worker.node.close)
+
+    def _look_at_clock(self, now: float) -> None:
+        common = self.config.node
+        if not self._worker.is_idle and now - self._last_work > common.idle:
+            self._worker.idle()
+        self._worker.keep()
+        if not self._looked_for_silence and now - self._started > common.patience:
+            self._looked_for_silence = True
+            self._worker.say_silent()
+        if now - self._last_report >= common.report:
+            self._last_report = now
+            self._worker.guarded(_REPORTS, lambda: _send(self._reports, diagnostics(self._worker)))
+
+    def _publisher(self, topic: str, kind: type[Node[Any]]) -> rospy.Publisher:
+        return rospy.Publisher(
+            topic,
+            message_class(kind.outputs[topic]),
+            queue_size=self.config.node.queue,
+            latch=topic in kind.latched,
+        )
+
+    def _subscriber(self, topic: str) -> rospy.Subscriber:
+        """Of any type: rospy would only log, again and again, that a wrong one does not connect."""
+        return rospy.Subscriber(
+            topic,
+            rospy.AnyMsg,
+            self._worker.arrived,
+            callback_args=topic,
+            buff_size=BUFFER_BYTES,
+            tcp_nodelay=True,
+        )
+
+    def _is_there(self, topic: str, publisher: str) -> bool:
+        subscriber = self._subscribers.get(topic)
+        connections = subscriber.impl.connections if subscriber is not None else []
+        return any(line.callerid_pub == publisher and not line.done for line in connections)
+
+
+def _now_ns() -> int:
+    return int(rospy.Time.now().to_nsec())
+
+
+def _send(publisher: rospy.Publisher, message: Any) -> None:
+    try:
+        publisher.publish(message)
+    except rospy.ROSException:
+        # Raised, too, if the node is shut down at this very moment.
+        if not rospy.is_shutdown():
+            raise

@@ -1,0 +1,211 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Between delivered messages and a node: whatever is wrong with one of them, the node goes on."""
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from fusionslam.datasets.bags.messages import is_known, value_of
+from fusionslam.errors import DataError, FusionSlamError, ShapeError
+from fusionslam.ros.messages.types import deserialized, message_class, ros_time
+from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, Inbox
+from fusionslam.ros.runtime.node import Input, Node
+from fusionslam.ros.runtime.stopwatch import Stopwatch
+from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Message
+
+logger = logging.getLogger(__name__)
+
+
+class Worker:
+    """Takes messages as they come and has a node work on one after another.
+
+    Args:
+        node: whose inputs they are.
+        full_name: of a topic, after remapping.
+        now_ns: the time by the clock that stamps are of, which may be simulated; 0 if unknown.
+        is_there: whether a topic's publisher still is.
+        watch: how long messages took; whoever publishes tells it.
+
+    Attributes:
+        inputs: those of the node by topic.
+        inbox: what waits.
+        complaints: those of the node.
+        is_idle: whether nothing came since ``idle``.
+    """
+
+    def __init__(
+        self,
+        node: Node[Any],
+        full_name: Callable[[str], str],
+        now_ns: Callable[[], int],
+        is_there: Callable[[str, str], bool] = lambda topic, publisher: True,
+        watch: Stopwatch | None = None,
+    ) -> None:
+        self.node, self._full_name, self._now_ns = node, full_name, now_ns
+        self._common = node.config.node
+        self.inputs = {each.topic: each for each in node.inputs}
+        self.inbox = Inbox(self._common.queue, self._common.only_one, is_there)
+        self.complaints, self.watch = node.complaints, watch or Stopwatch()
+        self.is_idle = True
+
+    def arrived(self, message: Any, topic: str) -> None:
+        """A message as rospy's AnyMsg has it; called in any thread."""
+        sender = _sender(message)
+        arrival = Arrival(topic, message, time.monotonic(), self._now_ns())
+        entry = self.inputs[topic]
+        publisher = None if entry.shared else sender
+        lost = self.inbox.put(arrival, publisher, is_small=entry.small)
+        if lost == SECOND_PUBLISHER:
+            first = self.inbox.publisher_of(topic)
+            self._complain(
+                topic,
+                f"two publishers, {first} and {sender}: {sender} is not heard while the other one "
+                "is; stop one of them, or remap its topic",
+            )
+        elif lost == TOO_MANY:
+            self._complain(
+                topic,
+                "messages come faster than they are worked off: the oldest are dropped; publish "
+                "fewer, let the node do less (docs/ros.md), or raise ~node/queue",
+            )
+
+    def work(self, timeout_s: float) -> bool:
+        """Work off the message that waited longest; False if none comes within the time."""
+        arrival = self.inbox.get(timeout_s)
+        if arrival is None:
+            return False
+        self.is_idle = False
+        self.watch.start()
+        self.guarded(arrival.topic, lambda: self._take(arrival))
+        self.watch.stop(arrival.seconds)
+        return True
+
+    def keep(self) -> None:
+        """Called all the time: what changed is written though nothing changes any more."""
+        if self.node.saver is not None:
+            self.guarded("keeping", self.node.saver.write_if_due)
+
+    def idle(self) -> None:
+        """Nothing has come for a while."""
+        self.is_idle = True
+        self.guarded("silence", self.node.idle)
+
+    @property
+    def silent(self) -> list[Input]:
+        """What the node needs and has heard nothing of."""
+        taken = self.inbox.taken
+        return [each for each in self.inputs.values() if not (each.optional or taken[each.topic])]
+
+    def say_silent(self) -> None:
+        """Say which topics those are, and what to do."""
+        for entry in self.silent:
+            logger.warning(
+                "nothing has arrived on %s: is it published, as %s, or must it be remapped "
+                "(%s:=/its/name)?",
+                self._full_name(entry.topic),
+                " or ".join(entry.types),
+                entry.topic,
+            )
+
+    def guarded(self, topic: str, action: Callable[[], None]) -> None:
+        """Do something; whatever goes wrong is a complaint."""
+        try:
+            action()
+        except (DataError, ShapeError) as error:
+            self._complain(topic, str(error))
+        except FusionSlamError as error:
+            self._complain(topic, f"{type(error).__name__}: {error}")
+        except Exception as error:
+            if self._complain(topic, f"a defect of fusionslam, please report it: {error!r}"):
+                logger.exception("%s", topic)
+
+    def _complain(self, topic: str, problem: str) -> bool:
+        # What comes of reading a message names its topic already.
+        return self.complaints.add(topic, problem.removeprefix(topic).lstrip(": "))
+
+    def _take(self, arrival: Arrival) -> None:
+        entry = self.inputs[arrival.topic]
+        message, type_name = _typed(arrival.message, entry)
+        if not is_known(type_name):
+            entry.take(self._stamped_message(message, arrival))
+            return
+        try:
+            read = value_of(message, type_name, entry.topic)
+        except DataError as error:
+            raise DataError(
+                f"{error}; look at its publisher, {_sender(arrival.message)}"
+            ) from error
+        value = self._stamped(read, arrival)
+        if value is not None:
+            entry.take(value)
+
+    def _stamped_message(self, message: Any, arrival: Arrival) -> Any:
+        if self._common.stamps == "arrival":
+            message.header.stamp = ros_time(self._arrival_ns(arrival))
+        _need_stamp(message.header.stamp.to_nsec())
+        return message
+
+    def _stamped(self, value: Message, arrival: Arrival) -> Message | None:
+        """The value with the stamp that counts; None of transforms without any."""
+        if isinstance(value, CameraInfo):  # whose stamp nobody needs
+            return value
+        if isinstance(value, FrameTransforms):
+            return self._stamped_transforms(value, arrival)
+        if self._common.stamps == "arrival":
+            return replace(value, stamp_ns=self._arrival_ns(arrival))
+        _need_stamp(value.stamp_ns)
+        return value
+
+    def _stamped_transforms(
+        self, value: FrameTransforms, arrival: Arrival
+    ) -> FrameTransforms | None:
+        each = value.transforms
+        if self._common.stamps == "arrival" and not all(one.static for one in each):
+            now = self._arrival_ns(arrival)
+            each = tuple(one if one.static else replace(one, stamp_ns=now) for one in each)
+        kept = tuple(one for one in each if one.static or one.stamp_ns)
+        if len(kept) < len(each):
+            lost = next(one for one in each if not (one.static or one.stamp_ns))
+            self._complain(
+                arrival.topic,
+                f"the transform of '{lost.child}' has the stamp zero and is left out: its "
+                "publisher has to stamp it",
+            )
+        return FrameTransforms(transforms=kept) if kept else None
+
+    def _arrival_ns(self, arrival: Arrival) -> int:
+        if not arrival.stamp_ns:
+            raise DataError(
+                "~node/stamps is arrival, but there is no time: /use_sim_time is true and nothing "
+                "publishes /clock; play the bag with --clock, or set /use_sim_time to false"
+            )
+        return arrival.stamp_ns
+
+
+def _sender(message: Any) -> str:
+    return str(message._connection_header.get("callerid", "unknown"))
+
+
+def _need_stamp(stamp_ns: int) -> None:
+    if not stamp_ns:
+        raise DataError(
+            "the stamp is zero: its publisher has to stamp it, or set the parameter ~node/stamps "
+            "to arrival"
+        )
+
+
+def _typed(message: Any, entry: Input) -> tuple[Any, str]:
+    """The message as what its publisher says it is. Raises DataError for another type."""
+    header, advice = message._connection_header, f"remap {entry.topic} to the right topic"
+    found = header.get("type", "unknown")
+    if found not in entry.types:
+        raise DataError(f"its type is {found}, expected {' or '.join(entry.types)}: {advice}")
+    kind = message_class(found)
+    if header.get("md5sum", kind._md5sum) not in (kind._md5sum, "*"):
+        raise DataError(
+            f"its publisher has another definition of {found}: build both from the same version"
+        )
+    return deserialized(message, found), found

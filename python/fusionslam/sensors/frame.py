@@ -1,0 +1,165 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the sensors deliver: cameras, frames, and the coloured clouds made of them.
+
+Arrays follow one rule everywhere: points float32 (N, 3) in metres, colours uint8 (N, 3) RGB,
+images uint8 (H, W, 3) RGB or (H, W), poses float64 (4, 4) where ``a_from_b`` maps points in b to
+points in a, stamps integer nanoseconds.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError, ShapeError
+
+Points = NDArray[np.float32]
+Bytes = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A rectified pinhole camera and its place relative to the frame's points.
+
+    Attributes:
+        projection: float64 (3, 4), maps homogeneous points of the rectified camera frame to
+            pixels (KITTI's P0 .. P3).
+        rectified_from_points: float64 (4, 4), maps points of the scan to the rectified camera
+            frame (KITTI odometry: Tr; raw and object: R0_rect * Tr_velo_to_cam).
+        size: (width, height) in pixels that the calibration was made for, if it says so.
+
+    Raises:
+        ShapeError: a matrix of another shape.
+        DataError: a matrix with NaN or infinity, or one that cannot be inverted.
+    """
+
+    projection: NDArray[np.float64]
+    rectified_from_points: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+    size: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "projection", _matrix("projection", self.projection, (3, 4)))
+        object.__setattr__(
+            self,
+            "rectified_from_points",
+            _matrix("rectified_from_points", self.rectified_from_points, (4, 4)),
+        )
+        for name, square in (
+            ("projection", self.projection[:, :3]),
+            ("rectified_from_points", self.rectified_from_points[:3, :3]),
+        ):
+            if np.linalg.matrix_rank(square) < 3:
+                raise DataError(f"camera {name} is singular: {square.tolist()}")
+
+    @property
+    def projection_from_points(self) -> NDArray[np.float64]:
+        """float64 (3, 4): maps homogeneous points of the scan to pixels."""
+        return self.projection @ self.rectified_from_points
+
+    @property
+    def points_from_rectified(self) -> NDArray[np.float64]:
+        """float64 (4, 4): maps points of the rectified camera frame to the scan's."""
+        return np.linalg.inv(self.rectified_from_points).astype(np.float64)
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points, float32 (N, 3) in metres, and their colours, uint8 (N, 3) RGB, if they have any."""
+
+    points: NDArray[np.float32]
+    colors: NDArray[np.uint8] | None = None
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+class Frame:
+    """What the sensors saw at one instant. Points and images are read when first asked for.
+
+    Args:
+        index: number of the frame in its dataset.
+        stamp_ns: time in nanoseconds.
+        points: float32 (N, 3), metres, in the scan's frame; or a function that loads them.
+        colors: uint8 (N, 3) RGB, for data whose points are coloured already; or a loader.
+        images: by camera name ("left", "right"): uint8 (H, W, 3) RGB or (H, W); or loaders.
+        cameras: calibration by camera name.
+        pose: float64 (4, 4), world_from_body; the dataset says which body (``pose_frame``).
+        odometry: float64 (4, 4), odom_from_robot at the scan's stamp, as measured on board.
+        robot_from_points: float64 (4, 4), maps points of the scan to the robot's frame.
+    """
+
+    def __init__(
+        self,
+        *,
+        index: int = 0,
+        stamp_ns: int = 0,
+        points: Points | Callable[[], Points] | None = None,
+        colors: Bytes | Callable[[], Bytes | None] | None = None,
+        images: Mapping[str, Bytes | Callable[[], Bytes]] | None = None,
+        cameras: Mapping[str, Camera] | None = None,
+        pose: NDArray[np.float64] | None = None,
+        odometry: NDArray[np.float64] | None = None,
+        robot_from_points: NDArray[np.float64] | None = None,
+    ) -> None:
+        self.index = index
+        self.stamp_ns = stamp_ns
+        self.cameras: Mapping[str, Camera] = cameras or {}
+        self.pose = pose
+        self.odometry = odometry
+        self.robot_from_points = robot_from_points
+        self.images: Mapping[str, Bytes] = _LazyMapping(images or {})
+        self._points = points
+        self._colors = colors
+
+    @property
+    def points(self) -> NDArray[np.float32] | None:
+        """float32 (N, 3) in metres, or None if this frame has no scan."""
+        if callable(self._points):
+            self._points = self._points()
+        return self._points
+
+    @property
+    def colors(self) -> NDArray[np.uint8] | None:
+        """uint8 (N, 3) RGB where the data came with coloured points, else None."""
+        if callable(self._colors):
+            self._colors = self._colors()
+        return self._colors
+
+    @property
+    def has_points(self) -> bool:
+        """Whether there is a scan, without loading it."""
+        return self._points is not None
+
+
+class _LazyMapping(Mapping[str, Bytes]):
+    """A mapping whose values are loaded when first asked for."""
+
+    def __init__(self, values: Mapping[str, Bytes | Callable[[], Bytes]]) -> None:
+        self._values = dict(values)
+
+    def __getitem__(self, key: str) -> Bytes:
+        value = self._values[key]
+        if callable(value):
+            value = self._values[key] = value()
+        return value
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+
+def _matrix(name: str, value: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
+    matrix = np.asarray(value, dtype=np.float64)
+    if matrix.shape != shape:
+        raise ShapeError(f"camera {name} has shape {matrix.shape}, expected {shape}")
+    if not np.isfinite(matrix).all():
+        raise DataError(f"camera {name} is not finite: {matrix.tolist()}")
+    return matrix
+
+
+CloudFrame = Literal["scan", "camera", "robot", "odometry"]

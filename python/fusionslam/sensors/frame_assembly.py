@@ -1,0 +1,120 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A scan and the images that belong to it as a frame."""
+
+from collections.abc import Mapping
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.sensors.camera_info import camera_from, cameras_from, check_size, rectified
+from fusionslam.sensors.frame import Camera, Frame
+from fusionslam.sensors.messages import CameraInfo, Picture, Scan
+from fusionslam.sensors.robot_frames import RobotFrames
+from fusionslam.sensors.transforms import TransformError
+
+Matrix = NDArray[np.float64]
+_PAIR = ("left", "right")
+
+
+def frame_from_pair(
+    scan: Scan | None,
+    pictures: Mapping[str, Picture],
+    infos: Mapping[str, CameraInfo],
+    frames: RobotFrames,
+    *,
+    index: int = 0,
+    pose: Matrix | None = None,
+    still: bool = False,
+) -> Frame:
+    """A scan and the images that belong to it as a frame.
+
+    Rays without return (NaN) are left out. The images are rectified when first asked for.
+
+    Args:
+        scan: None for a stereo pair alone, whose points are in the left camera's optical frame.
+        pictures: by camera name; "left" and "right" together are a stereo pair.
+        infos: calibration of each of them.
+        frames: where sensors and robot were.
+        index: number of the frame.
+        pose: float64 (4, 4), the true one, where it is known.
+        still: leave odometry out of it.
+
+    Raises:
+        TransformError: something is not known at its time (a DataError).
+        DataError: a calibration that cannot be used, or an image of another size.
+    """
+    for name, picture in pictures.items():
+        check_size(picture, infos[name], name)
+    lead = scan or pictures["left"]
+    points, colors = _returned(scan)
+    return Frame(
+        index=index,
+        stamp_ns=lead.stamp_ns,
+        points=points,
+        colors=colors,
+        pose=pose,
+        images={name: partial(rectified, p, infos[name], name) for name, p in pictures.items()},
+        cameras=_placed_cameras(scan, pictures, infos, frames, still),
+        odometry=None if still else frames.odometry_from_robot(lead.stamp_ns),
+        robot_from_points=_robot_from_points(scan, pictures, infos, frames, still),
+    )
+
+
+def _returned(scan: Scan | None) -> tuple[NDArray[np.float32] | None, NDArray[np.uint8] | None]:
+    """Points and colours of the rays that returned."""
+    if scan is None:
+        return None, None
+    valid = np.isfinite(scan.points).all(axis=1)
+    points = scan.points if valid.all() else scan.points[valid]
+    return points, None if scan.colors is None else scan.colors[valid]
+
+
+def _robot_from_points(
+    scan: Scan | None,
+    pictures: Mapping[str, Picture],
+    infos: Mapping[str, CameraInfo],
+    frames: RobotFrames,
+    still: bool,
+) -> Matrix | None:
+    if scan is not None:
+        return frames.robot_from(scan.frame_id, scan.stamp_ns)
+    try:
+        return frames.robot_from(_optical_frame("left", pictures, infos), pictures["left"].stamp_ns)
+    except TransformError:
+        # A pair needs no transforms, but waits for them as long as they may come.
+        if not still:
+            raise
+        return None
+
+
+def _optical_frame(
+    name: str, pictures: Mapping[str, Picture], infos: Mapping[str, CameraInfo]
+) -> str:
+    return infos[name].frame_id or pictures[name].frame_id
+
+
+def _placed_cameras(
+    scan: Scan | None,
+    pictures: Mapping[str, Picture],
+    infos: Mapping[str, CameraInfo],
+    frames: RobotFrames,
+    still: bool,
+) -> dict[str, Camera]:
+    """Every camera where it was when it took its image; the right one of a pair with the left."""
+    cameras: dict[str, Camera] = {}
+    for name, picture in pictures.items():
+        if name == "right" and "left" in pictures:
+            continue
+        place = np.eye(4)
+        if scan is not None:
+            optical = _optical_frame(name, pictures, infos)
+            place = frames.camera_from_points(
+                optical, picture.stamp_ns, scan.frame_id, scan.stamp_ns, still=still
+            )
+        if name == "left":
+            cameras |= cameras_from({k: infos[k] for k in pictures if k in _PAIR}, place)
+        else:
+            cameras[name] = camera_from(infos[name], place, name)
+    return cameras

@@ -1,0 +1,334 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages in, frames out: what a robot runs, and what reading its recordings is built of.
+
+``FrameBuilder`` takes scans, images, calibrations, odometry and transforms as they arrive and
+yields each scan as a ``Frame`` with its images and with cameras placed where they were when they
+saw them.
+"""
+
+import logging
+import re
+from collections import Counter, deque
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.config import Section, option
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.sensors.frame import CloudFrame, Frame
+from fusionslam.sensors.frame_assembly import frame_from_pair
+from fusionslam.sensors.messages import (
+    NANOSECONDS,
+    CameraInfo,
+    FrameTransforms,
+    Message,
+    Odometry,
+    Picture,
+    Scan,
+)
+from fusionslam.sensors.robot_frames import RobotFrames
+from fusionslam.sensors.synchronizer import (
+    BUFFER_FULL,
+    CLOCK_JUMP,
+    Pair,
+    SyncConfig,
+    Synchronizer,
+    stereo_synchronizer,
+)
+from fusionslam.sensors.transforms import TransformError
+
+logger = logging.getLogger(__name__)
+
+Matrix = NDArray[np.float64]
+
+NO_TRANSFORM = "no transform"
+NO_CAMERA_INFO = "no CameraInfo"
+BAD_CALIBRATION = "calibration does not fit"
+
+# What to do, for those who own the robot.
+_ADVICE = {
+    NO_TRANSFORM: "publish it on /tf_static or /tf, as robot_state_publisher does",
+    NO_CAMERA_INFO: "is it published, or has its topic to be remapped?",
+    BAD_CALIBRATION: "its CameraInfo has to be of a calibration at the size of its images",
+    BUFFER_FULL: "what they wait for, transforms or CameraInfo, comes too late (online.wait)",
+    CLOCK_JUMP: "what waited is dropped and all starts anew; nothing is to be done for a bag that "
+    "is played again",
+    "odometry": "images are placed as if the robot stood; is odometry published without pauses?",
+    "FrameTransforms": "two publishers of /tf contradict each other: stop "
+    "one, and start anew if it was the first",
+    "Odometry": "look at its publisher",
+}
+_PAIR = ("left", "right")
+
+
+class OnlineConfig(Section):
+    """How messages become frames while they arrive."""
+
+    sync: SyncConfig = option(SyncConfig(), "which image belongs to which scan")
+    robot_frame: str = option(
+        "", "the robot's frame; empty: that of the odometry, else base_footprint or base_link"
+    )
+    odometry_frame: str = option(
+        "", "the frame that odometry is measured in; empty: that of the odometry, else odom"
+    )
+    truth_frame: str = option(
+        "world",
+        "odometry in this frame is the true pose of frames; empty: there is none, and in "
+        "odometry_frame it is odometry all the same",
+    )
+    wait: float = option(
+        0.5, "how long a scan waits for its transforms and CameraInfo", unit="s", ge=0
+    )
+    history: float = option(10.0, "how long transforms are kept", unit="s", gt=0)
+    extrapolation: float = option(
+        0.0, "how far beyond the known transforms a robot's motion is carried on", unit="s", ge=0
+    )
+
+
+def _pictures(pair: Pair) -> dict[str, Picture]:
+    """All images of a pair, whose left one may be a pair itself."""
+    found = {"left": pair.item} if isinstance(pair.item, Picture) else {}
+    for name, image in pair.images.items():
+        found |= _pictures(image.item) if isinstance(image.item, Pair) else {name: image.item}
+    return found
+
+
+class FrameBuilder:
+    """Makes frames of messages, in bounded memory and without ever stopping on bad ones.
+
+    A scan is out once its images are decided (``Synchronizer``) and its transforms and CameraInfo
+    are there; it waits for those up to ``wait`` seconds of the sensors' and the odometry's newest
+    stamp. For the sensor ``sync.scans``, always: added = frames + dropped + waiting.
+
+    Args:
+        config: limits and names.
+        cameras: which cameras every frame needs; "left" and "right" together are a stereo pair.
+        scans: whether frames are scans; else they are stereo pairs, in the left camera's frame.
+
+    Attributes:
+        sync: the synchroniser, with its counts.
+        stereo: the one that makes the pairs that go to ``sync`` as "left"; None without.
+        robot: where sensors and robot were.
+        frames: number of frames so far.
+        refused: messages of wrong content by type: transforms that form a loop, ...
+        still: number of frames for whose time odometry was not known.
+    """
+
+    def __init__(
+        self,
+        config: OnlineConfig | None = None,
+        *,
+        cameras: tuple[str, ...] = ("left",),
+        scans: bool = True,
+    ) -> None:
+        self.config = config or OnlineConfig()
+        is_pair = {*_PAIR} <= {*cameras}
+        if not scans and not (is_pair and len(cameras) == len(_PAIR)):
+            raise ConfigError(f"cameras is {cameras}, expected left and right where scans is False")
+        self.stereo = stereo_synchronizer(self.config.sync) if is_pair and scans else None
+        others = [name for name in cameras if name != "right" or not is_pair]
+        self.sync = (
+            Synchronizer(self.config.sync, cameras=others)
+            if scans
+            else stereo_synchronizer(self.config.sync)
+        )
+        self.robot = RobotFrames(
+            history_s=self.config.history,
+            extrapolation_s=self.config.extrapolation,
+            robot=self.config.robot_frame,
+            odometry=self.config.odometry_frame,
+            truth=self.config.truth_frame,
+        )
+        self.frames = self.still = 0
+        self.refused: Counter[str] = Counter()
+        self._infos: dict[str, CameraInfo] = {}
+        self._pending: deque[Pair] = deque()
+        self._given_up: Counter[tuple[str, str]] = Counter()
+        self._newest_ns: int | None = None
+        self._jump_ns = round(self.config.sync.jump * NANOSECONDS)
+        self._scan_frame = ""
+        self._said: set[tuple[str, str]] = set()
+
+    @property
+    def jumps(self) -> int:
+        """How often the clock of a scanner or camera went back."""
+        return self.sync.jumps + (self.stereo.jumps if self.stereo else 0)
+
+    def frame_of(self, cloud_frame: CloudFrame) -> str:
+        """The name of the frame that clouds of ``fuse`` lie in, as far as it is known by now."""
+        names = {"robot": self.robot.robot, "odometry": self.robot.odometry}
+        if cloud_frame in names:
+            return names[cloud_frame] or ""
+        info = self._infos.get("left")
+        seen = info.frame_id if info is not None else ""
+        return self._scan_frame if cloud_frame == "scan" and self._scan_frame else seen
+
+    @property
+    def dropped(self) -> Counter[tuple[str, str]]:
+        """Messages that came to nothing, by (sensor, reason)."""
+        paired = self.stereo.dropped if self.stereo else Counter()
+        return self.sync.dropped + paired + self._given_up
+
+    @property
+    def waiting(self) -> dict[str, int]:
+        """By sensor, messages that are not decided yet."""
+        waiting = Counter(self.sync.waiting)
+        if self.stereo:
+            waiting.update(self.stereo.waiting)
+        waiting[self.sync.scans] += len(self._pending)
+        return dict(waiting)
+
+    def process(self, message: Message, camera: str = "left") -> list[Frame]:
+        """Take a message and return the frames that it completes, by rising stamp.
+
+        Args:
+            message: of any sensor. Wrong content is refused, counted and logged once.
+            camera: which camera an image or a CameraInfo is of.
+
+        Raises:
+            ConfigError: an image of a camera that was not named when the object was made, or a
+                scan without ``scans``.
+        """
+        if isinstance(message, CameraInfo):
+            self._infos[camera] = message
+        elif isinstance(message, Scan):
+            self._scan_frame = message.frame_id
+            self._synchronise("points", message)
+        elif isinstance(message, Picture):
+            self._synchronise(camera, message)
+        else:
+            self._move(message)
+        return self._complete()
+
+    def flush(self) -> list[Frame]:
+        """The frames of all that waits: nothing more will come."""
+        if self.stereo:
+            for both in self.stereo.flush():
+                self._pending.extend(self.sync.add("left", both.stamp_ns, both))
+        self._pending.extend(self.sync.flush())
+        return self._complete(final=True)
+
+    def _synchronise(self, sensor: str, message: Scan | Picture) -> None:
+        jumps = self.sync.jumps
+        pairs = self._paired(sensor, message)
+        if self.sync.jumps > jumps:
+            self._start_anew()
+            # What odometry and TF have of the new time already stays.
+            self.robot.forget_after(message.stamp_ns + self._jump_ns)
+        self._pending.extend(pairs)
+        self._see(message.stamp_ns)
+        if len(self._pending) > self.config.sync.buffer:
+            self._pending.popleft()
+            self._give_up(BUFFER_FULL, "too many scans wait")
+
+    def _paired(self, sensor: str, message: Scan | Picture) -> list[Pair]:
+        """What a message completes; left and right images find each other first."""
+        if self.stereo is None or sensor not in _PAIR:
+            return self.sync.add(sensor, message.stamp_ns, message)
+        pairs: list[Pair] = []
+        for both in self.stereo.add(sensor, message.stamp_ns, message):
+            pairs += self.sync.add("left", both.stamp_ns, both)
+        return pairs
+
+    def _move(self, message: FrameTransforms | Odometry) -> None:
+        if self.robot.goes_back(message, self._jump_ns):
+            self.robot.forget_moving()
+            self._start_anew()
+        try:
+            self.robot.add(message)
+        except DataError as error:
+            self.refused[type(message).__name__] += 1
+            self._say(type(message).__name__, str(error))
+        else:
+            # Transforms may be dated ahead, as a localiser's are: they tell no time.
+            if isinstance(message, Odometry):
+                self._see(message.stamp_ns)
+
+    def _see(self, stamp_ns: int) -> None:
+        self._newest_ns = stamp_ns if self._newest_ns is None else max(self._newest_ns, stamp_ns)
+
+    def _start_anew(self) -> None:
+        """The clock went back: what waits belongs to another time."""
+        self._newest_ns = None
+        while self._pending:
+            self._pending.popleft()
+            self._give_up(CLOCK_JUMP, "the clock went back")
+
+    def _complete(self, *, final: bool = False) -> list[Frame]:
+        frames = []
+        while self._pending:
+            pair = self._pending[0]
+            late = final or self._waited(pair) > self.config.wait * NANOSECONDS
+            try:
+                frame = self._frame(pair, late)
+            except _NotYetError:
+                break
+            self._pending.popleft()
+            if frame is not None:
+                self.frames += 1
+                frames.append(frame)
+        return frames
+
+    def _waited(self, pair: Pair) -> int:
+        return 0 if self._newest_ns is None else self._newest_ns - pair.stamp_ns
+
+    def _frame(self, pair: Pair, late: bool) -> Frame | None:
+        """The pair's frame, or None if it had to be given up. Raises _NotYetError."""
+        missing = [name for name in _pictures(pair) if name not in self._infos]
+        if missing and not late:
+            raise _NotYetError
+        if missing:
+            self._give_up(NO_CAMERA_INFO, f"none arrived for {', '.join(missing)}")
+            return None
+        try:
+            return self._placed(pair, late)
+        except TransformError as error:
+            if error.may_come and not late:
+                raise _NotYetError from error
+            self._give_up(NO_TRANSFORM, str(error))
+        except DataError as error:
+            self._give_up(BAD_CALIBRATION, str(error))
+        return None
+
+    def _placed(self, pair: Pair, late: bool) -> Frame:
+        """Without odometry where that is all that is missing."""
+        scan = pair.item if isinstance(pair.item, Scan) else None
+        pose = self._true_pose(pair.stamp_ns, late)
+        given = scan, _pictures(pair), self._infos, self.robot
+        make = partial(frame_from_pair, *given, index=self.frames, pose=pose)
+        try:
+            return make()
+        except TransformError as error:
+            if error.may_come and not late:
+                raise
+            frame = make(still=True)
+            self.still += 1
+            self._say("odometry", str(error))
+            return frame
+
+    def _true_pose(self, stamp_ns: int, late: bool) -> Matrix | None:
+        """None where the truth is not known. Raises TransformError if it may become known."""
+        try:
+            return self.robot.world_from_robot(stamp_ns)
+        except TransformError as error:
+            if error.may_come and not late:
+                raise
+            return None
+
+    def _give_up(self, reason: str, why: str) -> None:
+        self._given_up[self.sync.scans, reason] += 1
+        self._say(reason, why)
+
+    def _say(self, reason: str, why: str) -> None:
+        # Numbers differ from message to message, the cause does not; nor by what else is in TF.
+        cause = reason, re.sub(r"[-\d.]+", "#", re.split("; |\n", why)[0])
+        level = logging.DEBUG if cause in self._said else logging.WARNING
+        self._said.add(cause)
+        problem, line, more = why.partition("\n")
+        logger.log(level, "%s: %s; %s%s", reason, problem, _ADVICE[reason], line + more)
+
+
+class _NotYetError(Exception):
+    """Something that a pair needs may still arrive."""

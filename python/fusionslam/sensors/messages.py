@@ -1,0 +1,160 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What single sensors say at one instant, as values without any middleware.
+
+Bags, the simulator and robots deliver these; a ``Synchronizer`` makes frames of them. Every value
+has the stamp of its header (integer nanoseconds) and the name of the frame it is measured in.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import ClockError, ShapeError
+
+Points = NDArray[np.float32]
+Matrix = NDArray[np.float64]
+
+NANOSECONDS = 1_000_000_000
+"""In a second."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scan:
+    """One cloud of a LiDAR, or of anything else that publishes points.
+
+    Attributes:
+        stamp_ns: time of the header.
+        frame_id: the frame the points are in.
+        points: float32 (N, 3), metres; NaN marks a ray without return.
+        fields: other values of each point by name, (N,) each: "intensity", "ring", "time" in
+            seconds after the stamp, "object" as the simulator numbers them, ...
+        colors: uint8 (N, 3) RGB where the points are coloured already.
+        width: points a row of an organised cloud; 0 where the cloud has no order (one row).
+    """
+
+    stamp_ns: int
+    frame_id: str
+    points: Points
+    fields: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    colors: NDArray[np.uint8] | None = None
+    width: int = 0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Picture:
+    """One image of a camera: uint8 (H, W, 3) RGB or (H, W) grey, as it was taken."""
+
+    stamp_ns: int
+    frame_id: str
+    image: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CameraInfo:
+    """How a camera sees (sensor_msgs/CameraInfo): x right, y down, z forward.
+
+    Attributes:
+        stamp_ns: time of the header.
+        frame_id: the camera's optical frame.
+        size: (width, height) in pixels.
+        camera_matrix: float64 (3, 3), K of the image as taken.
+        distortion: float64 (k), coefficients of the model; empty or zeros for none.
+        distortion_model: "plumb_bob", "rational_polynomial" or "equidistant"; "" for none.
+        rectification: float64 (3, 3), R, rectified_from_camera.
+        projection: float64 (3, 4), P of the rectified image.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    size: tuple[int, int]
+    camera_matrix: Matrix
+    distortion: Matrix = field(default_factory=lambda: np.zeros(0))
+    distortion_model: str = "plumb_bob"
+    rectification: Matrix = field(default_factory=lambda: np.eye(3))
+    projection: Matrix
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Odometry:
+    """Where the robot believes to be and how fast it moves.
+
+    Attributes:
+        stamp_ns: time of the header.
+        frame_id: the odometry frame.
+        child_frame_id: the robot's frame.
+        pose: float64 (4, 4), frame_from_child.
+        linear: float64 (3), m/s in the child's frame.
+        angular: float64 (3), rad/s in the child's frame.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    child_frame_id: str
+    pose: Matrix
+    linear: Matrix = field(default_factory=lambda: np.zeros(3))
+    angular: Matrix = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FrameTransform:
+    """Where one frame is in another, at one time or, if static, always.
+
+    Attributes:
+        stamp_ns: time of the header; without meaning if static.
+        parent: name of the frame that the pose is in (header.frame_id).
+        child: name of the frame whose pose it is (child_frame_id).
+        parent_from_child: float64 (4, 4).
+        static: whether it holds for all times.
+    """
+
+    stamp_ns: int
+    parent: str
+    child: str
+    parent_from_child: Matrix
+    static: bool = False
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FrameTransforms:
+    """Transforms that were published together (tf2_msgs/TFMessage)."""
+
+    transforms: tuple[FrameTransform, ...]
+
+
+Message = Scan | Picture | CameraInfo | Odometry | FrameTransforms
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """A message as it arrived.
+
+    Attributes:
+        topic: what it was published on.
+        time_ns: when it arrived; not its stamp, which is when it was measured.
+        message: the value.
+    """
+
+    topic: str
+    time_ns: int
+    message: Message
+
+
+def next_stamp(stamp_ns: int, last_ns: int | None) -> int:
+    """The stamp as an int, not before the last one; the same again is allowed.
+
+    Raises:
+        ClockError: it lies before the last one.
+        ShapeError: no whole number that int64 holds.
+    """
+    stamp = np.asarray(stamp_ns)
+    if stamp.shape or stamp.dtype.kind not in "iu" or stamp > np.iinfo(np.int64).max:
+        raise ShapeError(f"stamp_ns is {stamp_ns!r}, expected whole nanoseconds in int64")
+    found = int(stamp)
+    if last_ns is not None and found < last_ns:
+        back = (last_ns - found) / NANOSECONDS
+        raise ClockError(f"stamp {found} ns lies {back:g} s before the last one")
+    return found

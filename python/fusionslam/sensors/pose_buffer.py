@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where a robot was on the ground at any time, out of odometry that may come late.
+
+poses = PosesInTime()
+poses.add(odometry)
+try:
+    x, y, yaw = poses.at(stamp_ns)
+except TransformError as error:
+    wait = error.may_come      # else it will never be known
+"""
+
+from collections import deque
+from math import atan2
+from typing import Generic, TypeVar
+
+from fusionslam.errors import ClockError, DataError
+from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, Odometry
+from fusionslam.sensors.synchronizer import SyncConfig
+from fusionslam.sensors.transforms import TransformError, TransformTree
+
+T = TypeVar("T")
+Ground = tuple[float, float, float]
+"""x, y in metres and yaw in radians."""
+
+
+class PosesInTime:
+    """Odometry of one robot, kept for a while and interpolated.
+
+    After the clock went back go on with a new one.
+
+    Args:
+        history_s: how long odometry is kept, in seconds before the newest.
+        jump_s: odometry that lies further before the newest comes of a clock that went back; what
+            lies less far back has only changed places with another message.
+    """
+
+    def __init__(self, *, history_s: float = 30.0, jump_s: float = SyncConfig().jump) -> None:
+        self._tree = TransformTree(history_s=history_s)
+        self._jump_ns = round(jump_s * NANOSECONDS)
+        self._names: tuple[str, str] | None = None
+
+    def add(self, odometry: Odometry) -> None:
+        """Take odometry.
+
+        Raises:
+            ClockError: it lies too far before the newest.
+            DataError: a pose that is none, or that of another robot or in another frame than
+                before. Nothing is added where this raises.
+        """
+        names = odometry.frame_id or "odometry", odometry.child_frame_id or "robot"
+        if self._names not in (None, names):
+            frame, robot = self._names or names
+            raise DataError(
+                f"odometry of '{names[1]}' in '{names[0]}', expected that of '{robot}' in "
+                f"'{frame}' as before: do two nodes publish it?"
+            )
+        newest = self._tree.newest(names[1])
+        if newest is not None and newest - odometry.stamp_ns > self._jump_ns:
+            back = (newest - odometry.stamp_ns) / NANOSECONDS
+            raise ClockError(f"odometry lies {back:g} s before the newest")
+        self._tree.add(
+            FrameTransform(
+                stamp_ns=odometry.stamp_ns,
+                parent=names[0],
+                child=names[1],
+                parent_from_child=odometry.pose,
+            )
+        )
+        self._names = names
+
+    def at(self, stamp_ns: int) -> Ground:
+        """x, y in metres and yaw in radians in the odometry's frame.
+
+        Raises:
+            TransformError: not known; ``may_come`` says whether later odometry may tell.
+        """
+        if self._names is None:
+            raise TransformError("there was no odometry yet", may_come=True)
+        pose = self._tree.lookup(*self._names, stamp_ns)
+        return float(pose[0, 3]), float(pose[1, 3]), atan2(pose[1, 0], pose[0, 0])
+
+
+class PosedInTime(Generic[T]):
+    """Things of which the robot's pose is wanted: each waits until odometry tells it.
+
+    Args:
+        history_s: how long odometry is kept, in seconds before the newest.
+        most: things that wait at most; the oldest is given out without a pose.
+
+    Attributes:
+        jumps: how often the clock of odometry or of the things went back.
+    """
+
+    def __init__(self, *, history_s: float = 30.0, most: int = 1000) -> None:
+        self.jumps = 0
+        self._history_s, self._most = history_s, most
+        self._start()
+
+    def _start(self) -> None:
+        self._poses = PosesInTime(history_s=self._history_s)
+        self._waiting: deque[tuple[int, T]] = deque()
+
+    def add(self, stamp_ns: int, item: T) -> list[tuple[int, T, Ground | None]]:
+        """Take a thing; returns what is decided now: stamp, thing, pose or None, in order."""
+        jump_ns = NANOSECONDS * SyncConfig().jump
+        done = []
+        if self._waiting and self._waiting[-1][0] - stamp_ns > jump_ns:
+            done = self._start_anew()
+        self._waiting.append((stamp_ns, item))
+        return done + self._decided()
+
+    def move(self, odometry: Odometry) -> list[tuple[int, T, Ground | None]]:
+        """Take odometry; returns what is decided now. Raises DataError as ``PosesInTime.add``."""
+        done = []
+        try:
+            self._poses.add(odometry)
+        except ClockError:
+            poses = PosesInTime(history_s=self._history_s)
+            poses.add(odometry)  # what it refuses tells no time: then all stays as it was
+            done = self._start_anew()
+            self._poses = poses
+        return done + self._decided()
+
+    def flush(self) -> list[tuple[int, T, Ground | None]]:
+        """All that waits, with poses as far as they are known: nothing more will come."""
+        return self._decided(final=True)
+
+    def _start_anew(self) -> list[tuple[int, T, Ground | None]]:
+        """The clock went back: what waits belongs to another time."""
+        done = self._decided(final=True)
+        self.jumps += 1
+        self._start()
+        return done
+
+    def _decided(self, *, final: bool = False) -> list[tuple[int, T, Ground | None]]:
+        done: list[tuple[int, T, Ground | None]] = []
+        while self._waiting:
+            stamp_ns, item = self._waiting[0]
+            late = final or len(self._waiting) > self._most
+            try:
+                done.append((stamp_ns, item, self._poses.at(stamp_ns)))
+            except TransformError as error:
+                if error.may_come and not late:
+                    break
+                done.append((stamp_ns, item, None))
+            self._waiting.popleft()
+        return done

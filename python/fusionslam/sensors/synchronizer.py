@@ -1,0 +1,305 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which image belongs to which scan: pairs messages of several sensors by their stamps.
+
+Works as messages arrive, on a robot or out of a bag, in bounded memory. Stastny 2022, section
+4.3, takes the last image before the scan; his program takes the nearest one.
+"""
+
+from bisect import bisect_left, bisect_right
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+from pydantic import model_validator
+
+from fusionslam.config import Section, merged, option
+from fusionslam.errors import ConfigError
+from fusionslam.sensors.messages import NANOSECONDS
+
+DUPLICATE = "duplicate"
+LATE = "late"
+NO_IMAGE = "no image near"
+BUFFER_FULL = "buffer full"
+CLOCK_JUMP = "clock jumped back"
+REASONS = {
+    DUPLICATE: "the sensor delivered this stamp before",
+    LATE: "everything that it could have belonged to was decided already",
+    NO_IMAGE: "no image of some camera lies within max_difference of the scan",
+    BUFFER_FULL: "more messages waited than the buffer holds",
+    CLOCK_JUMP: "it waited while the sensor's clock went back",
+}
+
+
+class SyncConfig(Section):
+    """How scans and images find each other."""
+
+    policy: Literal["nearest", "last_before"] = option(
+        "nearest", "image of a scan: the nearest in time, or the last one that is not after it"
+    )
+    max_difference: float = option(
+        0.1, "an image further from the scan does not belong to it", unit="s", ge=0
+    )
+    stereo_difference: float = option(
+        0.01, "left and right images further apart are no stereo pair", unit="s", ge=0
+    )
+    buffer: int = option(100, "messages of each sensor that wait at most", ge=1)
+    lateness: float = option(
+        0.0, "how far a stamp may lie behind the newest one that arrived before it", unit="s", ge=0
+    )
+    jump: float = option(
+        1.0, "a stamp further behind its sensor's newest one starts all anew", unit="s", gt=0
+    )
+
+    @model_validator(mode="after")
+    def _late_is_no_jump(self) -> "SyncConfig":
+        if self.jump <= self.lateness:
+            raise ValueError(f"jump ({self.jump:g} s) must exceed lateness ({self.lateness:g} s)")
+        return self
+
+
+class Stamped(NamedTuple):
+    """An item with its time in nanoseconds."""
+
+    stamp_ns: int
+    item: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A scan and, by camera name, the image that belongs to it."""
+
+    stamp_ns: int
+    item: Any
+    images: Mapping[str, Stamped]
+
+
+@dataclass(eq=False)
+class _Waiting:
+    """The messages of one sensor that are kept, by rising stamp."""
+
+    stamps: list[int]
+    items: list[Any]
+    used: list[bool]
+    newest: int | None = None
+
+    def insert(self, stamp_ns: int, item: Any) -> bool:
+        """Whether the stamp was new."""
+        place = bisect_left(self.stamps, stamp_ns)
+        if place < len(self.stamps) and self.stamps[place] == stamp_ns:
+            return False
+        self.stamps.insert(place, stamp_ns)
+        self.items.insert(place, item)
+        self.used.insert(place, False)
+        self.newest = stamp_ns if self.newest is None else max(self.newest, stamp_ns)
+        return True
+
+    def remove_first(self, count: int) -> list[bool]:
+        """Whether each of the oldest ones had been used."""
+        used = self.used[:count]
+        del self.stamps[:count], self.items[:count], self.used[:count]
+        return used
+
+
+class Synchronizer:
+    """Pairs each scan with one image of every camera, in the order of the scans' stamps.
+
+    A scan is decided once no better image can come: every camera's newest stamp lies further
+    after it than ``lateness`` (with policy nearest: than ``lateness`` and the distance of the best
+    image so far), or an image has the scan's very stamp; or when a buffer is full, or on
+    ``flush``. If nothing arrives later than ``lateness`` allows, the pairs are those of the sorted
+    messages, whatever the order of arrival. One image may serve several scans, as a LiDAR may be
+    faster than the camera; of two that are equally near, the earlier one is taken.
+
+    For every sensor, always: added = paired + unused + dropped + waiting.
+
+    Args:
+        config: limits and policy.
+        cameras: the sensors of which every pair needs an image.
+        scans: the sensor that the others are paired with; a camera, where there is no LiDAR.
+
+    Attributes:
+        added: messages by sensor.
+        paired: those that are part of a pair, by sensor.
+        unused: images that no scan needed, by camera.
+        dropped: by (sensor, reason); ``REASONS`` explains them.
+        jumps: how often a clock went back.
+    """
+
+    def __init__(
+        self,
+        config: SyncConfig | None = None,
+        *,
+        cameras: Iterable[str] = ("left",),
+        scans: str = "points",
+    ) -> None:
+        self.config = config or SyncConfig()
+        self.scans = scans
+        self.cameras = tuple(cameras)
+        self.added: Counter[str] = Counter()
+        self.paired: Counter[str] = Counter()
+        self.unused: Counter[str] = Counter()
+        self.dropped: Counter[tuple[str, str]] = Counter()
+        self.jumps = 0
+        self._lateness = round(self.config.lateness * NANOSECONDS)
+        self._reach = round(self.config.max_difference * NANOSECONDS)
+        self._start_anew()
+
+    @property
+    def waiting(self) -> dict[str, int]:
+        """By sensor, the messages that are neither part of a pair nor given up."""
+        return {name: buffer.used.count(False) for name, buffer in self._buffers.items()}
+
+    @property
+    def buffered(self) -> dict[str, int]:
+        """By sensor, the messages held in memory."""
+        return {name: len(buffer.stamps) for name, buffer in self._buffers.items()}
+
+    def add(self, sensor: str, stamp_ns: int, item: Any) -> list[Pair]:
+        """Take a message and return the pairs that it completes.
+
+        Raises:
+            ConfigError: a sensor that was not named when the object was made.
+        """
+        if sensor not in self._buffers:
+            raise ConfigError(f"sensor is {sensor!r}, expected one of {', '.join(self._buffers)}")
+        self.added[sensor] += 1
+        if self._jumped(sensor, stamp_ns):
+            self._forget()
+        self._insert(sensor, stamp_ns, item)
+        return self._decided()
+
+    def flush(self) -> list[Pair]:
+        """Decide all scans that wait: nothing more will come."""
+        pairs = [pair for _ in range(len(self._scans.stamps)) if (pair := self._decide())]
+        for camera in self.cameras:
+            self._retire(camera, len(self._buffers[camera].stamps))
+        return pairs
+
+    def _start_anew(self) -> None:
+        self._buffers = {name: _Waiting([], [], []) for name in (self.scans, *self.cameras)}
+        self._scans = self._buffers[self.scans]
+        # All scans that are decided from now on have later stamps.
+        self._decided_ns: int | None = None
+
+    def _jumped(self, sensor: str, stamp_ns: int) -> bool:
+        newest = self._buffers[sensor].newest
+        return newest is not None and newest - stamp_ns > self.config.jump * NANOSECONDS
+
+    def _forget(self) -> None:
+        self.jumps += 1
+        for sensor, count in self.waiting.items():
+            self._drop(sensor, CLOCK_JUMP, count)
+        self._start_anew()
+
+    def _drop(self, sensor: str, reason: str, count: int = 1) -> None:
+        if count:
+            self.dropped[sensor, reason] += count
+
+    def _insert(self, sensor: str, stamp_ns: int, item: Any) -> None:
+        decided = self._decided_ns
+        if sensor == self.scans and decided is not None and stamp_ns <= decided:
+            self._drop(sensor, DUPLICATE if stamp_ns == decided else LATE)
+        elif sensor != self.scans and stamp_ns < self._first_useful(sensor):
+            self._drop(sensor, LATE)
+        elif not self._buffers[sensor].insert(stamp_ns, item):
+            self._drop(sensor, DUPLICATE)
+
+    def _first_useful(self, camera: str) -> float:
+        """No scan to come wants an image before this stamp.
+
+        Scans to come are later than the last decided one, so of the images up to there only the
+        newest can still be the last before one, or the nearest.
+        """
+        if self._decided_ns is None:
+            return float("-inf")
+        stamps = self._buffers[camera].stamps
+        place = bisect_right(stamps, self._decided_ns)
+        far = self._decided_ns - self._reach
+        return max(stamps[place - 1], far) if place else far
+
+    def _decided(self) -> list[Pair]:
+        pairs = []
+        while self._scans.stamps and (self._settled(self._scans.stamps[0]) or self._full()):
+            if pair := self._decide():
+                pairs.append(pair)
+        for camera in self.cameras:
+            excess = len(self._buffers[camera].stamps) - self.config.buffer
+            self._retire(camera, excess, BUFFER_FULL)
+        return pairs
+
+    def _full(self) -> bool:
+        return any(len(buffer.stamps) > self.config.buffer for buffer in self._buffers.values())
+
+    def _settled(self, stamp_ns: int) -> bool:
+        return all(self._camera_settled(camera, stamp_ns) for camera in self.cameras)
+
+    def _camera_settled(self, camera: str, stamp_ns: int) -> bool:
+        place = self._match(camera, stamp_ns)
+        distance = self._reach
+        if place is not None:
+            distance = abs(self._buffers[camera].stamps[place] - stamp_ns)
+            # Nothing beats it; but with lateness, an earlier scan may still be on its way.
+            if distance == 0 and self._lateness == 0:
+                return True
+        ahead = distance if self.config.policy == "nearest" else 0
+        return self._passed(camera, stamp_ns + ahead)
+
+    def _passed(self, camera: str, stamp_ns: int) -> bool:
+        newest = self._buffers[camera].newest
+        return newest is not None and newest > stamp_ns + self._lateness
+
+    def _match(self, camera: str, stamp_ns: int) -> int | None:
+        """The place of the image that belongs to a scan, of those that are here."""
+        stamps = self._buffers[camera].stamps
+        after = bisect_right(stamps, stamp_ns)
+        # The one before comes first: it wins where both are equally near.
+        places = [after - 1] if after else []
+        if self.config.policy == "nearest" and after < len(stamps):
+            places.append(after)
+        near = [place for place in places if abs(stamps[place] - stamp_ns) <= self._reach]
+        return min(near, key=lambda place: abs(stamps[place] - stamp_ns), default=None)
+
+    def _decide(self) -> Pair | None:
+        """Pair the oldest scan or give it up, and let go of the images before it."""
+        stamp_ns, item = self._scans.stamps[0], self._scans.items[0]
+        self._scans.remove_first(1)
+        self._decided_ns = stamp_ns
+        places = {camera: self._match(camera, stamp_ns) for camera in self.cameras}
+        pair = None
+        if None in places.values():
+            self._drop(self.scans, NO_IMAGE)
+        else:
+            self.paired[self.scans] += 1
+            images = {camera: self._use(camera, place) for camera, place in places.items()}
+            pair = Pair(stamp_ns, item, images)
+        for camera in self.cameras:
+            useful = self._first_useful(camera)
+            self._retire(camera, bisect_left(self._buffers[camera].stamps, useful))
+        return pair
+
+    def _use(self, camera: str, place: int | None) -> Stamped:
+        assert place is not None  # decided by the caller
+        buffer = self._buffers[camera]
+        self.paired[camera] += not buffer.used[place]
+        buffer.used[place] = True
+        return Stamped(buffer.stamps[place], buffer.items[place])
+
+    def _retire(self, camera: str, count: int, reason: str | None = None) -> None:
+        """Let go of the oldest images; those never used count as unused, or as dropped."""
+        used = self._buffers[camera].remove_first(max(count, 0))
+        if reason is None:
+            self.unused[camera] += used.count(False)
+        else:
+            self._drop(camera, reason, used.count(False))
+
+
+def stereo_synchronizer(config: SyncConfig) -> Synchronizer:
+    """Pairs right images with left ones, which lead: a stereo pair is taken at one time.
+
+    Args:
+        config: its ``stereo_difference`` is the limit, whatever the policy for scans.
+    """
+    own = {"policy": "nearest", "max_difference": config.stereo_difference}
+    return Synchronizer(merged(config, own), cameras=("right",), scans="left")

@@ -1,0 +1,271 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where every frame of a robot is at any time: a tree of static and moving transforms (ROS's TF).
+
+Foote 2013, "tf: The transform library". Between two samples, positions are interpolated linearly
+and rotations at constant angular velocity.
+"""
+
+import difflib
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fusionslam.errors import DataError
+from fusionslam.sensors.messages import NANOSECONDS, FrameTransform
+
+# Quaternions of real robots are rounded: their matrices miss orthogonality by this or less.
+_ORTHOGONAL = 1e-3
+
+Matrix = NDArray[np.float64]
+
+
+class TransformError(DataError):
+    """A transform cannot be told; the message names frames and times.
+
+    Attributes:
+        may_come: whether later messages may make it possible.
+    """
+
+    def __init__(self, message: str, *, may_come: bool) -> None:
+        super().__init__(message)
+        self.may_come = may_come
+
+
+@dataclass(eq=False)
+class _Link:
+    """Where a frame is in its parent: one static matrix, or samples by rising stamp."""
+
+    parent: str
+    static: Matrix | None = None
+    stamps: list[int] = field(default_factory=list)
+    samples: list[Matrix] = field(default_factory=list)
+
+    def put(self, stamp_ns: int, matrix: Matrix) -> None:
+        """Add a sample; the same stamp again replaces it."""
+        place = bisect_left(self.stamps, stamp_ns)
+        if place < len(self.stamps) and self.stamps[place] == stamp_ns:
+            self.samples[place] = matrix
+        else:
+            self.stamps.insert(place, stamp_ns)
+            self.samples.insert(place, matrix)
+
+    def forget_before(self, stamp_ns: int) -> None:
+        """Drop what is older, except for the two samples that are always kept."""
+        count = min(bisect_left(self.stamps, stamp_ns), len(self.stamps) - 2)
+        if count > 0:
+            del self.stamps[:count], self.samples[:count]
+
+    def forget_after(self, stamp_ns: int) -> None:
+        """Drop what is later."""
+        count = bisect_right(self.stamps, stamp_ns)
+        del self.stamps[count:], self.samples[count:]
+
+    def at(self, stamp_ns: int) -> Matrix:
+        """parent_from_child; beyond the samples, the outermost two are carried on."""
+        if self.static is not None:
+            return self.static
+        if len(self.stamps) == 1:
+            return self.samples[0]
+        after = min(max(bisect_left(self.stamps, stamp_ns), 1), len(self.stamps) - 1)
+        before = after - 1
+        span = self.stamps[after] - self.stamps[before]
+        share = (stamp_ns - self.stamps[before]) / span
+        return _between(self.samples[before], self.samples[after], share)
+
+
+class TransformTree:
+    """All transforms of a robot, and the way from any frame to any other at any time.
+
+    Args:
+        history_s: how long moving transforms are kept, in seconds before the newest of the same
+            frame; None keeps all, as for recordings.
+        extrapolation_s: how far beyond the first or last sample of a moving frame a lookup may
+            lie, in seconds; its last motion is carried on.
+    """
+
+    def __init__(self, *, history_s: float | None = 10.0, extrapolation_s: float = 0.0) -> None:
+        self._history = None if history_s is None else round(history_s * NANOSECONDS)
+        self._tolerance = round(extrapolation_s * NANOSECONDS)
+        self._links: dict[str, _Link] = {}
+
+    @property
+    def frames(self) -> list[str]:
+        """All names, sorted."""
+        return sorted({*self._links, *(link.parent for link in self._links.values())})
+
+    def add(self, transform: FrameTransform) -> None:
+        """Take a transform. Where a frame is both moving and static, the moving ones count.
+
+        Raises:
+            DataError: a matrix that is no rotation and translation, a frame that would become its
+                own ancestor, or a frame that has another parent already. The tree stays as it was.
+        """
+        parent, child = _name(transform.parent), _name(transform.child)
+        matrix = _rigid(transform.parent_from_child, parent, child)
+        link = self._links.get(child)
+        if link is None:
+            self._refuse_loop(parent, child)
+            link = self._links[child] = _Link(parent)
+        elif link.parent != parent:
+            raise DataError(
+                f"frame '{child}' has two parents, '{link.parent}' and '{parent}': expected one"
+            )
+        if not transform.static:
+            self._put(link, transform.stamp_ns, matrix)
+        elif not link.stamps:
+            link.static = matrix
+
+    def forget_moving(self) -> None:
+        """Drop all samples of moving frames: the clock went back."""
+        self._links = {
+            child: link for child, link in self._links.items() if link.static is not None
+        }
+
+    def forget_after(self, stamp_ns: int) -> None:
+        """Drop later samples of moving frames: the clock went back to here."""
+        for link in self._links.values():
+            link.forget_after(stamp_ns)
+        self._links = {
+            child: link
+            for child, link in self._links.items()
+            if link.static is not None or link.stamps
+        }
+
+    def newest(self, child: str) -> int | None:
+        """The stamp of the last sample of a moving frame; None if there is none."""
+        link = self._links.get(_name(child))
+        return link.stamps[-1] if link and link.stamps else None
+
+    def lookup(self, target: str, source: str, stamp_ns: int) -> Matrix:
+        """float64 (4, 4), target_from_source at a time.
+
+        Raises:
+            TransformError: an unknown frame, two frames that nothing links, or a time for which
+                a frame on the way has no sample around it.
+        """
+        up, down = self._ways(target, source)
+        target_from_top = np.linalg.inv(self._climb(down, stamp_ns))
+        return np.asarray(target_from_top @ self._climb(up, stamp_ns), dtype=np.float64)
+
+    def chain(self, target: str, source: str) -> list[str]:
+        """The frames on the way from target to source, both included.
+
+        Raises:
+            TransformError: an unknown frame, or two frames that nothing links.
+        """
+        up, down = self._ways(target, source)
+        top = self._links[up[-1]].parent if up else source
+        return [*down, _name(top), *reversed(up)]
+
+    def root(self, frame: str) -> str:
+        """The uppermost frame above one; that itself if nothing is above it."""
+        name = _name(frame)
+        return [name, *self._ancestors(name)][-1]
+
+    def drawn(self) -> str:
+        """All trees, one frame a line, children indented below their parents."""
+        roots = [name for name in self.frames if name not in self._links]
+        return "\n".join(line for root in roots for line in self._branch(root, ""))
+
+    def _put(self, link: _Link, stamp_ns: int, matrix: Matrix) -> None:
+        link.static = None
+        link.put(stamp_ns, matrix)
+        if self._history is not None:
+            link.forget_before(link.stamps[-1] - self._history)
+
+    def _refuse_loop(self, parent: str, child: str) -> None:
+        way = [child, parent, *self._ancestors(parent)]
+        if child in way[1:]:
+            loop = " -> ".join(way[: way.index(child, 1) + 1])
+            raise DataError(f"transforms form a loop: {loop}")
+
+    def _ancestors(self, name: str) -> Iterator[str]:
+        while link := self._links.get(name):
+            name = link.parent
+            yield name
+
+    def _ways(self, target: str, source: str) -> tuple[list[str], list[str]]:
+        """The frames below the nearest common ancestor, going up from source and from target."""
+        ups, downs = ([name, *self._ancestors(name)] for name in map(self._known, (source, target)))
+        common = next((name for name in ups if name in downs), None)
+        if common is None:
+            raise TransformError(
+                f"no transform links '{target}' and '{source}'; the trees are\n{self.drawn()}",
+                may_come=True,
+            )
+        return ups[: ups.index(common)], downs[: downs.index(common)]
+
+    def _known(self, name: str) -> str:
+        frames, bare = self.frames, _name(name)
+        if bare in frames:
+            return bare
+        near = difflib.get_close_matches(bare, frames, n=1, cutoff=0.5)
+        hint = f"did you mean '{near[0]}'? " if near else ""
+        known = ", ".join(frames) or "none"
+        raise TransformError(f"no frame '{bare}'; {hint}known: {known}", may_come=True)
+
+    def _climb(self, way: list[str], stamp_ns: int) -> Matrix:
+        """ancestor_from_frame, for the frames from the lowest to the one below the ancestor."""
+        matrix = np.eye(4)
+        for child in way:
+            link = self._links[child]
+            self._check_time(child, link, stamp_ns)
+            matrix = link.at(stamp_ns) @ matrix
+        return matrix
+
+    def _check_time(self, child: str, link: _Link, stamp_ns: int) -> None:
+        if link.static is not None:
+            return
+        first, last = link.stamps[0], link.stamps[-1]
+        early, late = first - stamp_ns, stamp_ns - last
+        if max(early, late) <= self._tolerance:
+            return
+        off = f"{_seconds(early)} s earlier" if early > 0 else f"{_seconds(late)} s later"
+        raise TransformError(
+            f"'{child}' in '{link.parent}' is known from {_seconds(first)} s to {_seconds(last)} s,"
+            f" needed at {_seconds(stamp_ns)} s, {off}",
+            may_come=late > 0,
+        )
+
+    def _branch(self, name: str, indent: str) -> Iterator[str]:
+        link = self._links.get(name)
+        kind = "" if link is None else " (moving)" if link.static is None else " (static)"
+        yield f"{indent}{name}{kind}"
+        for child in sorted(child for child, link in self._links.items() if link.parent == name):
+            yield from self._branch(child, indent + "  ")
+
+
+def _name(frame: str) -> str:
+    """Without the slash that ROS once put before frame names."""
+    return frame.removeprefix("/")
+
+
+def _rigid(value: Matrix, parent: str, child: str) -> Matrix:
+    matrix = np.asarray(value, dtype=np.float64)
+    place = f"transform of '{child}' in '{parent}'"
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise DataError(f"{place} is no finite 4x4 matrix: {matrix.tolist()}")
+    rotation = matrix[:3, :3]
+    skew = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if skew > _ORTHOGONAL or np.linalg.det(rotation) < 0 or (matrix[3] != (0, 0, 0, 1)).any():
+        raise DataError(f"{place} is no rotation and translation: {matrix.tolist()}")
+    return matrix
+
+
+def _between(first: Matrix, second: Matrix, share: float) -> Matrix:
+    """From the first (share 0) to the second (share 1), or beyond."""
+    start = Rotation.from_matrix(first[:3, :3])
+    turn = (start.inv() * Rotation.from_matrix(second[:3, :3])).as_rotvec()
+    matrix = np.eye(4)
+    matrix[:3, :3] = (start * Rotation.from_rotvec(share * turn)).as_matrix()
+    matrix[:3, 3] = (1 - share) * first[:3, 3] + share * second[:3, 3]
+    return matrix
+
+
+def _seconds(stamp_ns: int) -> str:
+    return f"{stamp_ns / NANOSECONDS:.3f}"

@@ -1,0 +1,270 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What stands in a warehouse: racks and their loads, pallets, drums, a fork-lift, benches."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fusionslam.sim.canvas import Rgb
+from fusionslam.sim.indoor.home_furniture import CLOTHS
+from fusionslam.sim.indoor.objects import Thing, block, cylinder, flat, front, legs, thing, wheel
+from fusionslam.sim.indoor.textures import DARK, GREY, Look, cut, fitted, paint
+from fusionslam.sim.mesh import Mesh, box, panels, tube
+
+BAY_M = 2.7
+DEPTH_M = 1.1
+_LEVELS_M = (0.12, 1.35, 2.45)
+_BLUE: Rgb = (0.16, 0.30, 0.62)
+_ORANGE: Rgb = (0.92, 0.42, 0.10)
+_TIMBER: Rgb = (0.86, 0.70, 0.48)
+_CARDBOARD: tuple[Rgb, ...] = ((1.0, 1.0, 1.0), (0.9, 0.86, 0.8), (1.15, 1.12, 1.05))
+
+Shapes = tuple[list[Mesh], list[Mesh]]
+
+
+def rack_bay(rng: np.random.Generator, fill: float) -> Thing:
+    """One bay of a pallet rack along x, open to both sides, with loads on three levels."""
+    visual, solid = _rack_frame()
+    for z in _LEVELS_M:
+        for x in (-0.86, 0.0, 0.86):
+            if rng.random() < fill:
+                seen, hit = _load(rng, 0.8, 1.0, 0.85)
+                visual += [mesh.moved((x, 0, z)) for mesh in seen]
+                solid += [mesh.moved((x, 0, z)) for mesh in hit]
+    return thing("shelf", visual, solid)
+
+
+def _rack_frame() -> Shapes:
+    """Posts with feet and braces at both ends, beams front and back, boards between them."""
+    blue, orange = paint(Look.PLAIN, _BLUE), paint(Look.PLAIN, _ORANGE)
+    x, y = BAY_M / 2, DEPTH_M / 2
+    posts = [
+        box((u - 0.045, v - 0.045, 0), (u + 0.045, v + 0.045, 3.3), blue)
+        for u in (-x + 0.045, x - 0.045)
+        for v in (-y + 0.045, y - 0.045)
+    ]
+    feet = [
+        box((u - 0.09, v - 0.07, 0), (u + 0.09, v + 0.07, 0.012), blue)
+        for u in (-x + 0.09, x - 0.09)
+        for v in (-y + 0.07, y - 0.07)
+    ]
+    braces = [
+        tube((u, -y + 0.05, z), (u, y - 0.05, z + rise), (0.018, 0.018), blue, 4)
+        for u in (-x + 0.045, x - 0.045)
+        for z, rise in ((0.25, 0.0), (0.25, 1.0), (1.25, 1.0), (2.25, 0.9))
+    ]
+    beams = [
+        block((-x + 0.09, v, z - 0.11), (x - 0.09, v + 0.05, z), orange)
+        for z in _LEVELS_M
+        for v in (-y, y - 0.05)
+    ]
+    boards = [
+        block((-x + 0.09, -y + 0.05, z - 0.03), (x - 0.09, y - 0.05, z), paint(Look.WOOD, _TIMBER))
+        for z in _LEVELS_M
+    ]
+    return [*posts, *feet, *braces, *beams, *boards], [*posts, *beams, *boards]
+
+
+def _load(rng: np.random.Generator, width: float, depth: float, height: float) -> Shapes:
+    """A pallet with boxes, crates, drums or sacks, its middle on the origin."""
+    makers: tuple[Callable[..., Shapes], ...] = (_cartons, _cartons, _one_carton, _crates, _drums)
+    seen, hit = makers[rng.integers(len(makers))](rng, width, depth, height - 0.14)
+    low, high = _pallet(width, depth)
+    return (
+        [*low, *(mesh.moved((0, 0, 0.14)) for mesh in seen)],
+        [*high, *(mesh.moved((0, 0, 0.14)) for mesh in hit)],
+    )
+
+
+def _pallet(width: float, depth: float) -> Shapes:
+    """Three runners with blocks under a deck of boards."""
+    wood, x, y = paint(Look.WOOD, _TIMBER), width / 2, depth / 2
+    runners = [
+        block((u - 0.05, -y, 0.0), (u + 0.05, y, 0.115), wood) for u in (-x + 0.05, 0.0, x - 0.05)
+    ]
+    deck = [
+        block((-x, v, 0.115), (x, v + 0.115, 0.14), wood) for v in np.linspace(-y, y - 0.115, 5)
+    ]
+    return [*runners, *deck], [*runners, block((-x, -y, 0.115), (x, y, 0.14))]
+
+
+def _cartons(rng: np.random.Generator, width: float, depth: float, height: float) -> Shapes:
+    """Layers of two by two cartons, the top layer incomplete."""
+    layers = int(rng.integers(1, 3))
+    rise = 0.30
+    tint = _CARDBOARD[rng.integers(len(_CARDBOARD))]
+    shapes = []
+    for layer, row, column in np.ndindex(layers, 2, 2):
+        if layer == layers - 1 and rng.random() < 0.25:
+            continue
+        low = np.array(
+            (-width / 2 + column * width / 2, -depth / 2 + row * depth / 2, layer * rise)
+        )
+        gap = rng.uniform(0.0, 0.03, 2)
+        high = np.add(low, (width / 2 - 0.01 - gap[0], depth / 2 - 0.01 - gap[1], rise))
+        shapes.append(box(low, high, fitted(Look.CARDBOARD, width / 2, rise, tint)))
+    return (shapes, shapes) if shapes else _one_carton(rng, width, depth, height)
+
+
+def _one_carton(rng: np.random.Generator, width: float, depth: float, height: float) -> Shapes:
+    """One large box with a coloured label on both open sides."""
+    x, y = 0.48 * width, 0.48 * depth
+    top = height * rng.uniform(0.55, 1.0)
+    tint = CLOTHS[rng.integers(len(CLOTHS))]
+    body = box((-x, -y, 0), (x, y, top), fitted(Look.CARDBOARD, 2 * x, top))
+    label = front((-0.15, 0.3 * top), (0.15, 0.3 * top + 0.2), -y - 0.004, paint(Look.PLAIN, tint))
+    return [body, label, label.moved((0, 0, 0), np.pi)], [body]
+
+
+def _crates(rng: np.random.Generator, width: float, depth: float, height: float) -> Shapes:
+    """Stacks of plastic crates of one colour."""
+    tint = CLOTHS[rng.integers(len(CLOTHS))]
+    shapes = []
+    for row, column in np.ndindex(2, 2):
+        for layer in range(int(rng.integers(1, 3))):
+            low = np.array(
+                (-width / 2 + column * width / 2, -depth / 2 + row * depth / 2, 0.3 * layer)
+            )
+            high = np.add(low, (width / 2 - 0.02, depth / 2 - 0.02, 0.28))
+            shapes.append(box(low, high, fitted(Look.CRATE, width / 2, 0.28, tint)))
+    return shapes, shapes
+
+
+def _drums(rng: np.random.Generator, width: float, depth: float, height: float) -> Shapes:
+    """Drums with a rim, of one colour."""
+    cover = paint(Look.PLAIN, CLOTHS[rng.integers(len(CLOTHS))])
+    radius = 0.24 * min(width, depth)
+    tall = min(height, 0.62)
+    shapes = [
+        cylinder((u * width / 4, v * depth / 4, 0), tall, (radius, radius), cover, 9)
+        for u in (-1, 1)
+        for v in (-1, 1)
+    ]
+    return shapes, shapes
+
+
+def pallet_stack(rng: np.random.Generator) -> Thing:
+    """Empty pallets on top of each other."""
+    layers = [_pallet(1.2, 0.8) for _ in range(int(rng.integers(2, 7)))]
+    visual = [mesh.moved((0, 0, 0.14 * k)) for k, (seen, _) in enumerate(layers) for mesh in seen]
+    solid = [mesh.moved((0, 0, 0.14 * k)) for k, (_, hit) in enumerate(layers) for mesh in hit]
+    return thing("pallets", visual, solid)
+
+
+def loaded_pallet(rng: np.random.Generator) -> Thing:
+    """A pallet with goods, waiting to be stored."""
+    seen, hit = _load(rng, 1.2, 0.8, 1.2)
+    return thing("pallet", seen, hit)
+
+
+def forklift(tint: Rgb) -> Thing:
+    """A fork-lift along x whose forks reach towards +x."""
+    body, dark = paint(Look.PLAIN, tint), paint(Look.PLAIN, DARK)
+    hull = block((-1.0, -0.5, 0.22), (0.5, 0.5, 0.95), body)
+    weight = block((-1.1, -0.45, 0.3), (-0.7, 0.45, 1.2), dark)
+    roof = block((-0.8, -0.45, 2.0), (0.4, 0.45, 2.06), dark)
+    posts = [
+        block((x, y - 0.03, 0.9), (x + 0.06, y + 0.03, 2.0), dark)
+        for x in (-0.8, 0.34)
+        for y in (-0.42, 0.42)
+    ]
+    mast = [block((0.55, y, 0.05), (0.68, y + 0.1, 2.1), dark) for y in (-0.35, 0.25)]
+    forks = [block((0.68, y, 0.06), (1.7, y + 0.12, 0.11), dark) for y in (-0.3, 0.18)]
+    wheels = [wheel(x, y, 0.23, 0.18, dark) for x in (-0.65, 0.3) for y in (-0.45, 0.45)]
+    solid = [hull, weight, roof, *posts, *mast, *forks, *wheels]
+    stripe = front((-1.0, 0.3), (0.5, 0.42), -0.504, paint(Look.HAZARD))
+    return thing("forklift", [*solid, stripe], solid)
+
+
+def workbench(rng: np.random.Generator) -> Thing:
+    """A packing bench with a shelf, a roll of film and a few crates."""
+    wood, metal = paint(Look.WOOD, _TIMBER), paint(Look.PLAIN, GREY)
+    top = block((-0.9, -0.4, 0.84), (0.9, 0.4, 0.89), wood)
+    board = block((-0.88, -0.38, 0.25), (0.88, 0.38, 0.28), wood)
+    feet = legs(1.8, 0.8, 0.84, 0.06, metal)
+    wall = block((-0.9, 0.37, 0.89), (0.9, 0.4, 1.6), metal)
+    roll = tube((-0.7, 0.2, 1.0), (-0.2, 0.2, 1.0), (0.1, 0.1), paint(Look.PLAIN, (0.9,) * 3), 10)
+    tint = CLOTHS[rng.integers(len(CLOTHS))]
+    crates = [
+        box((x, -0.25, z), (x + 0.4, 0.15, z + 0.25), fitted(Look.CRATE, 0.4, 0.25, tint))
+        for x, z in ((0.1, 0.89), (-0.6, 0.28), (0.2, 0.28))
+    ]
+    return thing(
+        "workbench", [top, board, feet, wall, roll, *crates], [top, board, feet, wall, *crates]
+    )
+
+
+def column() -> Thing:
+    """A steel column with a striped foot."""
+    post = box((-0.14, -0.14, 0), (0.14, 0.14, 4.5), paint(Look.PLAIN, GREY))
+    guard = box((-0.18, -0.18, 0), (0.18, 0.18, 0.8), paint(Look.HAZARD))
+    return thing("column", [post, guard], [post, guard])
+
+
+def cage(rng: np.random.Generator) -> Thing:
+    """A roll cage of thin bars with boxes inside."""
+    steel = paint(Look.PLAIN, GREY)
+    x, y = 0.4, 0.35
+    base = block((-x, -y, 0.16), (x, y, 0.20), steel)
+    bars = [
+        tube((u, v, 0.2), (u, v, 1.6), (0.012, 0.012), steel, 4)
+        for v in (-y, y)
+        for u in np.linspace(-x, x, 6)
+    ]
+    wheels = [
+        wheel(u, v, 0.08, 0.04, paint(Look.PLAIN, DARK))
+        for u in (-x + 0.08, x - 0.08)
+        for v in (-y + 0.06, y - 0.06)
+    ]
+    seen, hit = _cartons(rng, 0.7, 0.6, 0.9)
+    inside = [mesh.moved((0, 0, 0.2)) for mesh in seen]
+    return thing(
+        "roll_cage",
+        [base, *bars, *wheels, *inside],
+        [base, *wheels, *(mesh.moved((0, 0, 0.2)) for mesh in hit)],
+    )
+
+
+def gate(number: int, width: float, height: float) -> Thing:
+    """A closed roller gate with its number and bumpers; its back lies in y = 0."""
+    x = width / 2
+    leaf = front((-x, 0), (x, height), -0.03, paint(Look.SHUTTER, (0.82, 0.86, 0.9)))
+    posts = [block((u - 0.1, -0.1, 0), (u + 0.1, 0, height), paint(Look.HAZARD)) for u in (-x, x)]
+    plate = front((-0.3, 1.3), (0.3, 1.9), -0.035, cut(Look.LABELS, number, 0.6, 0.6, _YELLOW))
+    bumpers = [
+        block((u - 0.12, -0.2, 0.1), (u + 0.12, -0.03, 0.6), paint(Look.PLAIN, DARK))
+        for u in (-0.7 * x, 0.7 * x)
+    ]
+    head = block((-x - 0.1, -0.25, height), (x + 0.1, 0, height + 0.35), paint(Look.PLAIN, GREY))
+    shapes = [leaf, *posts, plate, *bumpers, head]
+    return thing("gate", shapes, [leaf, *posts, *bumpers, head])
+
+
+def row_sign(number: int) -> Thing:
+    """A plate with a row's number, to hang at the end of a row of racks; faces -y."""
+    plate = block((-0.25, -0.02, 0), (0.25, 0, 0.5), paint(Look.PLAIN, _BLUE))
+    face = front((-0.22, 0.03), (0.22, 0.47), -0.023, cut(Look.LABELS, number, 0.44, 0.44, _YELLOW))
+    return flat("sign", [plate, face])
+
+
+def guard_rail() -> Thing:
+    """A low striped rail before the end of a row of racks, along x."""
+    rail = block((-0.55, -0.05, 0.0), (0.55, 0.05, 0.35), paint(Look.HAZARD))
+    return thing("guard_rail", [rail], [rail])
+
+
+def marking(width: float, depth: float, tint: Rgb) -> Thing:
+    """A painted rectangle's outline on the floor, 8 cm wide."""
+    x, y, line, z = width / 2, depth / 2, 0.08, 0.003
+    low_high = (
+        (-x, -y, x, -y + line),
+        (-x, y - line, x, y),
+        (-x, -y + line, -x + line, y - line),
+        (x - line, -y + line, x, y - line),
+    )
+    quads = [[(a, b, z), (c, b, z), (c, d, z), (a, d, z)] for a, b, c, d in low_high]
+    return flat("marking", [panels(quads, paint(Look.PLAIN, tint))], is_ground=True)
+
+
+_YELLOW: Rgb = (0.98, 0.84, 0.20)

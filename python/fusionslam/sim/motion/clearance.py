@@ -1,0 +1,63 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a trajectory keeps its distance from obstacles."""
+
+import numpy as np
+
+from fusionslam.errors import DataError
+from fusionslam.geometry.trajectory import Array, Trajectory
+from fusionslam.sim.motion.occupancy import OccupancyMap
+
+
+def check_trajectory(trajectory: Trajectory, grid: OccupancyMap, radius_m: float) -> None:
+    """Raise DataError unless a round robot finds room all along a trajectory.
+
+    The way between places is checked, too, at steps of half a cell, so that no wall is jumped.
+
+    Args:
+        trajectory: to be driven.
+        grid: what is in the way.
+        radius_m: of the robot.
+
+    Raises:
+        DataError: names when and where it first meets an obstacle, and for how long in all.
+        ConfigError: the radius is no length.
+    """
+    times = _dense_times(trajectory, grid.resolution_m / 2)
+    x, y, _ = trajectory.places(times)
+    row, column, inside = grid.cells(x, y)
+    blocked = ~grid.is_free(x, y) | grid.inflated(radius_m).occupied[row, column]
+    if blocked.any():
+        first = int(np.argmax(blocked))
+        seconds = float(np.gradient(times)[blocked].sum())
+        what = "meets an obstacle" if inside[first] else "leaves the map"
+        why = (
+            f"a robot of radius {radius_m} m has no room there" if inside[first] else _extent(grid)
+        )
+        raise DataError(
+            f"the trajectory {what} at {_digits(times[first])} s at ({x[first]:.2f}, "
+            f"{y[first]:.2f}) m: {why}; {_digits(seconds)} s of "
+            f"{_digits(trajectory.duration_s)} s are blocked"
+        )
+
+
+def _extent(grid: OccupancyMap) -> str:
+    (x, y), (rows, columns) = grid.origin, grid.occupied.shape
+    x_end, y_end = x + columns * grid.resolution_m, y + rows * grid.resolution_m
+    return f"it has x from {x:.2f} to {x_end:.2f} m and y from {y:.2f} to {y_end:.2f} m"
+
+
+def _digits(seconds: float) -> str:
+    """Hundredths, or as many digits as a short time needs."""
+    return f"{seconds:.2f}" if abs(seconds) >= 1 or seconds == 0 else f"{seconds:.3g}"
+
+
+def _dense_times(trajectory: Trajectory, step_m: float) -> Array:
+    """The trajectory's times and as many between them as steps of ``step_m`` need."""
+    distance = np.hypot(np.diff(trajectory.x), np.diff(trajectory.y))
+    counts = np.maximum(np.ceil(distance / step_m), 1).astype(np.int64)
+    number = np.repeat(np.arange(len(counts)), counts)
+    within = np.arange(len(number)) - np.repeat(np.cumsum(counts) - counts, counts)
+    gap = np.diff(trajectory.seconds)
+    times = trajectory.seconds[number] + within / counts[number] * gap[number]
+    return np.append(times, trajectory.seconds[-1])

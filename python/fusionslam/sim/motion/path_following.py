@@ -1,0 +1,214 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""How a robot with two driven wheels follows paths: forwards, within its limits."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import chain, pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fusionslam.config import Section, option
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.geometry.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Places = Callable[[Array], Array]
+
+# Metres between the points at which speeds are decided; less where the path turns more.
+_STEP_M = 0.01
+_TURN_RAD = 0.05
+_FEWEST_STEPS = 64
+_MOST_STEPS = 1 << 20
+_CORNER_RAD = np.deg2rad(60)
+# Of the limits: curves are known at steps only, so what is planned stays a little below.
+_CAUTION = 0.98
+# Steps are straight lines, a little shorter than the path.
+_ROUNDING = 0.9999
+
+
+class DriveLimits(Section):
+    """What a robot with differential drive can do. The defaults suit a TurtleBot3 Waffle Pi."""
+
+    max_speed_m_s: float = option(0.69, "highest speed forwards", unit="m/s", gt=0, le=50)
+    max_turn_rad_s: float = option(1.2, "highest turn rate", unit="rad/s", gt=0, le=50)
+    max_acceleration_m_s2: float = option(
+        0.5, "highest change of speed, both ways", unit="m/s^2", gt=0, le=100
+    )
+    max_turn_acceleration_rad_s2: float = option(
+        2.0, "highest change of turn rate, both ways", unit="rad/s^2", gt=0, le=100
+    )
+    rate_hz: float = option(30.0, "places a second", unit="1/s", ge=1, le=1000)
+
+
+@dataclass(frozen=True)
+class _Leg:
+    """A part of a drive, from rest to rest: its duration and x, y, yaw (3, M) at times (M,)."""
+
+    duration_s: float
+    places: Places
+    first_yaw: float
+    last_yaw: float
+
+
+def drive(paths: Sequence[ArrayLike], limits: DriveLimits) -> Trajectory:
+    """Follow paths one after the other, turning on the spot between them.
+
+    The robot rests where a path ends, and at corners of more than 60 degrees. Between them it
+    always looks along the path, and slows down where curvature, or a change of it, asks for more
+    than the robot can do: with speed v and curvature k, the turn rate is v k and its change
+    v' k + v^2 dk/ds, of which each half is given half the limit.
+
+    Args:
+        paths: (N, 2) each, N >= 2 points x, y in metres that a cubic spline joins; each path
+            starts where the one before ends.
+        limits: of the robot.
+
+    Raises:
+        ShapeError: no path, or a path of another shape.
+        DataError: a path without length, with a value that is not finite, or with a gap before it.
+    """
+    checked = [_checked(np.asarray(path, np.float64), k) for k, path in enumerate(paths)]
+    if not checked:
+        raise ShapeError("there are no paths to drive: expected at least one of shape (N, 2)")
+    for number, (before, path) in enumerate(pairwise(checked), start=1):
+        if np.linalg.norm(path[0] - before[-1]) > 1e-6:
+            raise DataError(f"path {number} starts at {path[0]}, the one before ends elsewhere")
+    legs: list[_Leg] = []
+    for path in chain.from_iterable(map(_without_corners, checked)):
+        leg = _follow(path, limits)
+        if legs:
+            legs.append(_turn(path[0], legs[-1].last_yaw, leg.first_yaw, limits))
+        legs.append(leg)
+    return _sampled(legs, limits.rate_hz)
+
+
+def _checked(path: Array, number: int) -> Array:
+    if path.ndim != 2 or path.shape[1] != 2 or len(path) < 2:
+        raise ShapeError(f"path {number} has shape {path.shape}, expected (N, 2), N >= 2")
+    if not np.isfinite(path).all():
+        raise DataError(f"path {number} has a value that is not finite")
+    moved = np.linalg.norm(np.diff(path, axis=0), axis=1) > 1e-9
+    path = path[np.concatenate([[True], moved])]
+    if len(path) < 2:
+        raise DataError(f"path {number} has no length: all its points are the same")
+    return path
+
+
+def _without_corners(path: Array) -> list[Array]:
+    """The parts of a path between its sharp corners."""
+    ways = np.diff(path, axis=0)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    corners = 1 + np.flatnonzero((ways[1:] * ways[:-1]).sum(axis=1) < np.cos(_CORNER_RAD))
+    edges = [0, *corners.tolist(), len(path) - 1]
+    return [path[start : end + 1] for start, end in pairwise(edges)]
+
+
+def _follow(path: Array, limits: DriveLimits) -> _Leg:
+    """The way along one path, as fast as the limits allow."""
+    from scipy.interpolate import CubicSpline
+
+    along, points, yaw, curvature = _curve(path)
+    speed = _speeds(along, curvature, limits)
+    times = np.concatenate([[0.0], np.cumsum(2 * np.diff(along) / (speed[:-1] + speed[1:]))])
+    places = CubicSpline(along, np.column_stack([points, yaw]))
+
+    def at(seconds: Array) -> Array:
+        """Between two points the acceleration is constant."""
+        k = np.searchsorted(times, seconds, side="right").clip(1, len(times) - 1) - 1
+        part = (seconds - times[k]).clip(0, times[k + 1] - times[k])
+        gain = (speed[k + 1] - speed[k]) / (times[k + 1] - times[k])
+        found: Array = places(along[k] + speed[k] * part + gain * part**2 / 2).T
+        return found
+
+    return _Leg(float(times[-1]), at, float(yaw[0]), float(yaw[-1]))
+
+
+def _curve(path: Array) -> tuple[Array, Array, Array, Array]:
+    """A path at small steps: metres along it (M,), points (M, 2), yaw (M,), curvature (M,)."""
+    from scipy.interpolate import CubicSpline
+
+    chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    # A straight end: the robot starts and stops without turning.
+    spline = CubicSpline(chord, path, bc_type="natural")
+    steps = max(_FEWEST_STEPS, int(np.ceil(chord[-1] / _STEP_M)))
+    yaw = _yaw(spline, chord[-1], steps)
+    while np.abs(np.diff(yaw)).max() > _TURN_RAD and steps < _MOST_STEPS:
+        steps *= 2
+        yaw = _yaw(spline, chord[-1], steps)
+    where = np.linspace(0, chord[-1], steps + 1)
+    points, slope, bend = spline(where), spline(where, 1), spline(where, 2)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    cross = slope[:, 0] * bend[:, 1] - slope[:, 1] * bend[:, 0]
+    return along, points, yaw, cross / np.maximum(np.linalg.norm(slope, axis=1) ** 3, 1e-9)
+
+
+def _yaw(spline: Any, length: float, steps: int) -> Array:
+    """The direction of a spline at equal steps, continuous, (steps + 1,)."""
+    slope = spline(np.linspace(0, length, steps + 1), 1)
+    return np.unwrap(np.arctan2(slope[:, 1], slope[:, 0]))
+
+
+def _speeds(along: Array, curvature: Array, limits: DriveLimits) -> Array:
+    """The highest speed at each step that no limit forbids, 0 at both ends, (M,).
+
+    A pass forwards bounds how it grows, a pass backwards how it falls (Kunz and Stilman 2012 do
+    the same for robot arms).
+    """
+    turning = _CAUTION * limits.max_turn_acceleration_rad_s2 / 2
+    bent = np.maximum(_widest(np.abs(curvature)), 1e-9)
+    change = np.maximum(_widest(np.abs(np.gradient(curvature, along))), 1e-9)
+    highest = np.minimum(_CAUTION * limits.max_turn_rad_s / bent, np.sqrt(turning / change))
+    squared = np.minimum(highest, _ROUNDING * limits.max_speed_m_s) ** 2
+    squared[0] = squared[-1] = 0
+    growth = np.minimum(_CAUTION * limits.max_acceleration_m_s2, turning / bent)
+    gain = 2 * np.diff(along) * np.minimum(growth[1:], growth[:-1])
+    for k in range(1, len(squared)):
+        squared[k] = min(squared[k], squared[k - 1] + gain[k - 1])
+    for k in range(len(squared) - 2, -1, -1):
+        squared[k] = min(squared[k], squared[k + 1] + gain[k])
+    speed: Array = np.sqrt(squared)
+    return speed
+
+
+def _widest(values: Array) -> Array:
+    """The largest of each value and its two neighbours."""
+    padded = np.pad(values, 1, mode="edge")
+    return np.maximum(np.maximum(padded[:-2], padded[2:]), values)
+
+
+def _turn(place: Array, before: float, after: float, limits: DriveLimits) -> _Leg:
+    """Turn on the spot the shorter way round: speed up, turn steadily, slow down."""
+    angle = (after - before + np.pi) % (2 * np.pi) - np.pi
+    growth = _CAUTION * limits.max_turn_acceleration_rad_s2
+    rate = min(_CAUTION * limits.max_turn_rad_s, float(np.sqrt(abs(angle) * growth)))
+    ramp = rate / growth
+    duration = abs(angle) / rate + ramp if rate > 0 else 0.0
+
+    def at(seconds: Array) -> Array:
+        up = np.minimum(seconds, ramp) ** 2 / 2
+        down = np.maximum(seconds - (duration - ramp), 0) ** 2 / 2
+        steady = np.maximum(seconds - ramp, 0) * ramp
+        turned = np.sign(angle) * growth * (up + steady - down)
+        return np.stack([np.full_like(turned, place[0]), np.full_like(turned, place[1]), turned])
+
+    return _Leg(duration, at, 0.0, float(angle))
+
+
+def _sampled(legs: Sequence[_Leg], rate_hz: float) -> Trajectory:
+    """Places at equal times from 0 to the end of the last leg, and rest until the next time."""
+    ends = np.cumsum([leg.duration_s for leg in legs])
+    seconds = np.arange(int(np.ceil(ends[-1] * rate_hz - 1e-9)) + 1) / rate_hz
+    leg_at = np.searchsorted(ends, seconds, side="left").clip(max=len(legs) - 1)
+    found = np.empty((3, len(seconds)))
+    yaw = legs[0].first_yaw
+    for number, leg in enumerate(legs):
+        chosen = leg_at == number
+        within = seconds[chosen] - (ends[number] - leg.duration_s)
+        found[:, chosen] = leg.places(within.clip(0, leg.duration_s))
+        # Each leg counts its yaw from a zero of its own; the robot's goes on without a jump.
+        found[2, chosen] += yaw - leg.first_yaw
+        yaw += leg.last_yaw - leg.first_yaw
+    return Trajectory(seconds, *found)

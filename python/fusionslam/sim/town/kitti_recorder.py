@@ -1,0 +1,241 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Drives the car through the town and writes a folder in the layout of KITTI odometry.
+
+``sim.json`` is written last: a folder that has it is complete. An interrupted recording leaves
+``sim.partial.json`` and goes on with the frames that are missing.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from pydantic import model_validator
+
+from fusionslam.config import Section, option
+from fusionslam.errors import DataError
+from fusionslam.evaluation.loops.revisits import visits
+from fusionslam.sim.camera import parent_from_camera, photograph, projection
+from fusionslam.sim.lidar import scan
+from fusionslam.sim.scene import RayCaster
+from fusionslam.sim.town.car import CarConfig, car_from_lidar
+from fusionslam.sim.town.layout import TownConfig, make_town
+from fusionslam.sim.town.route import Array, Drive, DriveConfig, make_drive
+from fusionslam.storage.cache import cache_folder
+from fusionslam.storage.files import atomic_path
+
+Progress = Callable[[int, int], None]
+
+# Part of the cache's key: raise it when the same configuration gives other bytes.
+FORMAT = 1
+_DONE, _STARTED = "sim.json", "sim.partial.json"
+_SENSORS = {"velodyne": ".bin", "image_2": ".png", "image_3": ".png"}
+
+
+class SimConfig(Section):
+    """A simulated recording: the same configuration gives the same bytes on one machine."""
+
+    seed: int = option(0, "decides noise, drop-outs, drift and wobble (not the town)", ge=0)
+    town: TownConfig = option(TownConfig(), "the world")
+    drive: DriveConfig = option(DriveConfig(), "the route")
+    car: CarConfig = option(CarConfig(), "the sensors")
+
+    @model_validator(mode="after")
+    def _route_is_in_town(self) -> "SimConfig":
+        columns, rows = self.town.blocks
+        for crossing in self.drive.crossings():
+            if not (0 <= crossing[0] <= columns and 0 <= crossing[1] <= rows):
+                raise ValueError(
+                    f"drive.laps: crossing {crossing} is outside the town, whose last crossing "
+                    f"is {self.town.blocks}"
+                )
+        return self
+
+
+@dataclass(frozen=True)
+class _Recorder:
+    """Writes single frames; shared by all threads."""
+
+    config: SimConfig
+    drive: Drive
+    sequence: Path
+
+    def missing(self, lap: int) -> list[int]:
+        """Frames of one lap that have yet to be written."""
+        frames = np.flatnonzero(self.drive.lap == lap).tolist()
+        return [k for k in frames if not all(path.exists() for path in self._paths(k).values())]
+
+    def write(self, caster: RayCaster, frame: int) -> None:
+        """Simulate and write one frame: LiDAR sweep, left and right picture."""
+        paths, car = self._paths(frame), self.config.car
+        world_from_car = self.drive.poses[frame]
+        swept = world_from_car @ car_from_lidar(car)
+        sweep = scan(caster, car.lidar, swept, self._rng(frame, 0))
+        points = np.column_stack([sweep.points, sweep.intensity])
+        _write_bytes(paths["velodyne"], points.tobytes())
+        gain = car.camera.exposure[min(self.drive.lap[frame], len(car.camera.exposure) - 1)]
+        for sensor, name in enumerate(("image_2", "image_3"), start=1):
+            seen = world_from_car @ parent_from_camera(car.camera, right=sensor == 2)
+            rng = self._rng(frame, sensor)
+            _write_png(paths[name], photograph(caster, car.camera, seen, gain, rng))
+
+    def _paths(self, frame: int) -> dict[str, Path]:
+        return {
+            name: self.sequence / name / f"{frame:06d}{suffix}" for name, suffix in _SENSORS.items()
+        }
+
+    def _rng(self, frame: int, sensor: int) -> np.random.Generator:
+        return np.random.default_rng([self.config.seed, frame, sensor])
+
+
+def record(
+    config: SimConfig,
+    folder: str | os.PathLike[str],
+    *,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Path:
+    """Write a recording; one that was interrupted is continued, a complete one is kept.
+
+    Args:
+        config: town, route and sensors.
+        folder: where to; made if it does not exist.
+        jobs: threads. The bytes do not depend on it.
+        progress: called with (frames written, frames in all) after each frame.
+
+    Returns:
+        The folder, in KITTI odometry layout (sequence 00).
+
+    Raises:
+        DataError: the folder cannot be written, or holds something else already.
+    """
+    root = Path(folder)
+    drive = make_drive(config.drive, config.town.block_m, config.seed)
+    if _claim(root, config):
+        return root
+    _write_texts(root, config, drive)
+    recorder = _Recorder(config, drive, root / "sequences" / "00")
+    for done in _write_frames(recorder, max(jobs, 1)):
+        if progress is not None:
+            progress(done, len(drive.poses))
+    _write_json(root / _DONE, _summary(config, drive))
+    (root / _STARTED).unlink(missing_ok=True)
+    return root
+
+
+def embedded_drive(*, jobs: int | None = None, progress: Progress | None = None) -> Path:
+    """The default recording, made when it is first asked for and kept in the user's cache.
+
+    The environment variable FUSIONSLAM_CACHE names another folder for it.
+
+    Raises:
+        DataError: the cache cannot be written.
+    """
+    threads = os.cpu_count() or 1 if jobs is None else jobs
+    return record(SimConfig(), embedded_folder(), jobs=threads, progress=progress)
+
+
+def embedded_folder() -> Path:
+    """Where the embedded drive is kept, whether it has been made or not."""
+    text = json.dumps(_identity(SimConfig()), sort_keys=True)
+    return cache_folder() / f"drive-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+
+
+def _write_frames(recorder: _Recorder, jobs: int) -> Iterator[int]:
+    """Write what is missing, lap by lap; yield the number of frames that are there."""
+    done = len(recorder.drive.poses)
+    todo = {lap: recorder.missing(lap) for lap in np.unique(recorder.drive.lap).tolist()}
+    done -= sum(len(frames) for frames in todo.values())
+    with ThreadPoolExecutor(jobs) as pool:
+        try:
+            for lap, frames in todo.items():
+                if not frames:
+                    continue
+                caster = RayCaster(make_town(recorder.config.town, lap))
+                for _ in pool.map(lambda k, c=caster: recorder.write(c, k), frames):
+                    done += 1
+                    yield done
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+
+
+def _identity(config: SimConfig) -> dict[str, object]:
+    return {"format": FORMAT, "config": config.model_dump(mode="json")}
+
+
+def _claim(root: Path, config: SimConfig) -> bool:
+    """Whether the folder holds this recording completely; if not, mark it as begun."""
+    for name in (_DONE, _STARTED):
+        if (root / name).exists():
+            if _read_identity(root / name) != _identity(config):
+                raise DataError(f"{root} holds another recording: choose another folder")
+            return name == _DONE
+    for name in ("sequences", "poses"):
+        if (root / name).exists():
+            raise DataError(
+                f"{root / name} was not written by the simulator: choose another folder"
+            )
+    _write_json(root / _STARTED, _identity(config))
+    return False
+
+
+def _read_identity(path: Path) -> dict[str, object]:
+    try:
+        read = json.loads(path.read_text())
+        return {key: read[key] for key in ("format", "config")}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DataError(f"cannot read {path}: {error}") from error
+
+
+def _summary(config: SimConfig, drive: Drive) -> dict[str, object]:
+    frames = [
+        {"lap": int(lap), "visit": visit.kind, "earlier": visit.earlier}
+        for lap, visit in zip(drive.lap, visits(drive.poses), strict=True)
+    ]
+    return _identity(config) | {"frames": frames}
+
+
+def _write_texts(root: Path, config: SimConfig, drive: Drive) -> None:
+    sequence = root / "sequences" / "00"
+    _write_text(sequence / "times.txt", [f"{second:.6e}" for second in drive.seconds])
+    _write_text(sequence / "calib.txt", _calibration(config.car))
+    cameras = drive.poses @ parent_from_camera(config.car.camera)
+    relative = np.linalg.inv(cameras[0]) @ cameras
+    _write_text(root / "poses" / "00.txt", [_row(pose[:3]) for pose in relative])
+
+
+def _calibration(car: CarConfig) -> list[str]:
+    left, right = (projection(car.camera, right=right) for right in (False, True))
+    lidar = np.linalg.inv(parent_from_camera(car.camera)) @ car_from_lidar(car)
+    rows = {"P0": left, "P1": right, "P2": left, "P3": right, "Tr": lidar[:3]}
+    return [f"{name}: {_row(matrix)}" for name, matrix in rows.items()]
+
+
+def _row(matrix: Array) -> str:
+    return " ".join(f"{value:.12e}" for value in matrix.ravel())
+
+
+def _write_text(path: Path, lines: Sequence[str]) -> None:
+    _write_bytes(path, ("\n".join(lines) + "\n").encode())
+
+
+def _write_json(path: Path, value: dict[str, object]) -> None:
+    _write_bytes(path, (json.dumps(value, indent=1) + "\n").encode())
+
+
+def _write_bytes(path: Path, data: bytes) -> None:
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
+    with atomic_path(path) as temporary:
+        Image.fromarray(image).save(temporary, format="PNG", compress_level=1)

@@ -1,0 +1,71 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a result was made with: versions and machine."""
+
+import os
+import platform
+from collections.abc import Callable
+from contextlib import suppress
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    pass
+
+
+def versions() -> dict[str, str]:
+    """Versions of fusionslam, NumPy, Python and the operating system."""
+    return {
+        "fusionslam": _version("fusionslam"),
+        "numpy": _version("numpy"),
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.release()} ({platform.machine()})",
+    }
+
+
+def machine() -> dict[str, str | int]:
+    """The processor's name and how many cores this process may use."""
+    # macOS has no affinity and no /proc.
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {"cpu": _cpu_model(), "cores": count or 1}
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def _cpu_model() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.processor() or platform.machine())
+
+
+def peak_memory(work: Callable[[], object]) -> int:
+    """Bytes of resident memory that ``work`` takes at most on top of what is in use (Linux).
+
+    0 where the kernel does not tell.
+    """
+    import ctypes
+
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+        before = _status_bytes("VmRSS")
+        work()
+        return max(_status_bytes("VmHWM") - before, 0)
+    except OSError:
+        return 0
+
+
+def _status_bytes(key: str) -> int:
+    lines = Path("/proc/self/status").read_text().splitlines()
+    found = next(line for line in lines if line.startswith(f"{key}:"))
+    return int(found.split()[1]) * 1024

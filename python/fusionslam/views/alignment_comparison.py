@@ -1,0 +1,97 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Views by laying one range image over the other: our default.
+
+The stored views whose thumbnails look most like the current one's are aligned with it; the
+probability that both show one place follows from what each should have seen of the other.
+"""
+
+import numpy as np
+
+from fusionslam._core import (
+    Alignment,
+    AlignmentConfig,
+    AlignmentIndex,
+    RangeImage,
+    align_scenes,
+)
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.views.comparison import Candidate, Item, SceneComparison, View, in_words
+from fusionslam.views.scenes import Scene, SceneConfig
+
+__all__ = [
+    "Alignment",
+    "AlignmentComparison",
+    "AlignmentConfig",
+    "AlignmentIndex",
+    "RangeImage",
+    "align_scenes",
+]
+
+FEWEST_CELLS = 10
+"""A range image with fewer cells cannot be aligned."""
+
+
+class AlignmentComparison(SceneComparison):
+    """Scenes by their range images, of which alone something is stored.
+
+    Args:
+        scene: how clouds become scenes, with range images.
+        alignment: how scenes are aligned.
+        threshold: the probability from which views match.
+        threads: that align; 0 is one a core.
+
+    Raises:
+        ConfigError: scenes without range images.
+    """
+
+    kind = "alignment"
+
+    def __init__(
+        self,
+        scene: SceneConfig,
+        alignment: AlignmentConfig,
+        threshold: float,
+        *,
+        threads: int = 1,
+    ) -> None:
+        self._alignment, self._threads = alignment, threads
+        if not scene.image:
+            raise ConfigError(
+                "scene.image is False, and alignment needs range images: preset robust has them, "
+                "others with views.scene.image=true"
+            )
+        super().__init__(scene, threshold)
+
+    def _empty_index(self) -> AlignmentIndex:
+        return AlignmentIndex(self._alignment)
+
+    def view(self, item: Item) -> View:
+        """A scene, or the scene of a cloud. Raises DataError for objects without a range image."""
+        scene = super().view(item).content
+        if isinstance(item, Scene) and not len(scene.image) and self._has_objects_in_range(scene):
+            raise DataError(
+                "the scene has objects but no range image: build it with image=True, as the "
+                "robust preset does, or compare scenes (method scenes)"
+            )
+        return View(scene, self._recognisable(scene))
+
+    def _recognisable(self, scene: Scene) -> int:
+        return len(scene) if len(scene.image) >= FEWEST_CELLS else 0
+
+    def _has_objects_in_range(self, scene: Scene) -> bool:
+        """Whether there is something that an image would show: what is further away has none."""
+        distances = np.linalg.norm(scene.objects["center"], axis=1)
+        return bool((distances < self._scene.longest_range).any())
+
+    def compare(self, view: View, most: int) -> list[Candidate]:
+        """The stored scenes that most probably show the same place."""
+        found = self._index.query(view.content, threads=self._threads)[:most]
+        return [Candidate(slot, a.probability, (a.x, a.y, a.yaw)) for slot, a in found]
+
+    def _stored(self, scene: Scene) -> bytes:
+        return Scene(scene.objects[:0], scene.image).to_bytes()
+
+    def explain(self, similarity: float, threshold: float) -> str:
+        """As ``Comparison``."""
+        return in_words("probability", similarity, threshold)

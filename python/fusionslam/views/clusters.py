@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which points of a cloud are which object of its scene, and which objects are most alike."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+from fusionslam.sensors.frame import Cloud
+from fusionslam.views.scenes import Scene, SceneConfig, build_scene, dbscan
+from fusionslam.views.similarity import SimilarityConfig, scene_similarity
+
+
+@dataclass(frozen=True, eq=False)
+class ClusteredScan:
+    """A scan before and after it became a scene.
+
+    Attributes:
+        number: of the scan, as the data number it.
+        points: float32 (N, 3), metres in the robot's frame, without ground.
+        colors: uint8 (N, 3) RGB.
+        scene: what they became.
+        members: for each object of the scene, the indices of its points, int64.
+    """
+
+    number: int
+    points: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+    scene: Scene
+    members: tuple[NDArray[np.int64], ...]
+
+    @property
+    def loose(self) -> NDArray[np.int64]:
+        """Indices of the points that belong to no object."""
+        free = np.ones(len(self.points), np.bool_)
+        for indices in self.members:
+            free[indices] = False
+        return np.flatnonzero(free)
+
+
+def clustered(number: int, cloud: Cloud, config: SceneConfig) -> ClusteredScan:
+    """The scene of a cloud, with the points of each object.
+
+    Raises:
+        DataError: NaN, or a cloud without colours.
+    """
+    if cloud.colors is None:
+        raise DataError(f"scan {number} has no colours, which scenes need")
+    points, colors = cloud.points, cloud.colors
+    scene = build_scene(points, colors, config=config)
+    # As the core leaves out what is near a robot's floor; 0 keeps all.
+    high = np.abs(points[:, 2]) > config.floor if config.floor > 0 else slice(None)
+    rows = np.arange(len(points))[high]
+    labels = dbscan(
+        points[rows],
+        colors[rows],
+        eps=config.eps,
+        min_points=config.min_points,
+        color_scale=config.color_scale,
+        inclusive=config.inclusive,
+    )
+    groups = [rows[labels == label] for label in range(labels.max(initial=-1) + 1)]
+    kept = [group for group in groups if len(group) >= config.min_size]
+    # As in the scene: most points first, equally many in the order of their clusters.
+    members = tuple(sorted(kept, key=len, reverse=True))
+    return ClusteredScan(number, points, colors, scene, members)
+
+
+def object_similarities(
+    current: Scene, stored: Scene, config: SimilarityConfig
+) -> NDArray[np.float64]:
+    """Float64 (n, m): how alike each object of one scene is to each of the other."""
+    singles = [[Scene(s.objects[i : i + 1]) for i in range(len(s))] for s in (current, stored)]
+    rows = [[scene_similarity(a, b, config=config) for b in singles[1]] for a in singles[0]]
+    return np.array(rows, np.float64).reshape(len(current), len(stored))

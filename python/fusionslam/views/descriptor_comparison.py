@@ -1,0 +1,132 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Views compared by one descriptor vector each."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam._core import DescriptorIndex
+from fusionslam.descriptors import DescriptorConfig, describe, descriptor_named, length_of
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.sensors.frame import Cloud
+from fusionslam.views.comparison import Arrays, Candidate, Item, View
+
+
+class DescriptorComparison:
+    """Any descriptor by its distance d (L2), as the similarity 1 / (1 + d).
+
+    A cloud that cannot be described, because it has too few points or all on one line, has
+    nothing to recognise.
+
+    Args:
+        name: "m2dp", "cm2dp", "shot" or "cshot".
+        config: how clouds are described.
+        max_distance: the largest distance of a match.
+    """
+
+    kind = "descriptor"
+
+    def __init__(self, name: str, config: DescriptorConfig, max_distance: float) -> None:
+        self._descriptor, self._config = descriptor_named(name), config
+        self.threshold = similarity_at(max_distance)
+        self._rows: list[NDArray[np.float32]] = []
+        self._length = length_of(name, config)
+        self._index = DescriptorIndex(self._length)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def made_with(self) -> dict[str, Any]:
+        """Which descriptor, and how clouds are described."""
+        values = self._config.model_dump(mode="json", exclude={"threads"})
+        return {"descriptor": self._descriptor.name, "descriptors": values}
+
+    def view(self, item: Item) -> View:
+        """A descriptor, float32 (D,), or that of a cloud."""
+        if isinstance(item, Cloud):
+            return self._described(item)
+        if not isinstance(item, np.ndarray) or item.shape != (self._length,):
+            found = f"shape {item.shape}" if isinstance(item, np.ndarray) else type(item).__name__
+            raise ShapeError(
+                f"expected a Cloud or a descriptor {self._descriptor.name}, float32 "
+                f"({self._length},), got {found}"
+            )
+        if not np.isfinite(item).all():
+            raise DataError("the descriptor is not finite")
+        return View(item.astype(np.float32), 1)
+
+    def _described(self, cloud: Cloud) -> View:
+        name = self._descriptor.name
+        if not np.isfinite(cloud.points).all():
+            raise DataError(f"{name}: the cloud holds NaN or infinity")
+        if self._descriptor.needs_colors and cloud.colors is None:
+            raise DataError(f"{name} needs colours and the cloud has none")
+        try:
+            return View(describe(cloud, name, self._config), 1)
+        except DataError:
+            return View(None, 0)
+
+    def scene(self, view: View) -> None:
+        """A descriptor has no objects."""
+
+    def arrays_of(self, view: View) -> dict[str, NDArray[Any]]:
+        """The descriptor, float32 (D,); (0,) for a cloud that cannot be described."""
+        return {"descriptor": np.empty(0, np.float32) if view.content is None else view.content}
+
+    def view_of(self, arrays: Arrays) -> View:
+        """As ``Comparison``."""
+        row = arrays["descriptor"]
+        if row.dtype != np.float32:
+            raise DataError(f"the descriptor is {row.dtype}, expected float32")
+        return View(None, 0) if row.shape == (0,) else self.view(row)
+
+    def compare(self, view: View, most: int) -> list[Candidate]:
+        """The nearest descriptors."""
+        slots, distances = self._index.query(view.content, k=most)
+        pairs = zip(slots.tolist(), distances.tolist(), strict=True)
+        return [Candidate(slot, similarity_at(distance)) for slot, distance in pairs]
+
+    def add(self, view: View) -> int:
+        """Store the descriptor."""
+        self._index.add(view.content)
+        self._rows.append(view.content)
+        return int(view.content.nbytes)
+
+    def remove(self, slot: int) -> None:
+        """Forget a descriptor."""
+        self._fill([*self._rows[:slot], *self._rows[slot + 1 :]])
+
+    def size_of(self, slot: int) -> int:
+        """Bytes of a descriptor."""
+        return int(self._rows[slot].nbytes)
+
+    def explain(self, similarity: float, threshold: float) -> str:
+        """The distances behind the similarities."""
+        distance, most = 1 / similarity - 1, 1 / threshold - 1
+        return f"distance {distance:.4g} {'<=' if similarity >= threshold else '>'} {most:.4g}"
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """All descriptors."""
+        rows = np.array(self._rows, np.float32).reshape(len(self), self._length)
+        return {"descriptors": rows}
+
+    def restore(self, state: Arrays) -> None:
+        """As ``Comparison``."""
+        rows = state["descriptors"]
+        if rows.ndim != 2 or rows.shape[1] != self._length:
+            raise DataError(f"descriptors {rows.shape}, expected (n, {self._length})")
+        self._fill([np.asarray(row, np.float32) for row in rows])
+
+    def _fill(self, rows: Sequence[NDArray[np.float32]]) -> None:
+        self._rows, self._index = [], DescriptorIndex(self._length)
+        for row in rows:
+            self._index.add(row)
+            self._rows.append(row)
+
+
+def similarity_at(distance: float) -> float:
+    """The similarity that stands for a distance."""
+    return 1 / (1 + distance)

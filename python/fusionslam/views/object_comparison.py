@@ -1,0 +1,54 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Views compared by their objects (Stastny 2022, section 4.5)."""
+
+import numpy as np
+
+from fusionslam.views.comparison import Candidate, SceneComparison, View, in_words
+from fusionslam.views.scenes import (
+    Scene,
+    SceneConfig,
+)
+from fusionslam.views.similarity import SceneIndex, SimilarityConfig
+
+
+class ObjectComparison(SceneComparison):
+    """Scenes by their objects (Stastny 2022, 4.6).
+
+    Args:
+        scene, threshold: as ``SceneComparison``.
+        similarity: how scenes are compared.
+        threads: that compare; 0 is one a core.
+    """
+
+    kind = "scenes"
+
+    def __init__(
+        self,
+        scene: SceneConfig,
+        similarity: SimilarityConfig,
+        threshold: float,
+        *,
+        threads: int = 1,
+    ) -> None:
+        self._similarity, self._threads = similarity, threads
+        super().__init__(scene, threshold)
+
+    def _empty_index(self) -> SceneIndex:
+        return SceneIndex(self._similarity)
+
+    def _stored(self, scene: Scene) -> bytes:
+        return scene.to_bytes(image=False)
+
+    def compare(self, view: View, most: int) -> list[Candidate]:
+        """The most similar scenes."""
+        found = self._index.similarities(view.content, threads=self._threads)
+        if most == 1 and len(found):
+            best = int(found.argmax())
+            return [Candidate(best, float(found[best]))]
+        order = np.argsort(-found, kind="stable")[:most]
+        return [Candidate(int(slot), float(found[slot])) for slot in order]
+
+    def explain(self, similarity: float, threshold: float) -> str:
+        """As ``Comparison``."""
+        return in_words("similarity", similarity, threshold)

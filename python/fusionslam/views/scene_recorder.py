@@ -1,0 +1,142 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A ``SceneSet`` of what a robot sees now: scan by scan what ``record_scenes`` makes of data."""
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.evaluation.views.judge import checked_poses
+from fusionslam.sensors.frame import Cloud
+from fusionslam.sensors.messages import next_stamp
+from fusionslam.views.scene_set import CloudArray, SceneSet, scene_values
+from fusionslam.views.scenes import Scene, SceneConfig
+
+
+class SceneRecorder:
+    """Collects coloured clouds, or scenes alone, with their times and true poses.
+
+    Memory grows with what is kept, 15 bytes a point of clouds, until ``max_scans`` are kept; what
+    comes then is dropped. Scans are numbered as they come, those that are not kept among them.
+
+    Args:
+        name: for people.
+        frame: of the clouds or scenes.
+        scene_config: None keeps clouds; what scenes are built with keeps those scenes instead.
+        with_poses: whether scans need a true pose: those without one are left out. Without, the set
+            has no poses at all.
+        max_scans: how many are kept at most; 0 is no bound.
+        source: where the scans come from, as JSON can hold it.
+
+    Attributes:
+        without_pose: scans left out for want of a pose.
+        dropped: scans that came when ``max_scans`` were kept.
+
+    Raises:
+        ConfigError: a negative ``max_scans``.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        frame: str = "robot",
+        scene_config: SceneConfig | None = None,
+        with_poses: bool = True,
+        max_scans: int = 0,
+        source: Mapping[str, Any] | None = None,
+    ) -> None:
+        if max_scans < 0:
+            raise ConfigError(f"max_scans is {max_scans}, expected at least 0")
+        self.name, self.frame, self.source = name, frame, dict(source or {})
+        self._config, self._with_poses, self._most = scene_config, with_poses, max_scans
+        self.without_pose = self.dropped = 0
+        self._last_ns: int | None = None
+        self._kept: list[tuple[int, int, Cloud | Scene]] = []
+        self._poses: list[NDArray[np.float64]] = []
+
+    def __len__(self) -> int:
+        """Number of scans kept."""
+        return len(self._kept)
+
+    def add(self, stamp_ns: int, item: Cloud | Scene, pose: ArrayLike | None) -> None:
+        """Take the next scan.
+
+        Args:
+            stamp_ns: its time, not before that of the scan before.
+            item: its coloured cloud, without ground, which is copied; or its scene, which is kept
+                in the precision in which sets store scenes.
+            pose: its true x, y in metres and yaw in radians; None where it is not known.
+
+        Raises:
+            ClockError: a stamp before that of the scan before: a set holds one drive.
+            DataError: no colours, or what is not finite. ShapeError: other arrays, or no cloud
+                where clouds are kept. Nothing is kept or counted where this raises.
+        """
+        stamp = next_stamp(stamp_ns, self._last_ns)
+        held = _copied(item) if self._config is None else _rounded(item)
+        poses = None if pose is None else checked_poses([pose])
+        number = len(self._kept) + self.without_pose + self.dropped
+        self._last_ns = stamp
+        if self._with_poses and poses is None:
+            self.without_pose += 1
+        elif 0 < self._most <= len(self._kept):
+            self.dropped += 1
+        else:
+            self._kept.append((stamp, number, held))
+            if self._with_poses and poses is not None:
+                self._poses.append(poses[0])
+
+    def scene_set(self) -> SceneSet:
+        """All scans kept so far."""
+        clouds = [item for *_, item in self._kept if isinstance(item, Cloud)]
+        scenes = [item for *_, item in self._kept if isinstance(item, Scene)]
+        config = self._config
+        return SceneSet(
+            name=self.name,
+            stamps_ns=np.array([stamp for stamp, *_ in self._kept], np.int64),
+            numbers=np.array([number for _, number, _ in self._kept], np.int64),
+            empty=np.array([_is_empty(item) for *_, item in self._kept], np.bool_),
+            frame=self.frame,
+            poses=np.array(self._poses).reshape(-1, 3) if self._with_poses else None,
+            clouds=CloudArray.of(clouds) if config is None else None,
+            scenes=None if config is None else scenes,
+            scene_config=None if config is None else scene_values(config),
+            source=self.source,
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the set of all scans kept so far, as ``SceneSet.save``; more may follow."""
+        self.scene_set().save(path)
+
+
+def _copied(item: Cloud | Scene) -> Cloud:
+    if not isinstance(item, Cloud):
+        raise ShapeError(f"expected a Cloud, got {type(item).__name__}")
+    if item.colors is None:
+        raise DataError("the cloud has no colours, which scenes need")
+    for name, array, dtype in (
+        ("points", item.points, np.float32),
+        ("colors", item.colors, np.uint8),
+    ):
+        if array.shape != (len(item.points), 3) or array.dtype != dtype:
+            expected = f"{np.dtype(dtype)} ({len(item.points)}, 3)"
+            raise ShapeError(f"{name} are {array.dtype} {array.shape}, expected {expected}")
+    if not np.isfinite(item.points).all():
+        raise DataError("the cloud holds NaN or infinity")
+    return Cloud(item.points.copy(), item.colors.copy())
+
+
+def _rounded(item: Cloud | Scene) -> Scene:
+    if not isinstance(item, Scene):
+        raise ShapeError(f"expected a Scene, got {type(item).__name__}")
+    return Scene.from_bytes(item.to_bytes())
+
+
+def _is_empty(item: Cloud | Scene) -> bool:
+    """Whether nothing was left of a scan."""
+    return not len(item) and (isinstance(item, Cloud) or not len(item.image))

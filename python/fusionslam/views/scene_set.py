@@ -1,0 +1,295 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""``SceneSet``: what a robot saw, scan by scan, re-usable without its sensors (Stastny 2022, 5.1).
+
+A set holds coloured clouds, their scenes, descriptors of them, or several of these, with times and,
+if there is truth, poses. Matching, tuning, training and threshold sweeps start from it.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.files import DAMAGED, atomic_path, reading
+from fusionslam.views.scenes import Scene, SceneConfig, build_scene
+
+FORMAT = "fusionslam.scene_set.1"
+_CLOUDS = ("points", "colors", "offsets")
+_FEATURE = "feature."
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class CloudArray:
+    """Clouds one after the other: points float32 (m, 3), colours uint8 (m, 3), offsets (n + 1)."""
+
+    points: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+    offsets: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+    def __getitem__(self, index: int) -> Cloud:
+        span = slice(*self.offsets[index : index + 2].tolist())
+        return Cloud(self.points[span], self.colors[span])
+
+    @property
+    def sizes(self) -> NDArray[np.int64]:
+        """int64 (n), points of each cloud."""
+        return np.diff(self.offsets)
+
+    @classmethod
+    def of(cls, clouds: Sequence[Cloud]) -> "CloudArray":
+        """The clouds, copied. Raises DataError if one has no colours."""
+        for index, cloud in enumerate(clouds):
+            if cloud.colors is None:
+                raise DataError(f"cloud {index} has no colours, which scenes need")
+        offsets = np.cumsum([0, *map(len, clouds)]).astype(np.int64)
+        points = [np.empty((0, 3), np.float32), *(cloud.points for cloud in clouds)]
+        colors = [np.empty((0, 3), np.uint8), *(c.colors for c in clouds if c.colors is not None)]
+        return cls(np.concatenate(points), np.concatenate(colors), offsets)
+
+    def chosen(self, indices: NDArray[np.int64]) -> "CloudArray":
+        """The clouds with these indices."""
+        return CloudArray.of([self[index] for index in indices.tolist()])
+
+
+@dataclass(frozen=True, eq=False)
+class SceneSet:
+    """Scans of one drive in the order of time; n of them, empty ones among them.
+
+    Attributes:
+        name: for people.
+        stamps_ns: int64 (n), nanoseconds.
+        numbers: int64 (n), as the frames of the data are numbered.
+        empty: bool (n), scans of which nothing was left (a floor only, say).
+        frame: "robot", "odometry", ...: the frame of the clouds.
+        poses: float64 (n, 3), true x, y in metres and yaw in radians; None where there is none.
+        clouds: coloured, without ground; None where only scenes or features were kept.
+        scenes: the scenes of ``scene_config``; None where they have to be built of the clouds.
+        scene_config: what ``scenes`` were built with.
+        features: descriptors by name, float32 (n, D); rows of scans that cannot be described are
+            NaN.
+        source: where it comes from: path, command, configuration.
+
+    Raises:
+        ShapeError: an array or list that has not n entries.
+        DataError: stamps that decrease, or poses that are not finite.
+    """
+
+    name: str
+    stamps_ns: NDArray[np.int64]
+    numbers: NDArray[np.int64]
+    empty: NDArray[np.bool_]
+    frame: str = "robot"
+    poses: NDArray[np.float64] | None = None
+    clouds: CloudArray | None = None
+    scenes: Sequence[Scene] | None = None
+    scene_config: Mapping[str, Any] | None = None
+    features: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
+    source: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _check_lengths(self)
+        if (np.diff(self.stamps_ns) < 0).any():
+            raise DataError(f"{self.name}: stamps go back in time")
+        if self.poses is not None and not np.isfinite(self.poses).all():
+            row = int(np.flatnonzero(~np.isfinite(self.poses).all(axis=1))[0])
+            raise DataError(f"{self.name}: pose {row} is not finite")
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    @property
+    def seconds(self) -> NDArray[np.float64]:
+        """float64 (n), times in seconds."""
+        return np.asarray(self.stamps_ns / 1e9, np.float64)
+
+    def true_poses(self) -> NDArray[np.float64]:
+        """The poses. Raises DataError where the set has none."""
+        if self.poses is None:
+            raise DataError(
+                f"{self.name} has no true poses: it can be matched, but not judged or tuned on; "
+                "record data with poses, or name a file of poses when recording (--gt)"
+            )
+        return self.poses
+
+    def fits(self, config: SceneConfig) -> bool:
+        """Whether the stored scenes are those of a configuration."""
+        return self.scenes is not None and self.scene_config == scene_values(config)
+
+    def scenes_with(self, config: SceneConfig, progress: Progress | None = None) -> list[Scene]:
+        """The scenes that a configuration makes of the clouds, or those stored if they fit.
+
+        Raises:
+            DataError: there are no clouds, and no scenes of that configuration.
+        """
+        if self.scenes is not None and self.fits(config):
+            return list(self.scenes)
+        if self.clouds is None:
+            kept = "scenes of another configuration" if self.scenes else "no scenes"
+            raise DataError(f"{self.name} holds {kept} and no clouds to build others from")
+        scenes = []
+        for index in range(len(self)):
+            cloud = self.clouds[index]
+            scenes.append(build_scene(cloud.points, cloud.colors, config=config))
+            if progress is not None:
+                progress(index + 1, len(self))
+        return scenes
+
+    def with_scenes(self, config: SceneConfig, progress: Progress | None = None) -> "SceneSet":
+        """The set with the scenes of a configuration, in the precision in which they are stored."""
+        scenes = [Scene.from_bytes(s.to_bytes()) for s in self.scenes_with(config, progress)]
+        return replace(self, scenes=scenes, scene_config=scene_values(config))
+
+    def without_clouds(self) -> "SceneSet":
+        """The set with what was made of its clouds only: a small file."""
+        return replace(self, clouds=None)
+
+    def subset(self, indices: NDArray[np.int64]) -> "SceneSet":
+        """The scans with these indices, int64 (k,)."""
+        scenes = None if self.scenes is None else [self.scenes[i] for i in indices.tolist()]
+        return replace(
+            self,
+            stamps_ns=self.stamps_ns[indices],
+            numbers=self.numbers[indices],
+            empty=self.empty[indices],
+            poses=None if self.poses is None else self.poses[indices],
+            clouds=None if self.clouds is None else self.clouds.chosen(indices),
+            scenes=scenes,
+            features={name: rows[indices] for name, rows in self.features.items()},
+        )
+
+    def without_empty(self) -> "SceneSet":
+        """The set without scans of which nothing was left."""
+        return self.subset(np.flatnonzero(~self.empty)) if self.empty.any() else self
+
+    def digest(self) -> str:
+        """What differs between sets of other scans, scenes or poses: a name for this one."""
+        found = hashlib.sha256()
+        for array in (self.stamps_ns, self.poses, self.clouds and self.clouds.points):
+            found.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
+        for scene in self.scenes or ():
+            found.update(scene.to_bytes())
+        return found.hexdigest()[:16]
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write one ``.npz``, whole or not at all. Raises DataError where that is impossible."""
+        about = {
+            "format": FORMAT,
+            "name": self.name,
+            "frame": self.frame,
+            "scene_config": self.scene_config,
+            "source": self.source,
+        }
+        arrays: dict[str, NDArray[Any]] = {
+            "stamps_ns": self.stamps_ns,
+            "numbers": self.numbers,
+            "empty": self.empty,
+        }
+        if self.poses is not None:
+            arrays["poses"] = self.poses
+        if self.clouds is not None:
+            arrays |= {name: getattr(self.clouds, name) for name in _CLOUDS}
+        if self.scenes is not None:
+            arrays["scene_bytes"], arrays["scene_offsets"] = packed(
+                [scene.to_bytes() for scene in self.scenes]
+            )
+        arrays |= {_FEATURE + name: rows for name, rows in self.features.items()}
+        with atomic_path(path) as temporary, temporary.open("wb") as stream:
+            np.savez_compressed(stream, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "SceneSet":
+        """Read what ``save`` wrote.
+
+        Raises:
+            DataError: the file is missing, cut short, of another version or something else; the
+                message names it.
+        """
+        with reading(path, "not a scene set"):
+            return cls(**_read(Path(path)))
+
+
+def scene_values(config: SceneConfig) -> dict[str, Any]:
+    """A scene configuration by key, as a set stores it."""
+    return {option["name"]: getattr(config, option["name"]) for option in SceneConfig.options()}
+
+
+def packed(texts: Sequence[bytes]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """Byte strings one after the other, uint8 (m,), and where each begins, int64 (n + 1)."""
+    offsets = np.cumsum([0, *map(len, texts)]).astype(np.int64)
+    return np.frombuffer(b"".join(texts), np.uint8), offsets
+
+
+def unpacked(array: NDArray[np.uint8], offsets: NDArray[np.int64]) -> list[bytes]:
+    """The byte strings that ``packed`` joined. Raises DataError if the two do not fit."""
+    edges = offsets.tolist()
+    if not edges or edges[0] != 0 or edges[-1] != len(array) or (np.diff(offsets) < 0).any():
+        raise DataError(f"offsets do not fit the {len(array)} bytes they divide")
+    whole = array.tobytes()
+    return [whole[begin:end] for begin, end in pairwise(edges)]
+
+
+def is_scene_set(path: str | os.PathLike[str]) -> bool:
+    """Whether a file says that it is a scene set, of whatever version."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            about = json.loads(str(stored["about"]))
+        return str(about.get("format", "")).startswith("fusionslam.scene_set.")
+    except (OSError, *DAMAGED):
+        return False
+
+
+def _read(path: Path) -> dict[str, Any]:
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+        about = json.loads(str(stored["about"]))
+        found = about.pop("format", None)
+        if found != FORMAT:
+            raise DataError(f"is of format {found}, expected {FORMAT}")
+        arrays = {name: stored[name] for name in stored.files if name != "about"}
+    clouds = CloudArray(*(arrays.pop(name) for name in _CLOUDS)) if "points" in arrays else None
+    if clouds is not None:
+        _check_clouds(clouds)
+    scenes = None
+    if "scene_bytes" in arrays:
+        texts = unpacked(arrays.pop("scene_bytes"), arrays.pop("scene_offsets"))
+        scenes = [Scene.from_bytes(text) for text in texts]
+    names = [name for name in arrays if name.startswith(_FEATURE)]
+    features = {name.removeprefix(_FEATURE): arrays.pop(name) for name in names}
+    return {**about, **arrays, "clouds": clouds, "scenes": scenes, "features": features}
+
+
+def _check_clouds(clouds: CloudArray) -> None:
+    offsets, count = clouds.offsets, len(clouds.points)
+    if not len(offsets) or offsets[0] != 0 or offsets[-1] != count or (np.diff(offsets) < 0).any():
+        raise DataError(f"offsets do not fit the {count} points they divide")
+    for name in ("points", "colors"):
+        shape = getattr(clouds, name).shape
+        if shape != (count, 3):
+            raise DataError(f"{name} has shape {shape}, expected {(count, 3)}")
+
+
+def _check_lengths(scenes: SceneSet) -> None:
+    count = len(scenes.stamps_ns)
+    for name in ("numbers", "empty", "clouds", "scenes"):
+        held = getattr(scenes, name)
+        if held is not None and len(held) != count:
+            raise ShapeError(f"{scenes.name}: {len(held)} {name} for {count} stamps")
+    if scenes.poses is not None and scenes.poses.shape != (count, 3):
+        raise ShapeError(f"{scenes.name}: poses {scenes.poses.shape}, expected {(count, 3)}")
+    for name, rows in scenes.features.items():
+        if rows.ndim != 2 or len(rows) != count:
+            raise ShapeError(f"{scenes.name}: feature {name} {rows.shape}, expected ({count}, D)")

@@ -1,0 +1,182 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The second stage as a robot runs it: feature vectors and the chance that two are one place.
+
+>>> from fusionslam.views.second_stage import SecondStage
+>>> stage = SecondStage()
+>>> stored = stage.features(points, colors)                          # doctest: +SKIP
+>>> stage.probability(stage.features(points, colors), stored)        # doctest: +SKIP
+0.99
+"""
+
+import hashlib
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError, FusionSlamError, ShapeError
+from fusionslam.sensors.frame import Cloud
+from fusionslam.views.second_stage.architecture import ComparisonConfig, PointNetConfig
+from fusionslam.views.second_stage.inputs import network_input
+from fusionslam.views.second_stage.network_files import SHIPPED, About, Kind, read_about
+from fusionslam.views.second_stage.scores import probability_of
+
+Features = NDArray[np.float32]
+
+MODELS: Mapping[str, tuple[str, str | None]] = {
+    "places": ("places_features.onnx", None),
+    "thesis": ("thesis_features.onnx", "thesis_comparison.onnx"),
+}
+"""The networks that come with the package: of features, and of the comparison if there is one."""
+
+
+class SecondStage:
+    """Rejects look-alikes (Stastny 2022, 4.6 and 4.7); runs in onnxruntime on one thread.
+
+    Args:
+        model: "places" (trained end to end, with colours; distances are calibrated), "thesis"
+            (shapes first, then the comparison; colours are not looked at), or the path of features
+            in ONNX.
+        comparison: path of the comparison in ONNX, for features that have no calibration.
+
+    Attributes:
+        digest: of the file of the features: those of other networks cannot be compared.
+
+    Raises:
+        DataError: a file that is missing, cut short, of another kind or other sizes; the message
+            names it and what was expected.
+        FusionSlamError: onnxruntime is not installed.
+    """
+
+    def __init__(
+        self,
+        model: str | os.PathLike[str] = "places",
+        comparison: str | os.PathLike[str] | None = None,
+    ) -> None:
+        own, compared = MODELS.get(str(model), (None, None))
+        if own is None and not Path(model).exists():
+            names = ", ".join(MODELS)
+            raise DataError(f"second stage {model}: no such file, expected {names} or a path")
+        features = Path(model) if own is None else SHIPPED / own
+        if comparison is None and compared is not None:
+            comparison = SHIPPED / compared
+        self._session, about = _session(features, "pointnet")
+        self.digest = hashlib.sha256(features.read_bytes()).hexdigest()[:16]
+        assert isinstance(about.architecture, PointNetConfig)
+        self.config: PointNetConfig = about.architecture
+        self._calibration = about.calibration
+        self._comparison = (
+            None if comparison is None else _comparison(Path(comparison), self.config)
+        )
+        if self._comparison is None and self._calibration is None:
+            raise DataError(f"{features} has no calibration: expected a comparison beside it")
+
+    def features(
+        self, cloud: Cloud | NDArray[np.float32], colors: NDArray[np.uint8] | None = None
+    ) -> Features:
+        """What is stored of a sight.
+
+        Args:
+            cloud: the whole scene without ground in the robot's frame, or its points alone,
+                float32 (N, 3), metres.
+            colors: uint8 (N, 3) RGB of points, for models that look at colours.
+
+        Returns:
+            float32 (256,), or as many as the model's ``config.features``.
+
+        Raises:
+            ShapeError: another shape, or not one colour a point.
+            DataError: no points, points that are not finite, or no colours.
+        """
+        config = self.config
+        if isinstance(cloud, Cloud):
+            points, colors = cloud.points, cloud.colors
+        else:
+            points = cloud
+        taken = network_input(points, colors, config.normalisation, config.range_m, config.colors)
+        row: Features = self._session.run(None, {"points": taken})[0][0]
+        return row
+
+    def probability(self, current: Features, stored: Features) -> float:
+        """Chance that two feature vectors (F,) are of one place, 0 to 1."""
+        return float(self.probabilities(current, np.asarray(stored)[None])[0])
+
+    def probabilities(self, current: Features, stored: Features) -> Features:
+        """The same for one vector (F,) against many, (M, F): float32 (M,).
+
+        Raises:
+            ShapeError: vectors of another length.
+            DataError: values that are not finite.
+        """
+        size = self.config.features
+        one, many = np.asarray(current, np.float32), np.asarray(stored, np.float32)
+        if one.shape != (size,) or many.ndim != 2 or many.shape[1] != size:
+            raise ShapeError(
+                f"features have shapes {one.shape} and {many.shape}, expected ({size},) and "
+                f"(M, {size})"
+            )
+        if not (np.isfinite(one).all() and np.isfinite(many).all()):
+            raise DataError("features must be finite")
+        if self._comparison is not None:
+            pair = {
+                "current": np.ascontiguousarray(np.broadcast_to(one, many.shape)),
+                "stored": many,
+            }
+            found: Features = self._comparison.run(None, pair)[0][:, 0]
+            return found
+        assert self._calibration is not None
+        distances = np.linalg.norm(many - one, axis=1)
+        chance = probability_of(distances, self._calibration.offset, self._calibration.slope)
+        return chance.astype(np.float32)
+
+
+def _comparison(path: Path, features: PointNetConfig) -> Any:
+    session, about = _session(path, "comparison")
+    assert isinstance(about.architecture, ComparisonConfig)
+    if about.architecture.features != features.features:
+        raise DataError(
+            f"{path} compares {about.architecture.features} features, expected {features.features}"
+        )
+    return session
+
+
+def _session(path: Path, kind: Kind) -> tuple[Any, About]:
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise FusionSlamError(
+            "the second stage needs onnxruntime, which is not installed: "
+            "pip install 'fusionslam[onnx]'"
+        ) from error
+    options = onnxruntime.SessionOptions()
+    # A robot has other things to do: one thread, and none that spins while it waits.
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    try:
+        session = onnxruntime.InferenceSession(
+            path.read_bytes(), options, providers=["CPUExecutionProvider"]
+        )
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
+    except Exception as error:  # onnxruntime's errors have no common base
+        raise DataError(f"{path}: expected a {kind} network in ONNX, or it is cut short") from error
+    about = read_about(path, session.get_modelmeta().custom_metadata_map, kind)
+    _check_inputs(path, session, about)
+    return session, about
+
+
+def _check_inputs(path: Path, session: Any, about: About) -> None:
+    """Raise DataError unless the graph takes what its metadata say."""
+    if isinstance(about.architecture, PointNetConfig):
+        expected = {"points": about.architecture.channels}
+    else:
+        assert isinstance(about.architecture, ComparisonConfig)
+        size = about.architecture.features
+        expected = {"current": size, "stored": size}
+    found = {value.name: value.shape[-1] for value in session.get_inputs()}
+    if found != expected:
+        raise DataError(f"{path} takes {found}, expected {expected}: name and length of a row")

@@ -1,0 +1,97 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Views as bytes, exact: one process makes them of clouds, another one recognises them.
+
+    data = view_to_bytes(builder, builder.view(cloud))
+    match = matcher.process(view_from_bytes(matcher.comparison, data))
+
+gives what ``matcher.process(cloud)`` gives if both were configured alike: ``builder`` is
+``comparison_of(config.views, config.descriptors)``.
+"""
+
+import io
+import json
+import zlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.storage.files import DAMAGED
+from fusionslam.views.comparison import Comparison, View
+
+FORMAT = b"fusionslam.view.1\n"
+_ABOUT = "about"
+_SUM = 4  # bytes of the check sum
+_ADVICE = "who builds views and who matches them need the same configuration of views"
+
+
+def view_to_bytes(comparison: Comparison, view: View) -> bytes:
+    """A view that ``comparison`` made: format, check sum (CRC-32, little endian), and a .npz."""
+    stream = io.BytesIO()
+    text = json.dumps(_about(comparison)).encode()
+    arrays: dict[str, Any] = {_ABOUT: np.frombuffer(text, np.uint8), **comparison.arrays_of(view)}
+    np.savez(stream, **arrays)
+    content = stream.getvalue()
+    return FORMAT + zlib.crc32(content).to_bytes(_SUM, "little") + content
+
+
+def view_from_bytes(comparison: Comparison, data: bytes) -> View:
+    """The view that ``view_to_bytes`` wrote, to the bit.
+
+    Args:
+        comparison: as configured where the view was made.
+        data: what was written there.
+
+    Raises:
+        DataError: bytes that are cut short, damaged, of another version, no view, or one made by
+            another comparison or with other values; the message says what was found and expected.
+    """
+    content = _content(data)
+    try:
+        arrays = _arrays(content)
+        _check_about(arrays[_ABOUT], _about(comparison))
+        return comparison.view_of(arrays)
+    except KeyError as error:
+        raise DataError(f"view: no array {error}; {_ADVICE}") from error
+    except FusionSlamError as error:
+        raise DataError(f"view: {error}; {_ADVICE}") from error
+
+
+def _about(comparison: Comparison) -> dict[str, Any]:
+    return {"comparison": comparison.kind, **comparison.made_with()}
+
+
+def _check_about(text: NDArray[Any], expected: dict[str, Any]) -> None:
+    """Raise DataError unless a view was made as is expected."""
+    try:
+        found = json.loads(text.tobytes())
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"does not say how it was made: {error}") from error
+    if not isinstance(found, dict):
+        raise DataError(f"does not say how it was made, but {found!r}")
+    for name, value in expected.items():
+        if found.get(name) != value:
+            raise DataError(f"was made with {name} {found.get(name)!r}, expected {value!r}")
+
+
+def _content(data: bytes) -> bytes:
+    """What the check sum is of. Raises DataError."""
+    if not data.startswith(FORMAT):
+        expected = FORMAT.decode().strip()
+        raise DataError(f"view: begins with {bytes(data[: len(FORMAT)])!r}, expected {expected}")
+    start = len(FORMAT) + _SUM
+    content = data[start:]
+    if zlib.crc32(content) != int.from_bytes(data[len(FORMAT) : start], "little"):
+        raise DataError(f"view: {len(data)} bytes that are cut short or damaged")
+    return content
+
+
+def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
+    """Arrays by name. Raises DataError."""
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except (OSError, *DAMAGED) as error:
+        raise DataError(f"no arrays: {error}") from error

@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Views by two stages: the second one looks at what the first one takes for the same place."""
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.sensors.frame import Cloud
+from fusionslam.views.comparison import Arrays, Candidate, Comparison, Item, View
+from fusionslam.views.scenes import Scene
+
+TWO_STAGES = "two_stage."
+"""What the kind of two stages begins with; the kind of the first one follows."""
+
+
+class SecondStage(Protocol):
+    """Tells look-alikes apart, such as the network of ``fusionslam.views.second_stage``.
+
+    Attributes:
+        digest: differs between those whose features cannot be compared with each other.
+    """
+
+    digest: str
+
+    def features(self, cloud: Cloud) -> NDArray[np.float32]:
+        """What is stored of a cloud, float32 (F,)."""
+
+    def probability(self, current: NDArray[np.float32], stored: NDArray[np.float32]) -> float:
+        """How likely two clouds show the same place, in [0, 1]."""
+
+
+class TwoStageComparison:
+    """A second stage that may only turn a match of the first one into a rejection (Stastny, 4.7).
+
+    Candidates are taken in the order of the first stage. One that the second stage rejects has
+    similarity 0 and never matches, and the next one is looked at.
+
+    Args:
+        first: compares all stored views.
+        second: is asked about the best of them.
+        threshold: the probability from which the second stage agrees.
+        start: the first stage's similarity from which the second one is asked; None for the
+            threshold of the first: every match has to pass both.
+        most: of how many candidates the second stage is asked at most.
+
+    Raises:
+        ConfigError: a value out of range.
+    """
+
+    def __init__(
+        self,
+        first: Comparison,
+        second: SecondStage,
+        *,
+        threshold: float,
+        start: float | None = None,
+        most: int = 10,
+    ) -> None:
+        self.threshold = first.threshold
+        start = first.threshold if start is None else start
+        for name, value in (("threshold", threshold), ("start", start)):
+            if not 0 <= value <= 1:
+                raise ConfigError(f"second stage: {name} is {value}, expected 0 to 1")
+        if most < 1:
+            raise ConfigError(f"second stage: most is {most}, expected at least 1")
+        self._first, self._second = first, second
+        self._needed, self._start, self._most = threshold, start, most
+        self._features: list[NDArray[np.float32]] = []
+        self.kind = TWO_STAGES + first.kind
+
+    def __len__(self) -> int:
+        return len(self._features)
+
+    def made_with(self) -> dict[str, Any]:
+        """That of the first stage, and which features."""
+        return {**self._first.made_with(), "second_stage": self._second.digest}
+
+    def view(self, item: Item) -> View:
+        """What both stages compare of a cloud."""
+        if not isinstance(item, Cloud):
+            raise ShapeError(f"two stages need a Cloud, got {type(item).__name__}")
+        first = self._first.view(item)
+        features = self._second.features(item) if first.objects else None
+        return View((first, features), first.objects)
+
+    def scene(self, view: View) -> Scene | None:
+        """That of the first stage."""
+        return self._first.scene(view.content[0])
+
+    def arrays_of(self, view: View) -> dict[str, NDArray[Any]]:
+        """Those of the first stage and the features, float32 (F,); (0,) where there are none."""
+        first, features = view.content
+        row = np.empty(0, np.float32) if features is None else features
+        return {**self._first.arrays_of(first), "features": row}
+
+    def view_of(self, arrays: Arrays) -> View:
+        """As ``Comparison``."""
+        first, features = self._first.view_of(arrays), arrays["features"]
+        if not first.objects:
+            if features.size:
+                raise DataError(f"features {features.shape} of nothing to recognise, expected (0,)")
+            return View((first, None), 0)
+        self._check_features(features)
+        return View((first, features), first.objects)
+
+    def compare(self, view: View, most: int) -> list[Candidate]:
+        """The best of the first stage that the second one does not reject, then those rejected."""
+        first, features = view.content
+        passed, rejected = [], []
+        for candidate in self._first.compare(first, max(self._most, most)):
+            if candidate.similarity >= self._start and not self._agrees(features, candidate.slot):
+                rejected.append(Candidate(candidate.slot, 0.0, rejected=True))
+            else:
+                passed.append(candidate)
+            if len(passed) == most:
+                break
+        return [*passed, *rejected][:most]
+
+    def _agrees(self, features: NDArray[np.float32], slot: int) -> bool:
+        return self._second.probability(features, self._features[slot]) >= self._needed
+
+    def add(self, view: View) -> int:
+        """Store what both stages compare. Raises DataError for a view without objects."""
+        first, features = view.content
+        if features is None:
+            raise DataError("two stages compare scans with objects: min_objects must be at least 1")
+        self._features.append(np.asarray(features, np.float32))
+        return self._first.add(first) + int(self._features[-1].nbytes)
+
+    def remove(self, slot: int) -> None:
+        """Forget a view."""
+        self._first.remove(slot)
+        del self._features[slot]
+
+    def size_of(self, slot: int) -> int:
+        """Bytes of both stages."""
+        return self._first.size_of(slot) + int(self._features[slot].nbytes)
+
+    def explain(self, similarity: float, threshold: float) -> str:
+        """As the first stage."""
+        return self._first.explain(similarity, threshold)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """The first stage's state and the features."""
+        return {**self._first.state(), "features": np.array(self._features, np.float32)}
+
+    def restore(self, state: Arrays) -> None:
+        """As ``Comparison``."""
+        self._first.restore(state)
+        features = np.asarray(state["features"], np.float32)
+        if len(features) != len(self._first):
+            raise DataError(f"{len(features)} rows of features for {len(self._first)} views")
+        for row in features[:1]:  # all are of one length
+            self._check_features(row)
+        if not np.isfinite(features).all():
+            raise DataError("the features are not finite")
+        self._features = list(features)
+
+    def _check_features(self, row: NDArray[np.float32]) -> None:
+        """Raise DataError or ShapeError for features that no cloud, or another network, gives."""
+        if row.dtype != np.float32 or row.ndim != 1:
+            raise DataError(f"features are {row.dtype} {row.shape}, expected float32 (F,)")
+        if not np.isfinite(row).all():
+            raise DataError("the features are not finite")
+        self._second.probability(row, row)  # raises where the length is another network's

@@ -1,0 +1,362 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Visual templates: how the original RatSLAM recognises places, by small grey pictures.
+
+>>> from fusionslam.views.visual_templates import VisualTemplates
+>>> templates = VisualTemplates(bottom=100)
+>>> templates.process(np.full((100, 120), 90, np.uint8))
+TemplateMatch(id=0, relative_rotation=0.0, is_new=True, error=inf)
+"""
+
+import json
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from fusionslam.config import Section, merged, option
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.storage.files import DAMAGED, atomic_path
+
+Floats = NDArray[np.float32]
+Rows = NDArray[np.intp]
+
+FORMAT = "fusionslam.visual_templates.1"
+_LUMINANCE = np.array((0.299, 0.587, 0.114))
+# Pairs compared at a time: their differences stay in the processor's cache.
+_PIECE = 24
+# Of sums in single precision.
+_ROUNDING = 1e-5
+
+
+class VisualTemplatesConfig(Section):
+    """Visual templates; the defaults are those of OpenRatSLAM (Ball et al. 2013)."""
+
+    columns: int = option(60, "blocks across a template", ge=1, le=4096)
+    rows: int = option(20, "blocks down a template", ge=1, le=4096)
+    top: int = option(0, "first row of the image that is used", unit="px", ge=0)
+    bottom: int | None = option(150, "row after the last; none: the image's end", unit="px", ge=1)
+    left: int = option(0, "first column of the image that is used", unit="px", ge=0)
+    right: int | None = option(None, "column after the last; none: its end", unit="px", ge=1)
+    shift: int = option(4, "templates are compared this far aside, both ways", unit="blocks", ge=0)
+    step: int = option(1, "from one shift to the next", unit="blocks", ge=1)
+    panoramic: bool = option(False, "whether images go all round: every rotation is compared")
+    threshold: float = option(0.03, "largest mean absolute difference of a match", ge=0, le=1)
+    mean_margin: float = option(
+        0.005, "templates whose mean differs by more than threshold and this are passed over", ge=0
+    )
+    mean: float | None = option(None, "mean that templates are scaled to; none: as they are", gt=0)
+    patch: int = option(
+        0,
+        "side of the patches, an odd number, that values are normalised in; 0: they are not",
+        ge=0,
+    )
+
+    @model_validator(mode="after")
+    def _values_fit_together(self) -> "VisualTemplatesConfig":
+        if not self.panoramic and 2 * self.shift >= self.columns:
+            raise ValueError(f"shift is {self.shift}, which leaves none of {self.columns} columns")
+        if self.patch and self.patch % 2 == 0:
+            raise ValueError(f"patch is {self.patch}, expected an odd number, or 0")
+        return self
+
+
+class TemplateMatch(NamedTuple):
+    """What became of an image.
+
+    Attributes:
+        id: of the template it matches, or of the new one; ids count from 0.
+        relative_rotation: radians, counter-clockwise, that the robot is turned against the
+            template: known of panoramic images, else 0.
+        is_new: whether the image became a template.
+        error: mean absolute difference (0 .. 1) to the template that comes nearest, whether it
+            matches or not; infinite if there was none to compare with.
+    """
+
+    id: int
+    relative_rotation: float
+    is_new: bool
+    error: float
+
+
+class VisualTemplates:
+    """Recognises images by templates: crops, block means, shifts (Milford & Wyeth 2004).
+
+    Args:
+        config: None for the defaults.
+        changes: values of the configuration that differ from it.
+
+    Raises:
+        ConfigError: an unknown key, or a value out of range.
+    """
+
+    def __init__(self, config: VisualTemplatesConfig | None = None, **changes: Any) -> None:
+        self.config = merged(config or VisualTemplatesConfig(), changes)
+        self._image_shape: tuple[int, int] | None = None
+        # Column after column, so that what is compared at a shift lies in one piece.
+        self._stored = np.empty((0, self.config.columns * self.config.rows), np.float32)
+        self._means = np.empty(0, np.float32)
+        self._column_means = np.empty((0, self.config.columns), np.float32)
+        self._moves = _moves(self.config)
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def templates(self) -> Floats:
+        """The templates by id, float32 (n, rows, columns), 0 .. 1: a copy."""
+        shape = (len(self), self.config.columns, self.config.rows)
+        return np.ascontiguousarray(self._stored[: len(self)].reshape(shape).transpose(0, 2, 1))
+
+    @property
+    def bytes_per_view(self) -> int:
+        """What a template takes in memory and on disk."""
+        return self._stored.itemsize * self._stored.shape[1]
+
+    def process(self, image: NDArray[np.uint8]) -> TemplateMatch:
+        """Find the template of an image, or make it one.
+
+        Args:
+            image: uint8 (H, W) grey or (H, W, 3) RGB.
+
+        Raises:
+            ShapeError: another shape or type, another size than the images before, or fewer
+                pixels than blocks or than the crop asks for.
+        """
+        return self.recognise(self.view(image))
+
+    def view(self, image: NDArray[np.uint8]) -> Floats:
+        """What is kept of an image, float32 (columns * rows,), column after column.
+
+        Args, raises: as for ``process``; images of a run must be of one size from here on.
+        """
+        pixels = _checked_image(image)
+        shape = (pixels.shape[0], pixels.shape[1])
+        if self._image_shape not in (None, shape):
+            before = _size(self._image_shape)
+            raise ShapeError(f"image: {_size(shape)}, expected {before} as before")
+        blocks = _blocks(_cropped(pixels, self.config), self.config)
+        self._image_shape = shape
+        return np.ascontiguousarray(_normalised(blocks, self.config).T, np.float32).reshape(-1)
+
+    def recognise(self, view: Floats) -> TemplateMatch:
+        """``process`` for what ``view`` kept of an image. Raises ShapeError for anything else."""
+        expected = self._stored.shape[1]
+        if view.shape != (expected,) or view.dtype != np.float32:
+            raise ShapeError(f"view: {view.dtype} {view.shape}, expected float32 ({expected},)")
+        best, error, moved = self._nearest(view)
+        if error <= self.config.threshold:
+            return TemplateMatch(best, self._rotation(moved), is_new=False, error=error)
+        self._append(view)
+        return TemplateMatch(len(self) - 1, 0.0, is_new=True, error=error)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write configuration and templates, whole or not at all. Raises DataError."""
+        about = {
+            "format": FORMAT,
+            "config": self.config.model_dump(mode="json"),
+            "image_shape": self._image_shape,
+        }
+        with atomic_path(path) as temporary, temporary.open("wb") as file:
+            np.savez(file, about=np.array(json.dumps(about)), templates=self._stored[: len(self)])
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "VisualTemplates":
+        """Read what ``save`` wrote.
+
+        Raises:
+            DataError: the file is missing, cut short, of another version or something else.
+        """
+        try:
+            with np.load(Path(path), allow_pickle=False) as content:
+                about, stored = json.loads(content["about"].item()), content["templates"]
+        except OSError as error:
+            raise DataError(f"cannot read {path}: {error.strerror or error}") from error
+        except DAMAGED as error:
+            raise DataError(f"{path}: no saved visual templates: {error}") from error
+        if not isinstance(about, dict) or about.get("format") != FORMAT:
+            raise DataError(f"{path}: expected visual templates of the format {FORMAT}")
+        return cls._restored(path, about, stored)
+
+    @classmethod
+    def _restored(
+        cls, path: str | os.PathLike[str], about: dict[str, Any], stored: NDArray[Any]
+    ) -> "VisualTemplates":
+        try:
+            templates = cls(merged(VisualTemplatesConfig(), about["config"]))
+            shape = about["image_shape"]
+            templates._image_shape = None if shape is None else (int(shape[0]), int(shape[1]))
+        except (ConfigError, KeyError, TypeError, ValueError, AttributeError) as error:
+            raise DataError(f"{path}: no saved visual templates: {error}") from error
+        size = templates._stored.shape[1]
+        if stored.dtype != np.float32 or stored.ndim != 2 or stored.shape[1] != size:
+            raise DataError(
+                f"{path}: templates {stored.dtype} {stored.shape}, expected float32 (n, {size})"
+            )
+        if not np.isfinite(stored).all():
+            raise DataError(f"{path}: a template is not finite")
+        templates._stored, templates._count = np.ascontiguousarray(stored), len(stored)
+        templates._means = stored.mean(axis=1)
+        shape = (len(stored), templates.config.columns, templates.config.rows)
+        templates._column_means = stored.reshape(shape).mean(axis=2)
+        return templates
+
+    def _nearest(self, view: Floats) -> tuple[int, float, int]:
+        """Id, error and shift of the template that comes nearest; of equal ones the first.
+
+        No pair whose lower bound exceeds the error of another one is compared in full.
+        """
+        reach = self.config.threshold + self.config.mean_margin
+        near = np.flatnonzero(np.abs(self._means[: len(self)] - view.mean()) <= reach)
+        if not near.size:
+            return -1, np.inf, 0
+        bounds = self._bounds(view, near).ravel()
+        likely = self._compared(view, near, np.array([bounds.argmin()]))
+        left = np.flatnonzero(bounds <= likely[0] + _ROUNDING)
+        left = left[np.argsort(bounds[left], kind="stable")]
+        best = (np.inf, 0, 0)
+        for start in range(0, len(left), _PIECE):
+            if bounds[left[start]] > best[0] + _ROUNDING:
+                break
+            best = min(best, self._compared(view, near, left[start : start + _PIECE]))
+        error, id, place = best
+        return id, error, int(self._moves[place])
+
+    def _bounds(self, view: Floats, ids: Rows) -> Floats:
+        """What errors are at least, (ids, shifts): differences of whole columns."""
+        rows, stored = self.config.rows, self._column_means[ids]
+        current = view.reshape(-1, rows).mean(axis=1)
+        bounds = np.empty((len(ids), len(self._moves)), np.float32)
+        for place, moved in enumerate(self._moves.tolist()):
+            window, part = self._window(moved, 1), self._moved(current, moved, 1)
+            bounds[:, place] = np.abs(stored[:, window] - part).mean(axis=1)
+        return bounds
+
+    def _compared(self, view: Floats, ids: Rows, pairs: Rows) -> tuple[float, int, int]:
+        """The least error of some pairs of template and shift, its id, and the shift's place."""
+        rows, places = np.divmod(pairs, len(self._moves))
+        difference = np.empty((len(pairs), len(self._moved(view, 0, self.config.rows))), np.float32)
+        for place in np.unique(places).tolist():
+            moved, some = int(self._moves[place]), places == place
+            stored = self._stored[ids[rows[some]], self._window(moved, self.config.rows)]
+            difference[some] = stored - self._moved(view, moved, self.config.rows)
+        errors = np.abs(difference, out=difference).mean(axis=1)
+        first = np.lexsort((places, rows, errors))[0]
+        return float(errors[first]), int(ids[rows[first]]), int(places[first])
+
+    def _window(self, moved: int, each: int) -> slice:
+        """What of a template is compared with a view that is moved right; ``each``: a column."""
+        if self.config.panoramic:
+            return slice(None)
+        shift = self.config.shift
+        return slice((shift - moved) * each, (self.config.columns - shift - moved) * each)
+
+    def _moved(self, view: Floats, moved: int, each: int) -> Floats:
+        """The part of a view that is compared: the middle, or all of it turned."""
+        if self.config.panoramic:
+            return np.roll(view, -moved * each)
+        shift = self.config.shift
+        return view[shift * each : (self.config.columns - shift) * each]
+
+    def _rotation(self, moved: int) -> float:
+        """Radians of a shift: what moves right in the image is seen by a robot that turned left."""
+        if not self.config.panoramic:
+            return 0.0
+        part = moved / self.config.columns
+        return 2 * np.pi * (part if part <= 0.5 else part - 1)
+
+    def _append(self, view: Floats) -> None:
+        if len(self) == len(self._stored):
+            room = max(64, 2 * len(self))
+            self._stored = np.concatenate([self._stored, np.empty((room, len(view)), np.float32)])
+            self._means = np.concatenate([self._means, np.empty(room, np.float32)])
+            more = np.empty((room, self.config.columns), np.float32)
+            self._column_means = np.concatenate([self._column_means, more])
+        self._stored[len(self)], self._means[len(self)] = view, view.mean()
+        self._column_means[len(self)] = view.reshape(-1, self.config.rows).mean(axis=1)
+        self._count += 1
+
+
+def _moves(config: VisualTemplatesConfig) -> NDArray[np.int64]:
+    """How many columns a view is moved right, in the order in which shifts are tried."""
+    if config.panoramic:
+        return np.arange(0, config.columns, config.step)
+    return np.arange(-config.shift, config.shift + 1, config.step)
+
+
+def _checked_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    pixels = np.asarray(image)
+    if pixels.dtype != np.uint8 or not (
+        pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 3)
+    ):
+        raise ShapeError(
+            f"image: {pixels.dtype} {pixels.shape}, expected uint8 (H, W) or (H, W, 3)"
+        )
+    return pixels
+
+
+def _cropped(pixels: NDArray[np.uint8], config: VisualTemplatesConfig) -> NDArray[np.uint8]:
+    height, width = pixels.shape[:2]
+    bottom = height if config.bottom is None else config.bottom
+    right = width if config.right is None else config.right
+    if bottom > height or right > width:
+        raise ShapeError(
+            f"image: {_size((height, width))}, expected {right}x{bottom} or more, "
+            "because of visual_templates.right and bottom"
+        )
+    part = pixels[config.top : bottom, config.left : right]
+    if part.shape[0] < config.rows or part.shape[1] < config.columns:
+        raise ShapeError(
+            f"image: {_size(part.shape)} after cropping, expected {config.columns}x{config.rows} "
+            "or more: a pixel a block"
+        )
+    return part
+
+
+def _blocks(pixels: NDArray[np.uint8], config: VisualTemplatesConfig) -> NDArray[np.float64]:
+    """Mean brightness of whole blocks, (rows, columns), 0 .. 1; what is left over is not used."""
+    high, wide = pixels.shape[0] // config.rows, pixels.shape[1] // config.columns
+    used = pixels[: high * config.rows, : wide * config.columns]
+    # Integers: sums of bytes are exact. Row by row first, which runs along the memory.
+    bands = used.reshape(config.rows, high, -1).sum(axis=1, dtype=np.uint32)
+    sums = bands.reshape(config.rows, config.columns, wide, -1).sum(axis=2, dtype=np.uint32)
+    grey = sums[..., 0].astype(np.float64) if sums.shape[-1] == 1 else sums @ _LUMINANCE
+    scaled: NDArray[np.float64] = grey / (255 * high * wide)
+    return scaled
+
+
+def _normalised(blocks: NDArray[np.float64], config: VisualTemplatesConfig) -> NDArray[np.float64]:
+    if config.mean is not None and blocks.any():
+        blocks = np.minimum(blocks * (config.mean / blocks.mean()), 1)
+    return _patch_normalised(blocks, config.patch) if config.patch else blocks
+
+
+def _patch_normalised(blocks: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+    """Deviations from the mean of the patch around each block, 3 deviations to 0 and to 1.
+
+    Patches end at the border. In one without contrast there is no deviation: 1/2.
+    """
+    count, total, squares = (
+        _patch_sums(values, side) for values in (np.ones_like(blocks), blocks, blocks**2)
+    )
+    mean = total / count
+    deviation = np.sqrt(np.maximum(squares / count - mean**2, 0))
+    flat = deviation < 1e-6
+    part = np.where(flat, 0, (blocks - mean) / np.where(flat, 1, deviation))
+    return np.clip((part + 3) / 6, 0, 1)
+
+
+def _patch_sums(values: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+    padded = np.pad(values, side // 2)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))
+    sums: NDArray[np.float64] = windows.sum(axis=(2, 3))
+    return sums
+
+
+def _size(shape: Any) -> str:
+    """Width and height, as people say them."""
+    return f"{shape[1]}x{shape[0]}"

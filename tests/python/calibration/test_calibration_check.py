@@ -1,0 +1,210 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Wrong turns, shifts and delays put in on purpose are found; right calibrations are left alone."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+import fusionslam
+from benchmarks.accuracy.calibration import Turned
+from command_line import succeeds
+from fusionslam.calibration.check import (
+    CalibrationCheck,
+    Turn,
+    _verdict,
+    check_calibration,
+    frames_of,
+    write_overlays,
+)
+from fusionslam.calibration.edges import depth_edges, edge_map
+from fusionslam.calibration.search import CalibrationCheckConfig, Recording, shifted, turned
+from fusionslam.errors import DataError
+from fusionslam.sensors.frame import Frame
+from posts_world import OPTICAL, Drive, make_drive
+
+CONFIG = CalibrationCheckConfig(points=250)
+
+
+def check(recording: Recording) -> CalibrationCheck:
+    return check_calibration(recording, CONFIG)
+
+
+def camera_turned(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
+    """points_turn: how points move in optical axes if the camera turns so (degrees).
+
+    Composed in the robot's axes (x forward, y left, z up), where roll is right side down, pitch
+    is nose down and yaw is to the left.
+    """
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("zyx", [yaw, pitch, roll], degrees=True).as_matrix()
+    return OPTICAL @ np.linalg.inv(turn) @ np.linalg.inv(OPTICAL)
+
+
+def test_the_angles_are_those_of_a_robot_that_looks_along_the_camera() -> None:
+    for angles in ((5, 0, 0), (0, 5, 0), (0, 0, 5)):
+        np.testing.assert_allclose(
+            turned(np.array([angles], dtype=float))[0], camera_turned(*angles), atol=1e-12
+        )
+    moved = shifted(np.array([[0.1, 0.2, 0.3]]))[0] @ [1.0, 1, 1, 1]
+    np.testing.assert_allclose(moved, [0.9, 0.8, 0.7, 1])
+
+
+def test_a_right_calibration_fits() -> None:
+    found = check(make_drive(8))
+    assert found.fits and found.verdict.startswith("calibration fits")
+    assert np.abs(found.turn.degrees[1:]).max() <= 0.3
+    assert abs(found.curves["delay"].best) <= 0.02
+    assert found.curves["yaw"].scores.max() > 1.3 * found.curves["yaw"].scores[0]
+
+
+@pytest.mark.parametrize("angles", [(0.0, 0.0, 1.5), (0.0, -1.5, 0.0), (0.0, 1.0, -2.0)])
+def test_a_turned_camera_is_found(angles: tuple[float, float, float]) -> None:
+    present = np.linalg.inv(camera_turned(*angles)) @ OPTICAL
+    found = check(make_drive(6, present=present))
+    assert found.fits is False and "turn the camera by" in found.verdict
+    assert np.abs(np.subtract(found.turn.degrees, angles))[1:].max() <= 0.3
+    for (low, high), angle in zip(found.turn.ranges[1:], angles[1:], strict=True):
+        assert low - 0.2 <= angle <= high + 0.2
+
+
+@pytest.mark.parametrize(("delay", "words"), [(0.1, "late by 0.1 s"), (-0.08, "early by 0.08 s")])
+def test_a_delay_is_found_on_a_turn(delay: float, words: str) -> None:
+    found = check(make_drive(8, delay=delay))
+    assert found.fits is False and found.verdict.startswith("images are"), found.verdict
+    assert abs(found.curves["delay"].best - delay) <= 0.021
+    assert words in found.verdict
+
+
+def test_a_delay_of_whole_frames_is_found_without_odometry() -> None:
+    late = make_drive(7, delay=0.4, odometry=False)
+    found = check_calibration(late, CONFIG.model_copy(update={"delay": 0.8}))
+    assert found.curves["delay"].best == pytest.approx(0.4)
+    np.testing.assert_allclose(found.curves["delay"].values, [-0.8, -0.4, 0, 0.4, 0.8])
+    assert "images are late by 0.4 s" in found.verdict
+
+
+def test_where_nothing_tells_the_delay_there_is_none() -> None:
+    assert "delay" not in check(make_drive(1, odometry=False)).curves
+
+
+def test_images_without_edges_say_nothing() -> None:
+    drive = make_drive(4)
+    grey = {"left": np.full((200, 320, 3), 99, np.uint8)}
+    frames = [
+        Frame(stamp_ns=f.stamp_ns, points=f.points, images=grey, cameras=f.cameras)
+        for f in drive.frames
+    ]
+    found = check(Drive(frames))
+    assert found.fits is None and found.verdict.startswith("cannot say")
+
+
+@pytest.mark.parametrize(
+    ("roll", "score", "words"),
+    [
+        (0.2, 0.021, "calibration fits (nothing can be said about roll)"),
+        (1.5, 0.015, "calibration fits (nothing can be said about roll)"),
+        (1.5, 0.020, "cannot say: roll +1.5 deg scores 0.0200 against 0.0138"),
+        (3.5, 0.014, "cannot say: the best roll lies at the edge of what was tried"),
+        (-3.0, 0.014, "cannot say: the best roll lies at the edge of what was tried"),
+    ],
+)
+def test_a_doubtful_best_is_not_said_to_fit(roll: float, score: float, words: str) -> None:
+    ranges = ((-3.5, 3.5), (-0.5, 0.5), (-0.5, 0.5))
+    turn = Turn(degrees=(roll, 0.0, 0.0), ranges=ranges, score=score, errors=1.5)
+    verdict, fits = _verdict(0.0138, turn, {}, CalibrationCheckConfig())
+    assert verdict.startswith(words) and fits is (True if "fits" in words else None)
+
+
+def test_the_same_data_give_the_same_answer(tmp_path: Path) -> None:
+    for name in ("a.json", "b.json"):
+        check(make_drive(2)).save(tmp_path / name)
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+    stored = json.loads((tmp_path / "a.json").read_text())
+    assert stored["format"] == "fusionslam.calib_check.1" and stored["frames"] == [0, 1]
+    assert len(stored["curves"]["yaw"]["scores"]) == len(stored["curves"]["yaw"]["values"]) == 61
+
+
+def test_edges_are_the_near_side_of_a_jump() -> None:
+    angles = np.linspace(-0.5, 0.5, 201)
+    distance = np.where(angles > 0, 3.0, 5.0)
+    points = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles]) * distance[:, None]
+    found, weights = depth_edges(points.astype(np.float32), 0.3)
+    turns = np.arctan2(found[:, 1], found[:, 0])
+    assert len(found) and (turns > 0).all() and (turns < 0.02).all()
+    np.testing.assert_allclose(weights, np.sqrt(2), rtol=1e-5)
+    assert len(depth_edges(points.astype(np.float32), 2.5)[0]) == 0
+
+
+def test_an_image_is_felt_around_its_edges_as_far_as_asked() -> None:
+    image = np.zeros((40, 200), np.uint8)
+    image[:, 100:] = 200
+    near, far = edge_map(image, 5.0)[20], edge_map(image, 15.0)[20]
+    for felt, reach in ((near, 5), (far, 15)):
+        assert 97 <= felt.argmax() <= 102 and felt[100] > 0.3
+        # Positive up to about the reach, negative beyond it, nothing far away.
+        assert felt[100] > felt[100 + reach // 2] > 0 > felt[100 + 2 * reach]
+        assert abs(felt[100 + 6 * reach]) < 0.05
+        np.testing.assert_allclose(felt[70:97], felt[103:130][::-1], atol=0.02)
+    np.testing.assert_array_equal(edge_map(np.full((9, 9, 3), 7, np.uint8), 10.0), 0)
+
+
+def test_busy_texture_as_such_is_worth_nothing() -> None:
+    image = np.zeros((100, 300), np.uint8)
+    image[:, 150:] = np.random.default_rng(0).integers(0, 255, (100, 150))
+    felt = edge_map(image, 10.0)
+    assert abs(felt[:, 200:270].mean()) < 0.01 and abs(felt[:, 30:100].mean()) < 0.01
+
+
+def test_frames_are_spread_evenly() -> None:
+    assert frames_of(make_drive(3), 10) == [0, 1, 2]
+    assert frames_of(Drive([Frame()] * 101), 5) == [0, 25, 50, 75, 100]
+
+
+def test_what_cannot_be_checked_is_refused_with_the_reason() -> None:
+    with pytest.raises(DataError, match="frame 0 has nothing and no calibration: expected points"):
+        check(Drive([Frame()]))
+    (frame,) = make_drive(1).frames
+    few = Frame(points=frame.points[:50], images=frame.images, cameras=frame.cameras)
+    with pytest.raises(
+        DataError, match=r"among boxes: \d+ depth edges lie in the images of 1 frame"
+    ):
+        check(Drive([few]))
+
+
+def test_pictures_have_the_images_size_and_colour_near_and_far(tmp_path: Path) -> None:
+    (path,) = write_overlays(make_drive(1), [0], tmp_path)
+    picture = np.asarray(Image.open(path).convert("RGB")).astype(int)
+    assert path.name == "overlay_000000.png" and picture.shape == (200, 320, 3)
+    red, blue = picture[..., 0] - picture[..., 2], picture[..., 2] - picture[..., 0]
+    assert (red > 100).sum() > 50 and (blue > 100).sum() > 50
+
+
+@pytest.mark.parametrize("data", ["kitti/raw_2011_09_26", "bags/small_house_20s.bag"])
+def test_recordings_fit_and_do_not_when_their_calibration_is_turned(
+    data: str, test_data: Path
+) -> None:
+    if data.endswith(".bag"):
+        pytest.importorskip("rosbags")
+    recording = fusionslam.open_dataset(test_data / data, sensors=["points", "left"])
+    # Scans of the bag have a fourteenth of the points of KITTI's.
+    config = CalibrationCheckConfig(frames=4 if len(recording) == 10 else 20, points=600)
+    found = check_calibration(recording, config)
+    assert found.fits and np.abs(found.turn.degrees).max() <= 0.5, found.turn
+    degrees = (0.0, 1.0, -1.5)
+    found = check_calibration(Turned(recording, degrees), config)
+    assert found.fits is False and "turn the camera by" in found.verdict
+    assert np.abs(np.subtract(found.turn.degrees, degrees)).max() <= 0.5, found.turn
+
+
+def test_the_command_prints_a_table_and_writes_pictures(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    few = ("--pictures", 1, "--set", "calib_check.frames=3")
+    done = succeeds("calib-check", recording, "-o", out, *few)
+    assert "not surely worse" in done.stdout and "frames" in done.stdout
+    assert {path.name for path in out.iterdir()} == {"overlay_000000.png", "calib_check.json"}

@@ -1,0 +1,335 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Ways to recognise views side by side, on small recordings."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import fails, run, succeeds
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.evaluation import judge_views, published_views, rerun_views
+from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, measured_places
+from fusionslam.pipelines import methods as entrants
+from fusionslam.pipelines.compare_views import bench_views, known_recordings
+from fusionslam.pipelines.drive_images import Images, places_at
+from fusionslam.pipelines.drives import Drive, moved, open_drive
+from fusionslam.pipelines.methods import ENTRANTS, Task, by_templates, latest
+from fusionslam.report.views.comparison_tables import accuracy_table, as_json, cost_table, markdown
+from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
+from recorded_drives import PLACES, write_drive
+
+SMALL = VisualTemplatesConfig(columns=12, rows=4, bottom=None, shift=2)
+QUICK = ("first_stage", "templates", "always_new", "every_3rd")
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("data") / "recordings"
+    folder.mkdir()
+    return write_drive(folder / "warehouse.npz", empty=3)
+
+
+@pytest.fixture(scope="module")
+def drive(path: Path) -> Drive:
+    return open_drive(path)
+
+
+def images_of(drive: Drive, per_scan: int = 5) -> Images:
+    """A few images a scan; all of one place are alike, and places differ."""
+    ends = drive.scenes.seconds
+    seconds = np.arange(0, ends[-1] + 0.1, 2.0 / per_scan)
+    places = (np.floor(seconds / 2.0) % PLACES).astype(int)
+    shades = np.random.default_rng(3).integers(0, 256, (PLACES, 24, 48)).astype(np.uint8)
+    poses = places_at(seconds, ends, drive.scenes.poses)
+    return Images(seconds, poses, lambda i: shades[places[i]], "nowhere")
+
+
+def test_a_drive_leaves_out_the_scans_that_see_the_floor_only(drive: Drive) -> None:
+    assert (len(drive.scenes), drive.dropped) == (2 * PLACES, 3)
+    assert (drive.name, drive.world, drive.shapes) == ("warehouse", "warehouse", "collision")
+    assert drive.with_ground is not None
+    assert drive.with_ground.numbers.tolist() == drive.scenes.numbers.tolist()
+
+
+def test_every_figure_is_what_the_judge_says_of_the_ids(drive: Drive) -> None:
+    results = bench_views([drive], ("first_stage", "cm2dp", "every_3rd"))
+    poses, seconds = drive.scenes.poses, drive.scenes.seconds
+    table = {label: cells for label, cells in accuracy_table(results).rows}
+    for result in results:
+        assert result.run is not None
+        for rule in ("paper", "author"):
+            expected = judge_views(result.run.ids, poses, seconds, rule=rule)
+            assert getattr(result, rule).metrics() == expected.metrics()
+        shown = [cell.text for cell in table[result.title]]
+        report = result.paper
+        assert report is not None and report.accuracy is not None
+        assert shown[0] == f"{100 * report.accuracy:.1f}"
+        assert as_json(result)["paper"] == report.metrics()
+
+
+def test_places_seen_again_are_recognised(drive: Drive) -> None:
+    (result,) = bench_views([drive], ["first_stage"])
+    assert result.paper is not None
+    assert result.paper.loop_recall is not None and result.paper.loop_recall > 0.9
+    assert result.paper.revisits == PLACES
+
+
+def test_published_and_measured_figures_stand_beside_their_own_rows(drive: Drive) -> None:
+    results = bench_views([drive], QUICK, frames=["robot", "drift"])
+    by_row = {(r.method, r.frame): r for r in results}
+    known = {f.method: f for f in published_views("warehouse")}
+    again = {f.input: f for f in rerun_views("warehouse")}
+    first = by_row["first_stage", "robot"]
+    assert first.published == known["first stage"]
+    assert first.rerun == again["first stage, robot's frame"]
+    drifting = by_row["first_stage", "drift"]
+    assert drifting.rerun == again["first stage, world coordinates, drifting odometry"]
+    assert by_row["templates", "robot"].published == known["RatSLAM"]
+    assert by_row["always_new", "robot"].published is None
+    assert by_row["every_3rd", "robot"].rerun == again["no sensor: new every 3rd"]
+
+
+def test_all_names_of_the_registry_are_among_the_published_ones() -> None:
+    methods = {figures.method for figures in published_views("warehouse")}
+    inputs = {figures.input for figures in rerun_views("warehouse")}
+    for entrant in ENTRANTS.values():
+        assert entrant.published is None or entrant.published in methods
+        assert set(entrant.rerun.values()) <= inputs
+
+
+def test_a_drive_elsewhere_has_no_published_figures(path: Path, tmp_path: Path) -> None:
+    other = tmp_path / "cellar.npz"
+    other.write_bytes(path.read_bytes())
+    (result,) = bench_views([open_drive(other)], ["first_stage"])
+    assert result.published is None and result.rerun is None
+
+
+def test_a_drive_without_images_says_so_and_costs_no_other_row(drive: Drive) -> None:
+    results = bench_views([drive], QUICK)
+    notes = {result.method: result.note for result in results}
+    assert notes == {"first_stage": "", "templates": "no images", "always_new": "", "every_3rd": ""}
+    assert "warehouse: templates: no images" in markdown(results, {"warehouse": 3})
+
+
+def test_templates_are_fed_with_all_images_and_asked_at_the_scans(drive: Drive) -> None:
+    images = images_of(drive)
+    pictured = replace(drive, find_images=lambda bottom: images)
+    found = by_templates(SMALL)(Task("templates", pictured, "robot"))
+    ids = ids_of(images)
+    at = [max(np.flatnonzero(images.seconds <= t + 1e-6)) for t in drive.scenes.seconds]
+    assert found.ids.tolist() == [ids[row] for row in at]
+    assert found.method == "templates"
+    assert found.bytes_per_view == VisualTemplates(SMALL).bytes_per_view
+    assert found.judged().loop_recall == 1.0
+
+
+def test_templates_can_be_judged_at_every_image(drive: Drive) -> None:
+    images = images_of(drive)
+    pictured = replace(drive, find_images=lambda bottom: images)
+    found = by_templates(SMALL, every_image=True)(Task("templates", pictured, "robot"))
+    assert found.method == "templates, 2.5 Hz"
+    assert found.ids.tolist() == ids_of(images)
+    assert np.array_equal(found.poses, images.poses)
+    assert np.array_equal(found.stamps, images.seconds)
+    unplaced = replace(drive, find_images=lambda bottom: replace(images, poses=None))
+    with pytest.raises(DataError, match="no true poses"):
+        by_templates(SMALL, every_image=True)(Task("templates", unplaced, "robot"))
+
+
+def ids_of(images: Images) -> list[int]:
+    alone = VisualTemplates(SMALL)
+    return [alone.process(images.image(row)).id for row in range(len(images))]
+
+
+def test_the_latest_is_the_one_of_the_same_instant_or_the_first() -> None:
+    times = np.array([1.0, 1.1, 1.2])
+    asked = np.array([0.5, 1.0, 1.1 - 1e-9, 1.15, 9.0])
+    assert latest(times, asked).tolist() == [0, 0, 1, 1, 2]
+
+
+def test_clouds_of_one_place_meet_in_the_frame_of_odometry(drive: Drive) -> None:
+    scenes = moved(drive.scenes, "odometry")
+    assert scenes.clouds is not None and drive.scenes.clouds is not None
+    assert scenes.frame == "odometry"
+    for row in (0, 5, 17):
+        points = drive.scenes.clouds[row].points
+        x, y, _ = drive.scenes.true_poses()[row]
+        assert np.allclose(scenes.clouds[row].points, points + np.array([x, y, 0]), atol=1e-5)
+
+
+def test_drift_takes_clouds_where_odometry_believes_to_be(drive: Drive) -> None:
+    turned = replace(drive.scenes, poses=drive.scenes.true_poses() + np.array([0, 0, np.pi / 2]))
+    scenes = moved(turned, "drift")
+    places = measured_places(turned.true_poses(), turned.seconds, DRIFT)
+    assert not np.allclose(places, measured_places(turned.poses, turned.seconds, OdometryConfig()))
+    assert scenes.clouds is not None and turned.clouds is not None
+    points = turned.clouds[9].points
+    x, y, yaw = places[9]
+    assert yaw == pytest.approx(np.pi / 2, abs=0.1)
+    expected = np.stack([x - points[:, 1], y + points[:, 0], points[:, 2]], axis=1)
+    assert np.allclose(scenes.clouds[9].points, expected, atol=0.05)
+
+
+def test_the_robots_own_frame_does_not_know_of_drift(drive: Drive) -> None:
+    assert moved(drive.scenes, "robot") is drive.scenes
+
+
+def test_what_no_frame_changes_is_run_once(drive: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[str] = []
+
+    def counted(task: Task):
+        calls.append(task.frame)
+        return entrants.by_counting("always new")(task)
+
+    changed = replace(ENTRANTS["always_new"], run=counted)
+    monkeypatch.setitem(ENTRANTS, "always_new", changed)
+    results = bench_views([drive], ["always_new"], frames=["robot", "odometry", "drift"])
+    assert calls == ["robot"]
+    assert [result.frame for result in results] == ["robot", "odometry", "drift"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"), [({"methods": ["nobody"]}, "method is"), ({"frames": ["x"]}, "frame is")]
+)
+def test_unknown_names_are_refused(drive: Drive, wrong: dict, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        bench_views([drive], **wrong)
+
+
+def test_two_drives_of_one_name_are_refused(drive: Drive) -> None:
+    with pytest.raises(DataError, match="two drives are named warehouse"):
+        bench_views([drive, drive], ["always_new"])
+
+
+def test_recordings_without_poses_are_refused(path: Path, tmp_path: Path) -> None:
+    with np.load(path) as whole:
+        arrays = {name: whole[name] for name in whole.files if name != "poses"}
+    np.savez(tmp_path / "lost.npz", **arrays)
+    with pytest.raises(DataError, match="lost has no true poses"):
+        open_drive(tmp_path / "lost.npz")
+
+
+def test_recordings_of_nothing_but_the_floor_are_refused(tmp_path: Path) -> None:
+    bare = write_drive(tmp_path / "bare.npz", laps=0, empty=4)
+    with pytest.raises(DataError, match="none of 4 scans holds anything above the floor"):
+        open_drive(bare)
+
+
+def test_a_saved_scene_set_is_a_drive(drive: Drive, tmp_path: Path) -> None:
+    drive.scenes.save(tmp_path / "scenes.npz")
+    again = open_drive(tmp_path / "scenes.npz")
+    one, other = (bench_views([d], ["first_stage"])[0].run for d in (drive, again))
+    assert one is not None and other is not None
+    assert one.ids.tolist() == other.ids.tolist()
+    assert again.with_ground is None
+
+
+def test_a_scene_set_in_another_frame_is_refused(drive: Drive, tmp_path: Path) -> None:
+    moved(drive.scenes, "odometry").save(tmp_path / "scenes.npz")
+    with pytest.raises(DataError, match="scenes in the frame 'odometry', expected 'robot'"):
+        open_drive(tmp_path / "scenes.npz")
+
+
+def test_a_recording_that_is_cut_short_is_refused(path: Path, tmp_path: Path) -> None:
+    whole = path.read_bytes()
+    (tmp_path / "cut.npz").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(DataError, match=r"cut\.npz"):
+        open_drive(tmp_path / "cut.npz")
+
+
+def test_without_data_the_recordings_of_the_test_data_are_taken(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FUSIONSLAM_TEST_DATA", str(path.parent.parent))
+    assert known_recordings() == [str(path)]
+    monkeypatch.delenv("FUSIONSLAM_TEST_DATA")
+    assert known_recordings() == ["warehouse", "house", "hospital"]
+
+
+def test_the_command_prints_narrow_tables_and_writes_all_figures(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    result = succeeds("bench", "views", path, "-o", out, "-m", ",".join(QUICK))
+    assert max(map(len, result.stdout.splitlines()[:-2])) <= 80
+    assert "first stage" in result.stdout and "no images" in result.stdout
+    assert "3 scans hold nothing above the floor" in result.stdout
+    content = json.loads((out / "views_bench.json").read_text())
+    # What scores without a sensor stands in every table.
+    assert [row["method"] for row in content["results"]] == [*QUICK, "every_2nd"]
+    assert content["scans_left_out"] == {"warehouse": 3}
+    assert "| first stage |" in (out / "views.md").read_text()
+    assert (out / "views.html").is_file()
+
+
+def test_several_frames_have_a_page_each(path: Path, tmp_path: Path) -> None:
+    words = ("bench", "views", path, "-o", tmp_path, "-m", "first_stage", "--frame", "all")
+    result = succeeds(*words)
+    assert "every 3rd" in result.stdout
+    for frame in ("robot", "odometry", "drift"):
+        assert f"warehouse, {frame}: 24 scans" in result.stdout
+        assert (tmp_path / frame / "views.html").is_file()
+
+
+def test_the_command_beside_it_still_compares_descriptors(tmp_path: Path) -> None:
+    assert "--descriptors" in succeeds("bench", "--help").stdout
+    assert "--methods" in succeeds("bench", "views", "--help").stdout
+    assert "bench views" in succeeds("--help").stdout
+    assert "does not exist" in fails(1, "bench", tmp_path / "nothing")
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        (("nowhere.npz",), 1, "nowhere.npz: no such world"),
+        (("town",), 1, "expected a recording, or one of warehouse, house, hospital"),
+        (("PATH", "-m", "first_stag"), 2, "did you mean 'first_stage'?"),
+        (("PATH", "--frame", "world"), 2, "--frame is 'world'"),
+        (("PATH", "--shapes", "round"), 2, "--shapes is 'round'"),
+    ],
+)
+def test_mistakes_are_told_in_a_line(
+    path: Path, words: tuple[str, ...], code: int, told: str, tmp_path: Path
+) -> None:
+    words = tuple(str(path) if word == "PATH" else word for word in words)
+    assert told in fails(code, "bench", "views", *words, "-o", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_ways_are_listed_with_what_they_are() -> None:
+    text = run("bench", "views", "-m", "list").stdout
+    assert all(name in text for name in ENTRANTS)
+
+
+def test_costs_have_the_thesis_beside_them(drive: Drive) -> None:
+    table = cost_table(bench_views([drive], ["first_stage"]))
+    ((label, cells),) = table.rows
+    texts = [cell.text for cell in cells]
+    assert label == "first stage" and texts[0].isdigit()
+    assert (texts[1], texts[3]) == ("194", "78")
+
+
+def test_a_second_stage_costs_bytes_and_only_rejects(drive: Drive) -> None:
+    pytest.importorskip("onnxruntime")
+    first, both = bench_views([drive], ["first_stage", "both_stages"])
+    assert first.run is not None and both.run is not None
+    assert first.run.bytes_per_view is not None and both.run.bytes_per_view is not None
+    assert both.run.bytes_per_view > first.run.bytes_per_view + 1000
+    # Up to its first rejection it gives the same ids.
+    same = first.run.ids == both.run.ids
+    rejected = int(np.argmin(same)) if not same.all() else len(same)
+    assert rejected == len(same) or both.run.ids[rejected] > first.run.ids[rejected]
+
+
+def test_what_is_not_installed_is_told_in_its_row(
+    drive: Drive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    first, both = bench_views([drive], ["first_stage", "both_stages"])
+    assert first.run is not None
+    assert both.run is None and "pip install 'fusionslam[onnx]'" in both.note

@@ -1,0 +1,283 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command line: what each command writes."""
+
+import csv
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import (
+    FRAMES,
+    NO_WINDOW,
+    TINY_TOWN,
+    fails,
+    fusionslam_descriptors,
+    last_line,
+    succeeds,
+    vectors,
+)
+from fusionslam.datasets import open_dataset
+from fusionslam.evaluation import DescriptorRun
+from fusionslam.pipelines import describe as pipeline
+from fusionslam.pipelines.recording import Recording
+from fusionslam.pipelines.results import Work, forget_demo
+
+SMOKE = [
+    (("info", "DATA"), ()),
+    (("info", "DATA/../..", "--sequence", "3"), ()),
+    (("fuse", "DATA", "-o", "OUT"), ("clouds/000000.ply", "poses.txt", "times.txt")),
+    (("fuse", "DATA", "-o", "OUT", "--source", "stereo"), ("clouds/000019.ply",)),
+    (("fuse", "DATA", "-o", "OUT", "--format", "pcd"), ("clouds/000019.pcd", "run.json")),
+    (("fuse", "DATA", "-o", "OUT", "--format", "bin"), ("clouds/000019.bin",)),
+    (("describe", "DATA", "-d", "m2dp,cm2dp", "-o", "OUT"), ("lidar-m2dp.npz", "lidar-cm2dp.npz")),
+    (("describe", "DATA", "-o", "OUT", "--jobs", "1"), ("lidar-shot.npz", "lidar-cshot.npz")),
+    (("describe", "DATA", "-d", "shot", "-o", "OUT", "--source", "stereo"), ("stereo-shot.npz",)),
+    (
+        ("describe", "DATA", "-d", "cm2dp", "-o", "OUT", "--set", "descriptors.color_space=lab"),
+        ("lidar-cm2dp.npz", "run.json"),
+    ),
+    (("loops", "DATA", "-o", "OUT", "-v"), ("loops.csv", "descriptors/lidar-cm2dp.npz")),
+    (("loops", "DATA", "-d", "m2dp", "-o", "OUT", "--threshold", "0.5"), ("loops.csv",)),
+    (
+        ("bench", "DATA", "-d", "m2dp", "-o", "OUT", "--set", "evaluation.window=2"),
+        ("report.html", "metrics.json", "descriptors/stereo-m2dp.npz", "run.json"),
+    ),
+    (("config",), ()),
+    (("config", "sim"), ()),
+    (("config", "fusion", "--yaml"), ()),
+    (("doctor",), ()),
+]
+
+
+@pytest.mark.parametrize(("words", "files"), SMOKE, ids=lambda value: " ".join(value)[:50])
+def test_each_command_writes_what_it_promises(
+    kitti: Path, tmp_path: Path, words: tuple[str, ...], files: tuple[str, ...]
+) -> None:
+    out = tmp_path / "out"
+    places = {"DATA": str(kitti), "OUT": str(out)}
+    succeeds(*(word.replace("DATA", places["DATA"]).replace("OUT", str(out)) for word in words))
+    for file in files:
+        assert (out / file).stat().st_size > 0
+
+
+def test_info_says_what_is_in_a_recording(kitti: Path) -> None:
+    text = succeeds("info", kitti).stdout
+    for expected in ("kitti-odometry", "10.00 Hz", "20 files .png, 128x48", "baseline 0.500 m"):
+        assert expected in text
+
+
+def test_fused_clouds_can_be_opened_again_and_give_the_same_descriptor(
+    kitti: Path, tmp_path: Path
+) -> None:
+    succeeds("fuse", kitti, "-o", tmp_path / "clouds")
+    succeeds("describe", kitti, "-d", "cm2dp", "-o", tmp_path / "first")
+    succeeds("describe", tmp_path / "clouds", "-d", "cm2dp", "-o", tmp_path / "second")
+    first = DescriptorRun.load(tmp_path / "first/lidar-cm2dp.npz")
+    second = DescriptorRun.load(tmp_path / "second/cloud-cm2dp.npz")
+    assert first.descriptors.tobytes() == second.descriptors.tobytes()
+    assert np.array_equal(first.stamps_ns, second.stamps_ns)
+    assert first.positions is not None and second.positions is not None
+    assert np.allclose(first.positions, second.positions)
+
+
+def test_loops_are_listed_and_counted(kitti: Path, tmp_path: Path) -> None:
+    words = ("loops", kitti, "-o", tmp_path / "out", *NO_WINDOW)
+    assert "8 loops in 20 queries: 3 without candidates" in succeeds(*words).stdout
+    rows = list(csv.DictReader((tmp_path / "out/loops.csv").open()))
+    assert [(row["query"], row["match"]) for row in rows] == [
+        (str(n), str(FRAMES - n)) for n in range(12, FRAMES)
+    ]
+
+
+def test_without_loops_it_says_why(kitti: Path, tmp_path: Path) -> None:
+    words = ("loops", kitti, "-o", tmp_path / "out", "--set", "loop_closure.window=18")
+    text = succeeds(*words, "--threshold", "0").stdout
+    assert "0 loops in 20 queries: 19 without candidates, 1 above threshold 0, best 0." in text
+    result = succeeds("loops", kitti, "-o", tmp_path / "short")
+    assert "20 without candidates" in result.stdout
+    (setting,) = re.findall(r"there are 20: --set (loop_closure.window=5)\n", result.stdout)
+    better = succeeds("loops", kitti, "-o", tmp_path / "short", "--set", setting)
+    assert "evaluation.window" not in better.stderr and "6 without candidates" in better.stdout
+
+
+def test_a_recording_without_revisits_is_not_judged(kitti: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    text = succeeds("bench", kitti, "-d", "m2dp", "-o", tmp_path / "out").stdout
+    assert "window 50: no frame is a revisit, so there is no\naccuracy to judge" in text
+    assert "top-1" not in text and "peak MiB" in text
+
+
+def test_a_second_threshold_uses_the_descriptors_of_the_first(
+    kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ("loops", kitti, "-d", "m2dp", "-o", tmp_path / "out", *NO_WINDOW)
+    succeeds(*words)
+    monkeypatch.setattr(pipeline, "fuse", pytest.fail)
+    assert "17 loops" in succeeds(*words, "--threshold", "2").stdout
+
+
+def test_another_configuration_is_described_anew(kitti: Path, tmp_path: Path) -> None:
+    words = ("describe", kitti, "-d", "m2dp", "-o", tmp_path)
+    succeeds(*words)
+    before = vectors(tmp_path / "lidar-m2dp.npz")
+    succeeds(*words, "--set", "fusion.voxel=3")
+    assert vectors(tmp_path / "lidar-m2dp.npz") != before
+
+
+def test_eval_judges_by_the_protocol_and_radius_given(kitti: Path, tmp_path: Path) -> None:
+    succeeds("describe", kitti, "-d", "cm2dp", "-o", tmp_path, *NO_WINDOW)
+    result = succeeds("eval", tmp_path, "--protocol", "revisit", "--radius", "5")
+    assert "radius 5 m, window 2: 8 of 20 frames are revisits" in result.stdout
+    assert last_line(result) == str(tmp_path / "metrics.json")
+    (judged,) = json.loads((tmp_path / "metrics.json").read_text())["runs"]
+    assert judged["protocols"]["revisit"]["top1"] == 1
+    assert judged["protocols"]["perdomo2019"]["radius"] == 5
+
+
+def test_eval_takes_other_true_poses_by_frame_number(recording: Path, tmp_path: Path) -> None:
+    (recording / "velodyne/000004.bin").unlink()
+    truth = (recording.parent.parent / "poses/03.txt").rename(tmp_path / "truth.txt")
+    out = tmp_path / "out"
+    succeeds("describe", recording, "-d", "m2dp", "-o", out, "--skip-gaps", *NO_WINDOW)
+    assert "no true poses" in succeeds("eval", out).stdout
+    # Frame 16 has nothing left to come back to.
+    text = succeeds("eval", out, "--gt", truth).stdout
+    assert "7 of 19 frames are revisits" in text
+
+
+def test_bench_compares_both_sources_and_ends_with_the_report(kitti: Path, tmp_path: Path) -> None:
+    result = succeeds("bench", kitti, "-o", tmp_path / "out", *NO_WINDOW)
+    for name in ("LiDAR-camera", "Stereo", *fusionslam_descriptors()):
+        assert name in result.stdout
+    assert last_line(result) == str(tmp_path / "out/report.html")
+    runs = json.loads((tmp_path / "out/metrics.json").read_text())["runs"]
+    assert len(runs) == 8 and all(set(r["protocols"]) == {"revisit", "perdomo2019"} for r in runs)
+    assert all("match" in r["costs"]["stages"] for r in runs)
+
+
+def test_the_report_is_written_again_without_the_data(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    succeeds("bench", recording, "-d", "cm2dp", "-o", out, *NO_WINDOW)
+    pictured = (out / "report.html").stat().st_size
+    shutil.rmtree(recording)
+    result = succeeds("report", out, "-o", tmp_path / "again")
+    assert last_line(result) == str(tmp_path / "again/report.html")
+    assert 0 < (tmp_path / "again/report.html").stat().st_size < pictured
+
+
+def test_figures_published_for_kitti_stand_beside_those_of_that_sequence(
+    recording: Path, tmp_path: Path
+) -> None:
+    recording = recording.rename(recording.with_name("06"))
+    (recording.parent.parent / "poses/03.txt").rename(recording.parent.parent / "poses/06.txt")
+    words = ("bench", recording, "-d", "cm2dp", "-o", tmp_path / "out")
+    text = " ".join(succeeds(*words).stdout.split())
+    assert "0.825" in text and "0.502" in text
+    (recording.parent.parent / "sim.json").write_text("{}")
+    words = ("bench", recording, "-d", "cm2dp", "-o", tmp_path / "simulated")
+    assert "0.825" not in succeeds(*words).stdout
+
+
+def test_the_demo_needs_no_data_and_runs_twice(tmp_path: Path) -> None:
+    pytest.importorskip("embreex")
+    settings = [word for setting in TINY_TOWN for word in ("--set", setting)]
+    first = succeeds("demo", "-o", tmp_path, *settings)
+    assert last_line(first) == str(tmp_path / "report.html")
+    drive = (tmp_path / "drive/sim.json").stat().st_mtime_ns
+    second = succeeds("demo", "-o", tmp_path, *settings)
+    assert last_line(second) == last_line(first)
+    assert (tmp_path / "drive/sim.json").stat().st_mtime_ns == drive
+    stored = json.loads((tmp_path / "run.json").read_text())["configs"]
+    assert stored["stereo"]["fusion"]["voxel"] == 0.2
+    assert stored["lidar"]["fusion"]["voxel"] == 0
+
+
+def test_the_demo_drives_a_robot_through_an_indoor_world_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("embreex")
+    pytest.importorskip("rosbags")
+    monkeypatch.setenv("FUSIONSLAM_CACHE", str(tmp_path / "cache"))
+    short = ("--set", "sim.seconds=5", "--set", "sim.plan.length_m=10")
+    words = ("demo", "--world", "house", "-o", tmp_path / "out", *short)
+    assert last_line(succeeds(*words)) == str(tmp_path / "out/report.html")
+    (bag,) = (tmp_path / "cache").iterdir()
+    assert len(open_dataset(bag)) == 10
+    written = bag.stat().st_mtime_ns
+    succeeds(*words)
+    assert bag.stat().st_mtime_ns == written
+    work = Work.load(tmp_path / "out")
+    assert work is not None and work.recording.path == str(bag)
+    assert work.configs["lidar"]["evaluation"]["radius"] == 0.8
+
+
+def test_the_demo_does_not_replace_results_of_a_real_recording(
+    kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("embreex")
+    out = tmp_path / "out"
+    settings = [word for setting in TINY_TOWN for word in ("--set", setting)]
+    succeeds("describe", kitti, "-d", "m2dp", "-o", out)
+    before = {path: path.read_bytes() for path in out.iterdir()}
+    line = fails(1, "demo", "-o", out, *settings)
+    assert "KITTI odometry 03" in line and "choose another folder" in line
+    assert {path: path.read_bytes() for path in out.iterdir()} == before
+    # Without run.json nothing tells whose the run is but the run itself.
+    (out / "run.json").unlink()
+    (out / "descriptors").mkdir()
+    kept = (out / "lidar-m2dp.npz").rename(out / "descriptors/lidar-m2dp.npz")
+    assert "lidar-m2dp.npz is a run of KITTI odometry 03" in fails(1, "demo", "-o", out, *settings)
+    assert kept.read_bytes() == before[out / "lidar-m2dp.npz"]
+
+
+def test_the_demo_replaces_only_what_an_earlier_demo_made(tmp_path: Path) -> None:
+    run = DescriptorRun(
+        source="lidar",
+        descriptor="m2dp",
+        dataset="simulated drive",
+        descriptors=np.eye(2, dtype=np.float32),
+        frames=np.arange(2),
+        stamps_ns=np.arange(2),
+        poses=None,
+        seconds={},
+        peak_memory_bytes=0,
+        points=np.ones(2, np.int64),
+    )
+    run.save(tmp_path / "lidar-m2dp.npz")
+    replace(run, dataset="KITTI 06").save(tmp_path / "lidar-cm2dp.npz")
+    np.savez(tmp_path / "lidar-mine.npz", mine=np.eye(3))
+    np.savez(tmp_path / "my-own.npz", mine=np.eye(3))
+    old = Work(Recording("/drives/one"), "simulated drive", configs={"lidar": {}}, demo=True)
+    old.save(tmp_path)
+    forget_demo(tmp_path, Recording("/drives/two"))
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {"lidar-cm2dp.npz", "lidar-mine.npz", "my-own.npz"}
+
+
+def test_the_demo_says_how_to_move_a_cache_that_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("FUSIONSLAM_CACHE", str(tmp_path / "file"))
+    assert "FUSIONSLAM_CACHE can name another folder" in fails(1, "demo", "-o", tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("words", "module", "extra"),
+    [
+        (("demo",), "embreex", "sim"),
+        (("bench", "."), "matplotlib", "report"),
+        (("report", "."), "jinja2", "report"),
+    ],
+)
+def test_a_missing_extra_is_named_with_the_line_that_installs_it(
+    words: tuple[str, ...], module: str, extra: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fusionslam.cli.failures.find_spec", lambda name: name != module or None)
+    assert f"pip install 'fusionslam[{extra}]'" in fails(1, *words)

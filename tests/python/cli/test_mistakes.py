@@ -1,0 +1,187 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command line: what it says when it cannot do what is asked."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fusionslam
+from command_line import (
+    FRAMES,
+    fails,
+    run,
+    succeeds,
+)
+from fusionslam.datasets import KINDS, write_cloud
+from fusionslam.pipelines import describe as pipeline
+from fusionslam.sensors.frame import Cloud
+
+USAGE_ERRORS = [
+    (("--set", "fusion.voxl=1"), "did you mean 'voxel'?"),
+    (("--set", "fusoin.voxel=1"), "did you mean 'fusion'?"),
+    (("--set", "sim.seed=1"), "unknown configuration key 'sim'"),
+    (("--set", "fusion.voxel=big"), "fusion.voxel is 'big'"),
+    (("--set", "fusion.voxel=-1"), "fusion.voxel is -1"),
+    (("--set", "fusion.voxel"), "expected stage.key=value"),
+    (("--config", "nowhere.yaml"), "nowhere.yaml"),
+    (("-d", "m3dp"), "unknown descriptor 'm3dp'"),
+    (("--source", "sterio"), "did you mean 'stereo'?"),
+    (("--kind", "kiti"), "kind is 'kiti'"),
+    (("--sync", "policy"), "--sync policy: expected KEY=VALUE"),
+    (("--sync", "polcy=nearest"), "--sync polcy=nearest: unknown configuration key 'polcy'"),
+    (("--topic", "point=/x"), "--topic point=/x: WHAT is 'point', expected one of points, left"),
+    (("--stamps", "arrival"), "--stamps is 'arrival', expected one of header, bag"),
+]
+
+
+@pytest.mark.parametrize(("words", "expected"), USAGE_ERRORS, ids=lambda value: str(value)[:30])
+def test_a_wrong_option_is_named_with_what_was_expected(
+    kitti: Path, tmp_path: Path, words: tuple[str, ...], expected: str
+) -> None:
+    assert expected in fails(2, "describe", kitti, "-o", tmp_path / "out", *words)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("info", "DATA", "--bogus"), "No such option: --bogus"),
+        (("--bogus",), "No such option: --bogus"),
+        (("inof", "DATA"), "No such command 'inof'"),
+        (("info",), "Missing argument 'DATA'"),
+        (("describe", "DATA", "-o", "x", "--jobs", "0"), "'--jobs'"),
+        (("eval", "x", "--radius", "wide"), "Invalid value for '--radius'"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_a_wrong_use_is_one_line_too(kitti: Path, words: tuple[str, ...], expected: str) -> None:
+    line = fails(2, *(str(kitti) if word == "DATA" else word for word in words))
+    assert expected in line and "--help" in line
+
+
+@pytest.mark.parametrize("command", ["info", "bench", "describe", "loops", "fuse"])
+def test_a_path_without_a_recording_is_named(command: str, tmp_path: Path) -> None:
+    output = () if command == "info" else ("-o", tmp_path / "out")
+    assert "nowhere does not exist" in fails(1, command, tmp_path / "nowhere", *output)
+    (tmp_path / "something").mkdir()
+    line = fails(1, command, tmp_path / "something", *output)
+    before, _, after = line.partition("something is no recording that is known here; looked for")
+    assert all(kind in after for kind in KINDS) and ".mcap" in after
+    assert before and len(after) < 300
+    (tmp_path / "empty" / "velodyne").mkdir(parents=True)
+    assert "empty has no frames" in fails(1, command, tmp_path / "empty", *output)
+
+
+def test_results_that_are_not_there_are_missed_by_name(kitti: Path, tmp_path: Path) -> None:
+    for command in ("eval", "report"):
+        assert "nowhere" in fails(1, command, tmp_path / "nowhere")
+        assert "holds no descriptor runs" in fails(1, command, tmp_path)
+    words = ("--protocol", "revist")
+    assert "did you mean 'revisit'?" in described_then_fails(kitti, tmp_path, *words)
+    assert "evaluation.radius is -1" in described_then_fails(kitti, tmp_path, "--radius", "-1")
+
+
+def described_then_fails(kitti: Path, folder: Path, *words: str) -> str:
+    succeeds("describe", kitti, "-d", "m2dp", "-o", folder)
+    return fails(2, "eval", folder, *words)
+
+
+def test_poses_shorter_than_the_recording_are_refused(kitti: Path, tmp_path: Path) -> None:
+    truth = tmp_path / "short.txt"
+    truth.write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 3)
+    succeeds("describe", kitti, "-d", "m2dp", "-o", tmp_path / "out")
+    assert "short.txt has 3 lines" in fails(1, "eval", tmp_path / "out", "--gt", truth)
+
+
+@pytest.mark.parametrize("command", ["describe", "loops", "bench", "fuse"])
+def test_an_output_that_cannot_be_written_is_named(
+    kitti: Path, tmp_path: Path, command: str
+) -> None:
+    (tmp_path / "file").write_text("kept")
+    assert "cannot write" in fails(1, command, kitti, "-o", tmp_path / "file" / "out")
+    assert (tmp_path / "file").read_text() == "kept"
+
+
+def test_results_of_other_data_are_not_mixed_or_replaced(
+    kitti: Path, recording: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    succeeds("describe", kitti, "-d", "m2dp", "-o", out)
+    assert "choose another folder" in fails(1, "describe", recording, "-d", "m2dp", "-o", out)
+    succeeds("fuse", kitti, "-o", tmp_path / "clouds")
+    words = ("-o", tmp_path / "clouds", "--set", "fusion.voxel=1")
+    assert "choose another folder" in fails(1, "fuse", kitti, *words)
+
+
+def test_a_truncated_scan_is_named_and_nothing_finished_is_lost(
+    recording: Path, tmp_path: Path
+) -> None:
+    scan = recording / f"velodyne/{FRAMES - 1:06d}.bin"
+    whole = scan.read_bytes()
+    scan.write_bytes(whole[:-5])
+    words = ("describe", recording, "-d", "m2dp", "-o", tmp_path / "out")
+    assert scan.name in fails(1, *words)
+    assert len(list((tmp_path / "out").glob(".partial-*/*.npz"))) == 1
+    scan.write_bytes(whole)
+    succeeds(*words)
+
+
+def test_a_gap_is_reported_and_skipped_only_on_request(recording: Path, tmp_path: Path) -> None:
+    (recording / "velodyne/000005.bin").unlink()
+    words = ("describe", recording, "-d", "m2dp", "-o", tmp_path / "out")
+    message = fails(1, *words)
+    assert "000005.bin" in message and "--skip-gaps" in message
+    assert "000005.bin" in fails(1, "bench", recording, "-d", "m2dp", "-o", tmp_path / "bench")
+    result = succeeds(*words, "--skip-gaps")
+    assert f"{FRAMES - 1} frames" in result.stdout
+    assert "1 frames lack a file: 5" in succeeds("info", recording).stdout
+
+
+@pytest.mark.parametrize("command", ["info", "describe", "bench"])
+def test_a_missing_calibration_is_named(recording: Path, tmp_path: Path, command: str) -> None:
+    (recording / "calib.txt").unlink()
+    output = () if command == "info" else ("-o", tmp_path / "out")
+    assert "calib.txt" in fails(1, command, recording, *output)
+
+
+def test_without_colours_only_the_descriptors_that_need_none_are_made(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    for number in range(3):
+        points = rng.uniform(-9, 9, (300, 3)).astype(np.float32)
+        write_cloud(tmp_path / f"data/clouds/{number:06d}.bin", Cloud(points))
+    result = succeeds("bench", tmp_path / "data", "-o", tmp_path / "out")
+    assert "left out cm2dp, cshot" in " ".join(result.stderr.split())
+    made = sorted(path.name for path in (tmp_path / "out/descriptors").glob("*.npz"))
+    assert made == ["cloud-m2dp.npz", "cloud-shot.npz"]
+    assert "needs colours" in fails(1, "loops", tmp_path / "data", "-o", tmp_path / "loops")
+
+
+def test_errors_that_nobody_foresaw_keep_their_traceback(
+    kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pipeline, "fuse", lambda *_: 1 / 0)
+    result = run("describe", kitti, "-d", "m2dp", "-o", tmp_path)
+    assert isinstance(result.exception, ZeroDivisionError)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected", "heavy"),
+    [(["--help"], "describe", ["numpy", "pydantic"]), (["bench", "--help"], "--jobs", ["numpy"])],
+)
+def test_help_loads_nothing_heavy(words: list[str], expected: str, heavy: list[str]) -> None:
+    check = (
+        "import sys\nfrom fusionslam.cli import app\n"
+        f"app({words!r}, standalone_mode=False)\n"
+        f"sys.exit(', '.join({{*{heavy}, 'yaml', 'PIL', 'fusionslam._core'}} & set(sys.modules)))"
+    )
+    environment = os.environ | {"PYTHONPATH": str(Path(fusionslam.__file__).parents[1])}
+    done = subprocess.run(
+        [sys.executable, "-c", check], env=environment, capture_output=True, text=True
+    )
+    assert expected in done.stdout
+    assert done.stderr.strip() == ""

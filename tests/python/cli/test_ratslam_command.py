@@ -1,0 +1,254 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command line: ratslam, what it writes, going on, and what it says to mistakes."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bag_maker import drive, write_bag
+from command_line import fails, last_line, run, succeeds
+from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.pipelines.maps import RunRecorder
+from fusionslam.ratslam import RatSlam
+from recorded_drives import write_drive
+
+WRITTEN = (
+    "dead_reckoning.txt",
+    "map.g2o",
+    "map.graphml",
+    "map.json",
+    "map_report.json",
+    "run.npz",
+    "trajectory.txt",
+    "trajectory_live.txt",
+    "truth.txt",
+)
+QUICK = ("--no-report", "--jobs", "1")
+TEMPLATES = tuple(
+    word
+    for value in ("columns=16", "rows=8", "bottom=null")
+    for word in ("--set", f"visual_templates.{value}")
+)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_drive(tmp_path_factory.mktemp("drive") / "drive.npz")
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("rosbags")
+    path = tmp_path_factory.mktemp("bag") / "drive.bag"
+    write_bag(path, drive(4.0))
+    return path
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """All that was written, but for the run itself, which holds times."""
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix != ".npz"}
+
+
+def test_a_recording_becomes_a_map_and_its_figures(recording: Path, tmp_path: Path) -> None:
+    words = ("ratslam", recording, "--views", "objects", *QUICK)
+    result = succeeds(*words, "-o", tmp_path / "out")
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(WRITTEN)
+    assert "drive: views objects robust, odometry truth, preset robust" in result.stdout
+    assert last_line(result) == str(tmp_path / "out/map.json")
+    run_of = RatSlamRun.load(tmp_path / "out/run.npz")
+    figures = json.loads((tmp_path / "out/map.json").read_text())
+    assert len(figures["nodes"]) == len(run_of.nodes) > 5
+
+
+def test_the_page_is_written_unless_nobody_wants_it(recording: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    result = succeeds("ratslam", recording, "--views", "objects", "-o", tmp_path, "--jobs", "1")
+    assert last_line(result) == str(tmp_path / "ratslam.html")
+    page = (tmp_path / "ratslam.html").read_text()
+    assert "objects robust" in page and "fusionslam" in page
+
+
+def test_the_same_seed_writes_the_same_bytes_and_another_one_does_not(
+    recording: Path, tmp_path: Path
+) -> None:
+    noise = ("--odometry", "truth+noise", "--set", "odometry.speed_noise=0.05")
+    words = ("ratslam", recording, "--views", "objects", *noise, *QUICK)
+    for name, seed in (("one", 1), ("again", 1), ("other", 2)):
+        succeeds(*words, "--seed", seed, "-o", tmp_path / name)
+    one, again, other = (files(tmp_path / name) for name in ("one", "again", "other"))
+    assert one == again
+    assert one["trajectory.txt"] != other["trajectory.txt"]
+
+
+@pytest.mark.parametrize("views", ["alignment", "objects", "two-stage", "cm2dp"])
+@pytest.mark.parametrize("preset", ["robust", "openratslam"])
+def test_every_way_to_recognise_places_makes_a_map(
+    recording: Path, tmp_path: Path, views: str, preset: str
+) -> None:
+    if views == "two-stage":
+        pytest.importorskip("onnxruntime")
+    words = ("--views", views, "--preset", preset, "--odometry", "truth+noise")
+    succeeds("ratslam", recording, *words, "-o", tmp_path, *QUICK)
+    made = RatSlamRun.load(tmp_path / "run.npz")
+    assert made.preset == preset and len(made.nodes) > 3
+    assert made.view_ids.max() > 3
+
+
+@pytest.mark.parametrize("odometry", ["topic", "visual"])
+def test_a_bag_is_mapped_by_its_images(bag: Path, tmp_path: Path, odometry: str) -> None:
+    words = ("--views", "visual", "--odometry", odometry, *TEMPLATES)
+    text = succeeds("ratslam", bag, *words, "-o", tmp_path, *QUICK).stdout
+    assert "not judged: the run has no true poses" in text
+    assert not (tmp_path / "truth.txt").exists()
+    made = RatSlamRun.load(tmp_path / "run.npz")
+    assert np.count_nonzero(made.is_view) == 41
+    expected = {"topic": "topic /odom", "visual": "visual odometry (robust)"}
+    assert made.odometry == expected[odometry]
+    # A camera's odometry strays farther than that of wheels, and the map is told so.
+    drift = made.config["map"]["drift_m"]
+    assert (drift > 0.1) == (odometry == "visual")
+
+
+def test_what_is_set_of_drift_counts_with_a_camera_alone_too(bag: Path, tmp_path: Path) -> None:
+    words = ("--views", "visual", "--odometry", "visual", "--set", "ratslam.map.drift_m=0.11")
+    succeeds("ratslam", bag, *words, *TEMPLATES, "-o", tmp_path, *QUICK)
+    config = RatSlamRun.load(tmp_path / "run.npz").config["map"]
+    assert config["drift_m"] == 0.11 and config["drift_heading"] == 0.03
+
+
+def test_a_recording_without_odometry_and_truth_says_so(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    write_bag(tmp_path / "still.bag", [one for one in drive(1.0) if one.topic != "/odom"])
+    line = fails(1, "ratslam", tmp_path / "still.bag", "-o", tmp_path / "out", *QUICK)
+    assert "still.bag has neither odometry messages nor true poses" in line and "'visual'" in line
+
+
+def test_a_run_that_is_interrupted_and_resumed_equals_the_uninterrupted_one(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ("ratslam", recording, "--views", "objects", "--odometry", "truth+noise", *QUICK)
+    succeeds(*words, "-o", tmp_path / "whole")
+    real, taken = RunRecorder.step, iter(range(10**6))
+
+    def impatient(recorder: RunRecorder, event: object) -> object:
+        if next(taken) == 700:
+            raise KeyboardInterrupt
+        return real(recorder, event)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RunRecorder, "step", impatient)
+        result = run(*words, "-o", tmp_path / "parts")
+    state = tmp_path / "parts/state.npz"
+    assert result.exit_code == 130
+    assert f"interrupted: --resume {state} goes on from there" in " ".join(result.stderr.split())
+    assert len(RatSlamRun.load(tmp_path / "parts/run.npz")) == 700
+    resumed = ("ratslam", recording, "--odometry", "truth+noise", "--resume", state, *QUICK)
+    succeeds(*resumed, "-o", tmp_path / "parts", "--save", tmp_path / "end.npz")
+    assert files(tmp_path / "parts") == files(tmp_path / "whole")
+    assert len(RatSlam.load(tmp_path / "end.npz").map.nodes) > 5
+    line = fails(1, *resumed[:-2], *QUICK, "--resume", tmp_path / "end.npz", "-o", tmp_path)
+    assert "drive: nothing later than" in line
+
+
+def test_a_real_ctrl_c_keeps_what_there_is(recording: Path, tmp_path: Path) -> None:
+    # The process interrupts itself at a step, as a key would, but at a known time.
+    code = (
+        "import os, signal, sys\n"
+        "from fusionslam.pipelines import maps as runs\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "keep, done = runs.RunRecorder._keep, []\n"
+        "def kept(self, step):\n"
+        "    done.append(step)\n"
+        "    if len(done) == 300: os.kill(os.getpid(), signal.SIGINT)\n"
+        "    keep(self, step)\n"
+        "runs.RunRecorder._keep = kept\n"
+        "from fusionslam.cli import app\n"
+        "app(sys.argv[1:])\n"
+    )
+    words = ("ratslam", recording, "--views", "objects", "-o", tmp_path, *QUICK)
+    command = [sys.executable, "-c", code, *map(str, words)]
+    found = subprocess.run(command, capture_output=True, text=True, env=os.environ, check=False)
+    assert found.returncode == 130, found.stderr
+    assert "goes on from there" in found.stderr and "Traceback" not in found.stderr
+    assert len(RatSlamRun.load(tmp_path / "run.npz")) == 300
+    assert RatSlam.load(tmp_path / "state.npz").seen_ns[0] is not None
+
+
+def test_ctrl_c_before_the_first_step_writes_nothing(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(RunRecorder, "step", interrupted)
+    result = run("ratslam", recording, "--views", "objects", "-o", tmp_path / "out", *QUICK)
+    assert result.exit_code == 130 and "nothing was written" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("code", "words", "said"),
+    [
+        (2, ("--views", "object"), "--views is 'object', expected one of alignment, objects"),
+        (2, ("--odometry", "wheels"), "--odometry is 'wheels', expected one of topic, visual"),
+        (2, ("--preset", "openrat"), "preset"),
+        (2, ("--seed", "-1"), "--seed"),
+        (2, ("--set", "ratslam.cells.sizes=30"), "sizes"),
+        (2, ("--set", "ratslam.cells.size=5"), "size"),
+        (2, ("--topic", "points=/x"), "--topic"),
+        (1, ("--odometry", "topic"), "drive has no odometry messages"),
+        (1, ("--odometry", "visual"), "drive: no images, which visual odometry looks at"),
+        (1, ("--views", "visual"), "drive: no images, which visual templates look at"),
+        (1, ("--resume", "nowhere.npz"), "cannot read nowhere.npz"),
+    ],
+)
+def test_mistakes_are_one_line_that_names_them(
+    recording: Path, tmp_path: Path, code: int, words: tuple[str, ...], said: str
+) -> None:
+    assert said in fails(code, "ratslam", recording, *words, "-o", tmp_path / "out", *QUICK)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_state_says_how_its_map_is_made(recording: Path, tmp_path: Path) -> None:
+    words = ("ratslam", recording, "-o", tmp_path / "out", *QUICK)
+    succeeds(*words, "--views", "objects", "--save", tmp_path / "s.npz")
+    for more in (
+        ("--views", "cm2dp"),
+        ("--preset", "openratslam"),
+        ("--set", "views.preset=author"),
+    ):
+        line = fails(2, *words, "--resume", tmp_path / "s.npz", *more)
+        assert "says how its map is made" in line
+
+
+def test_an_output_that_is_a_file_is_said_before_anything_is_done(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("kept")
+
+    def never(*_: object) -> None:
+        raise AssertionError("mapped first")
+
+    monkeypatch.setattr(RunRecorder, "step", never)
+    for output, what in ((tmp_path / "file", "a file"), (Path("/dev/null"), "a device")):
+        for folder in (output, output / "below"):
+            line = fails(1, "ratslam", recording, "-o", folder, *QUICK)
+            assert line.endswith(f"cannot write {folder}: {output} is {what}, expected a folder")
+    # Nothing can be made there, whoever asks.
+    assert "cannot write /proc: " in fails(1, "ratslam", recording, "-o", "/proc", *QUICK)
+    assert (tmp_path / "file").read_text() == "kept"
+
+
+def test_data_that_is_refused_leaves_no_folder_behind_but_those_that_were_there(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "there").mkdir()
+    for output in (tmp_path / "there", tmp_path / "there/new/newer", tmp_path / "new"):
+        assert "nowhere.npz" in fails(1, "ratslam", tmp_path / "nowhere.npz", "-o", output, *QUICK)
+        assert [one.name for one in tmp_path.rglob("*")] == ["there"]

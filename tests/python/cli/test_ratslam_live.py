@@ -1,0 +1,79 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command line: ratslam --live."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from command_line import fails, run, succeeds
+from fusionslam.report.maps.rerun_view import LiveView
+from object_places import LAPS, write_recording
+
+pytest.importorskip("rerun", reason="rerun is not installed")
+chunks = pytest.importorskip("rerun.chunk", reason="this rerun has no reader for Python")
+
+
+@pytest.fixture
+def words(tmp_path: Path) -> list[Any]:
+    write_recording(tmp_path / "r.npz", LAPS)
+    more = ["--views", "cm2dp", "--odometry", "truth", "--no-report", "--jobs", "1"]
+    more += ["--set", "recording.shapes=visual"]
+    return ["ratslam", tmp_path / "r.npz", "-o", tmp_path / "out", *more]
+
+
+def count(path: Path, entity: str) -> int:
+    stream = chunks.RrdReader(path).store().stream()
+    return sum(c.num_rows for c in stream.to_chunks() if c.entity_path == entity)
+
+
+def test_a_live_view_is_written_beside_the_map_and_changes_nothing(
+    tmp_path: Path, words: list[Any]
+) -> None:
+    succeeds(*words)
+    plain = (tmp_path / "out/map.json").read_bytes()
+    succeeds(*words, "--live", tmp_path / "live.rrd")
+    assert (tmp_path / "out/map.json").read_bytes() == plain
+    assert count(tmp_path / "live.rrd", "/cells/sheet") == len(LAPS)
+    assert count(tmp_path / "live.rrd", "/way/truth") > 0
+
+
+def test_ctrl_c_keeps_map_and_live_view(
+    tmp_path: Path, words: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step, looks = LiveView.step, []
+
+    def pressed(self: LiveView, done: Any, *more: Any) -> None:
+        step(self, done, *more)
+        looks.extend([done] * done.looked)
+        if len(looks) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(LiveView, "step", pressed)
+    assert run(*words, "--live", tmp_path / "live.rrd").exit_code == 130
+    assert count(tmp_path / "live.rrd", "/cells/sheet") == 2
+    assert (tmp_path / "out/state.npz").exists()
+
+
+def test_a_live_view_that_cannot_be_written_costs_no_map(
+    tmp_path: Path, words: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    line = fails(1, *words, "--live", tmp_path / "live.rrd")
+    assert "No space left on device" in line and not (tmp_path / "live.rrd").exists()
+    assert json.loads((tmp_path / "out/map.json").read_text())["nodes"]
+
+
+def test_mistakes_are_named(
+    tmp_path: Path, words: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "ends in .rrd" in fails(2, *words, "--live", "view")
+    monkeypatch.setattr("fusionslam.cli.failures.find_spec", lambda name: name != "rerun" or None)
+    assert "pip install 'fusionslam[live]'" in fails(1, *words, "--live", "live.rrd")
+    text = " ".join(run("doctor").stdout.split())
+    assert "ratslam --live" in text and "pip install 'fusionslam[live]'" in text

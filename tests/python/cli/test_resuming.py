@@ -1,0 +1,115 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command line: results do not depend on how they were made."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+import fusionslam
+from command_line import (
+    FRAMES,
+    NO_WINDOW,
+    fusionslam_descriptors,
+    run,
+    succeeds,
+    vectors,
+)
+from fusionslam.evaluation import DescriptorRun
+from fusionslam.pipelines import describe as pipeline
+from fusionslam.pipelines.describe import CHUNK
+from fusionslam.sensors.frame import Cloud, Frame
+
+
+def test_one_or_two_jobs_give_the_same_runs(kitti: Path, tmp_path: Path) -> None:
+    for jobs in ("1", "2"):
+        succeeds("describe", kitti, "-o", tmp_path / jobs, "--jobs", jobs)
+    for name in fusionslam_descriptors():
+        one, two = (vectors(tmp_path / jobs / f"lidar-{name}.npz") for jobs in ("1", "2"))
+        assert one == two
+
+
+def test_an_interrupted_run_keeps_what_is_done_and_goes_on(
+    kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ("describe", kitti, "-d", "cm2dp", "--jobs", "1", "-o")
+    succeeds(*words, tmp_path / "whole")
+    fused: list[int] = []
+
+    def interrupted(frame: Frame, config: fusionslam.FusionConfig) -> Cloud:
+        fused.append(frame.index)
+        if frame.index == CHUNK + 1:
+            raise KeyboardInterrupt
+        return fusionslam.fuse(frame, config)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pipeline, "fuse", interrupted)
+        result = run(*words, tmp_path / "parts")
+    assert result.exit_code == 130
+    assert f"is kept in {tmp_path / 'parts'}; the same command goes on" in result.stderr
+    assert len(list((tmp_path / "parts").glob(".partial-*/*.npz"))) == 1
+    fused.clear()
+    monkeypatch.setattr(
+        pipeline, "fuse", lambda f, c: fused.append(f.index) or fusionslam.fuse(f, c)
+    )
+    succeeds(*words, tmp_path / "parts")
+    assert set(range(CHUNK)).isdisjoint(fused[: FRAMES - CHUNK])
+    whole, parts = (vectors(tmp_path / name / "lidar-cm2dp.npz") for name in ("whole", "parts"))
+    assert whole == parts
+
+
+def test_fusing_goes_on_with_the_clouds_that_are_missing(kitti: Path, tmp_path: Path) -> None:
+    succeeds("fuse", kitti, "-o", tmp_path)
+    kept, gone = tmp_path / "clouds/000003.ply", tmp_path / "clouds/000004.ply"
+    content, stamp = gone.read_bytes(), kept.stat().st_mtime_ns
+    gone.unlink()
+    succeeds("fuse", kitti, "-o", tmp_path)
+    assert gone.read_bytes() == content and kept.stat().st_mtime_ns == stamp
+
+
+def test_the_printed_configuration_is_read_again(tmp_path: Path) -> None:
+    changed = ("--set", "fusion.voxel=0.3", "--set", "sim.seed=5")
+    text = succeeds("config", "--yaml", *changed).stdout
+    file = tmp_path / "config.yaml"
+    file.write_text(text)
+    assert succeeds("config", "--yaml", "--config", file).stdout == text
+    assert yaml.safe_load(text)["fusion"]["voxel"] == 0.3
+    assert yaml.safe_load(text)["sim"]["seed"] == 5
+
+
+def test_settings_win_over_the_file(kitti: Path, tmp_path: Path) -> None:
+    file = tmp_path / "config.yaml"
+    file.write_text("fusion: {voxel: 2.0, ground: height}\n")
+    words = ("-d", "m2dp", "-o", tmp_path, "--config", file, "--set", "fusion.voxel=1.5")
+    succeeds("describe", kitti, *words)
+    config = DescriptorRun.load(tmp_path / "lidar-m2dp.npz").config
+    assert (config["fusion"]["voxel"], config["fusion"]["ground"]) == (1.5, "height")
+
+
+def test_the_configuration_shows_units_ranges_and_help() -> None:
+    text = succeeds("config", "fusion").stdout
+    row = next(line for line in text.splitlines() if line.lstrip().startswith("fusion.voxel"))
+    assert "0.0" in row and " m " in row and ">= 0" in row and "one point a cube" in row
+
+
+def test_the_report_names_the_configuration_of_each_run(kitti: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    succeeds("describe", kitti, "-d", "m2dp", "--set", "descriptors.preset=author", "-o", out)
+    succeeds("describe", kitti, "-d", "cm2dp", "-o", out)
+    succeeds("report", out)
+    config = json.loads((out / "metrics.json").read_text())["config"]
+    presets = {name: stages["descriptors"]["preset"] for name, stages in config.items()}
+    assert presets == {"lidar / m2dp": "author", "lidar / cm2dp": "robust"}
+    assert "m2dp author" in (out / "report.html").read_text()
+    text = succeeds("eval", out).stdout
+    assert "m2dp author" in text and "cm2dp robust" in text
+
+
+def test_bench_takes_the_source_that_the_configuration_names(kitti: Path, tmp_path: Path) -> None:
+    chosen = ("--set", "fusion.source=lidar")
+    succeeds("bench", kitti, "-d", "m2dp", *chosen, *NO_WINDOW, "-o", tmp_path / "out")
+    assert [path.name for path in (tmp_path / "out" / "descriptors").iterdir()] == [
+        "lidar-m2dp.npz"
+    ]

@@ -1,0 +1,303 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command line: what it tells people who do not know it yet, and that it tells the truth."""
+
+import csv
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer.main
+
+import fusionslam
+from command_line import FRAMES, NO_WINDOW, fails, fusionslam_descriptors, run, succeeds
+from fusionslam.cli import app
+from fusionslam.datasets import write_cloud
+from fusionslam.evaluation import DescriptorRun, EvaluationConfig
+from fusionslam.pipelines.compare_descriptors import stored_evaluations
+from fusionslam.sensors.frame import Cloud
+
+
+@pytest.mark.parametrize("command", ["describe", "loops", "bench", "fuse"])
+def test_an_output_that_is_a_file_is_said_plainly(
+    kitti: Path, tmp_path: Path, command: str
+) -> None:
+    (tmp_path / "file").write_text("kept")
+    line = fails(1, command, kitti, "-o", tmp_path / "file")
+    assert "file is a file, expected a folder" in line
+    assert (tmp_path / "file").read_text() == "kept"
+
+
+def test_a_source_named_in_the_configuration_is_obeyed_though_it_is_the_default(
+    kitti: Path, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(1)
+    for number in range(2):
+        points = rng.uniform(-9, 9, (300, 3)).astype(np.float32)
+        write_cloud(tmp_path / f"data/clouds/{number:06d}.bin", Cloud(points))
+    file = tmp_path / "config.yaml"
+    file.write_text("fusion: {source: lidar}\n")
+    for words in (("--set", "fusion.source=lidar"), ("--config", file)):
+        # Clouds alone would be described as they are.
+        line = fails(1, "describe", tmp_path / "data", "-d", "m2dp", "-o", tmp_path / "out", *words)
+        assert "no files of sensor 'left'" in line
+        succeeds("bench", kitti, "-d", "m2dp", *words, *NO_WINDOW, "-o", tmp_path / words[0])
+        runs = (tmp_path / words[0] / "descriptors").iterdir()
+        assert [path.name for path in runs] == ["lidar-m2dp.npz"]
+
+
+def test_a_run_that_is_replaced_is_announced_with_what_changed(kitti: Path, tmp_path: Path) -> None:
+    words = ("describe", kitti, "-d", "m2dp", "-o", tmp_path)
+    succeeds(*words)
+    assert "replaced" not in succeeds(*words).stderr
+    changed = ("--set", "descriptors.preset=author", "--set", "fusion.voxel=1")
+    text = " ".join(succeeds(*words, *changed).stderr.split())
+    assert "lidar-m2dp.npz is replaced by a new run" in text
+    assert "fusion.voxel was 0.0, is 1" in text
+    assert "descriptors.preset was robust, is author" in text
+
+
+def test_bad_frames_are_left_out_on_request_and_counted(recording: Path, tmp_path: Path) -> None:
+    (recording / "velodyne/000004.bin").write_bytes(b"")
+    out = tmp_path / "out"
+    words = ("describe", recording, "-d", "m2dp", "-o", out, *NO_WINDOW)
+    assert "frame 4" in fails(1, *words)
+    skip = "--skip-bad-frames"
+    assert "19 frames, 1 left out that cannot be described: 4 (" in succeeds(*words, skip).stdout
+    # The stored run says so as well, and does not pass for a whole one.
+    assert "1 left out" in succeeds(*words, skip).stdout
+    assert "frame 4" in fails(1, *words)
+    assert "1 left out" in succeeds("eval", out).stdout
+    result = succeeds("bench", recording, "-d", "m2dp", "-o", tmp_path / "bench", skip, *NO_WINDOW)
+    assert "1 left out" in result.stdout
+    assert "1 frames were left out" in (tmp_path / "bench/report.html").read_text()
+    found = succeeds("loops", recording, "-d", "m2dp", "-o", tmp_path / "l", skip, *NO_WINDOW)
+    assert "in 19 queries" in found.stdout and "1 left out" in found.stdout
+
+
+def test_loops_name_frames_by_their_number_whatever_is_missing(
+    recording: Path, tmp_path: Path
+) -> None:
+    (recording / "velodyne/000002.bin").unlink()
+    out = tmp_path / "out"
+    succeeds("loops", recording, "-o", out, "--skip-gaps", *NO_WINDOW)
+    rows = list(csv.DictReader((out / "loops.csv").open()))
+    pairs = [(int(row["query"]), int(row["match"])) for row in rows]
+    assert pairs == [(n, FRAMES - n) for n in range(12, FRAMES) if n != FRAMES - 2]
+
+
+def test_gaps_treated_otherwise_in_one_folder_do_not_mix_numbers(
+    recording: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    succeeds("describe", recording, "-d", "m2dp", "-o", out, *NO_WINDOW)
+    (recording / "velodyne/000002.bin").unlink()
+    succeeds("describe", recording, "-d", "cm2dp", "--skip-gaps", "-o", out, *NO_WINDOW)
+    numbers = {
+        name: DescriptorRun.load(out / f"lidar-{name}.npz").numbers.tolist()
+        for name in ("m2dp", "cm2dp")
+    }
+    assert numbers["m2dp"] == list(range(FRAMES))
+    assert numbers["cm2dp"] == [n for n in range(FRAMES) if n != 2]
+
+
+def test_two_windows_in_one_call_are_pointed_out(kitti: Path, tmp_path: Path) -> None:
+    words = ("bench", kitti, "-d", "m2dp", "-o", tmp_path / "out")
+    one = succeeds(*words, "--set", "evaluation.window=2").stderr
+    assert "loop_closure.window is 50 and evaluation.window is 2" in " ".join(one.split())
+    assert "loop_closure.window" not in succeeds(*words, *NO_WINDOW).stderr
+
+
+def test_tables_of_results_fit_eighty_columns(
+    kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("fusionslam.cli.console._WIDTH", 80)
+    text = succeeds("bench", kitti, "-o", tmp_path / "out", *NO_WINDOW).stdout
+    lines = text.splitlines()[:-1]  # the last one is a path
+    assert max(map(len, lines)) <= 80
+    for name in fusionslam_descriptors():
+        rows = [line.split() for line in lines if line.split()[:1] == [name]]
+        preset = 1 if name in ("m2dp", "cm2dp") else 0
+        # Accuracy and cost for each source: seven and seven figures.
+        assert [len(row) - 1 - preset for row in rows] == [7, 7, 7, 7]
+    assert "load" in text and "peak MiB: memory" in text
+    best = [line for line in lines if line.startswith("Best: ")]
+    assert len(best) == 1 and "max F1" in best[0]
+
+
+def test_a_report_says_why_it_has_no_pictures_of_frames(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    succeeds("bench", recording, "-d", "m2dp", "-o", out, *NO_WINDOW)
+    assert "Pictures of frames are missing" not in (out / "report.html").read_text()
+    shutil.rmtree(recording)
+    succeeds("report", out)
+    page = (out / "report.html").read_text()
+    assert f"Pictures of frames are missing: {recording} does not exist" in page
+
+
+def test_an_interrupted_report_does_not_claim_that_nothing_was_written(
+    kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    succeeds("describe", kitti, "-d", "m2dp", "-o", tmp_path, *NO_WINDOW)
+    monkeypatch.setattr("fusionslam.report.loops.page.write_metrics", interrupted)
+    result = run("report", tmp_path)
+    assert result.exit_code == 130 and list(tmp_path.glob("distances_*"))
+    assert f"some files in {tmp_path} may be new" in result.stderr
+    monkeypatch.setattr("fusionslam.pipelines.compare_descriptors.find_loops", interrupted)
+    result = run("eval", tmp_path)
+    assert result.exit_code == 130 and "nothing was written" in result.stderr
+    assert not (tmp_path / "metrics.json").exists()
+
+
+def entry(*words: object, **more: Any) -> "subprocess.Popen[bytes]":
+    """The command as it is installed."""
+    code = "import sys; from fusionslam.__main__ import main; sys.exit(main())"
+    environment = os.environ | {"PYTHONPATH": str(Path(fusionslam.__file__).parents[1])}
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, words)],
+        env=environment,
+        stderr=subprocess.PIPE,
+        **more,
+    )
+
+
+def test_a_reader_who_has_enough_is_no_error(kitti: Path, tmp_path: Path) -> None:
+    succeeds("describe", kitti, "-d", "m2dp", "-o", tmp_path, *NO_WINDOW)
+    for words in (
+        ("eval", tmp_path),
+        ("config",),
+        ("describe", kitti, "-d", "m2dp", "-o", tmp_path),
+    ):
+        reading, writing = os.pipe()
+        os.close(reading)
+        process = entry(*words, stdout=writing)
+        os.close(writing)
+        assert process.communicate()[1] == b""
+        assert process.returncode == 0
+
+
+def test_an_interruption_while_the_program_loads_is_quiet(tmp_path: Path) -> None:
+    package = tmp_path / "typer"  # is loaded first, and here takes its time
+    package.mkdir()
+    (package / "__init__.py").write_text(
+        "print('loading', flush=True)\nimport time\ntime.sleep(60)"
+    )
+    code = f"""import sys
+sys.path.insert(0, {str(tmp_path)!r})
+from fusionslam.__main__ import main
+main()"""
+    environment = os.environ | {"PYTHONPATH": str(Path(fusionslam.__file__).parents[1])}
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdout is not None and process.stdout.readline() == b"loading\n"
+    process.send_signal(signal.SIGINT)
+    assert process.communicate()[1] == b""
+    assert process.returncode == 130
+
+
+def test_flags_are_flags_and_shared_texts_are_those_of_the_configuration() -> None:
+    text = " ".join(succeeds("loops", "--help").stdout.split())
+    assert "--verbose Say more" in text and "<bool>" not in text
+    fields = fusionslam.LoopConfig.model_fields
+    assert str(fields["threshold"].description) in text
+    assert str(fusionslam.FusionConfig.model_fields["source"].description) in text
+    text = " ".join(succeeds("eval", "--help").stdout.split())
+    for name in ("radius", "window", "protocol"):
+        assert str(EvaluationConfig.model_fields[name].description) in text
+
+
+def test_info_sums_no_path_over_gaps_and_sees_a_calibration_without_images(
+    recording: Path,
+) -> None:
+    for number in (4, 5):
+        (recording / f"velodyne/{number:06d}.bin").unlink()
+    for folder in ("image_2", "image_3"):
+        shutil.rmtree(recording / folder)
+    text = " ".join(succeeds("info", recording).stdout.split())
+    # 19 steps of 20 m, of which 3 touch what is missing; the drive turns and comes back.
+    assert "path of 320 m, 1 gaps not counted" in text
+    assert "no images; the calibration is there" in text
+
+
+def test_doctor_fails_where_something_is_broken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FUSIONSLAM_CACHE", "/proc/nowhere")
+    result = run("doctor")
+    assert result.exit_code == 1
+    assert "fault" in next(line for line in result.stdout.splitlines() if "cache" in line)
+    monkeypatch.undo()
+    result = run("doctor")
+    assert result.exit_code == 0
+    names = ("embreex", "pycollada", "rosbags", "matplotlib", "torch", "onnxruntime", "pymoo")
+    for name in (*names, "rerun-sdk"):
+        assert f"{name} {version(name)}" in " ".join(result.stdout.split())
+    monkeypatch.setattr("fusionslam.cli.failures.find_spec", lambda name: name != "rosbags" or None)
+    result = run("doctor")
+    assert result.exit_code == 0
+    line = next(line for line in result.stdout.splitlines() if "extra bags" in line)
+    assert "missing" in line and "pip install 'fusionslam[bags]'" in " ".join(result.stdout.split())
+
+
+def test_the_page_of_the_command_line_names_every_option_of_every_command() -> None:
+    page = (Path(__file__).parents[3] / "docs/cli.md").read_text()
+    rows = re.findall(r"^\| `(--[a-z-]+)` \| ([a-z, -]+) \|", page, flags=re.MULTILINE)
+    documented = {(name, command) for name, of in rows for command in of.split(", ")}
+    commands = dict(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
+    for group in ("views", "views train", "ros"):
+        inner = commands.pop(group).commands
+        commands |= {f"{group} {name}": command for name, command in inner.items()}
+    existing = {
+        (option, name)
+        for name, command in commands.items()
+        for parameter in command.params
+        for option in parameter.opts
+        if option.startswith("--") and option != "--help"
+    }
+    assert documented == existing
+
+
+def test_a_report_leaves_the_loops_of_another_command_alone(kitti: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    succeeds("loops", kitti, "-o", tmp_path, *NO_WINDOW)
+    before = (tmp_path / "loops.csv").read_bytes()
+    succeeds("report", tmp_path)
+    assert (tmp_path / "loops.csv").read_bytes() == before
+    assert (tmp_path / "matches.csv").stat().st_size > 0
+
+
+def test_matching_and_judging_tell_how_far_they_are(kitti: Path, tmp_path: Path) -> None:
+    succeeds("describe", kitti, "-d", "m2dp,cm2dp", "-o", tmp_path, *NO_WINDOW)
+    steps: list[tuple[str, int, int]] = []
+    stored_evaluations(tmp_path, step=lambda *step: steps.append(step))
+    for name in ("m2dp", "cm2dp"):
+        assert (f"matching lidar {name}", FRAMES, FRAMES) in steps
+        assert steps.index((f"judging lidar {name}", 0, 1)) < steps.index(
+            (f"judging lidar {name}", 1, 1)
+        )
+
+
+def test_clouds_of_other_frames_are_not_mixed_into_a_folder(
+    recording: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    succeeds("fuse", recording, "-o", out)
+    before = {path: path.read_bytes() for path in out.rglob("*.*")}
+    (recording / "velodyne/000002.bin").unlink()
+    line = fails(1, "fuse", recording, "-o", out, "--skip-gaps")
+    assert "of other frames: choose another folder" in line
+    assert {path: path.read_bytes() for path in out.rglob("*.*")} == before

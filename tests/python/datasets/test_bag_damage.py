@@ -1,0 +1,176 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags that are cut, damaged, or written to disks that are full."""
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from bag_maker import (
+    START,
+    SUFFIXES,
+    drive,
+    odometry,
+    picture,
+    same,
+    write_bag,
+)
+from fusionslam.datasets import open_bag
+from fusionslam.errors import DataError
+from fusionslam.sensors.messages import Event
+
+
+@pytest.mark.parametrize("suffix", ["bag", "mcap"])
+def test_a_bag_cut_in_half_gives_what_is_whole(
+    tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    big = [Event("/image", START + k, picture(START + k, (640, 480))) for k in range(12)]
+    path = write_bag(tmp_path / f"drive.{suffix}", [*drive(0.1), *big])
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    with open_bag(path) as bag:
+        found = [event.message for event in bag.events(["/image"])]
+        assert bag.is_cut and 4 <= len(found) <= 6 and len(found) == bag.topics["/image"].count
+        assert all(same(a, b.message) for a, b in zip(found, big, strict=False))
+        assert same(bag.message("/image", START + 3), big[3].message)
+    assert "was cut or not closed" in caplog.text
+
+
+def test_a_database_cut_in_half_is_refused(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "drive.db3", drive(10)) / "drive.db3"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(DataError, match=r"drive\.db3 cannot be read as a bag"):
+        open_bag(path)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_bag_below_a_file_is_refused_with_the_files_name(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(DataError, match="file is a file, expected a folder"):
+        write_bag(tmp_path / "file" / f"drive.{suffix}", drive(0.1))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_files_that_are_no_bags_are_refused_by_name(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"drive.{suffix}"
+    with pytest.raises(DataError, match="does not exist"):
+        open_bag(path)
+    path.write_bytes(b"")
+    with pytest.raises(DataError, match=r"drive\.\w+ is empty: expected a bag"):
+        open_bag(path)
+    path.write_bytes(b"what is this?" * 100)
+    begins = re.escape("it begins with b'what is this?wha', expected b'")
+    with pytest.raises(DataError, match=f"drive.{suffix} cannot be read as a bag: {begins}"):
+        open_bag(path)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(DataError, match=r"empty is no bag: expected a \.db3 or \.mcap"):
+        open_bag(tmp_path / "empty")
+
+
+def test_a_broken_message_names_topic_and_time(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "drive.bag", [Event("/odom", START, odometry(START))])
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"\x04\x00\x00\x00odom", b"\xff\xff\xff\x00odom"))
+    with open_bag(path) as bag, pytest.raises(DataError, match=f"/odom, arrived at {START} ns"):
+        list(bag.events())
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_an_error_while_writing_keeps_what_was_written_and_the_bag_before(
+    tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = write_bag(tmp_path / f"drive.{suffix}", drive(0.1))
+
+    def stops() -> Iterator[Event]:
+        yield from drive(1)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_bag(path, stops())
+    with open_bag(path) as bag, open_bag(tmp_path / f"drive.partial.{suffix}") as rest:
+        assert bag.topics["/points"].count == 1 and rest.topics["/points"].count == 3
+        assert not rest.is_cut
+    assert f"kept in {tmp_path}/drive.partial.{suffix}" in caplog.text
+
+
+FILL = """
+import resource, sys
+sys.path.insert(0, {tests!r})
+from bag_maker import START, picture
+from fusionslam.datasets import open_writer
+from fusionslam.errors import DataError
+from fusionslam.sensors.messages import Event
+if {limit}:
+    resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
+try:
+    with open_writer({path!r}) as bag:
+        for k in range(20):
+            bag.write(Event("/image", START + k, picture(START + k, (640, 480))))
+except DataError as error:
+    print(error)
+"""
+
+
+def fill(path: Path, limit: int = 0) -> str:
+    script = FILL.format(
+        tests=str(Path(__file__).parents[1] / "support"), path=str(path), limit=limit
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def check_partial(path: Path, message: str) -> None:
+    partial = path.with_name(f"{path.stem}.partial{path.suffix}")
+    assert f"cannot write {path}: " in message and f"kept in {partial}" in message
+    assert not path.exists() and not list(path.parent.glob(".*"))
+    with open_bag(partial) as bag:
+        found = [event.message for event in bag.events()]
+        assert 3 <= len(found) < 20 and len(found) == bag.topics["/image"].count
+    for k, message in enumerate(found):
+        assert same(message, picture(START + k, (640, 480)))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_file_that_may_not_grow_keeps_what_is_whole(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"drive.{suffix}"
+    check_partial(path, fill(path, limit=12_000_000))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_full_disk_keeps_what_is_whole(tmp_path: Path, suffix: str) -> None:
+    mount = ["mount", "-t", "tmpfs", "-o", "size=12m", "tmpfs", str(tmp_path)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("mounting a small tmpfs needs root")
+    try:
+        path = tmp_path / f"drive.{suffix}"
+        message = fill(path)
+        assert "No space left" in message or "disk is full" in message
+        check_partial(path, message)
+    finally:
+        subprocess.run(["umount", str(tmp_path)], check=True)
+
+
+def test_a_type_of_another_definition_is_refused(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "drive.bag", [Event("/odom", START, odometry(START))])
+    right = b"md5sum=cd5e73d190d741a2f92e81eda573aca7"
+    assert right in path.read_bytes()
+    path.write_bytes(path.read_bytes().replace(right, b"md5sum=" + b"0" * 32))
+    with open_bag(path) as bag, pytest.raises(DataError, match="/odom has nav_msgs/Odometry of"):
+        list(bag.events())
+
+
+def test_without_rosbags_it_is_said_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_bag(tmp_path / "drive.bag", drive(0.1))
+    monkeypatch.setitem(sys.modules, "rosbags.rosbag1", None)
+    with pytest.raises(DataError, match=r"pip install 'fusionslam\[bags\]'"):
+        open_bag(path)

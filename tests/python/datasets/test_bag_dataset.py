@@ -1,0 +1,352 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags as datasets: which messages make a frame, where everything was, and what is refused."""
+
+import dataclasses
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bag_maker import (
+    BLUE,
+    OPTICAL,
+    RED,
+    SECOND,
+    SPEED,
+    START,
+    SUFFIXES,
+    camera_info,
+    changed,
+    drive,
+    extrinsics,
+    odometry,
+    picture,
+    scan,
+    translation,
+    without,
+    write_bag,
+)
+from command_line import fails, succeeds
+from fusionslam import fuse, open_dataset
+from fusionslam.datasets import write_poses_tum
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.sensors.messages import Event, FrameTransforms
+from fusionslam.sensors.synchronizer import SyncConfig
+
+KINDS = {"bag": "rosbag1", "db3": "rosbag2", "mcap": "mcap"}
+BASE_FROM_SCANNER = translation(-0.1, 0, 0.3)
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Callable[[Iterable[Event]], Path]:
+    return lambda events: write_bag(tmp_path / "drive.bag", events)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_each_scan_becomes_a_frame_with_its_image_camera_and_pose(
+    tmp_path: Path, suffix: str
+) -> None:
+    dataset = open_dataset(write_bag(tmp_path / f"drive.{suffix}", drive()))
+    assert dataset.kind == KINDS[suffix] and len(dataset) == 5
+    assert dataset.sensors == ("points", "left") and dataset.counts == {"points": 5, "left": 21}
+    assert ((dataset.stamps_ns - START) / SECOND).tolist() == [0, 0.5, 1, 1.5, 2]
+    assert dataset.numbers.tolist() == [0, 1, 2, 3, 4] and dataset.gaps == []
+    assert dataset.pose_frame == "base by odometry in /odom"
+    np.testing.assert_allclose(dataset.body_from_points, BASE_FROM_SCANNER)
+    frame = dataset[3]
+    pose = translation(1.5 * SPEED)
+    np.testing.assert_allclose(frame.pose, pose)
+    np.testing.assert_allclose(frame.odometry, pose)
+    np.testing.assert_allclose(frame.robot_from_points, BASE_FROM_SCANNER)
+    np.testing.assert_array_equal(frame.points, scan(x=4 - 1.5 * SPEED).points)
+    np.testing.assert_array_equal(frame.images["left"], picture().image)
+    expected = np.linalg.inv(OPTICAL) @ BASE_FROM_SCANNER
+    np.testing.assert_allclose(frame.cameras["left"].rectified_from_points, expected)
+
+
+def test_the_halves_of_the_wall_get_the_colours_of_the_halves_of_the_image(
+    bag: Callable[..., Path],
+) -> None:
+    cloud = fuse(open_dataset(bag(drive()))[0])
+    left = cloud.points[:, 1] > 0.05
+    right = cloud.points[:, 1] < -0.05
+    assert cloud.colors is not None and left.sum() > 10 and right.sum() > 10
+    assert (cloud.colors[left] == RED).all() and (cloud.colors[right] == BLUE).all()
+
+
+def test_a_camera_that_was_elsewhere_by_then_is_placed_there(bag: Callable[..., Path]) -> None:
+    """Images 40 ms late: the robot is 2 cm further when it takes them."""
+    late = [
+        dataclasses.replace(
+            e, message=dataclasses.replace(e.message, stamp_ns=e.message.stamp_ns + SECOND // 25)
+        )
+        if e.topic == "/camera/image"
+        else e
+        for e in drive()
+    ]
+    frame = open_dataset(bag(late))[2]
+    moved = np.linalg.inv(OPTICAL) @ translation(-0.02) @ BASE_FROM_SCANNER
+    np.testing.assert_allclose(
+        frame.cameras["left"].rectified_from_points, moved, rtol=0, atol=1e-9
+    )
+
+
+def test_the_policy_decides_which_image_belongs_to_a_scan(bag: Callable[..., Path]) -> None:
+    events = [e for e in drive() if e.topic != "/points"]
+    events += [Event("/points", START + SECOND, scan(START + SECOND - SECOND // 50))]
+    path = bag(sorted(events, key=lambda e: e.time_ns))
+    offsets = {}
+    for policy in ("nearest", "last_before"):
+        dataset = open_dataset(path, sync=SyncConfig(policy=policy))
+        offsets[policy] = int((dataset.sensor_stamps("left") - dataset.stamps_ns)[0])
+    assert offsets == {"nearest": SECOND // 50, "last_before": -SECOND * 8 // 100}
+
+
+def test_scans_without_an_image_near_are_gaps(
+    bag: Callable[..., Path], caplog: pytest.LogCaptureFixture
+) -> None:
+    dark = [
+        e
+        for e in drive()
+        if e.topic != "/camera/image" or not 0.7 < (e.time_ns - START) / SECOND < 1.3
+    ]
+    dataset = open_dataset(bag(dark))
+    assert dataset.numbers.tolist() == [0, 1, 3, 4] and dataset.gaps == [2]
+    assert "1 messages of /points left out: no image near" in caplog.text
+
+
+def test_frames_can_be_read_by_several_threads(tmp_path: Path) -> None:
+    for suffix in SUFFIXES:
+        dataset = open_dataset(write_bag(tmp_path / f"drive.{suffix}", drive(10)))
+        with ThreadPoolExecutor(4) as pool:
+            clouds = list(pool.map(lambda k: dataset[k % 21].points, range(84)))  # noqa: B023
+        for k, points in enumerate(clouds):
+            np.testing.assert_array_equal(points, scan(x=4 - SPEED * (k % 21) / 2).points)
+
+
+def test_topics_are_guessed_by_a_rule_that_is_logged_and_can_be_named(
+    bag: Callable[..., Path], caplog: pytest.LogCaptureFixture
+) -> None:
+    events = drive()
+    events += [dataclasses.replace(e, topic="/a_points") for e in events if e.topic == "/points"]
+    events += [
+        dataclasses.replace(e, topic="/camera/depth/image")
+        for e in events
+        if e.topic == "/camera/image"
+    ]
+    events += [Event("/truth", e.time_ns, e.message) for e in events if e.topic == "/odom"]
+    path = bag(events)
+    dataset = open_dataset(path)
+    used = {"points": "/a_points", "left": "/camera/image", "camera_info": "/camera/camera_info"}
+    assert dataset.source.roles == used | {"odometry": "/odom", "truth": "/truth"}
+    assert (
+        "points is /a_points, chosen of /a_points, /points; name one with --topic points=..."
+        in caplog.text
+    )
+    assert dataset.pose_frame == "base by the truth in /truth"
+    named = open_dataset(path, topics={"points": "/points", "truth": ""})
+    assert named.source.roles["points"] == "/points" and named.name != dataset.name
+    assert named.pose_frame == "base by odometry in /odom"
+    with pytest.raises(DataError, match="has no topic /lidar for points; that could be: /a_points"):
+        open_dataset(path, topics={"points": "/lidar"})
+    with pytest.raises(DataError, match="/odom is of type nav_msgs/Odometry, expected sensor_msgs"):
+        open_dataset(path, topics={"points": "/odom"})
+    with pytest.raises(ConfigError, match="topics has 'lidar'"):
+        open_dataset(path, topics={"lidar": "/points"})
+
+
+def test_the_calibration_is_that_whose_name_shares_most_with_the_images(
+    bag: Callable[..., Path],
+) -> None:
+    names = {"/camera/image": "/rig/b", "/camera/camera_info": "/rig/b/info"}
+    events = [dataclasses.replace(e, topic=names.get(e.topic, e.topic)) for e in drive()]
+    events += [dataclasses.replace(e, topic="/rig/a/info") for e in events if "info" in e.topic]
+    roles = open_dataset(bag(events)).source.roles
+    assert (roles["left"], roles["camera_info"]) == ("/rig/b", "/rig/b/info")
+
+
+def test_true_poses_may_come_from_a_file(bag: Callable[..., Path], tmp_path: Path) -> None:
+    path, truth = bag(drive()), tmp_path / "poses.txt"
+    poses = np.stack([translation(k, 7) for k in range(5)])
+    write_poses_tum(truth, open_dataset(path).stamps_ns, poses)
+    np.testing.assert_allclose(open_dataset(path, poses=truth).poses, poses)
+
+
+def test_frames_from_before_the_odometry_are_left_out_and_counted(
+    bag: Callable[..., Path], caplog: pytest.LogCaptureFixture
+) -> None:
+    late = [e for e in drive() if e.topic != "/odom" or e.time_ns >= START + SECOND * 7 // 10]
+    dataset = open_dataset(bag(late))
+    assert dataset.numbers.tolist() == [2, 3, 4] and dataset.gaps == [0, 1]
+    assert dataset.poses is not None and len(dataset.poses) == 3
+    assert dataset.poses[0, 0, 3] == pytest.approx(SPEED * 1.0)
+    assert "2 of 5 frames left out, which have no pose by odometry" in caplog.text
+
+
+def test_times_of_arrival_can_stand_for_stamps(bag: Callable[..., Path]) -> None:
+    events = list(changed(drive(), "/points", stamp_ns=0))
+    path = bag(events)
+    with pytest.raises(DataError, match=r"all 5 messages of /points have the stamp 0 ns.*--stamps"):
+        open_dataset(path)
+    assert len(open_dataset(path, stamps="bag")) == 5
+    with pytest.raises(ConfigError, match="stamps is 'clock'"):
+        open_dataset(path, stamps="clock")
+
+
+def test_a_clock_that_jumps_back_is_refused_and_arrival_offered(bag: Callable[..., Path]) -> None:
+    jumped = [
+        dataclasses.replace(
+            e, message=dataclasses.replace(e.message, stamp_ns=e.message.stamp_ns - 100 * SECOND)
+        )
+        if e.topic == "/points" and e.time_ns > START + SECOND
+        else e
+        for e in drive()
+    ]
+    path = bag(jumped)
+    with pytest.raises(DataError, match=r"/points jumps back by 99\.500 s at message 3 of 5"):
+        open_dataset(path)
+    assert len(open_dataset(path, stamps="bag")) == 5
+
+
+@pytest.mark.parametrize(
+    ("events", "sensors", "word"),
+    [
+        (without(drive(), "/camera/image"), None, None),
+        (without(drive(), "/camera/image"), ("points", "left"), "no messages for 'left'"),
+        (without(drive(), "/camera/camera_info"), ("points", "left"), "no CameraInfo of /camera/"),
+        (without(drive(), "/points"), ("points", "left"), "no messages for 'points'"),
+        (without(drive(), "/tf_static"), None, "no frame 'velodyne'|no frame 'camera'"),
+        ([], None, "neither PointCloud2 nor Image messages"),
+        (drive(), ("left", "right"), "no messages for 'right'"),
+        (
+            changed(
+                drive(),
+                "/camera/camera_info",
+                camera_matrix=np.zeros((3, 3)),
+                projection=np.zeros((3, 4)),
+            ),
+            None,
+            "CameraInfo of /camera/camera_info",
+        ),
+    ],
+)
+def test_what_a_bag_lacks_is_named(
+    bag: Callable[..., Path], events: Iterable[Event], sensors: tuple[str, ...] | None, word: str
+) -> None:
+    path = bag(events)
+    if word is None:
+        assert open_dataset(path, sensors=sensors).sensors == ("points",)
+        return
+    with pytest.raises(DataError, match=word) as error:
+        open_dataset(path, sensors=sensors)
+    assert str(path) in str(error.value)
+
+
+def test_frames_that_nothing_links_are_named(bag: Callable[..., Path]) -> None:
+    only_scanner = FrameTransforms(transforms=extrinsics().transforms[:1])
+    path = bag([Event("/tf_static", START, only_scanner), *without(drive(), "/tf_static")])
+    with pytest.raises(DataError, match=r"no frame 'camera'.*known: base, velodyne"):
+        open_dataset(path)
+
+
+def test_an_image_of_another_size_than_its_calibration_is_refused(
+    bag: Callable[..., Path],
+) -> None:
+    dataset = open_dataset(bag(changed(drive(), "/camera/camera_info", size=(128, 96))))
+    with pytest.raises(DataError, match="64x48") as error:
+        fuse(dataset[0])
+    assert "128x96" in str(error.value)
+
+
+def test_a_distorted_image_is_rectified(bag: Callable[..., Path]) -> None:
+    bent = np.array([-0.3, 0.1, 0, 0, 0])
+    dataset = open_dataset(bag(changed(drive(), "/camera/camera_info", distortion=bent)))
+    assert not np.array_equal(dataset[0].images["left"], picture().image)
+    assert dataset[0].images["left"].shape == picture().image.shape
+
+
+def test_a_bad_message_is_left_out_and_named(
+    bag: Callable[..., Path], caplog: pytest.LogCaptureFixture
+) -> None:
+    loop = dataclasses.replace(
+        extrinsics().transforms[0], parent="velodyne", child="base", static=True
+    )
+    events = [*drive(), Event("/tf_static", START + 1, FrameTransforms(transforms=(loop,)))]
+    dataset = open_dataset(bag(events))
+    assert len(dataset) == 5 and "loop: base -> velodyne -> base" in caplog.text
+
+
+def test_info_tells_what_is_in_a_bag_and_that_it_can_be_fused(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "drive.mcap", drive(delay_ns=3_000_000))
+    out = " ".join(succeeds("info", path).stdout.split())
+    for words in (
+        "mcap",
+        "sensor_msgs/PointCloud2, 5 messages, 2.00 Hz, arrives +3.0 ms after its stamp",
+        "nav_msgs/Odometry, 101 messages, 50.00 Hz",
+        "arrives +3.0 ms after",
+        "points /points, left /camera/image, camera_info /camera/camera_info, odometry /odom",
+        "camera <- base <- velodyne, from TF",
+        "5, numbers 0 to 4",
+        "possible: ",
+    ):
+        assert words in out, words
+    assert "not possible" not in out
+
+
+@pytest.mark.parametrize(
+    ("topic", "word"),
+    [
+        ("/camera/image", "no Image"),
+        ("/camera/camera_info", "no CameraInfo of the camera"),
+        ("/tf_static", "TF does not link 'camera' and 'velodyne'"),
+        ("/points", "no PointCloud2"),
+    ],
+)
+def test_info_tells_why_a_bag_cannot_be_fused(
+    bag: Callable[..., Path], topic: str, word: str
+) -> None:
+    out = " ".join(succeeds("info", bag(without(drive(), topic))).stdout.split())
+    assert f"not possible: {word}" in out
+
+
+def test_info_does_not_promise_colours_that_no_point_gets(bag: Callable[..., Path]) -> None:
+    behind = np.array([[-4, 0, 0]], np.float32)
+    path = bag(changed(drive(), "/points", points=behind, fields={}))
+    out = " ".join(succeeds("info", path).stdout.split())
+    assert "doubtful: no point of the first scan falls into its image" in out
+
+
+def test_commands_take_topics_stamps_and_policies(bag: Callable[..., Path], tmp_path: Path) -> None:
+    events = drive()
+    events += [dataclasses.replace(e, topic="/a_points") for e in events if e.topic == "/points"]
+    path, options = bag(events), ("--topic", "points=/points", "--stamps", "bag")
+    out = tmp_path / "clouds"
+    succeeds("fuse", path, *options, "--sync", "policy=last_before", "-o", out)
+    assert len(open_dataset(out)) == 5
+    assert '"points": "/points"' in (out / "run.json").read_text()
+    assert "holds results of" in fails(1, "fuse", path, "-o", out)
+    assert "expected WHAT=/NAME" in fails(2, "info", path, "--topic", "/points")
+    assert "policy" in fails(2, "info", path, "--sync", "policy=best")
+    assert "topics are of bags" in fails(2, "info", out, "--topic", "points=/points")
+
+
+def test_a_pack_of_single_messages_is_enough_for_one_frame(bag: Callable[..., Path]) -> None:
+    events = [
+        Event("/tf_static", START, extrinsics()),
+        Event("/odom", START, odometry(START)),
+        Event("/info", START, camera_info()),
+        Event("/image", START, picture()),
+        Event("/points", START, scan()),
+    ]
+    assert len(fuse(open_dataset(bag(events))[0])) > 0
+
+
+def test_shared_recording_is_fused_by_its_own_transforms(test_data: Path) -> None:
+    path = test_data / "bags" / "small_house_20s.bag"
+    dataset = open_dataset(path, topics={"points": "/velodyne_points_360"})
+    assert len(dataset) == 40 and dataset.counts == {"points": 40, "left": 200}
+    np.testing.assert_allclose(dataset.body_from_points[:3, 3], (-0.064, 0, 0.17), atol=1e-3)
+    assert min(len(fuse(dataset[k])) for k in (0, 20, 39)) > 1000

@@ -1,0 +1,142 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Plain folders of clouds and images: which files belong together, and when they were taken."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fusionslam.datasets import (
+    open_dataset,
+    read_calib_yaml,
+    write_poses_tum,
+)
+from fusionslam.errors import DataError
+from written_datasets import COLORS, P2, POINTS, POSE_LINE, folder, put_image, put_scan, put_text
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".pcd"])
+def test_a_folder_of_coloured_clouds_gives_colours(tmp_path: Path, suffix: str) -> None:
+    dataset = open_dataset(folder(tmp_path, suffix=suffix))
+    assert dataset.kind == "folder" and len(dataset) == 3 and dataset.pose_frame == "points"
+    assert np.array_equal(dataset[1].points, POINTS)
+    assert np.array_equal(dataset[1].colors, COLORS)
+    assert dataset.cameras == {} and dataset[1].images["left"].shape == (3, 4, 3)
+
+
+def test_clouds_may_lie_in_the_folder_itself(tmp_path: Path) -> None:
+    for name in ("scan_9.bin", "scan_10.bin", "scan_11.bin"):
+        put_scan(tmp_path / name)
+    dataset = open_dataset(tmp_path)
+    assert dataset.numbers.tolist() == [9, 10, 11] and dataset[0].colors is None
+
+
+def test_clouds_and_images_belong_together_by_the_number_in_their_names(tmp_path: Path) -> None:
+    for number in range(3):
+        put_scan(tmp_path / f"clouds/cloud_{number:03d}.bin")
+        put_image(tmp_path / f"left/left_{number}.png")
+        put_image(tmp_path / f"right/right_{number}.jpg")
+    assert open_dataset(tmp_path).sensors == ("points", "left", "right")
+    (tmp_path / "clouds/cloud_001.bin").unlink()
+    with pytest.raises(DataError, match=r"clouds/cloud_001.bin is missing"):
+        open_dataset(tmp_path)
+
+
+def test_names_that_are_nanoseconds_are_times(tmp_path: Path) -> None:
+    stems = ("1317354879229752001", "1317354879329752002")
+    dataset = open_dataset(folder(tmp_path, stems))
+    assert dataset.stamps_ns.tolist() == [int(stem) for stem in stems]
+    assert dataset.numbers.tolist() == [0, 1]
+    (tmp_path / f"images/{stems[1]}.png").unlink()
+    with pytest.raises(DataError, match=rf"images/{stems[1]}.png is missing"):
+        open_dataset(tmp_path)
+
+
+def test_images_at_other_times_are_no_gaps_between_the_scans(tmp_path: Path) -> None:
+    folder(tmp_path, ("1317354879000000000", "1317354879200000000"))
+    put_image(tmp_path / "images/1317354879100000000.png")
+    assert open_dataset(tmp_path, sensors=("points",)).numbers.tolist() == [0, 1]
+    with pytest.raises(DataError, match=r"clouds/1317354879100000000.ply is missing"):
+        open_dataset(tmp_path)
+    with pytest.raises(DataError, match="has no files of sensor 'right'"):
+        open_dataset(tmp_path, sensors=("right",))
+
+
+def test_names_without_numbers_are_taken_in_their_order(tmp_path: Path) -> None:
+    dataset = open_dataset(folder(tmp_path, ("kitchen", "attic")))
+    assert dataset.streams["points"].files[0].stem == "attic"
+
+
+def test_two_files_of_one_frame_are_refused(tmp_path: Path) -> None:
+    folder(tmp_path)
+    put_scan(tmp_path / "clouds/001.bin")
+    with pytest.raises(DataError, match=r"001.bin and .*001.ply are both frame 1"):
+        open_dataset(tmp_path)
+
+
+def test_tum_poses_give_a_folder_its_times(tmp_path: Path) -> None:
+    stamps = np.array([1_317_354_879_229_752_001, 1_317_354_879_329_752_002, 1 << 60])
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, 0, 3] = (1, 2, 3)
+    write_poses_tum(tmp_path / "poses.txt", stamps, poses)
+    dataset = open_dataset(folder(tmp_path))
+    assert np.array_equal(dataset.stamps_ns, stamps)
+    assert np.array_equal(dataset.poses, poses)
+
+
+def test_tum_poses_are_matched_to_times_and_must_be_near(tmp_path: Path) -> None:
+    put_text(tmp_path / "times.txt", "10.0\n10.1\n10.2\n")
+    line = "{} {} 0 0 0 0 0 1\n"
+    put_text(tmp_path / "poses.txt", "# t x\n" + "".join(map(line.format, (10.2, 10.1, 10), "210")))
+    dataset = open_dataset(folder(tmp_path))
+    assert dataset.poses[:, 0, 3].tolist() == [0, 1, 2]
+    put_text(tmp_path / "poses.txt", "".join(map(line.format, (10, 10.15, 10.2), "012")))
+    with pytest.raises(DataError, match=r"within 10 ms of 1 of 3 frames.*frame 1 at 10.1"):
+        open_dataset(tmp_path)
+
+
+def test_kitti_poses_of_a_folder_are_matched_by_number(tmp_path: Path) -> None:
+    put_text(tmp_path / "poses.txt", "".join(POSE_LINE.format(n) for n in range(5)))
+    dataset = open_dataset(folder(tmp_path, ("2", "3", "4")))
+    assert dataset.poses[:, 0, 3].tolist() == [2, 3, 4]
+
+
+def test_calib_yaml_describes_the_cameras_of_a_folder(tmp_path: Path) -> None:
+    put_text(
+        tmp_path / "calib.yaml",
+        f"left:\n  projection: [{P2.replace(' ', ', ')}]\n  size: [4, 3]\n"
+        "  rectified_from_points: [[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]\n",
+    )
+    camera = open_dataset(folder(tmp_path)).cameras["left"]
+    assert camera.projection[0, 3] == 45 and camera.size == (4, 3)
+    assert camera.rectified_from_points[2, 0] == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("left: {projection: [1, 2]}", "left.projection to be 3 x 4 numbers"),
+        ("left: {projektion: [1, 2]}", "left has unknown key projektion, expected projection"),
+        ("left: {size: [4, 3]}", "left lacks projection"),
+        ("front: {}", "unknown key front, expected left, right"),
+        ("left: [", "expected YAML"),
+        ("just text", "no mapping"),
+        ("right: {projection: [7, 0, 2, 0, 0, 7, 1, 0, 0, 0, 1, 0]}", "lacks camera 'left'"),
+        ("left: {projection: [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]}", "singular"),
+    ],
+)
+def test_a_wrong_calib_yaml_is_named_with_what_was_expected(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    put_text(tmp_path / "calib.yaml", text)
+    with pytest.raises(DataError, match=message) as error:
+        open_dataset(folder(tmp_path))
+    assert "calib.yaml" in str(error.value)
+
+
+def test_the_calib_yaml_of_the_documentation_is_valid(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[3] / "docs/datasets.md").read_text()
+    put_text(tmp_path / "calib.yaml", page.split("```yaml\n")[1].split("```")[0])
+    cameras = read_calib_yaml(tmp_path / "calib.yaml")
+    assert cameras["left"].size == (1241, 376) and cameras["right"].size is None

@@ -1,0 +1,229 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Single files: clouds, images, times and poses, whole and broken."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from fusionslam.datasets import (
+    match_poses,
+    read_bin,
+    read_cloud,
+    read_image,
+    read_poses,
+    read_poses_tum,
+    read_times,
+    read_timestamps,
+    write_cloud,
+    write_poses_tum,
+)
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.sensors.frame import Cloud
+from written_datasets import COLORS, POINTS, RNG, put_text
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".bin"])
+@pytest.mark.parametrize("count", [0, 1, 20])
+@pytest.mark.parametrize("colored", [True, False])
+def test_clouds_come_back_as_they_were_written(
+    tmp_path: Path, suffix: str, count: int, colored: bool
+) -> None:
+    path = tmp_path / f"cloud{suffix}"
+    write_cloud(path, Cloud(POINTS[:count], COLORS[:count] if colored else None))
+    cloud = read_cloud(path)
+    assert cloud.points.dtype == np.float32 and cloud.points.flags.c_contiguous
+    assert np.array_equal(cloud.points, POINTS[:count])
+    if colored and count and suffix != ".bin":
+        assert cloud.colors.dtype == np.uint8
+        assert np.array_equal(cloud.colors, COLORS[:count])
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".bin"])
+@pytest.mark.parametrize("kept", [0.02, 0.5, 0.999])
+def test_truncated_clouds_are_named(tmp_path: Path, suffix: str, kept: float) -> None:
+    path = tmp_path / f"cloud{suffix}"
+    write_cloud(path, Cloud(POINTS, COLORS))
+    data = path.read_bytes()
+    path.write_bytes(data[: min(int(len(data) * kept) | 1, len(data) - 1)])
+    with pytest.raises(DataError, match=rf"cloud{suffix} .*(expected|header)"):
+        read_cloud(path)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
+def test_pcd_files_of_every_encoding_are_read(tmp_path: Path, encoding: str) -> None:
+    from pypcd4.pypcd4 import Encoding, PointCloud
+
+    cloud = PointCloud.from_xyzi_points(np.c_[POINTS, POINTS[:, 0]])
+    cloud.save(tmp_path / "cloud.pcd", Encoding(encoding))
+    assert np.allclose(read_cloud(tmp_path / "cloud.pcd").points, POINTS, atol=1e-6)
+    (tmp_path / "cloud.pcd").write_bytes((tmp_path / "cloud.pcd").read_bytes()[:-30])
+    with pytest.raises(DataError, match=r"cloud.pcd"):
+        read_cloud(tmp_path / "cloud.pcd")
+
+
+def test_rays_without_return_in_a_pcd_are_left_out(tmp_path: Path) -> None:
+    points = POINTS.copy()
+    points[3] = np.nan
+    write_cloud(tmp_path / "cloud.pcd", Cloud(points, COLORS))
+    cloud = read_cloud(tmp_path / "cloud.pcd")
+    assert np.array_equal(cloud.points, np.delete(POINTS, 3, axis=0))
+    assert np.array_equal(cloud.colors, np.delete(COLORS, 3, axis=0))
+
+
+def test_ascii_ply_is_read_and_must_be_complete(tmp_path: Path) -> None:
+    header = (
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty double x\nproperty double y\n"
+        "property double z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+        "end_header\n"
+    )
+    put_text(tmp_path / "a.ply", header + "1 2 3 255 0 7\n4 5 6 1 2 3\n")
+    cloud = read_cloud(tmp_path / "a.ply")
+    assert cloud.points.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert cloud.colors.tolist() == [[255, 0, 7], [1, 2, 3]]
+    put_text(tmp_path / "a.ply", header + "1 2 3 255 0 7\n")
+    with pytest.raises(DataError, match="holds 1 points, its header says 2"):
+        read_cloud(tmp_path / "a.ply")
+    put_text(tmp_path / "a.ply", header.replace("uchar", "float") + "1 2 3 1 0 0\n" * 2)
+    with pytest.raises(DataError, match="colours of type float32, expected uchar"):
+        read_cloud(tmp_path / "a.ply")
+
+
+def test_an_empty_scan_is_a_cloud_without_points(tmp_path: Path) -> None:
+    (tmp_path / "a.bin").write_bytes(b"")
+    assert read_bin(tmp_path / "a.bin").points.shape == (0, 3)
+
+
+def test_a_cloud_of_another_shape_or_suffix_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"a.las is no cloud file: expected one of .bin, .pcd"):
+        write_cloud(tmp_path / "a.las", Cloud(POINTS))
+    with pytest.raises(ShapeError, match=r"points have shape \(20, 2\)"):
+        write_cloud(tmp_path / "a.ply", Cloud(POINTS[:, :2]))
+    with pytest.raises(ShapeError, match=r"colors have shape \(19, 3\)"):
+        write_cloud(tmp_path / "a.ply", Cloud(POINTS, COLORS[1:]))
+    assert not list(tmp_path.iterdir())
+
+
+def test_images_are_grey_or_rgb_and_8_bit(tmp_path: Path) -> None:
+    for mode, shape in (("L", (3, 4)), ("RGB", (3, 4, 3)), ("RGBA", (3, 4, 3)), ("P", (3, 4, 3))):
+        Image.new(mode, (4, 3)).save(tmp_path / "a.png")
+        image = read_image(tmp_path / "a.png")
+        assert image.shape == shape and image.dtype == np.uint8
+    Image.new("I;16", (4, 3)).save(tmp_path / "a.png")
+    with pytest.raises(DataError, match=r"a.png has pixels of mode I;16, expected 8 bits"):
+        read_image(tmp_path / "a.png")
+
+
+def test_a_truncated_image_is_named(tmp_path: Path) -> None:
+    noise = RNG.integers(0, 256, (64, 64, 3), dtype=np.uint8)
+    for name in ("a.png", "a.jpg"):
+        Image.fromarray(noise).save(tmp_path / name)
+        data = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(data[: len(data) // 2])
+        with pytest.raises(DataError, match=rf"{name} cannot be read: expected an 8-bit .*trunc"):
+            read_image(tmp_path / name)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    for read, name in (
+        (read_cloud, "a.bin"),
+        (read_cloud, "a.pcd"),
+        (read_cloud, "a.ply"),
+        (read_image, "a.png"),
+        (read_poses, "a.txt"),
+        (read_times, "a.txt"),
+        (read_timestamps, "a.txt"),
+    ):
+        with pytest.raises(DataError, match=rf"{name} is missing: expected"):
+            read(tmp_path / name)
+
+
+def test_times_are_exact_nanoseconds(tmp_path: Path) -> None:
+    put_text(tmp_path / "times.txt", "1.037359e-01\n1317354879.229752001\n")
+    assert read_times(tmp_path / "times.txt").tolist() == [103_735_900, 1_317_354_879_229_752_001]
+
+
+@pytest.mark.parametrize("text", ["2011-09-26 13:02\n\n2011-09-26 13:03\n", "noon\n", ""])
+def test_wrong_timestamps_are_named(tmp_path: Path, text: str) -> None:
+    put_text(tmp_path / "timestamps.txt", text)
+    with pytest.raises(DataError, match=r"timestamps.txt.* expected"):
+        read_timestamps(tmp_path / "timestamps.txt")
+
+
+@given(
+    st.integers(0, 2**62),
+    st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3),
+    st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.1),
+)
+def test_tum_poses_come_back_as_they_were_written(
+    tmp_path_factory: pytest.TempPathFactory,
+    stamp: int,
+    position: list[float],
+    quaternion: list[float],
+) -> None:
+    from scipy.spatial.transform import Rotation
+
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+    pose[:3, 3] = position
+    path = tmp_path_factory.mktemp("poses") / "poses.txt"
+    write_poses_tum(path, np.array([stamp]), pose[None])
+    stamps, poses = read_poses_tum(path)
+    assert stamps.tolist() == [stamp]
+    assert np.array_equal(poses[0, :3, 3], position)
+    assert np.allclose(poses[0], pose, rtol=0, atol=1e-9)
+
+
+def test_tum_quaternions_have_their_real_part_last(tmp_path: Path) -> None:
+    half = np.sqrt(0.5)
+    put_text(tmp_path / "poses.txt", f"0 1 2 3 0 0 {half} {half}\n")
+    _, poses = read_poses_tum(tmp_path / "poses.txt")
+    assert np.allclose(poses[0], [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
+
+
+def test_poses_need_one_stamp_each(tmp_path: Path) -> None:
+    with pytest.raises(ShapeError, match=r"expected \(2, 4, 4\)"):
+        write_poses_tum(tmp_path / "poses.txt", np.zeros(2, dtype=np.int64), np.eye(4)[None])
+
+
+def test_the_nearest_pose_is_found_whatever_the_order_of_the_file(tmp_path: Path) -> None:
+    stamps = RNG.permutation(100) * 5_000_000
+    poses = np.tile(np.eye(4), (100, 1, 1))
+    poses[:, 0, 3] = stamps
+    write_poses_tum(tmp_path / "poses.txt", stamps, poses)
+    wanted = np.sort(RNG.integers(0, 99 * 5_000_000, 30))
+    found = match_poses(tmp_path / "poses.txt", np.arange(30), wanted)[:, 0, 3]
+    brute = stamps[np.abs(stamps[None] - wanted[:, None]).argmin(axis=1)]
+    assert np.array_equal(np.abs(found - wanted), np.abs(brute - wanted))
+
+
+@pytest.mark.parametrize(
+    "row",
+    ["2 0 0 0 0 2 0 0 0 0 2 0", "1 0 0 0 0 1 0 0 0 0 -1 0", "1 0.2 0 5 0 1 0 5 0 0 1 5"],
+    ids=["scaled", "mirrored", "sheared"],
+)
+def test_poses_that_are_no_rotation_are_named_with_their_line(tmp_path: Path, row: str) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_text(f"1 0 0 0 0 1 0 0 0 0 1 0\n# comment\n{row}\n")
+    with pytest.raises(DataError, match=r"poses\.txt, line 3: .* no rotation"):
+        read_poses(path)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".pcd"])
+@pytest.mark.parametrize("kept", [0, 1, 3, 20, 60, 100])
+def test_a_header_that_is_cut_is_named_in_plain_words(
+    tmp_path: Path, suffix: str, kept: int
+) -> None:
+    path = tmp_path / f"cloud{suffix}"
+    write_cloud(path, Cloud(POINTS, COLORS))
+    path.write_bytes(path.read_bytes()[:kept])
+    with pytest.raises(
+        DataError, match=r"does not begin like|is cut short in its header"
+    ) as caught:
+        read_cloud(path)
+    assert "pydantic" not in str(caught.value) and "index out of range" not in str(caught.value)

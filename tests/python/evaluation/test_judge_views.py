@@ -1,0 +1,200 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Views judged against plain loops, by hand, and against figures measured elsewhere."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.evaluation import (
+    VIEW_RULES,
+    ViewJudge,
+    ViewRule,
+    always_new,
+    baselines,
+    every_kth,
+    judge_views,
+)
+from judged_drives import judged_by_loops, random_drive, scans_above_floor
+
+# Nothing in the random drives lies exactly on these limits, where rounding would decide.
+LIMITS = {"false_positive_distance": 0.81, "false_negative_distance": 0.21, "loop_distance": 0.81}
+ANGLES = {"revisit_angle": 31.0, "false_negative_angle": 13.0}
+OFF_GRID = {**LIMITS, **ANGLES, "revisit_distance": 0.51}
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 60), st.integers(1, 30), st.booleans())
+def test_every_count_is_that_of_plain_loops(seed: int, count: int, views: int, lax: bool) -> None:
+    drive = random_drive(seed, count, views)
+    ids, poses, stamps = drive
+    rule = ViewRule(**OFF_GRID, false_positive_angle=73.0 if lax else 22.9)
+    report = judge_views(ids, poses, stamps, rule=rule)
+    expected = judged_by_loops(drive, rule)
+    assert {name: getattr(report, name) for name in expected} == expected
+    assert report.true_positives + report.false_positives == report.positives
+    assert report.true_negatives + report.false_negatives == count - report.positives
+
+
+def test_blocks_do_not_change_a_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    drive = random_drive(5, 300, 40)
+    whole = judge_views(*drive)
+    monkeypatch.setattr("fusionslam.evaluation.views.ground_truth._BLOCK", 7)
+    assert judge_views(*drive).metrics() == whole.metrics()
+
+
+def line(*xs: float) -> NDArray[np.float64]:
+    return np.array([(x, 0.0, 0.0) for x in xs])
+
+
+def test_a_drive_by_hand() -> None:
+    """There, far away, and back twice: once known again, once taken for another place."""
+    poses = line(0, 5, 0.1, 0.15, 0.1)
+    report = judge_views([7, 3, 7, 3, 9], poses, [0, 10, 30, 31, 32])
+    assert report.matched.tolist() == [-1, -1, 0, 1, -1]
+    assert report.false_positive_indices.tolist() == [3]
+    assert report.false_negative_indices.tolist() == [4]
+    assert report.accuracy == pytest.approx(3 / 5)
+    assert (report.loop_recall, report.loop_precision) == (pytest.approx(1 / 3), 0.5)
+    assert (report.precision, report.recall) == (0.5, 0.5)
+    assert report.mean_false_positive_distance == pytest.approx(4.85)
+    assert report.max_false_positive_angle == 0
+    assert report.views == 3
+
+
+@pytest.mark.parametrize("end", [20.0, 20.001])
+def test_a_loop_is_older_than_twenty_seconds(end: float) -> None:
+    report = judge_views([0, 0], line(0, 0), [0, end])
+    assert (report.revisits, report.loops) == ((1, 1) if end > 20 else (0, 0))
+
+
+def test_twenty_seconds_are_twenty_seconds_wherever_the_clock_starts() -> None:
+    for start in np.arange(0, 3, 0.1):
+        report = judge_views([0, 0], line(0, 0), [start, start + 20.0])
+        assert report.loops == report.revisits == 0
+
+
+def test_a_loop_needs_an_old_view_and_a_revisit_an_old_pose() -> None:
+    """Matched to what was stored 10 s ago, where it also was 40 s ago: missed."""
+    report = judge_views([0, 1, 2, 2], line(0, 9, 0.4, 0), [0, 20, 30, 40])
+    assert report.revisit.tolist() == [False, False, True, True]
+    assert report.loop_recall == 0 and report.loop_precision is None
+
+
+@pytest.mark.parametrize(("turn", "wrong"), [(22.9, False), (23.0, True), (337.5, False)])
+def test_angles_wrap_and_the_authors_are_laxer(turn: float, wrong: bool) -> None:
+    poses = [[0, 0, 0], [0, 0, np.radians(turn)]]
+    assert judge_views([0, 0], poses, [0, 1]).false_positives == wrong
+    poses[1][2] = np.radians(71)
+    assert judge_views([0, 0], poses, [0, 1], rule="author").false_positives == 0
+    poses[1][2] = np.radians(73)
+    assert judge_views([0, 0], poses, [0, 1], rule="author").false_positives == 1
+
+
+@pytest.mark.parametrize(("rule", "turn"), [("paper", 12.0), ("author", 7.2)])
+def test_a_new_view_is_wrong_within_the_rules_angle(rule: str, turn: float) -> None:
+    for change, wrong in ((-0.01, 1), (0.01, 0)):
+        poses = [[0, 0, 3.1], [0.19, 0, 3.1 + np.radians(turn + change)]]
+        assert judge_views([0, 1], poses, [0, 1], rule=rule).false_negatives == wrong
+
+
+def test_a_scan_without_a_view_is_a_negative_that_is_never_stored() -> None:
+    report = judge_views([-1, -1, 4, -1], line(0, 0, 0, 0.1), [0, 1, 2, 3])
+    assert (report.n, report.views, report.unplaced, report.positives) == (4, 1, 3, 0)
+    assert report.false_negative_indices.tolist() == [3]
+
+
+def test_a_share_of_nothing_is_none_and_is_printed_so() -> None:
+    report = judge_views([], np.empty((0, 3)), [])
+    figures = report.metrics()
+    assert figures["n"] == 0 and figures["accuracy"] is None
+    for name in ("loop_recall", "loop_precision", "precision", "recall"):
+        assert figures[name] is None
+    assert str(report).count("none") == 6
+    json.dumps(figures, allow_nan=False)
+
+
+def test_accuracy_is_never_printed_without_the_loops() -> None:
+    text = str(judge_views([0, 0], line(0, 0.3), [0, 30]))
+    assert "accuracy         100.0 %" in text
+    assert "loop recall      100.0 %   1 of 1 revisits" in text
+    assert "loop precision   100.0 %" in text
+
+
+def test_a_report_cannot_be_changed() -> None:
+    report = judge_views([0], line(0), [0])
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        report.n = 3  # type: ignore[misc]
+
+
+def test_the_numbering_of_ids_does_not_matter() -> None:
+    ids, poses, stamps = random_drive(3, 200, 25)
+    renamed = np.where(ids < 0, -5, 1000 - 7 * ids)
+    judge = ViewJudge(poses, stamps)
+    assert judge.judge(ids).metrics() == judge.judge(renamed).metrics()
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"ids": [0, 1]}, ShapeError, r"ids: int64 \(2,\), expected integers \(3,\)"),
+        ({"ids": [0.0, 1.0, 2.0]}, ShapeError, "ids: float64"),
+        ({"ids": [True, False, True]}, ShapeError, "ids: bool"),
+        ({"ids": np.full(3, 2**64 - 1, "u8")}, DataError, "ids: 18446744073709551615"),
+        ({"poses": np.zeros((3, 2))}, ShapeError, r"poses: \(3, 2\), expected \(n, 3\)"),
+        ({"poses": [[0, 0, 0], [0, np.nan, 0], [0, 0, 0]]}, DataError, "poses: row 1"),
+        ({"poses": "far"}, ShapeError, "poses: expected numbers"),
+        ({"stamps": [0, 1]}, ShapeError, r"stamps: \(2,\), expected \(3,\)"),
+        ({"stamps": [0, 2, 1]}, DataError, "stamps: row 2 goes back from 2.0 s to 1.0 s"),
+        ({"stamps": [0, 1, np.inf]}, DataError, "stamps: row 2 is inf"),
+        ({"stamps": [10**18] * 3}, DataError, "nanoseconds"),
+        ({"rule": "papre"}, ConfigError, "did you mean 'paper'"),
+    ],
+)
+def test_wrong_input_is_refused(change: dict[str, Any], error: type[Exception], words: str) -> None:
+    good: dict[str, Any] = {"ids": [0, 1, 2], "poses": np.zeros((3, 3)), "stamps": [0, 1, 2]}
+    with pytest.raises(error, match=words):
+        judge_views(**(good | change))
+
+
+def test_a_rule_with_a_negative_or_infinite_limit_is_refused() -> None:
+    for value in (-0.1, float("inf"), float("nan")):
+        with pytest.raises(ValueError, match="loop_age"):
+            ViewRule(loop_age=value)
+
+
+def test_a_rule_of_ones_own_is_called_custom() -> None:
+    report = judge_views([0], line(0), [0], rule=ViewRule(loop_age=5))
+    assert report.rule_name == "custom"
+    assert judge_views([0], line(0), [0], rule=VIEW_RULES["author"]).rule_name == "author"
+
+
+def test_baselines_start_views_by_counting() -> None:
+    assert always_new(3).tolist() == [0, 1, 2]
+    assert every_kth(7, 3).tolist() == [0, 0, 0, 1, 1, 1, 2]
+    assert all(len(ids) == 5 for ids in baselines(5).values())
+    for n, k in ((3, 0), (-1, 2)):
+        with pytest.raises(ConfigError):
+            every_kth(n, k)
+
+
+@pytest.mark.parametrize(
+    ("world", "scans", "accuracy"), [("warehouse", 466, 87.3), ("small_house", 474, 91.6)]
+)
+def test_a_program_without_a_sensor_scores_what_was_measured_elsewhere(
+    test_data: Path, world: str, scans: int, accuracy: float
+) -> None:
+    """The author's scans: those of the collision shapes that hold more than floor."""
+    poses, stamps = scans_above_floor(test_data, world)
+    report = judge_views(every_kth(len(poses), 3), poses, stamps)
+    assert report.n == scans
+    assert 100 * report.accuracy == pytest.approx(accuracy, abs=0.05)  # type: ignore[operator]
+    assert report.loop_recall == 0 and report.loop_precision is None

@@ -1,0 +1,214 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Weights and ONNX: both hold the same network, and files that do not fit are named."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.views.second_stage.architecture import ComparisonConfig, PointNetConfig
+from fusionslam.views.second_stage.inputs import network_input
+from fusionslam.views.second_stage.model import SecondStage
+from fusionslam.views.second_stage.network_files import About, Calibration
+from learning_cases import TINY, TINY_COLORED, TINY_COMPARISON, cloud
+
+torch = pytest.importorskip("torch", reason="torch is not installed")
+onnx = pytest.importorskip("onnx", reason="onnx is not installed")
+pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
+pytest.importorskip("safetensors", reason="safetensors is not installed")
+
+from fusionslam.learning.onnx_export import export_comparison, export_pointnet  # noqa: E402
+from fusionslam.learning.pointnet import Comparison, PointNet  # noqa: E402
+from fusionslam.learning.weight_files import load_comparison, load_pointnet, save_weights  # noqa: E402
+
+CALIBRATED = Calibration(4.0, 8.0)
+
+
+def lived_in(network: Any) -> Any:
+    """As after some training: no bias, scale or mean is 0 or 1 any more."""
+    generator = torch.Generator().manual_seed(3)
+    for name, value in network.state_dict().items():
+        if value.dtype == torch.float32:
+            noise = torch.rand(value.shape, generator=generator)
+            positive = name.endswith(("running_var", "scale"))
+            value.copy_(0.5 + noise if positive else value + 0.4 * (noise - 0.5))
+    return network.eval()
+
+
+def pointnet(folder: Path, config: PointNetConfig, calibration: Calibration | None = None) -> Any:
+    network = lived_in(PointNet(config))
+    about = About("pointnet", config, calibration)
+    save_weights(folder / "features.safetensors", network, about)
+    export_pointnet(folder / "features.onnx", network, about)
+    return network
+
+
+def comparison(folder: Path, config: ComparisonConfig) -> Any:
+    network = lived_in(Comparison(config))
+    save_weights(folder / "comparison.safetensors", network, About("comparison", config))
+    export_comparison(folder / "comparison.onnx", network, About("comparison", config))
+    return network
+
+
+@pytest.mark.parametrize("config", [TINY, TINY_COLORED, PointNetConfig()])
+@pytest.mark.parametrize("size", [1, 7, 2000])
+def test_onnxruntime_gives_the_features_that_torch_gives(
+    config: PointNetConfig, size: int, tmp_path: Path
+) -> None:
+    network = pointnet(tmp_path, config, CALIBRATED)
+    seen = cloud(size, size)
+    found = SecondStage(tmp_path / "features.onnx").features(seen.points, seen.colors)
+    taken = network_input(
+        seen.points, seen.colors, config.normalisation, config.range_m, config.colors
+    )
+    with torch.no_grad():
+        expected = network(torch.from_numpy(taken)[None])[0][0].numpy()
+    assert found.shape == (config.features,) and found.dtype == np.float32
+    np.testing.assert_allclose(found, expected, atol=1e-5 * max(1, np.abs(expected).max()))
+    assert expected.std() > 1e-3
+
+
+@pytest.mark.parametrize("activation", ["relu", "none"])
+def test_onnxruntime_gives_the_probabilities_that_torch_gives(
+    activation: str, tmp_path: Path
+) -> None:
+    pointnet(tmp_path, TINY)
+    config = TINY_COMPARISON.model_copy(update={"activation": activation})
+    network = comparison(tmp_path, config)
+    stage = SecondStage(tmp_path / "features.onnx", tmp_path / "comparison.onnx")
+    rows = np.random.default_rng(0).normal(size=(9, 32)).astype(np.float32)
+    with torch.no_grad():
+        expected = network(torch.from_numpy(rows[:1]).expand(8, -1), torch.from_numpy(rows[1:]))
+    np.testing.assert_allclose(stage.probabilities(rows[0], rows[1:]), expected, atol=1e-5)
+    assert stage.probability(rows[0], rows[3]) == pytest.approx(float(expected[2]), abs=1e-5)
+    assert np.ptp(expected.numpy()) > 0.01
+
+
+def test_weights_come_back_as_they_were_saved(tmp_path: Path) -> None:
+    network, other = pointnet(tmp_path, TINY, CALIBRATED), comparison(tmp_path, TINY_COMPARISON)
+    loaded, about = load_pointnet(tmp_path / "features.safetensors", TINY)
+    assert about == About("pointnet", TINY, CALIBRATED)
+    taken = torch.from_numpy(cloud(50, 0).points)[None]
+    assert torch.equal(loaded(taken)[0], network(taken)[0])
+    compared, _ = load_comparison(tmp_path / "comparison.safetensors", 32)
+    rows = torch.ones(2, 32)
+    assert torch.equal(compared(rows, -rows), other(rows, -rows))
+
+
+def test_a_distance_becomes_the_probability_of_its_calibration(tmp_path: Path) -> None:
+    pointnet(tmp_path, TINY_COLORED, CALIBRATED)
+    stage = SecondStage(tmp_path / "features.onnx")
+    first, second = np.eye(12, dtype=np.float32)[:2]
+    expected = 1 / (1 + np.exp(8 * np.sqrt(2) - 4))
+    assert stage.probability(first, second) == pytest.approx(expected, rel=1e-5)
+    assert stage.probability(first, first) == pytest.approx(1 / (1 + np.exp(-4)), rel=1e-5)
+
+
+@pytest.mark.parametrize("suffix", ["safetensors", "onnx"])
+@pytest.mark.parametrize("share", [0, 0.3, 0.95])
+def test_files_that_are_cut_short_are_named(suffix: str, share: float, tmp_path: Path) -> None:
+    pointnet(tmp_path, TINY, CALIBRATED)
+    path = tmp_path / f"features.{suffix}"
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    read = load_pointnet if suffix == "safetensors" else SecondStage
+    with pytest.raises(DataError, match=rf"features\.{suffix}.*pointnet network"):
+        read(path)
+
+
+def test_weights_of_another_architecture_are_named_with_what_was_expected(tmp_path: Path) -> None:
+    pointnet(tmp_path, TINY)
+    with pytest.raises(
+        DataError, match=r"features\.safetensors has another architecture: .*points is"
+    ):
+        load_pointnet(tmp_path / "features.safetensors", PointNetConfig())
+
+
+def test_a_comparison_is_not_taken_for_features(tmp_path: Path) -> None:
+    pointnet(tmp_path, TINY, CALIBRATED)
+    comparison(tmp_path, TINY_COMPARISON)
+    with pytest.raises(DataError, match="holds a comparison network, expected pointnet"):
+        load_pointnet(tmp_path / "comparison.safetensors")
+    with pytest.raises(DataError, match="holds a comparison network, expected pointnet"):
+        SecondStage(tmp_path / "comparison.onnx")
+
+
+def test_a_comparison_of_another_number_of_features_is_refused(tmp_path: Path) -> None:
+    pointnet(tmp_path, TINY)
+    comparison(tmp_path, TINY_COMPARISON.model_copy(update={"features": 30}))
+    with pytest.raises(DataError, match="compares 30 features, expected 32"):
+        SecondStage(tmp_path / "features.onnx", tmp_path / "comparison.onnx")
+    with pytest.raises(DataError, match="compares 30 features, expected 32"):
+        load_comparison(tmp_path / "comparison.safetensors", 32)
+
+
+def test_tensors_that_do_not_fit_the_file_s_own_words_are_named(tmp_path: Path) -> None:
+    wider = TINY.model_copy(update={"points": (8, 16, 33)})
+    path = tmp_path / "odd.safetensors"
+    save_weights(path, PointNet(TINY), About("pointnet", wider))
+    with pytest.raises(DataError, match=r"points\.layers\.6\.weight has shape \(32, 16\)"):
+        load_pointnet(path)
+    save_weights(path, PointNet(TINY), About("pointnet", TINY.model_copy(update={"embedding": 4})))
+    with pytest.raises(DataError, match=r"lacks embedding\.bias"):
+        load_pointnet(path)
+
+
+def test_weights_that_are_not_finite_are_refused(tmp_path: Path) -> None:
+    network = PointNet(TINY)
+    network.state_dict()["points.layers.0.bias"][0] = torch.nan
+    save_weights(tmp_path / "odd.safetensors", network, About("pointnet", TINY))
+    with pytest.raises(DataError, match="not finite"):
+        load_pointnet(tmp_path / "odd.safetensors")
+
+
+@pytest.mark.parametrize(
+    "values", [{}, {"format": "fusionslam.network.9"}, {"format": "fusionslam.network.1"}]
+)
+def test_onnx_of_others_or_of_another_version_is_refused(
+    values: dict[str, str], tmp_path: Path
+) -> None:
+    pointnet(tmp_path, TINY)
+    model = onnx.load(tmp_path / "features.onnx")
+    onnx.helper.set_model_props(model, {"fusionslam": json.dumps(values)})
+    onnx.save(model, tmp_path / "odd.onnx")
+    with pytest.raises(DataError, match=r"odd\.onnx.*expected"):
+        SecondStage(tmp_path / "odd.onnx")
+
+
+def test_a_graph_that_takes_other_rows_than_it_says_is_refused(tmp_path: Path) -> None:
+    network = lived_in(PointNet(TINY))
+    export_pointnet(tmp_path / "odd.onnx", network, About("pointnet", TINY_COLORED, CALIBRATED))
+    with pytest.raises(DataError, match=r"takes \{'points': 3\}, expected \{'points': 6\}"):
+        SecondStage(tmp_path / "odd.onnx")
+
+
+def test_features_without_calibration_need_a_comparison(tmp_path: Path) -> None:
+    pointnet(tmp_path, TINY)
+    with pytest.raises(DataError, match="no calibration"):
+        SecondStage(tmp_path / "features.onnx")
+
+
+def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"nothing\.onnx: no such file, expected places"):
+        SecondStage(tmp_path / "nothing.onnx")
+
+
+def test_features_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:
+    pointnet(tmp_path, TINY_COLORED, CALIBRATED)
+    stage = SecondStage(tmp_path / "features.onnx")
+    with pytest.raises(ShapeError, match=r"\(11,\)"):
+        stage.probability(np.zeros(11, np.float32), np.zeros(12, np.float32))
+    with pytest.raises(DataError, match="finite"):
+        stage.probability(np.full(12, np.nan, np.float32), np.zeros(12, np.float32))
+
+
+def test_clouds_without_points_or_colours_have_no_features(tmp_path: Path) -> None:
+    pointnet(tmp_path, TINY_COLORED, CALIBRATED)
+    stage = SecondStage(tmp_path / "features.onnx")
+    with pytest.raises(DataError, match="no points"):
+        stage.features(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
+    with pytest.raises(DataError, match="colours"):
+        stage.features(np.zeros((5, 3), np.float32))

@@ -1,0 +1,115 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The networks that come with the package: size, cards, ONNX against torch, and what they do."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fusionslam.errors import DataError
+from fusionslam.learning.places import apart
+from fusionslam.sensors.frame import Cloud
+from fusionslam.views.second_stage import MODELS, SecondStage
+from fusionslam.views.second_stage.inputs import network_input
+from fusionslam.views.second_stage.network_files import SHIPPED
+from fusionslam.views.second_stage.scores import area_under_curve
+from learning_cases import cloud
+
+pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
+
+STEMS = [Path(name).stem for names in MODELS.values() for name in names if name]
+
+
+@pytest.mark.parametrize("stem", STEMS)
+def test_each_network_is_below_a_megabyte_and_has_a_card(stem: str) -> None:
+    for suffix in ("safetensors", "onnx"):
+        assert 0 < (SHIPPED / f"{stem}.{suffix}").stat().st_size < 1_000_000
+    card = json.loads((SHIPPED / f"{stem}.json").read_text())
+    assert card["command"].startswith("fusionslam views train ")
+    assert card["data"] and card["cpu_seconds"] > 0 and card["scores"]
+    assert card["config"]["optimiser"]["seed"] == 0
+
+
+def test_nothing_else_is_shipped() -> None:
+    found = {path.name for path in SHIPPED.iterdir()}
+    assert found == {f"{stem}.{end}" for stem in STEMS for end in ("safetensors", "onnx", "json")}
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_shipped_onnx_gives_what_the_shipped_weights_give(model: str) -> None:
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    pytest.importorskip("safetensors", reason="safetensors is not installed")
+    from fusionslam.learning.weight_files import load_pointnet
+
+    stage = SecondStage(model)
+    network, about = load_pointnet((SHIPPED / MODELS[model][0]).with_suffix(".safetensors"))
+    assert about.architecture == stage.config and stage.config.features == 256
+    seen, config = cloud(2000, 5), stage.config
+    taken = network_input(
+        seen.points, seen.colors, config.normalisation, config.range_m, config.colors
+    )
+    with torch.no_grad():
+        expected = network(torch.from_numpy(taken)[None])[0][0].numpy()
+    np.testing.assert_allclose(stage.features(seen), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_features_are_a_kilobyte_and_repeat_bit_for_bit(model: str) -> None:
+    seen, stage = cloud(700, 1), SecondStage(model)
+    first, again = stage.features(seen), SecondStage(model).features(seen.points, seen.colors)
+    assert first.nbytes == 1024
+    np.testing.assert_array_equal(first, again)
+
+
+def test_places_looks_at_colours_and_thesis_does_not() -> None:
+    seen = cloud(300, 2)
+    assert seen.colors is not None
+    grey = Cloud(seen.points, np.full_like(seen.colors, 128))
+    thesis, places = SecondStage("thesis"), SecondStage("places")
+    np.testing.assert_array_equal(thesis.features(seen), thesis.features(Cloud(seen.points)))
+    assert np.abs(places.features(seen) - places.features(grey)).max() > 0.01
+    with pytest.raises(DataError, match="colours"):
+        places.features(Cloud(seen.points))
+
+
+def test_a_sight_is_the_same_place_as_itself() -> None:
+    stage = SecondStage("places")
+    row = stage.features(cloud(800, 3))
+    assert stage.probability(row, row) > 0.9
+
+
+@pytest.mark.parametrize(("model", "least"), [("places", 0.88), ("thesis", 0.85)])
+def test_places_of_a_world_never_trained_on_are_told_apart(
+    test_data: Path, model: str, least: float
+) -> None:
+    from fusionslam.datasets.range_recording import RangeRecording, RecordingConfig
+
+    recording = RangeRecording.open(test_data / "recordings" / "small_house.npz", "collision")
+    stage, chosen = SecondStage(model), np.arange(0, len(recording), 6)
+    rows = np.stack([stage.features(recording.cloud(int(k), RecordingConfig())) for k in chosen])
+    assert recording.poses is not None
+    poses = recording.poses[chosen]
+    first, second = np.triu_indices(len(chosen), 1)
+    distance, angle = apart(poses[first], poses[second])
+    scores = np.stack([stage.probabilities(row, rows) for row in rows])[first, second]
+    same = (distance < 0.5) & (angle < np.deg2rad(36))
+    assert area_under_curve(scores, same) > least
+
+
+def test_the_matcher_takes_it_as_its_second_stage() -> None:
+    from fusionslam.views import SceneConfig, SimilarityConfig, ViewMatcher
+    from fusionslam.views.object_comparison import ObjectComparison
+    from fusionslam.views.two_stage_comparison import TwoStageComparison
+
+    def ids(threshold: float) -> list[int]:
+        # Every scene is like every other one to this first stage.
+        first = ObjectComparison(SceneConfig(), SimilarityConfig(), 0.0)
+        second = SecondStage("places")
+        matcher = ViewMatcher(comparison=TwoStageComparison(first, second, threshold=threshold))
+        return [matcher.process(seen).id for seen in (near, far, near, far)]
+
+    near, far = cloud(400, 1, (2.0, 0.0)), cloud(400, 2, (6.0, -2.0))
+    assert ids(0.0) == [0, 0, 0, 0]
+    assert ids(0.9) == [0, 1, 0, 1]

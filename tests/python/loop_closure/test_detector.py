@@ -1,0 +1,367 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""LoopDetector: finds what was seen before, obeys threshold and window, forgets nothing."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusionslam import (
+    Camera,
+    Cloud,
+    ConfigError,
+    DataError,
+    DescriptorConfig,
+    Frame,
+    FusionConfig,
+    FusionSlamError,
+    Loop,
+    LoopConfig,
+    LoopDetector,
+    ShapeError,
+    describe,
+)
+
+SECOND = 1_000_000_000
+PLACES = 12
+
+
+def place(number: int, visit: int = 0) -> Cloud:
+    """A coloured cloud of a place; visits differ by noise, a turn and a shift."""
+    rng = np.random.default_rng(number)
+    size = [30 + 2 * number, 8 + number, 2 + number % 4]
+    walls = [
+        rng.uniform(low, low + rng.uniform([1, 1, 1], size), (300, 3))
+        for low in rng.uniform(-20, 20, (5, 3)) * [1, 0.5, 0.1]
+    ]
+    points = np.concatenate(walls)
+    colors = np.repeat(rng.integers(0, 256, (5, 3), dtype=np.uint8), 300, axis=0)
+    again = np.random.default_rng([number, visit])
+    points += visit * again.normal(0, 0.02, points.shape)
+    angle = 1.3 * visit
+    turn = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    return Cloud((points @ np.array(turn).T + visit * 0.5).astype(np.float32), colors)
+
+
+DRIVE = [place(number) for number in range(PLACES)] + [place(number, 1) for number in (2, 3, 7)]
+
+
+@pytest.mark.parametrize("descriptor", ["m2dp", "cm2dp", "shot", "cshot"])
+def test_a_place_seen_again_is_a_loop(descriptor: str) -> None:
+    detector = LoopDetector(descriptor, threshold=10.0, window=3)
+    for cloud in DRIVE[:PLACES]:
+        detector.add(cloud)
+    found = [detector.add(cloud) for cloud in DRIVE[PLACES:]]
+    assert [(loop.query, loop.match) for loop in found if loop] == [(12, 2), (13, 3), (14, 7)]
+    assert len(detector) == len(DRIVE)
+
+
+def test_a_loop_carries_the_distance_of_the_two_descriptors() -> None:
+    detector = LoopDetector("m2dp", threshold=1.0, window=3)
+    loops = [detector.add(cloud) for cloud in DRIVE]
+    vectors = [describe(cloud, "m2dp") for cloud in DRIVE]
+    assert loops[12] is not None
+    assert loops[12].distance == pytest.approx(np.linalg.norm(vectors[12] - vectors[2]), rel=1e-4)
+
+
+def test_only_distances_up_to_the_threshold_are_loops() -> None:
+    distance = 0.25
+    for threshold, accepted in [(0.2499, False), (0.25, True), (0.3, True), (0.0, False)]:
+        detector = LoopDetector(threshold=threshold, window=0, length=4)
+        detector.add_descriptor(np.zeros(4, np.float32))
+        loop = detector.add_descriptor(np.array([distance, 0, 0, 0], np.float32))
+        assert (loop is not None) == accepted
+        assert detector.nearest == Loop(1, 0, distance)
+
+
+@pytest.mark.parametrize("window", [0, 1, 4])
+def test_frames_within_the_window_are_no_candidates(window: int) -> None:
+    detector = LoopDetector(threshold=0.0, window=window, length=3)
+    same = np.ones(3, np.float32)
+    loops = [detector.add_descriptor(same) for _ in range(8)]
+    assert [loop and loop.match for loop in loops] == [None] * (window + 1) + [0] * (7 - window)
+
+
+def test_frames_within_the_seconds_are_no_candidates() -> None:
+    detector = LoopDetector(threshold=0.0, window=0, window_seconds=2.0, length=3)
+    same = np.ones(3, np.float32)
+    loops = [detector.add_descriptor(same, stamp_ns=n * SECOND // 2) for n in range(8)]
+    assert [loop is not None for loop in loops] == [False] * 5 + [True] * 3
+    assert detector.nearest == Loop(7, 0, 0.0)
+
+
+def test_the_nearest_candidate_is_known_even_if_it_is_no_loop() -> None:
+    detector = LoopDetector("m2dp", threshold=0.0, window=3)
+    assert detector.nearest is None
+    for cloud in DRIVE:
+        assert detector.add(cloud) is None
+    assert detector.nearest is not None and detector.nearest.match == 7
+
+
+def test_a_frame_is_fused_and_its_stamp_is_used() -> None:
+    camera = Camera(np.array([[30.0, 0, 32, 0], [0, 30, 24, 0], [0, 0, 1, 0]]))
+    image = np.random.default_rng(1).integers(0, 256, (48, 64, 3), dtype=np.uint8)
+
+    def frame(number: int, stamp_ns: int) -> Frame:
+        points = place(number).points[:, [1, 2, 0]]
+        return Frame(
+            index=number,
+            stamp_ns=stamp_ns,
+            points=points,
+            images={"left": image},
+            cameras={"left": camera},
+        )
+
+    detector = LoopDetector("cm2dp", threshold=0.1, window=0, window_seconds=10.0)
+    assert detector.add(frame(0, 0)) is None
+    assert detector.add(frame(1, 5 * SECOND)) is None
+    assert detector.nearest is None  # five seconds ago is too fresh
+    loop = detector.add(frame(0, 11 * SECOND))
+    assert loop is not None and (loop.query, loop.match) == (2, 0)
+
+
+def test_the_configurations_are_obeyed() -> None:
+    describe_config = DescriptorConfig(preset="author", color_space="hsv")
+    detector = LoopDetector(
+        "cm2dp",
+        config=LoopConfig(threshold=9.0, window=3),
+        window=1,
+        describe=describe_config,
+        fusion=FusionConfig(source="cloud"),
+    )
+    assert (detector.config.threshold, detector.config.window) == (9.0, 1)
+    for cloud in DRIVE[:5]:
+        detector.add(Frame(points=cloud.points, colors=cloud.colors))
+    vectors = [describe(cloud, "cm2dp", describe_config) for cloud in DRIVE[:5]]
+    distances = [float(np.linalg.norm(vectors[4] - other)) for other in vectors[:3]]
+    assert detector.nearest is not None
+    assert detector.nearest.match == int(np.argmin(distances))
+    assert detector.nearest.distance == pytest.approx(min(distances), rel=1e-4)
+
+
+def test_the_first_cloud_fixes_the_radius_for_normals() -> None:
+    from fusionslam import cloud_resolution
+
+    detector = LoopDetector("shot", window=0)
+    for cloud in DRIVE[:3]:
+        detector.add(cloud)
+    radius = 5 * cloud_resolution(DRIVE[0].points)
+    assert detector.describe_config.normal_radius == pytest.approx(radius)
+    vectors = [describe(c, "shot", DescriptorConfig(normal_radius=radius)) for c in DRIVE[:3]]
+    expected = min(float(np.linalg.norm(vectors[2] - other)) for other in vectors[:2])
+    assert detector.nearest is not None
+    assert detector.nearest.distance == pytest.approx(expected, rel=1e-4)
+
+
+# Saving and going on
+
+
+@pytest.mark.parametrize("descriptor", ["m2dp", "cshot"])
+@pytest.mark.parametrize("pause", [1, 6, 13])
+def test_a_saved_detector_goes_on_exactly(tmp_path: Path, descriptor: str, pause: int) -> None:
+    whole = LoopDetector(descriptor, threshold=0.5, window=2, window_seconds=1.5)
+    part = LoopDetector(descriptor, threshold=0.5, window=2, window_seconds=1.5)
+    for number, cloud in enumerate(DRIVE):
+        if number == pause:
+            part.save(tmp_path / "loops")
+            part = LoopDetector.load(tmp_path / "loops")
+        stamp = number * SECOND
+        assert part.add(cloud, stamp_ns=stamp) == whole.add(cloud, stamp_ns=stamp)
+        assert part.nearest == whole.nearest
+    assert len(part) == len(whole) == len(DRIVE)
+    assert part.config == whole.config and part.fusion_config == whole.fusion_config
+    assert part.describe_config == whole.describe_config
+
+
+def saved(folder: Path) -> Path:
+    detector = LoopDetector("m2dp", window=2)
+    for cloud in DRIVE[:5]:
+        detector.add(cloud)
+    detector.save(folder)
+    return folder
+
+
+def test_saving_again_replaces_the_files_and_leaves_nothing_else(tmp_path: Path) -> None:
+    folder = saved(tmp_path / "loops")
+    saved(folder)
+    index = json.loads((folder / "detector.json").read_text())["index"]
+    assert sorted(os.listdir(folder)) == sorted([index, "detector.json"])
+
+
+def test_a_save_that_is_cut_off_between_its_files_leaves_the_old_pair(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = saved(tmp_path / "loops")
+    before = LoopDetector.load(folder)
+    before.add(DRIVE[7])
+
+    def cut_off(*_: object, **__: object) -> str:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("fusionslam.loop_closure.detector.json.dumps", cut_off)
+        with pytest.raises(KeyboardInterrupt):
+            before.save(folder)
+    after = LoopDetector.load(folder)
+    assert len(after) == len(before) - 1
+    before.save(folder)
+    assert len(LoopDetector.load(folder)) == len(before)
+
+
+def test_an_empty_detector_has_nothing_to_save(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="empty"):
+        LoopDetector().save(tmp_path)
+
+
+def test_an_output_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("not a folder")
+    with pytest.raises(DataError, match=r"cannot write .*file"):
+        saved(tmp_path / "file" / "loops")
+
+
+def change_about(folder: Path, **changes: Any) -> None:
+    path = folder / "detector.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+def test_a_folder_that_is_no_detector_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"nowhere.*detector\.json"):
+        LoopDetector.load(tmp_path / "nowhere")
+    (tmp_path / "detector.json").write_text("[1, 2]")
+    with pytest.raises(DataError, match=r"detector\.json: not a loop detector"):
+        LoopDetector.load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"format": "fusionslam.loop_detector.99"},
+        {"descriptor": "m3dp"},
+        {"loop_closure": {"windw": 3}},
+        {"loop_closure": {"window": -1}},
+        {"loop_closure": None},
+        {"fusion": 3},
+    ],
+)
+def test_a_detector_of_another_version_or_kind_is_refused(
+    tmp_path: Path, changes: dict[str, Any]
+) -> None:
+    change_about(saved(tmp_path), **changes)
+    with pytest.raises(DataError, match=r"detector\.json"):
+        LoopDetector.load(tmp_path)
+
+
+def test_files_cut_in_half_are_refused(tmp_path: Path) -> None:
+    for pattern in ("descriptors-*.index", "detector.json"):
+        (path,) = saved(tmp_path).glob(pattern)
+        name = path.name
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        with pytest.raises(DataError, match=name.replace(".", r"\.")):
+            LoopDetector.load(tmp_path)
+
+
+def test_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
+    change_about(saved(tmp_path), frames=4)
+    with pytest.raises(DataError, match=r"5 descriptors, detector\.json says 4"):
+        LoopDetector.load(tmp_path)
+
+
+# Bad input
+
+BAD_CLOUDS = {
+    "empty": Cloud(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)),
+    "three points": Cloud(DRIVE[0].points[:3], DRIVE[0].colors[:3]),
+    "all equal": Cloud(np.ones((50, 3), np.float32), np.zeros((50, 3), np.uint8)),
+    "with a NaN": Cloud(DRIVE[0].points * [[np.nan, 1, 1]], DRIVE[0].colors),
+    "without colours": Cloud(DRIVE[0].points),
+    "with colours of another length": Cloud(DRIVE[0].points, DRIVE[0].colors[:-1]),
+    "of integers": Cloud(DRIVE[0].points.astype(int), DRIVE[0].colors),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_CLOUDS)
+@pytest.mark.parametrize("descriptor", ["cm2dp", "cshot"])
+def test_a_bad_cloud_adds_nothing_and_the_drive_goes_on(descriptor: str, kind: str) -> None:
+    disturbed = LoopDetector(descriptor, threshold=0.5, window=3)
+    plain = LoopDetector(descriptor, threshold=0.5, window=3)
+    for number, cloud in enumerate(DRIVE[:8]):
+        if number in (0, 5):
+            with pytest.raises(FusionSlamError):
+                disturbed.add(BAD_CLOUDS[kind])
+            assert len(disturbed) == number
+        assert disturbed.add(cloud) == plain.add(cloud)
+        assert disturbed.nearest == plain.nearest
+    assert disturbed.describe_config == plain.describe_config
+
+
+def test_a_first_cloud_too_thin_for_normals_does_not_fix_their_radius() -> None:
+    thin = Cloud(np.array([[0, 0, 0], [9, 0, 0], [0, 50, 0], [0, 0, 400]], np.float32))
+    detector = LoopDetector("shot", window=0)
+    with pytest.raises(DataError):
+        detector.add(thin)
+    assert detector.describe_config.normal_radius is None
+
+
+@pytest.mark.parametrize(
+    ("bad", "error"),
+    [
+        (np.full(192, np.nan, np.float32), DataError),
+        (np.zeros((192, 1), np.float32), ShapeError),
+        (np.zeros(192, int), ShapeError),
+        (np.zeros(0, np.float32), ShapeError),
+        (np.zeros(191, np.float32), ShapeError),
+        (None, ShapeError),
+    ],
+)
+def test_a_bad_first_descriptor_fixes_nothing(bad: Any, error: type[Exception]) -> None:
+    detector = LoopDetector("m2dp", window=0)
+    with pytest.raises(error):
+        detector.add_descriptor(bad)
+    assert len(detector) == 0
+    detector.add_descriptor(np.zeros(192, np.float32))
+    with pytest.raises(ShapeError):
+        detector.add_descriptor(np.zeros(5, np.float32))
+    assert len(detector) == 1
+
+
+def test_a_missing_stamp_adds_nothing() -> None:
+    detector = LoopDetector(window_seconds=2.0, length=4)
+    with pytest.raises(ConfigError, match="stamp_ns is missing"):
+        detector.add_descriptor(np.zeros(4, np.float32))
+    assert len(detector) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"descriptor": "m3dp"}, "unknown descriptor 'm3dp'"),
+        ({"threshold": -0.1}, "loop_closure.threshold is -0.1"),
+        ({"threshold": float("nan")}, "loop_closure.threshold is nan"),
+        ({"window": -1}, "loop_closure.window is -1"),
+        ({"window": 2.5}, "loop_closure.window is 2.5"),
+        ({"window_seconds": float("inf")}, "loop_closure.window_seconds is inf"),
+    ],
+)
+def test_options_out_of_range_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        LoopDetector(**options)
+
+
+def test_what_is_neither_a_frame_nor_a_cloud_is_refused() -> None:
+    detector = LoopDetector("m2dp")
+    with pytest.raises(ShapeError, match="expected a Frame or a Cloud, got ndarray"):
+        detector.add(np.ones((9, 3), np.float32))  # type: ignore[arg-type]
+    assert len(detector) == 0
+
+
+def test_a_frame_without_what_the_source_needs_names_the_source_and_the_remedy() -> None:
+    image = np.zeros((8, 8, 3), np.uint8)
+    frame = Frame(images={"left": image, "right": image})
+    with pytest.raises(DataError, match=r"source is 'lidar'.*FusionConfig\(source='stereo'\)"):
+        LoopDetector().add(frame)
+    with pytest.raises(DataError, match=r"FusionConfig\(source='cloud'\)"):
+        LoopDetector("m2dp").add(Frame(points=DRIVE[0].points))

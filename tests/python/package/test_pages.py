@@ -1,0 +1,69 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The Python of the pages runs as it is printed."""
+
+import dataclasses
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bag_maker import drive, write_bag
+from doc_snippets import snippets
+from fusionslam.views import build_scene
+from object_places import place
+
+NAMES = {"/points": "/velodyne_points", "/camera/image": "/camera/rgb/image_raw/compressed"}
+NAMES["/camera/camera_info"] = "/camera/rgb/camera_info"
+
+
+@pytest.fixture
+def beside(tmp_path: Path, kitti: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the recordings that the pages name, small ones."""
+    events = [dataclasses.replace(e, topic=NAMES.get(e.topic, e.topic)) for e in drive()]
+    write_bag(tmp_path / "drive.bag", events)
+    sequences = tmp_path / "kitti/dataset/sequences"
+    sequences.mkdir(parents=True)
+    shutil.copytree(kitti, sequences / "06")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "page", ["bags", "sensors", "motion", "fusion", "scenes", "views", "ratslam", "../README"]
+)
+def test_the_python_of_a_page_runs_as_it_is_printed(page: str, beside: Path) -> None:
+    pytest.importorskip("rosbags")
+    found = snippets(page)
+    assert found
+    for snippet in found:
+        exec(compile(snippet, f"{page}.md", "exec"), {})
+
+
+@pytest.mark.parametrize(
+    "page", ["views_similarity", "views_alignment", "visual_templates", "learning"]
+)
+def test_the_python_of_a_page_runs_with_what_it_takes_for_granted(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if page == "learning":
+        pytest.importorskip("onnxruntime")
+    cloud, later = place(1), place(1, visit=1)
+    names = {"points": cloud.points, "colors": cloud.colors, "cloud": cloud}
+    names |= {"later_points": later.points, "later_colors": later.colors}
+    names |= {"stored": build_scene(later.points, later.colors)}
+    names |= {"image": np.zeros((240, 416, 3), np.uint8), "many": np.zeros((3, 256), np.float32)}
+    monkeypatch.chdir(tmp_path)
+    for snippet in snippets(page):
+        exec(compile(snippet, f"{page}.md", "exec"), names)
+
+
+def test_the_python_of_the_page_of_worlds_runs_with_a_world(beside: Path, test_data: Path) -> None:
+    pytest.importorskip("embreex")
+    for file in (test_data / "worlds").glob("small_house*"):
+        shutil.copy(file, beside)
+    (snippet,) = snippets("worlds")
+    names: dict[str, object] = {}
+    exec(compile(snippet, "worlds.md", "exec"), names)
+    assert len(names["floor"]) == 360 and any(names["floor"])  # type: ignore[arg-type, call-overload]

@@ -1,0 +1,321 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Both theses measured again: a small recording in the place of a world."""
+
+import json
+import logging
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from command_line import fails, last_line, succeeds
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.evaluation.loops.published import (
+    PUBLISHED_COLOR_SPACES,
+    PUBLISHED_MATCH_SECONDS,
+    PUBLISHED_RECALL,
+    PUBLISHED_SECONDS,
+)
+from fusionslam.reproduce import map_study, view_study
+from fusionslam.reproduce.conclusions import Claim, compared
+from fusionslam.reproduce.config import ReproduceConfig
+from fusionslam.reproduce.descriptor_study import study_descriptors
+from fusionslam.reproduce.differences import Difference, differences_table, met_sentence
+from fusionslam.reproduce.run import reproduce
+from fusionslam.reproduce.stastny2022_chapter5 import published
+from recorded_drives import write_drive
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("jinja2")
+
+VIEWS = ("first_stage", "templates", "alignment")
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("data")
+    (folder / "recordings").mkdir()
+    write_drive(folder / "recordings" / "warehouse.npz")
+    return folder
+
+
+def config_of(data: Path, **changes: Any) -> ReproduceConfig:
+    values: dict[str, Any] = {"worlds": ("warehouse",), "views": VIEWS, "data": str(data)}
+    return ReproduceConfig(**values | {"parts": ("views", "maps")} | changes)
+
+
+@pytest.fixture(scope="module")
+def made(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made")
+    assert reproduce(config_of(data), folder, command="typed") == folder / "reproduce.html"
+    return folder
+
+
+@pytest.fixture
+def again(made: Path, tmp_path: Path) -> Path:
+    """A finished folder that a test may change."""
+    shutil.copytree(made, tmp_path / "again")
+    return tmp_path / "again"
+
+
+def pieces_of(folder: Path) -> dict[str, int]:
+    return {path.name: path.stat().st_mtime_ns for path in (folder / "pieces").iterdir()}
+
+
+def rows_under(folder: Path, title: str) -> list[list[str]]:
+    """The rows of the tables whose titles begin so: headings first."""
+    text = (folder / "reproduce.md").read_text()
+    (table,) = re.findall(rf"^\*\*{re.escape(title)}.*?\*\*\n\n((?:\|.*\n)+)", text, re.MULTILINE)
+    lines = [line for line in table.splitlines() if not line.startswith("|--")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+
+
+def test_published_figures_are_those_of_the_theses() -> None:
+    assert PUBLISHED_RECALL["06", "lidar", "cm2dp"] == 0.824701
+    assert PUBLISHED_RECALL["07", "stereo", "cshot"] == 0.442105
+    assert PUBLISHED_COLOR_SPACES == {
+        "rgb": (0.825, 0.892),
+        "hsv": (0.714, 0.915),
+        "lab": (0.498, 0.868),
+    }
+    assert PUBLISHED_SECONDS["05", "stereo", "cshot"] == 1.7711
+    assert PUBLISHED_MATCH_SECONDS["05", "lidar", "cm2dp"] == 0.0051
+    assert PUBLISHED_MATCH_SECONDS["05", "stereo", "cshot"] == 0.0061
+    assert published("warehouse", "first_stage", "accuracy") == pytest.approx(0.8884)
+    assert published("house", "templates", "accuracy") == pytest.approx(0.4125)
+    assert published("hospital", "templates", "max_error") == 14.57
+    assert published("house", "both_stages", "build_ms") == 88.265
+    assert published("hospital", "both_stages", "views") == 148
+    assert published("warehouse", "alignment", "accuracy") is None
+
+
+@pytest.mark.parametrize(
+    ("title", "figures"),
+    [
+        ("Table 5.2, accuracy in %, the thesis's set-up", ("88.8", "77.7")),
+        ("Table 5.2, accuracy in %, strictly", ("88.8", "77.7")),
+        ("Table 5.2, accuracy in %, what the thesis did not try", ("88.8", "77.7")),
+        ("Table 5.3, average distance in m, the thesis's set-up", ("1.32", "8.93")),
+        ("Table 5.3, largest distance in m, strictly", ("3.06", "11.52")),
+        ("Table 5.4, building a view", ("42.432", "2.053")),
+        ("Table 5.4, comparing two views", ("0.153", "0.083")),
+        ("Table 5.5, bytes of a view", ("78", "600")),
+        ("Table 5.5, views stored, the thesis's set-up", ("194", "312")),
+        ("RMSE of the nodes in m, the thesis's set-up", ("satisfactory",)),
+    ],
+)
+def test_every_table_has_the_published_figure_beside_ours(
+    made: Path, title: str, figures: tuple[str, ...]
+) -> None:
+    if title.startswith("RMSE"):
+        title += ": odometry that never errs; RatSLAM as the thesis used it"
+    heads, row = rows_under(made, title)
+    assert row[0] == "warehouse"
+    first = heads.index("1st stage")
+    assert heads[first + 1] == "thesis"
+    assert row[first + 1] == figures[0]
+    if "distance" not in title:
+        assert float(row[first]) >= 0
+        assert float(row[heads.index("ours")]) >= 0
+    if len(figures) > 1:
+        assert row[heads.index("original RatSLAM") + 1] == figures[1]
+
+
+def test_the_page_holds_what_the_markdown_says_and_every_picture(made: Path) -> None:
+    page, text = (made / "reproduce.html").read_text(), (made / "reproduce.md").read_text()
+    for heading in re.findall(r"^## (.*)$", text, flags=re.MULTILINE):
+        assert heading.replace("'", "&#39;") in page
+    assert "typed" in page
+    assert page.count("<img") == len(list(made.glob("*.png"))) >= 5
+    assert {"maps_warehouse_exact.png", "maps_warehouse_drift.png"} <= {
+        path.name for path in made.glob("*.png")
+    }
+    assert "http" not in re.sub(r"http-equiv", "", page)
+
+
+def test_what_cannot_be_had_is_named_and_costs_nothing_else(made: Path) -> None:
+    text = (made / "reproduce.md").read_text()
+    assert "Missing: warehouse: templates: no images." in text
+    heads, row = rows_under(made, "Table 5.2, accuracy in %, strictly")
+    assert row[heads.index("original RatSLAM")] == "\N{EN DASH}"
+
+
+def test_figures_say_what_the_tables_say(made: Path) -> None:
+    content = json.loads((made / "reproduce.json").read_text())
+    wanted = ("warehouse", "robot", "first_stage")
+    (found,) = (v for v in content["views"] if (v["world"], v["frame"], v["method"]) == wanted)
+    heads, row = rows_under(made, "Table 5.2, accuracy in %, strictly")
+    assert row[heads.index("1st stage")] == f"{100 * found['figures']['accuracy']:.1f}"
+    maps = {(m["odometry"], m["method"], m["preset"]): m for m in content["maps"]}
+    assert len(maps) == 2 * (2 * 2 + 1)
+    assert maps["truth", "alignment", "robust"]["report"]["node_count"] > 1
+    assert maps["truth", "templates", "robust"]["report"] is None
+
+
+def test_the_same_command_again_recomputes_nothing(
+    again: Path, data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*arguments: Any) -> Any:
+        raise AssertionError("worked on again")
+
+    text, before = (again / "reproduce.md").read_text(), pieces_of(again)
+    monkeypatch.setattr(view_study, "sweep_thresholds", never)
+    monkeypatch.setattr(map_study, "run_events", never)
+    reproduce(config_of(data, views=("first_stage", "alignment")), again, command="typed")
+    assert pieces_of(again) == before
+    assert "88.8" in text
+
+
+def test_a_run_that_is_cut_goes_on_where_it_stopped(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config, done = config_of(data, views=("first_stage",), parts=("maps",)), []
+    mapping = map_study.run_events
+
+    def cut(*arguments: Any) -> None:
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(arguments)
+        mapping(*arguments)
+
+    monkeypatch.setattr(map_study, "run_events", cut)
+    with pytest.raises(KeyboardInterrupt):
+        reproduce(config, tmp_path)
+    kept = pieces_of(tmp_path)
+    assert sum("-map-" in name for name in kept) == 2
+    assert not (tmp_path / "reproduce.html").exists()
+    done.clear()
+    monkeypatch.setattr(map_study, "run_events", lambda *a: (done.append(a), mapping(*a)))
+    reproduce(config, tmp_path)
+    assert len(done) == 2
+    assert kept.items() <= pieces_of(tmp_path).items()
+
+
+def test_a_damaged_piece_is_made_again_and_named(
+    again: Path, data: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (piece,) = (again / "pieces").glob("warehouse-first_stage-robot.*.npz")
+    (curve,) = (again / "pieces").glob("warehouse-first_stage-robot-curve.*.json")
+    (mapped,) = (again / "pieces").glob("warehouse-map-first_stage-truth-robust.*.npz")
+    heads = rows_under(again, "Table 5.2, accuracy in %, strictly")
+    for path in (piece, curve, mapped):
+        path.write_bytes(path.read_bytes()[:100])
+    with caplog.at_level(logging.WARNING):
+        reproduce(config_of(data), again)
+    told = [message for message in caplog.messages if message.endswith("made again")]
+    assert len(told) == 3
+    assert all(any(path.name in one for one in told) for path in (piece, curve, mapped))
+    assert rows_under(again, "Table 5.2, accuracy in %, strictly") == heads
+
+
+def test_other_scans_are_not_taken_for_the_same(again: Path, data: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other" / "recordings"
+    other.mkdir(parents=True)
+    write_drive(other / "warehouse.npz", laps=3)
+    before = pieces_of(again)
+    config = config_of(other.parent, views=("first_stage",), parts=("views",))
+    reproduce(config, again)
+    after = pieces_of(again)
+    drive = [name for name in after if name.startswith("warehouse-drive")]
+    assert len(drive) == 1 and drive[0] not in before
+
+
+def test_missing_data_and_unknown_names_are_one_line(
+    data: Path, tmp_path: Path, kitti: Path
+) -> None:
+    out = ("-o", tmp_path / "out")
+    for more in ((), ("--parts", "descriptors")):
+        line = fails(1, "reproduce", *out, "--data", tmp_path / "nothing", *more)
+        assert "nothing" in line and "recordings" in line
+        assert not (tmp_path / "out").exists()
+    parts = ("--parts", "descriptors", "--data", data)
+    line = fails(1, "reproduce", *out, *parts, "--kitti", tmp_path)
+    assert "sequences/06" in line
+    line = fails(1, "reproduce", *out, *parts, "--kitti", kitti.parent.parent)
+    assert "none of KITTI's sequences" in line
+    # Before the views, which come first and take long.
+    line = fails(1, "reproduce", "-o", tmp_path / "late", "--kitti", tmp_path / "nothing")
+    assert "none of KITTI's sequences" in line and not (tmp_path / "late/made_with.json").exists()
+    assert "hospital" in fails(2, "reproduce", *out, "--worlds", "castle")
+    assert "first_stage" in fails(2, "reproduce", *out, "--views", "crystal_ball")
+    assert "maps" in fails(2, "reproduce", *out, "--parts", "")
+    with pytest.raises(ConfigError, match="worlds: expected some of"):
+        reproduce(ReproduceConfig(worlds=()), tmp_path)
+
+
+def test_a_folder_that_cannot_be_written_is_found_before_the_work(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*arguments: Any) -> Any:
+        raise AssertionError("worked for nothing")
+
+    monkeypatch.setattr(view_study, "run_entrant", never)
+    (tmp_path / "file").touch()
+    with pytest.raises(DataError, match="cannot write"):
+        reproduce(config_of(data), tmp_path / "file" / "out")
+    with pytest.raises(DataError, match="cannot write"):
+        reproduce(config_of(data), "/proc/nowhere")
+
+
+def test_the_command_prints_its_page(data: Path, tmp_path: Path) -> None:
+    given = ("--data", data, "--worlds", "warehouse", "--views", "first_stage", "--parts", "views")
+    result = succeeds("reproduce", "-o", tmp_path, "--quick", *given)
+    assert last_line(result) == str(tmp_path / "reproduce.html")
+    assert "Figures of a quick run are no results" in (tmp_path / "reproduce.md").read_text()
+
+
+def test_descriptors_of_kitti_stand_beside_what_was_published(
+    kitti: Path, data: Path, tmp_path: Path
+) -> None:
+    root = tmp_path / "kitti"
+    shutil.copytree(kitti.parent.parent, root)
+    (root / "sequences/03").rename(root / "sequences/06")
+    (root / "poses/03.txt").rename(root / "poses/06.txt")
+    config = config_of(data, parts=("descriptors",), kitti=str(root), quick=True)
+    reproduce(config, tmp_path / "out")
+    heads, row, *others = rows_under(tmp_path / "out", "Table 4.4")
+    assert row[0] == "KITTI 06" and len(others) == 3
+    assert row[heads.index("c-M2DP") + 1] == "0.824701"
+    assert row[heads.index("CSHOT") + 1] == "0.818898"
+    heads, *rows = rows_under(tmp_path / "out", "Table 4.2")
+    assert [row[0] for row in rows] == ["M2DP", "c-M2DP", "CSHOT"]
+    assert rows[1][2] == "83.0" and float(rows[1][1].split()[0]) > 0
+    heads, *rows = rows_under(tmp_path / "out", "c-M2DP on KITTI 06")
+    assert [row[4] for row in rows] == ["0.892", "0.915", "0.868"]
+
+
+def test_what_their_author_stored_comes_out_again(
+    test_data: Path, kitti: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(kitti.parent.parent, tmp_path / "kitti")
+    (tmp_path / "kitti/sequences/03").rename(tmp_path / "kitti/sequences/07")
+    (tmp_path / "kitti/poses/03.txt").rename(tmp_path / "kitti/poses/07.txt")
+    config = config_of(test_data, kitti=str(tmp_path / "kitti"), quick=True)
+    stored = study_descriptors(config, tmp_path / "out", 1, None).stored
+    assert stored is not None
+    assert stored.equal == stored.rows > 1000
+    assert f"{stored.curve.recall_at_full_precision:.6f}" == "0.668122"
+    assert max(stored.vectors.values()) < 1e-4
+
+
+def test_a_difference_is_told_unless_every_figure_is_close() -> None:
+    close = Difference("a", {"x": 100.0, "y": 10.0}, {"x": 104.0, "y": 9.6}, "{:.0f}", "r")
+    off = Difference("b", {"x": 100.0, "y": 10.0}, {"x": 104.0, "y": 9.4}, "{:.1f}", "drive")
+    assert close.met and not off.met
+    ((label, cells),) = differences_table([close, off]).rows
+    assert label == "b"
+    assert [cell.text for cell in cells] == ["x 100.0; y 10.0", "x 104.0; y 9.4", "drive"]
+    assert met_sentence([close, off]).endswith("in every case: a.")
+
+
+def test_a_claim_counts_the_cases_in_which_it_holds() -> None:
+    better, worse = {"x": 2.0, "y": 1.0}, {"x": 1.0, "y": 2.0, "z": 3.0}
+    claim = compared("c", ("x", "y", "z"), better.get, worse.get, "{:.0f}")
+    assert claim.holds == {"x": True, "y": False}
+    assert claim.verdict == "holds in 1 of 2; not: y"
+    assert compared("c", ("x",), better.get, worse.get, "{:.0f}").verdict == "holds"
+    assert compared("c", ("y",), better.get, worse.get, "{:.0f}").verdict == "missed: y"
+    assert Claim("c", {}, {}).verdict == "not measured"

@@ -1,0 +1,294 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""describe_dataset: the same vectors however it is run, and nothing finished is lost."""
+
+import os
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import fusionslam
+from fusionslam import ConfigError, DataError, PipelineConfig, describe_dataset, open_dataset
+from fusionslam.config import with_settings
+from fusionslam.datasets import Dataset
+from fusionslam.evaluation import DescriptorRun
+from fusionslam.pipelines.describe import CHUNK, load_runs, run_path
+from fusionslam.storage.parallel import in_order
+from tiny_kitti import write_sequence
+
+FRAMES = CHUNK + 4
+LARGEST = FRAMES - 1
+NAMES = ("m2dp", "cm2dp", "cshot")
+
+
+def scan_path(root: Path, number: int) -> Path:
+    return root / f"velodyne/{number:06d}.bin"
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """A sequence of coloured stereo pairs and scans in KITTI odometry's layout."""
+    counts = [900 if number == LARGEST else 600 for number in range(FRAMES)]
+    return write_sequence(tmp_path, range(FRAMES), counts, metres=1, width=64)
+
+
+def assert_same_vectors(a: list[DescriptorRun], b: list[DescriptorRun]) -> None:
+    assert [run.descriptor for run in a] == [run.descriptor for run in b]
+    for first, second in zip(a, b, strict=True):
+        assert first.descriptors.tobytes() == second.descriptors.tobytes()
+        assert np.array_equal(first.points, second.points)
+        assert np.array_equal(first.stamps_ns, second.stamps_ns)
+        assert np.array_equal(first.poses, second.poses)
+
+
+def test_each_row_is_the_descriptor_of_that_frame(recording: Path, tmp_path: Path) -> None:
+    dataset = open_dataset(recording)
+    runs = describe_dataset(dataset, NAMES, tmp_path / "out")
+    assert [run.descriptor for run in runs] == list(NAMES)
+    first = fusionslam.fuse(dataset[0])
+    radius = 5 * fusionslam.cloud_resolution(first.points)
+    config = fusionslam.DescriptorConfig(normal_radius=radius)
+    for run in runs:
+        assert len(run) == FRAMES and run.source == "lidar"
+        assert run.positions is not None and run.positions[:, 2].tolist() == list(range(FRAMES))
+        for index in (0, CHUNK - 1, CHUNK, LARGEST):
+            cloud = fusionslam.fuse(dataset[index])
+            expected = fusionslam.describe(cloud, run.descriptor, config)
+            assert np.array_equal(run.descriptors[index], expected)
+            assert run.points[index] == len(cloud)
+        assert set(run.seconds) == {"load", "fuse", "describe"}
+
+
+def test_what_is_stored_is_what_is_returned(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    runs = describe_dataset(open_dataset(recording), ("m2dp", "cm2dp"), out)
+    assert sorted(os.listdir(out)) == ["lidar-cm2dp.npz", "lidar-m2dp.npz"]
+    assert_same_vectors([DescriptorRun.load(run_path(out, "lidar", "m2dp"))], runs[:1])
+    assert {run.descriptor for run in load_runs(out)} == {"m2dp", "cm2dp"}
+
+
+def test_one_or_two_jobs_give_the_same_vectors(recording: Path, tmp_path: Path) -> None:
+    dataset = open_dataset(recording)
+    one = describe_dataset(dataset, NAMES, tmp_path / "one", jobs=1)
+    two = describe_dataset(dataset, NAMES, tmp_path / "two", jobs=2)
+    assert_same_vectors(one, two)
+
+
+@pytest.mark.parametrize("source", ["stereo", "cloud"])
+def test_other_sources_are_described_too(recording: Path, tmp_path: Path, source: str) -> None:
+    settings = [f"fusion.source={source}", "fusion.stereo.block_size=5",
+                "fusion.stereo.num_disparities=16"]  # fmt: skip
+    config = with_settings(PipelineConfig(), settings)
+    (run,) = describe_dataset(open_dataset(recording), ["m2dp"], tmp_path / "out", config=config)
+    assert run.source == source and run_path(tmp_path / "out", source, "m2dp").exists()
+    assert run.config["fusion"]["source"] == source
+
+
+class Interruption(BaseException):
+    """What Ctrl-C is, without its side effects on the test runner."""
+
+
+def interrupted(dataset: Dataset, out: Path, jobs: int) -> None:
+    """Start, and be stopped after the first chunk."""
+
+    def stop(done: int, total: int) -> None:
+        assert (done, total) == (CHUNK, FRAMES)
+        raise Interruption
+
+    with pytest.raises(Interruption):
+        describe_dataset(dataset, ("m2dp", "cm2dp"), out, jobs=jobs, progress=stop)
+
+
+def spoil_unnoticed(path: Path) -> None:
+    """Other bytes, but the size and time of before."""
+    status = path.stat()
+    path.write_bytes(b"\xff" * status.st_size)
+    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+
+
+def test_a_file_that_changed_in_between_is_described_anew(recording: Path, tmp_path: Path) -> None:
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    interrupted(dataset, out, 1)
+    path = scan_path(recording, 3)
+    path.write_bytes(path.read_bytes()[: 16 * 500])
+    (resumed,) = describe_dataset(dataset, ["m2dp"], out)
+    (fresh,) = describe_dataset(dataset, ["m2dp"], tmp_path / "fresh")
+    assert_same_vectors([resumed], [fresh])
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_interrupted_call_goes_on_where_it_stopped(
+    recording: Path, tmp_path: Path, jobs: int
+) -> None:
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    whole = describe_dataset(dataset, ("m2dp", "cm2dp"), tmp_path / "whole")
+    interrupted(dataset, out, jobs)
+    assert not list(out.glob("*.npz")), "nothing half done looks finished"
+    spoil_unnoticed(scan_path(recording, 3))  # a frame of the finished chunk is not read again
+    calls = []
+    resumed = describe_dataset(
+        dataset, ("m2dp", "cm2dp"), out, jobs=jobs, progress=lambda *step: calls.append(step)
+    )
+    assert calls == [(CHUNK, FRAMES), (FRAMES, FRAMES)]
+    assert_same_vectors(whole, resumed)
+    assert sorted(os.listdir(out)) == ["lidar-cm2dp.npz", "lidar-m2dp.npz"]
+
+
+def test_another_configuration_does_not_take_up_what_was_left(
+    recording: Path, tmp_path: Path
+) -> None:
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    interrupted(dataset, out, 1)
+    config = with_settings(PipelineConfig(), ["descriptors.preset=author"])
+    (author,) = describe_dataset(dataset, ["m2dp"], out, config=config)
+    (fresh,) = describe_dataset(dataset, ["m2dp"], tmp_path / "fresh", config=config)
+    assert_same_vectors([author], [fresh])
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("number", [5, CHUNK + 1])
+def test_a_frame_that_cannot_be_described_is_named_and_the_rest_is_kept(
+    recording: Path, tmp_path: Path, number: int, jobs: int
+) -> None:
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    good = scan_path(recording, number).read_bytes()
+    np.array([[5, 0, 0, 1]] * 9, np.float32).tofile(scan_path(recording, number))
+    with pytest.raises(DataError, match=rf"03, frame {number}: all points of the cloud are equal"):
+        describe_dataset(dataset, ["m2dp"], out, jobs=jobs)
+    assert bool(list(out.glob(".partial-*/000000.npz"))) == (number > CHUNK)
+    scan_path(recording, number).write_bytes(good)
+    mended = describe_dataset(dataset, ["m2dp"], out, jobs=jobs)
+    assert_same_vectors(mended, describe_dataset(dataset, ["m2dp"], tmp_path / "whole"))
+
+
+def test_a_frame_that_cannot_be_read_is_named(recording: Path, tmp_path: Path) -> None:
+    scan_path(recording, 2).write_bytes(bytes(33))
+    with pytest.raises(DataError, match=r"frame 2: .*000002\.bin"):
+        describe_dataset(open_dataset(recording), ["m2dp"], tmp_path / "out")
+
+
+def test_a_damaged_remainder_is_named(recording: Path, tmp_path: Path) -> None:
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    interrupted(dataset, out, 1)
+    (chunk,) = out.glob(".partial-*/000000.npz")
+    chunk.write_bytes(chunk.read_bytes()[: chunk.stat().st_size // 2])
+    with pytest.raises(DataError, match=r"000000\.npz: cannot be read .*delete it"):
+        describe_dataset(dataset, ("m2dp", "cm2dp"), out)
+
+
+def test_an_output_folder_that_cannot_be_written_is_named(recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("not a folder")
+    with pytest.raises(DataError, match=r"cannot write .*file"):
+        describe_dataset(open_dataset(recording), ["m2dp"], tmp_path / "file" / "out")
+
+
+def test_an_unknown_descriptor_stops_before_any_work(recording: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="unknown descriptor 'm3dp'"):
+        describe_dataset(open_dataset(recording), ["m2dp", "m3dp"], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_without_runs_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="holds no descriptor runs"):
+        load_runs(tmp_path)
+
+
+def test_the_first_radius_of_normals_is_kept_with_the_run(recording: Path, tmp_path: Path) -> None:
+    dataset = open_dataset(recording)
+    (run,) = describe_dataset(dataset, ["shot"], tmp_path / "out")
+    radius = 5 * fusionslam.cloud_resolution(fusionslam.fuse(dataset[0]).points)
+    assert run.config["descriptors"]["normal_radius"] == pytest.approx(radius)
+
+
+def make_bad(recording: Path) -> None:
+    """An empty scan, one of NaN, one that is cut: the first frame, one in between, the last."""
+    scan_path(recording, 0).write_bytes(b"")
+    np.full((9, 4), np.nan, np.float32).tofile(scan_path(recording, 5))
+    scan_path(recording, LARGEST).write_bytes(bytes(33))
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_frames_that_cannot_be_described_are_left_out_on_request(
+    recording: Path, tmp_path: Path, jobs: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    whole = describe_dataset(open_dataset(recording), ["m2dp"], tmp_path / "whole")[0]
+    make_bad(recording)
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    with pytest.raises(DataError, match="frame 0: "):
+        describe_dataset(dataset, ["m2dp"], out, jobs=jobs)
+    (run,) = describe_dataset(dataset, ["m2dp"], out, jobs=jobs, bad_frames="skip")
+    assert list(run.skipped) == [0, 5, LARGEST] and "000019.bin" in run.skipped[LARGEST]
+    assert all(f"frame {number} left out" in caplog.text for number in run.skipped)
+    left = [n for n in range(FRAMES) if n not in run.skipped]
+    assert run.numbers.tolist() == run.frames.tolist() == left
+    assert np.array_equal(run.descriptors, whole.descriptors[left])
+    assert np.array_equal(run.stamps_ns, whole.stamps_ns[left])
+    assert np.array_equal(run.poses, whole.poses[left])
+    assert DescriptorRun.load(run_path(out, "lidar", "m2dp")).skipped == run.skipped
+
+
+def test_normals_take_their_radius_from_the_first_frame_that_can_be_described(
+    recording: Path, tmp_path: Path
+) -> None:
+    make_bad(recording)
+    dataset = open_dataset(recording)
+    (run,) = describe_dataset(dataset, ["shot"], tmp_path / "out", bad_frames="skip")
+    radius = 5 * fusionslam.cloud_resolution(fusionslam.fuse(dataset[1]).points)
+    assert run.config["descriptors"]["normal_radius"] == pytest.approx(radius)
+
+
+def test_a_recording_without_a_frame_that_can_be_described_is_an_error(
+    recording: Path, tmp_path: Path
+) -> None:
+    for number in range(FRAMES):
+        scan_path(recording, number).write_bytes(b"")
+    dataset = open_dataset(recording)
+    for name in ("m2dp", "shot"):
+        with pytest.raises(DataError, match="no frame can be described"):
+            describe_dataset(dataset, [name], tmp_path / "out", bad_frames="skip")
+    with pytest.raises(ConfigError, match="bad_frames is 'skp'"):
+        describe_dataset(dataset, ["m2dp"], tmp_path / "out", bad_frames="skp")
+
+
+def test_frames_are_numbered_as_their_files_whatever_is_missing(
+    recording: Path, tmp_path: Path
+) -> None:
+    scan_path(recording, 3).unlink()
+    dataset = open_dataset(recording, gaps="skip")
+    (run,) = describe_dataset(dataset, ["m2dp"], tmp_path / "out")
+    stored = DescriptorRun.load(run_path(tmp_path / "out", "lidar", "m2dp"))
+    assert stored.numbers.tolist() == [n for n in range(FRAMES) if n != 3]
+    assert stored.frames.tolist() == list(range(FRAMES - 1)) == run.frames.tolist()
+
+
+def test_what_was_left_of_other_settings_goes_when_a_run_is_finished(
+    recording: Path, tmp_path: Path
+) -> None:
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    interrupted(dataset, out, 1)
+    describe_dataset(dataset, ["m2dp"], out)
+    assert len(list(out.glob(".partial-*"))) == 1, "work on two descriptors may be taken up"
+    config = with_settings(PipelineConfig(), ["descriptors.preset=author"])
+    describe_dataset(dataset, ("m2dp", "cm2dp"), out, config=config)
+    assert not list(out.glob(".partial-*"))
+
+
+def test_only_so_many_items_are_begun_before_they_are_asked_for() -> None:
+    class Eager(ThreadPoolExecutor):
+        """Does everything at once, in the order in which it is handed in."""
+
+        def submit(self, work: Any, *items: Any) -> Future[Any]:  # type: ignore[override]
+            begun.extend(items)
+            done: Future[Any] = Future()
+            done.set_result(work(*items))
+            return done
+
+    begun: list[int] = []
+    with Eager(1) as pool:
+        results = in_order(pool, lambda item: 2 * item, range(100), 8)
+        assert [next(results) for _ in range(3)] == [0, 2, 4]
+        assert begun == list(range(2 + 8))
+        assert list(results) == [2 * item for item in range(3, 100)]

@@ -1,0 +1,189 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What fuse writes where, and that it never writes over what it reads."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bag_maker import drive, odometry, translation, without, write_bag
+from command_line import fails, succeeds
+from fusionslam import DataError, FusionConfig
+from fusionslam.datasets import open_dataset
+from fusionslam.datasets.bags import open_bag
+from fusionslam.pipelines.export_bag import write_cloud_bag
+from fusionslam.pipelines.export_folder import write_clouds
+from fusionslam.pipelines.recording import Recording
+from fusionslam.report.fusion_stages import draw_stages
+from fusionslam.sensors.messages import Event, FrameTransforms, Odometry
+from tiny_kitti import write_sequence
+
+pytest.importorskip("rosbags")
+
+
+def contents(path: Path) -> dict[str, bytes]:
+    files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.is_file())
+    return {str(file): file.read_bytes() for file in files}
+
+
+def with_truth(offset: float = 0.0, until: int = 0) -> list[Event]:
+    """A drive with the truth beside odometry; the two differ from frame ``until`` on."""
+    events = []
+    for event in drive():
+        events.append(event)
+        if isinstance(event.message, Odometry):
+            given = odometry(event.message.stamp_ns)
+            wrong = offset if event.message.stamp_ns >= drive()[0].time_ns + until else 0.0
+            truth = Odometry(
+                stamp_ns=given.stamp_ns,
+                frame_id="map",
+                child_frame_id="base",
+                pose=given.pose @ translation(0, wrong),
+            )
+            events.append(Event("/ground_truth", event.time_ns, truth))
+    return events
+
+
+@pytest.mark.parametrize("suffix", ["bag", "mcap", "db3"])
+def test_a_bag_is_never_written_over_itself(tmp_path: Path, suffix: str) -> None:
+    path = write_bag(tmp_path / f"drive.{suffix}", drive())
+    before = contents(path)
+    assert "is the recording that is read" in fails(1, "fuse", path, "-o", path)
+    link = tmp_path / f"link.{suffix}"
+    link.symlink_to(path)
+    assert "is the recording that is read" in fails(1, "fuse", path, "-o", link)
+    assert contents(path) == before
+
+
+def test_neither_a_bag_that_holds_the_file_nor_a_rest_of_it_is_written_over(
+    tmp_path: Path,
+) -> None:
+    folder = write_bag(tmp_path / "drive.db3", drive())
+    (inner,) = folder.glob("*.db3")
+    before = contents(folder)
+    for read, written in ((inner, folder), (folder, inner)):
+        with pytest.raises(DataError, match="which is read"):
+            write_cloud_bag(Recording.at(read), written, FusionConfig())
+    assert contents(folder) == before
+    rest = write_bag(tmp_path / "drive.partial.bag", drive())
+    with pytest.raises(DataError, match="is the recording that is read"):
+        write_cloud_bag(Recording.at(rest), tmp_path / "drive.bag", FusionConfig())
+
+
+def test_a_folder_is_never_written_over_itself(tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    write_clouds(Recording.at(write_bag(tmp_path / "d.bag", drive())), made, FusionConfig())
+    before = contents(made)
+    assert "is the recording that is read" in fails(1, "fuse", made, "-o", made)
+    assert contents(made) == before
+
+
+def test_clouds_and_times_that_no_fuse_wrote_are_kept(tmp_path: Path) -> None:
+    base = tmp_path / "kitti"
+    data = write_sequence(base, [0, 2, 5], [300] * 3, metres=1.5, width=64)
+    before = contents(data)
+    line = fails(1, "fuse", base, "-o", data, "--sequence", data.name)
+    assert "holds times.txt, which no earlier fuse wrote" in line
+    assert contents(data) == before
+
+
+def test_a_bag_that_is_replaced_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    read, made = Recording.at(write_bag(tmp_path / "d.bag", drive())), tmp_path / "made.bag"
+    write_cloud_bag(read, made, FusionConfig())
+    assert not caplog.messages
+    write_cloud_bag(read, made, FusionConfig(frame="robot"))
+    assert caplog.messages == [f"{made} is there already and will be replaced"]
+
+
+def truths(path: Path) -> list[Odometry]:
+    with open_bag(path) as bag:
+        events = list(bag.events())
+    return [e.message for e in events if e.topic == "/ground_truth"]  # type: ignore[misc]
+
+
+def test_every_frame_has_its_truth_where_odometry_is_right_too(tmp_path: Path) -> None:
+    """Odometry is right in the first three of five frames, then 0.4 m beside the truth."""
+    for name, offset in (("later", 0.4), ("never", 0.0)):
+        events = with_truth(offset, until=1_500_000_000)
+        read = Recording.at(write_bag(tmp_path / f"{name}.bag", events))
+        write_cloud_bag(read, tmp_path / "made.bag", FusionConfig())
+        found = truths(tmp_path / "made.bag")
+        sideways = [message.pose[1, 3] for message in found]
+        assert sideways == pytest.approx([0, 0, 0, offset, offset])
+        poses = open_dataset(tmp_path / "made.bag").poses
+        assert poses is not None and poses[:, 1, 3] == pytest.approx(sideways)
+
+
+def test_odometry_alone_is_no_truth(tmp_path: Path) -> None:
+    read = Recording.at(write_bag(tmp_path / "d.bag", drive()))
+    write_cloud_bag(read, tmp_path / "made.bag", FusionConfig())
+    assert truths(tmp_path / "made.bag") == []
+
+
+@pytest.mark.parametrize("camera_is_fixed", [True, False])
+def test_links_that_do_not_move_are_static(tmp_path: Path, camera_is_fixed: bool) -> None:
+    """An image that is lost makes the camera's place against the scan that of another time."""
+    events = drive()
+    if not camera_is_fixed:
+        lost = events[0].time_ns + 1_000_000_000
+        events = [e for e in events if (e.topic, e.time_ns) != ("/camera/image", lost)]
+    made = tmp_path / "made.bag"
+    write_cloud_bag(Recording.at(write_bag(tmp_path / "d.bag", events)), made, FusionConfig())
+    links: dict[str, list[str]] = {"/tf": [], "/tf_static": []}
+    with open_bag(made) as bag:
+        for event in bag.events():
+            if isinstance(event.message, FrameTransforms):
+                links[event.topic] += [link.child for link in event.message.transforms]
+    moving = ["base_footprint"] if camera_is_fixed else ["base_footprint", "camera"]
+    fixed = ["lidar", "camera"] if camera_is_fixed else ["lidar"]
+    assert links == {"/tf": moving * 5, "/tf_static": fixed}
+    made_set, given = open_dataset(made), open_dataset(tmp_path / "d.bag")
+    assert np.allclose(made_set[3].robot_from_points, given[3].robot_from_points)
+
+
+def said_by_fuse(*arguments: object) -> str:
+    """Its messages, without their line breaks."""
+    return " ".join(succeeds("fuse", *arguments).stderr.split())
+
+
+@pytest.mark.parametrize("lacking", ["/camera/image", "/camera/camera_info"])
+def test_clouds_that_stay_without_colours_are_announced(tmp_path: Path, lacking: str) -> None:
+    path = write_bag(tmp_path / "d.bag", without(drive(), lacking))
+    warning = "clouds have no colours (source cloud)"
+    assert warning in said_by_fuse(path, "-o", tmp_path / "one")
+    # Somebody who asks for it knows.
+    assert warning not in said_by_fuse(path, "-o", tmp_path / "two", "--source", "cloud")
+
+
+def test_coloured_clouds_of_a_folder_are_no_reason_for_a_warning(tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    write_clouds(Recording.at(write_bag(tmp_path / "d.bag", drive())), made, FusionConfig())
+    assert "no colours" not in said_by_fuse(made, "-o", tmp_path / "again")
+
+
+def test_fuse_says_how_many_frames_it_has_written(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "d.bag", drive())
+    for out in (tmp_path / "made", tmp_path / "made.bag", tmp_path / "made"):
+        assert succeeds("fuse", path, "-o", out).stdout.splitlines() == [f"{out}: 5 frames"]
+
+
+def test_a_format_of_clouds_is_none_of_bags(tmp_path: Path) -> None:
+    path, out = write_bag(tmp_path / "d.bag", drive()), tmp_path / "made.bag"
+    line = fails(2, "fuse", path, "-o", out, "--format", "pcd")
+    assert "--format pcd is for folders of clouds" in line and not out.exists()
+
+
+def test_titles_of_pictures_name_what_is_drawn(tmp_path: Path) -> None:
+    def titles(frame: object, **config: object) -> list[str]:
+        figure = draw_stages(frame, FusionConfig(**config))  # type: ignore[arg-type]
+        return [axis.get_title(loc="left") for axis in figure.axes]
+
+    bag = open_dataset(write_bag(tmp_path / "d.bag", drive()), sensors=("points",))
+    assert titles(bag[0], source="cloud")[1:3] == [
+        "scan, 41 points, colour is height",
+        "cloud without colours, 41 points",
+    ]
+    data = write_sequence(tmp_path / "k", [0], [300], metres=1.5, width=160)
+    pair = open_dataset(data, sensors=("left", "right"))
+    assert titles(pair[0], source="stereo")[1].startswith("cloud (stereo), ")

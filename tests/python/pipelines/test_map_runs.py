@@ -1,0 +1,212 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""RatSLAM over recordings: odometry of every kind, what cannot be read, and going on."""
+
+import itertools
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.geometry.odometry_noise import OdometryConfig
+from fusionslam.pipelines.map_events import RunEvents, events_of
+from fusionslam.pipelines.maps import RunRecorder, joined, run_events, run_ratslam
+from fusionslam.pipelines.tours import DatasetTour, RecordedTour, open_tour
+from fusionslam.ratslam.events import Motion
+from fusionslam.ratslam.slam import RatSlam, Step
+from fusionslam.ratslam.view_sources import TemplateSource, source_named
+from fusionslam.sensors.messages import Odometry
+from recorded_drives import PLACES, write_drive
+from slam_drives import SECOND, circles
+
+OBJECTS = "objects"
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_drive(tmp_path_factory.mktemp("drive") / "drive.npz")
+
+
+def parts(run: RatSlamRun) -> dict[str, Any]:
+    """Everything but the times."""
+    return {name: value for name, value in vars(run).items() if name != "step_seconds"}
+
+
+def equal(one: RatSlamRun, other: RatSlamRun) -> bool:
+    found = zip(parts(one).values(), parts(other).values(), strict=True)
+    return all(
+        a.tobytes() == b.tobytes() if isinstance(a, np.ndarray) else a == b for a, b in found
+    )
+
+
+def test_a_recording_becomes_a_map_at_the_rates_of_its_sensors(recording: Path) -> None:
+    seen: list[Step] = []
+    run = run_ratslam(recording, OBJECTS, watch=lambda step, *_: seen.append(step))
+    assert (run.name, run.views, run.odometry) == ("drive", "objects robust", "truth")
+    # Scans every 2 s for 46 s, odometry 30 times a second.
+    assert np.count_nonzero(run.is_view) == 2 * PLACES and len(run) > 30 * 46
+    assert len(run) == len(seen) and np.all(np.diff(run.stamps_ns) >= 0)
+    assert run.view_ids[run.is_view].tolist() == [*range(PLACES)] * 2
+    assert run.truth is not None and np.isfinite(run.truth).all()
+    # Odometry is the truth, and the way begins at the origin.
+    np.testing.assert_allclose(run.dead_reckoning[:, :2], run.truth[:, :2], atol=1e-6)
+    np.testing.assert_allclose(run.poses[:, :2], run.truth[:, :2], atol=0.05)
+    assert run.activity_th.shape == (2 * PLACES, 36) and len(run.why) == 2 * PLACES
+
+
+def test_odometry_with_errors_is_dead_reckoning_with_errors(recording: Path) -> None:
+    errors = OdometryConfig(scale=1.1, speed_noise=0.01, seed=3)
+    one = run_ratslam(recording, OBJECTS, "truth+noise", errors=errors)
+    assert one.odometry == "truth with errors (scale 1.1, speed_noise 0.01, seed 3)"
+    assert one.truth is not None
+    way = np.abs(np.diff(one.truth[:, 0])).sum()
+    assert np.abs(np.diff(one.dead_reckoning[:, 0])).sum() == pytest.approx(1.1 * way, rel=0.05)
+    assert equal(one, run_ratslam(recording, OBJECTS, "truth+noise", errors=errors))
+    other = errors.model_copy(update={"seed": 4})
+    assert not equal(one, run_ratslam(recording, OBJECTS, "truth+noise", errors=other))
+
+
+def test_what_is_not_there_is_said(recording: Path, tmp_path: Path) -> None:
+    for views, odometry, said in (
+        (OBJECTS, "topic", "drive has no odometry messages"),
+        ("visual", None, "drive: no images, which visual templates look at"),
+        (OBJECTS, "visual", "drive: no images, which visual odometry looks at"),
+    ):
+        with pytest.raises(DataError, match=said):
+            run_ratslam(recording, views, odometry)
+    with pytest.raises(ConfigError, match="odometry is 'wheels', expected one of topic, visual"):
+        run_ratslam(recording, OBJECTS, "wheels")
+    with np.load(recording) as stored:
+        arrays = {name: stored[name] for name in stored.files if name != "poses"}
+    np.savez(tmp_path / "blind.npz", **arrays)
+    with pytest.raises(DataError, match="blind has neither odometry messages nor true poses"):
+        run_ratslam(tmp_path / "blind.npz", OBJECTS)
+
+
+def events(item: Any, looks: int = 10) -> RunEvents:
+    motions = [Motion(k * SECOND // 10, 0.5, 0.0) for k in range(10 * looks)]
+    stamps_ns = np.arange(1, looks + 1) * SECOND - SECOND // 2
+    return RunEvents("street", "given", motions, stamps_ns, item)
+
+
+def image(value: int) -> np.ndarray:
+    return np.full((100, 120), 20 * value, np.uint8)
+
+
+def recorder(item: Any) -> RunRecorder:
+    return RunRecorder(RatSlam(views=TemplateSource(bottom=100)), events(item))
+
+
+def test_scans_that_cannot_be_read_are_left_out_and_noted() -> None:
+    def item(index: int) -> Any:
+        if index in (3, 4):
+            raise DataError(f"scan {index} is cut short")
+        return image(index)[:, : 90 if index == 6 else 120]
+
+    taking = recorder(item)
+    run_events(taking)
+    run = taking.record()
+    assert np.count_nonzero(run.is_view) == 7
+    assert run.view_ids[run.is_view].tolist() == list(range(7))
+    assert [note for note in run.notes if "left out" in note][:2] == [
+        "left out: scan 3 is cut short",
+        "left out: scan 4 is cut short",
+    ]
+    assert len(run.notes) == 3 and "image" in run.notes[2]
+
+
+def test_where_nothing_can_be_seen_the_first_reason_is_the_error() -> None:
+    def item(index: int) -> Any:
+        raise ShapeError(f"scan {index} has no colours")
+
+    taking = recorder(item)
+    run_events(taking)
+    with pytest.raises(ShapeError, match="scan 0 has no colours"):
+        taking.record()
+
+
+def test_a_run_that_is_interrupted_and_continued_equals_the_uninterrupted_one() -> None:
+    whole = recorder(image)
+    run_events(whole)
+    counted = itertools.count()
+
+    def impatient(*_: object) -> None:
+        if next(counted) == 60:
+            raise KeyboardInterrupt
+
+    taking = recorder(image)
+    with pytest.raises(KeyboardInterrupt):
+        run_events(taking, watch=impatient)
+    first = taking.record()
+    assert len(first) == 61
+    going_on = RunRecorder(taking.slam, taking.events, earlier=first)
+    run_events(going_on)
+    assert equal(going_on.record(), whole.record())
+    with pytest.raises(DataError, match="street: nothing later than"):
+        run_events(going_on)
+
+
+def test_runs_are_joined_without_truth_where_one_has_none() -> None:
+    taking = recorder(image)
+    run_events(taking)
+    run = taking.record()
+    twice = joined(run, run)
+    assert len(twice) == 2 * len(run) and twice.truth is None
+    assert len(twice.nodes) == len(run.nodes) and len(twice.why) == 2 * len(run.why)
+
+
+def test_events_begin_with_the_odometry_before_the_first_look_and_end_after_the_last(
+    recording: Path,
+) -> None:
+    source = source_named(OBJECTS)
+    found = events_of(open_tour(recording), source)
+    stamps = [motion.stamp_ns for motion in found.motions]
+    assert stamps[0] <= found.look_stamps_ns[0] and stamps[1] > found.look_stamps_ns[0]
+    assert stamps[-2] < found.look_stamps_ns[-1]
+    order = [event.stamp_ns for event in found]
+    assert order == sorted(order) and len(order) == len(found)
+
+
+def test_a_bag_is_driven_by_its_topic_whatever_order_it_arrived_in(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    from bag_maker import drive, write_bag
+
+    in_turn = drive(4.0)
+    rng = np.random.default_rng(2)
+    delays = {id(event): int(rng.uniform(0, 0.3) * SECOND) for event in in_turn}
+    late = sorted(
+        (replace(event, time_ns=event.time_ns + delays[id(event)]) for event in in_turn),
+        key=lambda event: event.time_ns,
+    )
+    runs = []
+    for name, written in (("in_turn.bag", in_turn), ("late.bag", late)):
+        write_bag(tmp_path / name, written)
+        tour = open_tour(tmp_path / name)
+        assert isinstance(tour, DatasetTour) and tour.topic == "/odom"
+        source = TemplateSource(columns=16, rows=8, bottom=None)
+        taking = RunRecorder(RatSlam(views=source), events_of(tour, source))
+        run_events(taking)
+        runs.append(replace(taking.record(), name="bag"))
+    assert runs[0].odometry == "topic /odom"
+    assert len(runs[0].nodes) == 3 and np.count_nonzero(runs[0].is_view) == 41
+    assert equal(*runs)
+
+
+def test_odometry_of_made_truth_is_that_of_the_simulator() -> None:
+    from fusionslam.pipelines.map_events import motions_of
+
+    class Walk(RecordedTour):
+        def __init__(self) -> None:
+            self.name, self.truth = "walk", circles(0.1)
+
+    title, motions = motions_of(Walk(), "truth", OdometryConfig(scale=2.0))
+    assert title == "truth" and all(isinstance(one, Odometry) for one in motions)
+    end = motions[-1]
+    assert isinstance(end, Odometry)
+    x, y, yaw = circles(0.1).places(end.stamp_ns / 1e9)
+    np.testing.assert_allclose(end.pose[:2, 3], [x, y], atol=1e-6)
+    assert np.arctan2(end.pose[1, 0], end.pose[0, 0]) == pytest.approx(float(yaw))

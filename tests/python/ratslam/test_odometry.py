@@ -1,0 +1,219 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What RatSLAM makes of odometry: gaps, jumps, NaN, stamps going back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fusionslam.errors import DataError
+from fusionslam.ratslam import Motion, RatSlam, Sighting
+from fusionslam.ratslam.odometry import Limits, Odometry2D, said_by, stride_between
+from fusionslam.sensors.frame import Frame
+from fusionslam.sensors.messages import Odometry
+from slam_drives import SECOND, circle_events, circles, everything, left_out, odometry, same, take
+
+LIMITS = Limits(gap=0.5, max_speed=50.0)
+TENTH = SECOND // 10
+
+
+def at(seconds: float, x: float, y: float = 0.0, yaw: float = 0.0, v: float = 0.0) -> Odometry:
+    c, s = np.cos(yaw), np.sin(yaw)
+    pose = np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]])
+    return Odometry(
+        stamp_ns=round(seconds * SECOND),
+        frame_id="odom",
+        child_frame_id="base",
+        pose=pose,
+        linear=np.array([v, 0, 0]),
+    )
+
+
+def test_poses_tell_the_way_along_an_arc_and_the_turn() -> None:
+    # A quarter of a circle of radius 1, in a second: the chord is sqrt(2) long.
+    before, now = said_by(at(0, 0, 0, 0)), said_by(at(1, 1, 1, np.pi / 2))
+    stride = stride_between(before, now, Limits(gap=2, max_speed=50))
+    assert stride is not None and stride.note == ""
+    np.testing.assert_allclose(stride[:3], [np.sqrt(2), np.pi / 2, 1])
+
+
+def test_headings_that_cross_the_half_turn_are_a_small_turn() -> None:
+    stride = stride_between(said_by(at(0, 0, 0, 3.1)), said_by(at(0.1, 0, 0, -3.1)), LIMITS)
+    assert stride is not None
+    assert stride.w * stride.dt == pytest.approx(2 * np.pi - 6.2)
+
+
+def test_driving_backwards_is_a_negative_speed() -> None:
+    stride = stride_between(said_by(at(0, 0)), said_by(at(0.1, -0.05)), LIMITS)
+    assert stride is not None and stride.v == pytest.approx(-0.5)
+
+
+def test_the_rate_of_odometry_does_not_change_dead_reckoning() -> None:
+    way = circles(0.5)
+    ends = []
+    for rate_hz in (5.0, 30.0, 200.0):
+        slam = RatSlam()
+        steps = take(slam, odometry(way, rate_hz=rate_hz))
+        ends.append(steps[-1].dead_reckoning)
+    # The last stamps differ by up to a fifth of a second, and so do the poses: chords do not.
+    np.testing.assert_allclose(ends[0], ends[2], atol=0.12)
+    np.testing.assert_allclose(ends[1], ends[2], atol=0.02)
+
+
+def test_a_gap_between_poses_is_noted_and_crossed() -> None:
+    slam = RatSlam()
+    take(slam, [at(0, 0), at(0.1, 0.05)])
+    step = slam.step(at(5.1, 2.55))
+    assert step.why == "odometry was silent for 5.00 s: 2.50 m in one step"
+    assert step.dead_reckoning[0] == pytest.approx(2.55)
+
+
+def test_a_velocity_counts_for_no_longer_than_the_gap() -> None:
+    slam = RatSlam(gap=0.5)
+    take(slam, [Motion(0, 1.0, 0.0), Motion(TENTH, 1.0, 0.0)])
+    step = slam.step(Motion(TENTH + 10 * SECOND, 1.0, 0.0))
+    assert step.why == "odometry was silent for 10.00 s: its velocity counts for 0.5 s"
+    assert step.dead_reckoning[0] == pytest.approx(0.1 + 0.5)
+
+
+@pytest.mark.parametrize("v", [0.5, np.nan])
+def test_a_jump_of_the_pose_is_left_out_and_noted(v: float) -> None:
+    slam = RatSlam()
+    take(slam, [at(0, 50), at(0.1, 50.05)])
+    step = slam.step(at(0.2, 0.0, v=v))
+    assert "odometry jumped 50.05 m, which is left out" in step.why
+    # The velocity counts where there is one.
+    expected = 0.05 + (0.05 if np.isfinite(v) else 0)
+    assert step.dead_reckoning[0] == pytest.approx(expected)
+    assert slam.step(at(0.3, 0.05)).dead_reckoning[0] == pytest.approx(expected + 0.05)
+
+
+def test_a_speed_that_no_robot_has_is_left_out_and_noted() -> None:
+    slam = RatSlam()
+    step = take(slam, [Motion(0, 0.5, 0), Motion(TENTH, 1e300, 0.0)])[-1]
+    assert step.why == "odometry says 1e+300 m/s, which is left out"
+    assert step.dead_reckoning == (0, 0, 0)
+
+
+@pytest.mark.parametrize("preset", ["robust", "openratslam"])
+@pytest.mark.parametrize("pose", [(3, 4, 2.5), (-1, 0.5, -1.0), (0, -2, 3.0), (0, 0, 1.0)])
+def test_after_a_silence_the_robot_is_where_its_pose_says(
+    preset: str, pose: tuple[float, float, float]
+) -> None:
+    slam = RatSlam(preset=preset)
+    start = at(0, 1, 2, 0.5)
+    take(slam, [start, Sighting(0, 0)])
+    step = slam.step(at(9, *pose))
+    c, s = np.cos(0.5), np.sin(0.5)
+    x, y = pose[0] - 1, pose[1] - 2
+    wanted = (c * x + s * y, c * y - s * x, pose[2] - 0.5)
+    np.testing.assert_allclose(step.dead_reckoning, wanted, atol=1e-9)
+
+
+def test_odometry_that_begins_anew_after_a_silence_leaves_the_robot_where_it_is() -> None:
+    before = [at(0, 4, 3, 1), Sighting(0, 0), at(0.1, 4.1, 3, 1)]
+    slam = RatSlam()
+    *_, there = take(slam, before)
+    again = slam.step(at(20, 0.01, 0, 0.01))
+    assert again.why == (
+        "odometry began anew after 19.90 s: the 5.07 m back to its origin are left out"
+    )
+    assert again.dead_reckoning == there.dead_reckoning
+    assert slam.step(at(20.1, 0.06, 0, 0.01)).dead_reckoning[0] > there.dead_reckoning[0]
+    # It may be another day, but the robot is where it was switched off.
+    assert take(RatSlam(), [*before, at(86_400, 0)])[-1].dead_reckoning == there.dead_reckoning
+    # Beside its origin, or from near it, the robot may be there in truth.
+    assert "in one step" in take(RatSlam(), [*before, at(20, 0.3)])[-1].why
+    assert "in one step" in take(RatSlam(), [at(0, 0.4), Sighting(0, 0), at(5, 0)])[-1].why
+
+
+def test_what_would_take_the_originals_cells_minutes_is_left_out() -> None:
+    slam, ours = RatSlam(preset="openratslam"), RatSlam()
+    events = [at(0, 0), Sighting(0, 0), at(0.1, 0.05), at(3600, 1800.05, v=0.5), at(3600.1, 1800.1)]
+    steps = take(slam, events)
+    assert steps[3].why == "odometry jumped 1800 m, which is left out"
+    # Its velocity counts for half a second.
+    assert steps[-1].dead_reckoning[0] == pytest.approx(0.05 + 0.25 + 0.05)
+    assert take(ours, events)[-1].dead_reckoning[0] == pytest.approx(1800.1)
+    fast = RatSlam(preset="openratslam", gap=3600)
+    steps = take(fast, [Motion(0, 1.0, 0.0), Motion(3600 * SECOND, 1.0, 0.0)])
+    assert steps[1].why == "odometry says 1 m/s, which is left out"
+
+
+@pytest.mark.parametrize("preset", ["robust", "openratslam"])
+def test_a_way_longer_than_the_sheet_of_cells_is_taken(preset: str) -> None:
+    slam = RatSlam(preset=preset)
+    take(slam, [at(0, 0), Sighting(0, 0), at(0.1, 0.05)])
+    step = slam.step(at(1.1, 30.05))
+    assert step.dead_reckoning[0] == pytest.approx(30.05)
+    activity = slam.cells.activity
+    assert np.isfinite(activity).all() and activity.sum() == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("event", "expected"),
+    [
+        (at(0.05, 0.1), "expected 100000000 ns or later"),
+        (at(0.1, 0.1), "expected a stamp later than 100000000 ns"),
+        (Motion(TENTH, 0.1, 0.0), "expected a stamp later than 100000000 ns"),
+        (Motion(2 * TENTH, np.nan, 0.0), "neither a finite pose nor velocity"),
+        (Motion(2 * TENTH, 0.0, np.inf), "neither a finite pose nor velocity"),
+        (Motion(2 * TENTH, "fast", 0.0), "v 'fast', w 0.0: expected numbers"),  # type: ignore[arg-type]
+        (Motion(np.nan, 0.5, 0.0), "stamp nan: expected whole nanoseconds"),  # type: ignore[arg-type]
+        (Motion(2**63, 0.5, 0.0), "stamp 9223372036854775808 ns: expected no more"),
+        (replace(at(0.2, np.nan), linear=np.full(3, np.nan)), "neither a finite pose nor velocity"),
+    ],
+)
+def test_odometry_at_fault_is_refused_and_changes_nothing(
+    event: Odometry | Motion, expected: str
+) -> None:
+    slam = RatSlam()
+    take(slam, [at(0, 0), Sighting(0, 0), at(0.1, 0.05)])
+    before = everything(slam)
+    with pytest.raises(DataError, match=expected):
+        slam.step(event)
+    assert same(everything(slam), before)
+    assert slam.step(at(0.3, 0.15)).dead_reckoning[0] == pytest.approx(0.15)
+
+
+def test_a_pose_that_is_not_finite_is_replaced_by_the_velocity_beside_it() -> None:
+    slam = RatSlam()
+    steps = take(slam, [at(0, 0), at(0.1, 0.05), at(0.2, np.nan, v=0.5), at(0.3, 9, v=0.5)])
+    # The pose after it has no pose before it to be compared with.
+    assert [step.dead_reckoning[0] for step in steps] == pytest.approx([0, 0.05, 0.1, 0.15])
+
+
+def test_odometry_in_frames_moves_the_robot() -> None:
+    slam = RatSlam()
+    frames = [
+        Frame(index=k, stamp_ns=k * TENTH, odometry=at(0, 0.1 * k).pose, points=None)
+        for k in range(3)
+    ]
+    # Nothing to look with: the view is refused, the odometry counts.
+    assert left_out(slam, frames) == [
+        f"view at {k * TENTH} ns: nothing to look with: give views=" for k in range(3)
+    ]
+    assert slam.step(at(0.3, 0.3)).dead_reckoning[0] == pytest.approx(0.3)
+
+
+def test_a_frame_without_pose_history_needs_one() -> None:
+    said = Odometry2D(TENTH, None, (0.1, 0.0))
+    with pytest.raises(DataError, match="no pose before it, and no velocity"):
+        stride_between(said, Odometry2D(2 * TENTH, (0, 0, 0), None), LIMITS)
+
+
+def test_a_drive_with_faults_ends_where_one_without_does() -> None:
+    events = circle_events(1.0)
+    whole = RatSlam()
+    end = take(whole, events)[-1]
+    broken = RatSlam()
+    faulty = []
+    for number, event in enumerate(events):
+        faulty.append(event)
+        if number % 50 == 10:
+            faulty += [event, Motion(event.stamp_ns, np.nan, 0.0)]
+    said = left_out(broken, faulty)
+    assert len(said) == 2 * len(range(10, len(events), 50))
+    assert same(everything(broken), everything(whole))
+    assert broken.map.pose == end.pose

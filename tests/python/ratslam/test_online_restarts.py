@@ -1,0 +1,312 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A map that is killed, clocks that go back or on, and views that start anew: the map goes on."""
+
+import json
+import logging
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusionslam.errors import DataError
+from fusionslam.ratslam import (
+    ActionKind,
+    GivenView,
+    Look,
+    Motion,
+    OnlineRatSlam,
+    RatSlam,
+    Step,
+    TemplateSource,
+)
+from fusionslam.ratslam.online import TOO_LATE
+from fusionslam.sensors.messages import Odometry
+from map_arrivals import Message, all_of, arrived, given, later, on_map, processed
+from slam_drives import SECOND, circles, everything, odometry, same, sightings
+
+TENTH = SECOND // 10
+START = 1000
+# Messages of odometry before the last one before the first view.
+UNUSED = 3
+
+
+def messages(laps: float, seed: int = 0, **delays: float) -> list[Message]:
+    way = circles(laps)
+    both = odometry(way), given(sightings(way))
+    return arrived(*(later(one, START) for one in both), seed, **delays)
+
+
+def truth(laps: float, stamps_ns: Any) -> Any:
+    """float64 (n, 3): where the robot was at stamps."""
+    return np.stack(circles(laps).places(np.array(stamps_ns) / 1e9 - START), axis=1)
+
+
+def apart(one: Any, other: Any) -> Any:
+    return np.linalg.norm(np.asarray(one)[:, :2] - np.asarray(other)[:, :2], axis=1)
+
+
+def split(stream: list[Message]) -> tuple[list[Message], list[Message]]:
+    """Odometry and looks."""
+    looks = [one for one in stream if isinstance(one, Look)]
+    return [one for one in stream if not isinstance(one, Look)], looks
+
+
+def moment(one: Message) -> tuple[int, bool]:
+    return one.stamp_ns, isinstance(one, Look)
+
+
+@pytest.fixture(scope="module")
+def whole() -> tuple[OnlineRatSlam, list[Step]]:
+    online = OnlineRatSlam()
+    return online, all_of(online, messages(1.3))
+
+
+@pytest.mark.parametrize("flushed", [True, False])
+def test_a_map_that_is_saved_and_loaded_goes_on_as_if_nothing_had_been(
+    tmp_path: Path, whole: tuple[OnlineRatSlam, list[Step]], flushed: bool
+) -> None:
+    stream = sorted(messages(1.3), key=moment)
+    online, steps, at = OnlineRatSlam(), list[Step](), 0
+    for _ in range(8):
+        steps += processed(online, stream[at : at + 97])
+        steps += online.flush() if flushed else []
+        # What still waits is not in the file, and is sent again.
+        at = 1 + [moment(one) for one in stream].index((steps[-1].stamp_ns, steps[-1].looked))
+        online.save(tmp_path / "map.npz")
+        online = OnlineRatSlam.load(tmp_path / "map.npz")
+    steps += all_of(online, stream[at:])
+    assert at > 700 and steps == whole[1]
+    assert same(everything(online.slam), everything(whole[0].slam))
+
+
+def test_a_map_that_is_killed_goes_on_from_its_last_file(tmp_path: Path) -> None:
+    stream = messages(1.3)
+    online = OnlineRatSlam()
+    processed(online, stream[:400])
+    online.save(tmp_path / "map.npz")
+    nodes = len(online.slam.map.nodes)
+    processed(online, stream[400:700])
+    del online
+    # Views that the killed one knew are unknown to the older map, and get numbers of their own.
+    found = OnlineRatSlam.load(tmp_path / "map.npz")
+    steps = all_of(found, stream[700:])
+    assert len(found.slam.map.nodes) > nodes and not found.refused and found.jumps == 0
+    assert "odometry was silent for" in steps[0].why
+    # Poses tell where the robot came meanwhile.
+    was = truth(1.3, [step.stamp_ns for step in steps])
+    assert apart([step.pose for step in steps], was).max() < 0.5
+
+
+def test_a_recording_that_is_played_again_is_taken_as_a_clock_that_went_back(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    stream = messages(1.1)
+    online = OnlineRatSlam()
+    all_of(online, stream)
+    online.save(tmp_path / "map.npz")
+    again = OnlineRatSlam.load(tmp_path / "map.npz")
+    with caplog.at_level(logging.WARNING):
+        steps = all_of(again, stream)
+    assert again.jumps == 1 and not again.refused and len(steps) == len(stream)
+    assert "the clock went back by" in caplog.text
+    # The ids are new again: the matcher began anew, too.
+    assert again.views.restarts == 1
+
+
+def test_on_another_day_the_map_goes_on_where_the_robot_was_switched_off(tmp_path: Path) -> None:
+    stream = messages(2.2)
+    half = stream[len(stream) // 2].stamp_ns
+    evening = [one for one in stream if one.stamp_ns < half]
+    morning = [one for one in later(stream, 86_400) if one.stamp_ns >= half + 86_400 * SECOND]
+    origin = next(one.pose for one in morning if isinstance(one, Odometry))
+    online = OnlineRatSlam()
+    all_of(online, evening)
+    online.save(tmp_path / "map.npz")
+    again = OnlineRatSlam.load(tmp_path / "map.npz")
+    # Odometry begins anew.
+    moved = [
+        replace(one, pose=np.linalg.inv(origin) @ one.pose) if isinstance(one, Odometry) else one
+        for one in morning
+    ]
+    steps = all_of(again, moved)
+    assert again.jumps == 0 and not again.refused and len(steps) == len(morning)
+    assert again.views.restarts == 0
+    # It knows every place, and makes few nodes more.
+    nodes, before = len(again.slam.map.nodes), len(online.slam.map.nodes)
+    assert nodes < 1.3 * before
+    assert sum(step.action.kind == ActionKind.CREATE_EDGE for step in steps) > before / 3
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.3, 1.7])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_recording_in_a_loop_gives_the_same_steps_whatever_the_delays(
+    lag_s: float, seed: int
+) -> None:
+    first = messages(1.1)
+    looped = [split(first), split(first), split(first)]
+    streams = [[one for lap in looped for one in lap[kind]] for kind in (0, 1)]
+    # By when it arrives, on a clock that goes on; the stamps go back.
+    length = first[-1].stamp_ns / 1e9 + 1
+    times = [
+        [one for k, lap in enumerate(looped) for one in later(lap[kind], k * length)]
+        for kind in (0, 1)
+    ]
+    order = arrived(times[0], times[1], seed, lag_s=lag_s, jitter_s=0.2)
+    stamped = iter(streams[0]), iter(streams[1])
+    stream = [next(stamped[isinstance(one, Look)]) for one in order]
+    online = OnlineRatSlam()
+    steps = all_of(online, stream)
+    assert online.jumps == 2 and not online.refused and len(steps) == 3 * len(first) - UNUSED
+    plain = OnlineRatSlam()
+    expected = [step for _ in range(3) for step in all_of(plain, first)]
+    assert steps == expected and same(on_map(online.slam), on_map(plain.slam))
+
+
+def test_where_the_clock_goes_back_the_robot_is_where_odometry_says() -> None:
+    online = OnlineRatSlam()
+    stream = messages(0.5)
+    before = {step.stamp_ns: step.dead_reckoning for step in all_of(online, stream)}
+    # The recording begins again: odometry, and the robot, are at their origin.
+    known = [
+        replace(one, item=replace(one.item, is_new=False)) if isinstance(one, Look) else one
+        for one in stream
+    ]
+    steps = all_of(online, known)
+    assert "the clock went back, and odometry is" in steps[0].why
+    after = [step for step in steps if step.stamp_ns in before]
+    assert len(after) > 100
+    for step in after:
+        # Each small step leaves out how far odometry slid sideways.
+        np.testing.assert_allclose(step.dead_reckoning, before[step.stamp_ns], atol=0.03)
+    # So that it finds the places that it knows, and makes hardly any others.
+    assert sum(step.action.kind == ActionKind.CREATE_NODE for step in after) < 3
+
+
+def test_a_little_lateness_is_no_jump_but_refused() -> None:
+    stream = messages(0.5)
+    online = OnlineRatSlam()
+    late = [one for one in stream if isinstance(one, Motion | Look)][30]
+    end = next(k for k, one in enumerate(stream) if one.stamp_ns > late.stamp_ns + SECOND // 2)
+    steps = all_of(online, [*stream[:end], late, *stream[end:]])
+    assert online.refused == {TOO_LATE: 1} and online.jumps == 0
+    assert steps == all_of(OnlineRatSlam(), stream)
+
+
+def test_a_clock_that_goes_on_by_an_hour_is_a_gap() -> None:
+    stream = messages(1.0, lag_s=0.5)
+    odometry_, looks = split(stream)
+    half = stream[len(stream) // 2].stamp_ns
+    moved = [one if one.stamp_ns < half else later([one], 3600)[0] for one in (*odometry_, *looks)]
+    shifted = dict(zip(map(id, (*odometry_, *looks)), moved, strict=True))
+    online = OnlineRatSlam()
+    steps = all_of(online, [shifted[id(one)] for one in stream])
+    assert online.jumps == 0 and not online.refused and len(steps) == len(stream) - UNUSED
+    assert sum("odometry was silent for 3600" in step.why for step in steps) == 1
+
+
+def test_one_clock_that_goes_back_alone_does_not_stop_the_map() -> None:
+    online = OnlineRatSlam()
+    stream = messages(2.0)
+    odometry_, looks = split(stream)
+    # Views die, the simulation starts again, and they come back at a time when they had lived.
+    early = [one for one in looks if one.stamp_ns < (START + 5) * SECOND]
+    again = [one for one in looks if one.stamp_ns > (START + 8) * SECOND]
+    first = arrived([one for one in odometry_ if one.stamp_ns < (START + 20) * SECOND], early, 0)
+    processed(online, first)
+    steps = all_of(online, arrived(odometry_, again, 1))
+    assert online.jumps == 1 and steps[-1].stamp_ns == stream[-1].stamp_ns
+    seen = sum(step.looked for step in steps)
+    assert seen + online.refused[TOO_LATE] == len(again) and seen > 0.8 * len(again)
+
+
+def test_two_senders_whose_clocks_differ_stop_nothing_for_good() -> None:
+    online = OnlineRatSlam()
+    stream = messages(1.0)
+    odometry_, looks = split(stream)
+    wrong = later(odometry_, -100)
+    both = [one for pair in zip(odometry_, wrong, strict=True) for one in pair]
+    processed(online, arrived(both[:400], looks[:20], 0)[:420])
+    steps = all_of(online, later(stream, 1000))
+    assert steps[-1].stamp_ns == stream[-1].stamp_ns + 1000 * SECOND
+    assert sum(step.looked for step in steps) > 0.8 * len(looks)
+
+
+@pytest.mark.parametrize("kept", [0, 10])
+def test_a_matcher_that_starts_anew_gives_new_places(kept: int) -> None:
+    way = circles(3.0)
+    seen = sightings(way)
+    half = len(seen) // 2
+    # It comes back knowing only some views, and names the others as it meets them.
+    names = {view: view for view in range(kept)}
+    after = []
+    for one in seen[half:]:
+        is_new = one.view_id not in names
+        name = names.setdefault(one.view_id, len(names))
+        values = (one.relative_rotation, one.relative_place)
+        after.append(Look(one.stamp_ns, GivenView(name, is_new, *values)))
+    online = OnlineRatSlam()
+    both = odometry(way), [*given(seen[:half]), *after]
+    steps = all_of(online, arrived(*(later(one, START) for one in both), 0))
+    assert not online.refused and online.views.restarts == 1
+    assert max(step.view_id or 0 for step in steps) == 16 + 16 - kept - 1
+    # No loop leads to a place that the id meant before.
+    loops = [step for step in steps if step.action.kind == ActionKind.CREATE_EDGE]
+    made_ns = np.array(online.slam.memory.node_stamps_ns)
+    there = truth(3.0, [made_ns[step.action.target] for step in loops])
+    assert loops and apart(truth(3.0, [step.stamp_ns for step in loops]), there).max() < 1.5
+
+
+def test_a_map_that_starts_anew_takes_ids_from_the_middle() -> None:
+    stream = messages(2.5)
+    middle = len(stream) // 2
+    online = OnlineRatSlam()
+    steps = all_of(online, stream[middle:])
+    assert not online.refused and online.views.restarts == 16
+    seen = [step.view_id for step in steps if step.looked]
+    assert sorted({*seen}) == list(range(16)) and seen[0] == 0
+
+
+def test_a_file_of_another_source_is_refused(tmp_path: Path) -> None:
+    for slam, said in (
+        (RatSlam(), "recognises by nothing, expected given ids"),
+        (RatSlam(views=TemplateSource()), "recognises by visual templates, expected given ids"),
+    ):
+        slam.save(tmp_path / "map.npz")
+        with pytest.raises(DataError, match=rf"map\.npz: it {said}"):
+            OnlineRatSlam.load(tmp_path / "map.npz")
+    with pytest.raises(DataError, match=r"missing\.npz"):
+        OnlineRatSlam.load(tmp_path / "missing.npz")
+
+
+def test_a_loaded_map_keeps_its_configuration_and_says_so(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    OnlineRatSlam(ratslam={"preset": "openratslam"}).save(tmp_path / "map.npz")
+    OnlineRatSlam.load(tmp_path / "map.npz", ratslam={"preset": "openratslam"})
+    assert not caplog.messages
+    found = OnlineRatSlam.load(tmp_path / "map.npz", order={"wait": 5.0})
+    assert "keeps the configuration that it was made with" in caplog.text
+    assert found.config.ratslam.preset == found.slam.preset == "openratslam"
+    assert found.config.order.wait == 5.0 and found.config.order.in_order
+
+
+def test_a_map_that_never_began_is_saved_and_begins_when_loaded(tmp_path: Path) -> None:
+    stream = messages(0.5)
+    OnlineRatSlam().save(tmp_path / "map.npz")
+    online = OnlineRatSlam.load(tmp_path / "map.npz")
+    assert all_of(online, stream) == all_of(OnlineRatSlam(), stream)
+
+
+def test_the_file_holds_what_ids_mean(tmp_path: Path) -> None:
+    online = OnlineRatSlam()
+    looks = [Look(k * TENTH, GivenView(view, True)) for k, view in enumerate((0, 1, 0))]
+    all_of(online, [Motion(0, 0.0, 0.0), *looks])
+    online.save(tmp_path / "map.npz")
+    with np.load(tmp_path / "map.npz") as stored:
+        assert json.loads(stored["views"].tobytes()) == {"count": 3, "numbers": [[0, 2]]}
+    again = OnlineRatSlam.load(tmp_path / "map.npz")
+    steps = all_of(again, [Motion(SECOND, 0.0, 0.0), Look(SECOND, GivenView(0, False))])
+    assert [step.view_id for step in steps if step.looked] == [2]

@@ -1,0 +1,226 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""``RatSlam``: what each event does, and what it makes of views that make no sense."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.ratslam import ActionKind, Look, Motion, RatSlam, Sighting, Step, TemplateSource
+from fusionslam.ratslam.events import Event
+from fusionslam.sensors.frame import Frame
+from fusionslam.sensors.messages import Picture
+from slam_drives import (
+    SECOND,
+    circle_events,
+    circles,
+    errors_of,
+    everything,
+    odometry,
+    same,
+    take,
+)
+
+TENTH = SECOND // 10
+
+
+def straight(seconds: float, v: float = 0.5, start_ns: int = 0) -> list[Event]:
+    return [Motion(start_ns + k * TENTH, v, 0.0) for k in range(round(seconds * 10))]
+
+
+def image(value: int) -> np.ndarray:
+    return np.full((100, 120), value, np.uint8)
+
+
+def test_a_step_tells_all_that_happened() -> None:
+    slam = RatSlam()
+    first = slam.step(Sighting(0, 0))
+    assert first.why == "view 0; no odometry yet, so there is no map to put it on"
+    assert (first.view_id, first.node, first.action.kind) == (0, None, ActionKind.NONE)
+    assert slam.step(Motion(0, 0.5, 0.0)).why == ""
+    step = slam.step(Motion(TENTH, 0.5, 0.1))
+    assert step.why == "node 0 made of view 0"
+    assert step.action[:3] == (ActionKind.CREATE_NODE, 0, 0)
+    assert (step.stamp_ns, step.view_id, step.node, step.looked) == (TENTH, None, 0, False)
+    assert step.pose == pytest.approx(step.dead_reckoning)
+    assert step.cells == slam.cells.best
+    assert slam.memory.node_views == [0] and slam.memory.node_stamps_ns == [TENTH]
+
+
+def test_motions_and_sightings_of_four_laps_close_the_loop_against_drift() -> None:
+    slam = RatSlam()
+    events = circle_events(4.0)
+    steps = take(slam, events)
+    truth = np.stack(circles(4.0).places(np.array([s.stamp_ns for s in steps]) / 1e9), axis=1)
+    live = errors_of([step.pose for step in steps], truth)
+    alone = errors_of([step.dead_reckoning for step in steps], truth)
+    assert alone > 0.2 and live < 0.6 * alone
+    closed = [step for step in steps if step.action.kind == ActionKind.CREATE_EDGE]
+    assert closed and all(
+        step.why.endswith(f"back at node {step.action.target}, from node {step.action.source}")
+        for step in closed
+    )
+    assert all(step.loop is not None and step.loop.accepted for step in closed)
+    assert len(slam.map.nodes) == len(slam.memory.node_views) == len(slam.memory.node_stamps_ns)
+
+
+def test_odometry_arrives_faster_than_views_or_slower() -> None:
+    way = circles(0.5)
+    for rate_hz in (5.0, 50.0):
+        slam = RatSlam()
+        events: list[Event] = [
+            one for one in odometry(way, rate_hz=rate_hz) if one.stamp_ns < 99 * TENTH
+        ]
+        events += [Sighting(k * TENTH, k // 10) for k in range(1, 100)]
+        steps = take(slam, sorted(events, key=lambda event: event.stamp_ns))
+        assert {step.view_id for step in steps if step.looked} == set(range(10))
+        assert slam.memory.node_views == list(range(10))
+
+
+def test_frames_pictures_and_looks_go_to_the_source_of_views() -> None:
+    slam = RatSlam(views=TemplateSource(bottom=100))
+    pose = np.eye(4)
+    frame = Frame(stamp_ns=0, images={"left": image(20)}, odometry=pose)
+    picture = Picture(stamp_ns=TENTH, frame_id="camera", image=image(200))
+    look = Look(2 * TENTH, image(20))
+    steps = take(slam, [frame, picture, look])
+    assert [step.view_id for step in steps] == [0, 1, 0]
+    assert "new view 0: none is like it" in steps[0].why
+    assert "matched view 0" in steps[2].why
+    assert all(step.looked for step in steps)
+    assert slam.step(Frame(stamp_ns=3 * TENTH, images={"left": image(20)}, odometry=pose)).node == 0
+
+
+def test_what_nobody_recognises_is_no_view() -> None:
+    slam = RatSlam()
+    steps = take(slam, [*straight(0.3), Sighting(3 * TENTH, -1), Motion(4 * TENTH, 0.5, 0)])
+    assert steps[-2].why == "nothing recognised" and steps[-2].view_id is None
+    assert steps[-2].looked and len(slam.map.nodes) == 0
+
+
+@pytest.mark.parametrize(
+    "sighting",
+    [
+        Sighting(SECOND, 2),
+        Sighting(SECOND, -2),
+        Sighting(SECOND, 10**12),
+        Sighting(SECOND, 0, np.nan),
+        Sighting(SECOND, 1, np.inf),
+        Sighting(SECOND, 0, 0.0, (np.nan, 0.0)),
+        Sighting(SECOND, 0.5),  # type: ignore[arg-type]
+        Sighting(0, 0),
+        Sighting(-SECOND, 0),
+        Sighting(np.nan, 0),  # type: ignore[arg-type]
+        Sighting(2**64, 0),
+        Look(SECOND, image(0)),
+    ],
+)
+def test_views_at_fault_are_refused_and_change_nothing(sighting: Event) -> None:
+    slam = RatSlam()
+    take(slam, [Motion(0, 0.5, 0.0), Sighting(0, 0), Motion(TENTH, 0.5, 0.0)])
+    before = everything(slam)
+    with pytest.raises(DataError):
+        slam.step(sighting)
+    assert same(everything(slam), before)
+    assert slam.step(Sighting(2 * SECOND, 1)).view_id == 1
+
+
+def test_ids_and_stamps_may_be_numbers_of_numpy(tmp_path: Any) -> None:
+    slam = RatSlam()
+    events = [Motion(np.int64(0), np.float64(0.5), 0.0), Sighting(np.int64(0), np.int64(0))]  # type: ignore[arg-type]
+    take(slam, [*events, Motion(np.int64(TENTH), np.float32(0.5), 0.0)])  # type: ignore[arg-type]
+    slam.save(tmp_path / "s.npz")
+    assert same(everything(RatSlam.load(tmp_path / "s.npz")), everything(slam))
+
+
+def test_an_image_of_another_size_is_refused_but_odometry_beside_it_counts() -> None:
+    slam = RatSlam(views=TemplateSource(bottom=100))
+    poses = [np.eye(4) for _ in range(3)]
+    for k, pose in enumerate(poses):
+        pose[0, 3] = 0.05 * k
+    slam.step(Frame(stamp_ns=0, images={"left": image(20)}, odometry=poses[0]))
+    with pytest.raises(ShapeError):
+        slam.step(Frame(stamp_ns=TENTH, images={"left": image(20)[:, :90]}, odometry=poses[1]))
+    step = slam.step(Frame(stamp_ns=2 * TENTH, images={"left": image(20)}, odometry=poses[2]))
+    assert step.view_id == 0 and step.dead_reckoning[0] == pytest.approx(0.1)
+
+
+def test_templates_without_odometry_make_no_map_and_no_error() -> None:
+    slam = RatSlam(views=TemplateSource(bottom=100))
+    steps = take(slam, [Look(k * TENTH, image(k % 5 * 40)) for k in range(200)])
+    assert {step.view_id for step in steps} == {0, 1, 2, 3, 4}
+    assert len(slam.map.nodes) == 0 and steps[-1].node is None
+    assert steps[-1].pose == (0, 0, 0)
+    assert all(step.why.endswith("so there is no map to put it on") for step in steps)
+
+
+def test_odometry_without_views_is_dead_reckoning() -> None:
+    slam = RatSlam()
+    steps = take(slam, odometry(circles(0.5)))
+    assert len(slam.map.nodes) == 0
+    assert all(step.pose == step.dead_reckoning for step in steps)
+
+
+def test_ten_thousand_templates_in_one_place_leave_it_one_place() -> None:
+    slam = RatSlam()
+    take(slam, straight(0.5, v=0.0))
+    start = 5 * TENTH
+    for k in range(10_000):
+        step = slam.step(Sighting(start + k, k))
+    assert step.view_id == 9_999
+    # Each new view makes a node, all of them here.
+    assert len(slam.map.nodes) == 10_000
+    assert np.abs(slam.map.nodes).max() < 1e-6
+    end = slam.step(Motion(start + SECOND, 0.0, 0.0))
+    assert np.abs(end.pose).max() < 1e-6
+    activity = slam.cells.activity
+    assert (activity >= 0).all() and activity.sum() == pytest.approx(1)
+
+
+def test_a_map_without_any_loop_is_dead_reckoning() -> None:
+    slam = RatSlam()
+    events = [*straight(20)]
+    events += [Sighting(k * SECOND + 1, k) for k in range(20)]
+    steps = take(slam, sorted(events, key=lambda event: event.stamp_ns))
+    assert len(slam.map.nodes) == 20 and len(slam.map.links) == 19
+    assert errors_of([s.pose for s in steps], np.array([s.dead_reckoning for s in steps])) < 1e-9
+
+
+def false_loops(preset: str) -> tuple[list[Step], float]:
+    """A straight way of 40 m, on which every view after the first 20 m is said to be view 2."""
+    slam = RatSlam(preset=preset)
+    events = straight(80)
+    events += [Sighting(k * TENTH + 1, min(k // 10, 40) if k < 400 else 2) for k in range(800)]
+    steps = take(slam, sorted(events, key=lambda event: event.stamp_ns))
+    far = [step.pose[0] - step.dead_reckoning[0] for step in steps]
+    return steps, float(np.abs(far).max())
+
+
+def test_a_false_loop_on_every_frame_folds_the_original_map_and_not_ours() -> None:
+    _, folded = false_loops("openratslam")
+    steps, error = false_loops("robust")
+    assert folded > 10
+    assert error < 0.5
+    refused = [step for step in steps if step.refused is not None]
+    assert refused
+    for step in refused:
+        assert step.loop is not None and not step.loop.accepted and step.refused is not None
+        assert f"no loop to node {step.refused.target}: {step.loop.reason}" in step.why
+        assert step.action.kind == ActionKind.CREATE_NODE
+    assert not any(step.action.kind == ActionKind.CREATE_EDGE for step in steps)
+
+
+def test_the_preset_goes_to_cells_and_map_and_single_values_stay() -> None:
+    slam = RatSlam(preset="openratslam", cells={"size": 30}, map={"correction": 0.25})
+    assert slam.cells.config.preset == slam.map.config.preset == slam.preset == "openratslam"
+    assert slam.cells.config.size == 30 and slam.map.config.correction == 0.25
+    assert RatSlam().preset == "robust"
+
+
+def test_wrong_values_are_named() -> None:
+    with pytest.raises(ConfigError, match="prese"):
+        RatSlam(prese="robust")
+    with pytest.raises(ConfigError, match="gap"):
+        RatSlam(gap=0)

@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What recognises places for RatSLAM: templates and view matchers as sources of views."""
+
+import numpy as np
+import pytest
+
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.ratslam.external_views import GivenViews
+from fusionslam.ratslam.view_sources import (
+    KINDS,
+    SOURCES,
+    MatcherSource,
+    SourceOptions,
+    TemplateSource,
+    source_named,
+)
+from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.sensors.messages import Picture
+from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig
+from fusionslam.views.visual_templates import VisualTemplates
+from object_places import NOTHING, place
+
+
+def image(value: int) -> np.ndarray:
+    return np.full((100, 120), value, np.uint8)
+
+
+def turned(cloud: Cloud, x: float, y: float, yaw: float) -> Cloud:
+    """What a robot sees that stands at x, y, turned by yaw, in the frame of the one that saw it."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    moved = (cloud.points - np.array([x, y, 0], np.float32)) @ np.array(
+        [[c, -s, 0], [s, c, 0], [0, 0, 1]], np.float32
+    )
+    assert cloud.colors is not None
+    return Cloud(moved.astype(np.float32), cloud.colors)
+
+
+def test_images_frames_and_what_templates_keep_are_the_same_view() -> None:
+    source = TemplateSource(bottom=100)
+    kept = VisualTemplates(bottom=100).view(image(70))
+    items = [image(70), kept, Frame(images={"left": image(70)})]
+    items += [Picture(stamp_ns=0, frame_id="camera", image=image(70))]
+    found = [source.look(item, number) for number, item in enumerate(items)]
+    assert [one.view_id for one in found] == [0, 0, 0, 0]
+    assert [one.stamp_ns for one in found] == [0, 1, 2, 3]
+    assert found[0].reason == "new view 0: none is like it"
+    assert found[1].reason == "matched view 0: it differs by 0.0000 <= 0.03"
+    assert source.look(image(200), 4).reason == "new view 1: none is like it"
+    # Of the same mean, so that it is compared.
+    mixed = np.concatenate([image(50)[:, :60], image(90)[:, :60]], axis=1)
+    assert source.look(mixed, 5).reason == "new view 2: the nearest differs by 0.0784 > 0.03"
+
+
+def test_a_panorama_that_is_turned_tells_by_how_much() -> None:
+    source = TemplateSource(panoramic=True, shift=0, columns=60, rows=4, bottom=None)
+    blocks = np.random.default_rng(1).integers(0, 256, (4, 60))
+    picture = np.kron(blocks, np.ones((10, 10))).astype(np.uint8)
+    assert source.look(picture, 0).relative_rotation == 0
+    seen = source.look(np.roll(picture, 150, axis=1), 1)
+    # What was ahead lies a quarter to the right: the robot has turned to the left.
+    assert seen.view_id == 0 and seen.relative_rotation == pytest.approx(np.pi / 2)
+
+
+@pytest.mark.parametrize("item", [Frame(index=3), "image.png", Cloud(np.zeros((1, 3), np.float32))])
+def test_templates_refuse_what_is_no_image(item: object) -> None:
+    source = TemplateSource()
+    with pytest.raises(DataError, match=r"images|no left image"):
+        source.look(item, 0)
+    assert len(source.templates) == 0
+
+
+def test_matchers_refuse_images_and_name_what_they_look_at() -> None:
+    picture = Picture(stamp_ns=5, frame_id="camera", image=image(0))
+    with pytest.raises(DataError, match="image at 5 ns: alignment looks at clouds or frames"):
+        MatcherSource().look(picture, 5)
+
+
+def test_a_scan_with_nothing_to_recognise_is_no_view() -> None:
+    source = MatcherSource(ViewMatcher(ViewMatcherConfig(method="scenes")))
+    assert source.look(place(0), 0).view_id == 0
+    seen = source.look(NOTHING, 1)
+    assert seen.view_id == -1 and "nothing to recognise" in seen.reason
+    assert source.look(place(0, 1), 2).view_id == 0
+
+
+def test_aligned_views_tell_where_the_robot_is_against_the_first_view_of_the_place() -> None:
+    matcher = ViewMatcher(ViewMatcherConfig(method="alignment", policy="several", store_below=1.0))
+    source, cloud = MatcherSource(matcher), place(0, objects=5)
+    ways = [(0.0, 0.0, 0.0), (0.3, 0.1, 0.2), (0.5, -0.2, 0.3), (0.1, 0.25, -0.1)]
+    for number, way in enumerate(ways):
+        seen = source.look(turned(cloud, *way), number)
+        assert seen.view_id == 0
+        found = (*seen.relative_place, seen.relative_rotation)
+        np.testing.assert_allclose(found, way, atol=0.03)
+    # Several views are stored, and later ones were matched to others than the first.
+    assert matcher.stats.stored > 1
+
+
+def test_the_sources_by_name_are_what_they_say() -> None:
+    titles = {name: source_named(name).title for name in SOURCES if name != "two-stage"}
+    assert titles == {
+        "alignment": "alignment",
+        "objects": "objects robust",
+        "cm2dp": "cm2dp",
+        "visual": "visual templates",
+    }
+    assert {type(source_named(name)) for name in titles} | {GivenViews} == set(KINDS.values())
+    kept = source_named("cm2dp")
+    assert isinstance(kept, MatcherSource) and kept.matcher.fusion_config.ground == "none"
+    author = source_named("objects", SourceOptions(ViewMatcherConfig(preset="author")))
+    assert author.title == "objects author"
+
+
+def test_two_stages_have_the_second_stage_of_their_preset() -> None:
+    pytest.importorskip("onnxruntime")
+    assert source_named("two-stage").title == "objects robust, then places"
+    paper = source_named("two-stage", SourceOptions(ViewMatcherConfig(preset="paper")))
+    assert paper.title == "objects paper, then thesis"
+
+
+def test_an_unknown_source_is_named() -> None:
+    with pytest.raises(ConfigError, match="views is 'smell', expected one of alignment, objects"):
+        source_named("smell")
+
+
+@pytest.mark.parametrize("content", [b"", b"\x00" * 7, b"\xff" * 40, b"no views at all"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_views_that_are_none_are_refused(kind: str, content: bytes) -> None:
+    with pytest.raises(DataError):
+        KINDS[kind]().restore(content)

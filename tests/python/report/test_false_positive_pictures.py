@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of scans that were taken for another place."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.evaluation import JudgedView, RunningViews
+from fusionslam.report import write_false_positive
+from fusionslam.report.views.thumbnails import HEIGHT, image_preview
+
+RED, GREEN, DARK = (220, 20, 20), (20, 200, 20), (21, 24, 29)
+
+
+def image(color: tuple[int, int, int], height: int = 48, width: int = 64) -> NDArray[np.uint8]:
+    return np.tile(np.array(color, np.uint8), (height, width, 1))
+
+
+def wrong() -> JudgedView:
+    running = RunningViews()
+    running.add(1_000_000_000, 6, (0, 0, 0))
+    judged = running.add(43_500_000_000, 6, (3, 4, np.radians(100)))
+    assert judged.false_positive
+    return judged
+
+
+def written(
+    path: Path, image: NDArray[np.uint8] | None, matched: NDArray[np.uint8] | bytes | None
+) -> NDArray[np.uint8]:
+    write_false_positive(path, wrong(), image, matched)
+    with Image.open(path) as picture:
+        assert picture.format == "JPEG"
+        return np.asarray(picture.convert("RGB"))
+
+
+def is_near(pixel: NDArray[np.uint8], color: tuple[int, int, int]) -> bool:
+    return bool(np.abs(pixel.astype(int) - color).max() < 12)
+
+
+def test_both_images_stand_side_by_side_above_a_caption(tmp_path: Path) -> None:
+    pixels = written(tmp_path / "new" / "pair.jpg", image(RED), image(GREEN))
+    width = round(64 * HEIGHT / 48)
+    assert is_near(pixels[HEIGHT // 2, width // 2], RED)
+    assert is_near(pixels[HEIGHT // 2, 12 + width + width // 2], GREEN)
+    caption = pixels[HEIGHT + 4 :]
+    assert caption.shape[0] >= 45 and (caption < 90).all(axis=2).sum() > 300
+    assert [file.name for file in (tmp_path / "new").iterdir()] == ["pair.jpg"]
+
+
+def test_the_caption_tells_scans_view_times_and_how_far_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    from PIL.ImageDraw import ImageDraw
+
+    draws = ImageDraw.text
+
+    def heard(self: ImageDraw, place: Any, text: str, *more: Any, **options: Any) -> None:
+        said.append(text)
+        draws(self, place, text, *more, **options)
+
+    monkeypatch.setattr(ImageDraw, "text", heard)
+    written(tmp_path / "pair.jpg", image(RED), None)
+    assert said == [
+        "no image of scan 0",
+        "left: scan 1 at 43.50 s, recognised as view 6",
+        "right: scan 0 at 1.00 s, the first of view 6",
+        "5.00 m, 100 degrees and 42.5 s apart",
+    ]
+
+
+@pytest.mark.parametrize("images", [(None, image(GREEN)), (image(RED), None), (None, None)])
+def test_an_image_that_is_missing_is_said_to_be(
+    images: tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None], tmp_path: Path
+) -> None:
+    pixels = written(tmp_path / "pair.jpg", *images)
+    right = 12 + (300 if images[0] is None else round(64 * HEIGHT / 48))
+    for start, shown, color in ((0, images[0], RED), (right, images[1], GREEN)):
+        half = pixels[:HEIGHT, start : start + 200]
+        assert is_near(half[9, 9], DARK if shown is None else color)
+        words = half[HEIGHT // 2 - 8 : HEIGHT // 2 + 8]
+        assert ((words > 130).all(axis=2).sum() > 30) == (shown is None)
+
+
+def test_previews_stand_for_the_images_they_were_made_of(tmp_path: Path) -> None:
+    kept = image_preview(image(GREEN))
+    assert len(kept) < image(GREEN).nbytes
+    whole = written(tmp_path / "whole.jpg", image(RED), image(GREEN))
+    assert np.array_equal(written(tmp_path / "kept.jpg", image(RED), kept), whole)
+
+
+@pytest.mark.parametrize("shape", [(48, 64), (1, 1, 3), (1, 9000), (9000, 1, 3), (480, 640, 3)])
+def test_grey_small_and_odd_images_are_shown(shape: tuple[int, ...], tmp_path: Path) -> None:
+    odd = np.full(shape, 128, np.uint8)
+    pixels = written(tmp_path / "pair.JPG", odd, np.asfortranarray(odd[::-1]))
+    assert pixels.shape[0] > HEIGHT and pixels.shape[1] < 6000
+
+
+@pytest.mark.parametrize(
+    ("odd", "words"),
+    [
+        (np.zeros((4, 4)), r"matched_image is float64 \(4, 4\)"),
+        (np.zeros((4, 4, 4), np.uint8), r"uint8 \(4, 4, 4\), expected uint8 \(H, W, 3\)"),
+        (np.zeros(4, np.uint8), r"\(4,\)"),
+        (np.zeros((0, 4, 3), np.uint8), "no pixels"),
+    ],
+)
+def test_what_is_no_image_is_refused_and_nothing_written(
+    odd: Any, words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ShapeError, match=words):
+        write_false_positive(tmp_path / "pair.jpg", wrong(), image(RED), odd)
+    assert not list(tmp_path.iterdir())
+
+
+def test_scans_without_a_match_and_bad_paths_are_refused(tmp_path: Path) -> None:
+    alone = replace(wrong(), matched=None, matched_stamp_ns=None)
+    with pytest.raises(DataError, match="scan 1 was matched with none"):
+        write_false_positive(tmp_path / "pair.jpg", alone, None, None)
+    with pytest.raises(DataError, match=r"pair\.gif: expected a name that ends in \.jpg"):
+        write_false_positive(tmp_path / "pair.gif", wrong(), None, None)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DataError, match="cannot write"):
+        write_false_positive(tmp_path / "file" / "pair.jpg", wrong(), None, None)

@@ -1,0 +1,259 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report opens offline, holds the figures of its evaluations, and is written whole."""
+
+import csv
+import io
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.evaluation import DescriptorRun, Evaluation, evaluate
+from fusionslam.report import write_report
+from fusionslam.report.loops.exports import quaternion
+from fusionslam.report.loops.outcomes import outcome, telling_pairs
+from fusionslam.report.loops.plots import widest_axes
+from fusionslam.sensors.frame import Cloud
+from html_pages import Page
+
+
+def two_laps(count: int) -> NDArray[np.float64]:
+    """Poses (count, 4, 4) of two laps in the plane of x and z, as a KITTI camera moves."""
+    angle = np.linspace(0, 4 * np.pi, count)
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, 0, 3] = 60 * np.sin(angle)
+    poses[:, 2, 3] = 40 * np.cos(angle)
+    return poses
+
+
+def some_run(
+    source: str = "lidar",
+    descriptor: str = "m2dp",
+    count: int = 120,
+    noise: float = 8.0,
+    **change: Any,
+) -> DescriptorRun:
+    rng = np.random.default_rng(int(noise * 10))
+    poses = two_laps(count)
+    descriptors = (poses[:, :3, 3] + rng.normal(0, noise, (count, 3))).astype(np.float32)
+    # Something stood before the sensor: revisits that no sensible threshold accepts.
+    descriptors[-6:] += rng.normal(0, 2000, (min(count, 6), 3)).astype(np.float32)
+    fields: dict[str, Any] = {
+        "source": source,
+        "descriptor": descriptor,
+        "dataset": "KITTI 06",
+        "descriptors": descriptors,
+        "frames": 10 * np.arange(count),
+        "stamps_ns": 1_700_000_000_000_000_001 + np.arange(count) * 10**8,
+        "poses": poses,
+        "seconds": {"load": rng.gamma(9, 1e-3, count), "describe": rng.gamma(9, 1e-2, count)},
+        "peak_memory_bytes": 3 * 2**20,
+        "points": np.full(count, 2000),
+        "config": {"bins": 8},
+    }
+    return DescriptorRun(**(fields | change))
+
+
+def some_cloud(source: str, frame: int) -> Cloud:
+    rng = np.random.default_rng(frame)
+    points = (rng.normal(0, 1, (300, 3)) * (20, 10, 1)).astype(np.float32)
+    colors = rng.integers(0, 255, (300, 3)).astype(np.uint8)
+    return Cloud(points, colors if source == "lidar" else None)
+
+
+def some_image(source: str, frame: int) -> NDArray[np.uint8]:
+    return np.full((30, 100, 3), frame % 255, dtype=np.uint8)
+
+
+def report(evaluations: list[Evaluation], folder: Path, **change: Any) -> Page:
+    fixed: dict[str, Any] = {
+        "dataset_name": "KITTI 06",
+        "command": "fusionslam bench <KITTI> -d m2dp",
+        "config": {"evaluation": {"radius": 10.0}},
+    }
+    return Page(write_report(evaluations, folder, **(fixed | change)).read_text("utf-8"))
+
+
+@pytest.fixture(scope="module")
+def evaluations() -> list[Evaluation]:
+    runs = [some_run(), some_run(descriptor="cm2dp", noise=3), some_run("stereo", noise=15)]
+    return [evaluate(run, window=20) for run in runs]
+
+
+@pytest.fixture(scope="module")
+def written(
+    evaluations: list[Evaluation], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, Page]:
+    folder = tmp_path_factory.mktemp("report") / "new" / "folder"
+    return folder, report(evaluations, folder, clouds=some_cloud, images=some_image)
+
+
+def test_the_page_is_whole_and_needs_no_network(written: tuple[Path, Page]) -> None:
+    folder, page = written
+    assert page.open == []
+    assert len(set(page.ids)) == len(page.ids) > 0
+    assert page.addresses and all(
+        re.match("data:image/(png|jpeg);base64,", a) for a in page.addresses
+    )
+    text = (folder / "report.html").read_text("utf-8")
+    assert not re.search(r"https?://|url\(|@import|<script", text)
+
+
+def test_the_page_holds_the_figures(
+    written: tuple[Path, Page], evaluations: list[Evaluation]
+) -> None:
+    page = written[1]
+    for evaluation in evaluations:
+        curve = evaluation.curves["revisit"]
+        for name in ("recall_at_full_precision", "max_f1", "average_precision", "top1"):
+            assert f"{getattr(curve, name):.3f}" in page.text
+        assert curve.explain(curve.max_f1_threshold) in page.text
+    assert "0.668" in page.text and "Perdomo 2019" in page.text
+    assert "radius 10 m" in page.text and "window 20 frames" in page.text
+    assert "fusionslam bench <KITTI> -d m2dp" in page.text
+
+
+def test_pictures_lie_beside_the_page_and_decode(written: tuple[Path, Page]) -> None:
+    image = pytest.importorskip("PIL.Image")
+    names = {path.name for path in written[0].iterdir() if path.suffix in (".png", ".jpg")}
+    runs = ("lidar_m2dp", "lidar_cm2dp", "stereo_m2dp")
+    expected = {"pr_lidar.png", "pr_stereo.png"}
+    expected |= {f"{kind}_{run}.png" for kind in ("trajectory", "distances") for run in runs}
+    expected |= {f"pairs_{run}_{kind}.jpg" for run in runs for kind in ("best", "worst", "missed")}
+    assert names == expected
+    for name in names:
+        with image.open(written[0] / name) as picture:
+            picture.load()
+            assert picture.format == {"p": "PNG", "j": "JPEG"}[name[-3]] and min(picture.size) > 200
+    assert len(written[1].addresses) == len(names)
+
+
+def test_the_metrics_are_those_of_the_curves(
+    written: tuple[Path, Page], evaluations: list[Evaluation]
+) -> None:
+    metrics = json.loads((written[0] / "metrics.json").read_text())
+    for run, evaluation in zip(metrics["runs"], evaluations, strict=True):
+        assert (run["source"], run["descriptor"]) == (
+            evaluation.run.source,
+            evaluation.run.descriptor,
+        )
+        for name, curve in evaluation.curves.items():
+            assert run["protocols"][name] == curve.metrics()
+            assert run["protocols"][name]["radius"] == 10
+    assert metrics["versions"].keys() >= {"fusionslam", "numpy", "python", "system"}
+    assert metrics["machine"]["cores"] >= 1
+
+
+def test_every_match_is_a_row_of_loops_csv(
+    written: tuple[Path, Page], evaluations: list[Evaluation]
+) -> None:
+    rows = list(csv.DictReader(io.StringIO((written[0] / "matches.csv").read_text())))
+    assert len(rows) == 3 * (120 - 21)
+    curve = evaluations[0].curves["revisit"]
+    first = rows[0]
+    assert (int(first["query"]), int(first["match"])) == (210, 10 * int(curve.matches[21]))
+    assert int(first["query_stamp_ns"]) == 1_700_000_000_000_000_001 + 21 * 10**8
+    own = [row for row in rows if (row["source"], row["descriptor"]) == ("lidar", "m2dp")]
+    assert sum(int(row["accepted"]) for row in own) == outcome(curve).accepted.sum()
+    assert all((float(row["metres"]) < 10) == (row["correct"] == "1") for row in rows)
+
+
+def test_poses_are_tum_lines_with_whole_nanoseconds(written: tuple[Path, Page]) -> None:
+    lines = (written[0] / "poses_tum.txt").read_text().splitlines()
+    assert len(lines) == 120
+    assert lines[0].split() == ["1700000000.000000001", "0", "0", "40", "0", "0", "0", "1"]
+
+
+def test_no_temporary_file_is_left(written: tuple[Path, Page]) -> None:
+    assert not [path for path in written[0].iterdir() if path.name.startswith(".")]
+
+
+@pytest.mark.parametrize("count", [1, 5, 40])
+def test_a_sequence_without_revisits_is_reported(tmp_path: Path, count: int) -> None:
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, 0, 3] = 100 * np.arange(count)
+    page = report([evaluate(some_run(count=count, poses=poses), window=3)], tmp_path)
+    assert "No query is a revisit" in page.text
+    assert "no threshold accepts a correct match" in page.text
+    assert "nothing that a map of the loops or a distance matrix could show" in page.text
+    assert not list(tmp_path.glob("trajectory_*")) and not list(tmp_path.glob("distances_*"))
+    assert "NaN" not in (tmp_path / "metrics.json").read_text()
+
+
+def test_without_ground_truth_there_are_loops_but_no_accuracy(tmp_path: Path) -> None:
+    run = some_run(poses=None, dataset="walk")
+    page = report([evaluate(run, window=20)], tmp_path, dataset_name="walk")
+    assert "No ground truth" in page.text and "R@100P" not in page.text
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "matches.csv").read_text())))
+    assert len(rows) == 99 and {row["correct"] for row in rows} == {""}
+    assert {path.name for path in tmp_path.glob("*.png")} == {"distances_lidar_m2dp.png"}
+    assert not (tmp_path / "poses_tum.txt").exists()
+
+
+def test_frames_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
+    def broken(source: str, frame: int) -> Cloud:
+        raise DataError(f"cannot read {source} {frame}")
+
+    report([evaluate(some_run(), window=20)], tmp_path / "none", clouds=broken)
+    assert not list((tmp_path / "none").glob("pairs_*"))
+    report([evaluate(some_run(), window=20)], tmp_path / "images", clouds=broken, images=some_image)
+    assert len(list((tmp_path / "images").glob("pairs_*"))) == 3
+
+
+def test_a_folder_that_cannot_be_written_is_named(
+    evaluations: list[Evaluation], tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(DataError, match=r"cannot write .*file"):
+        report(evaluations, tmp_path / "file")
+
+
+def test_a_protocol_that_was_not_evaluated_is_refused(tmp_path: Path) -> None:
+    evaluation = evaluate(some_run(), window=20, protocols=["revisit"])
+    with pytest.raises(ConfigError, match="only under revisit"):
+        report([evaluation], tmp_path, protocol="perdomo2019")
+    with pytest.raises(ConfigError, match="did you mean 'revisit'"):
+        report([evaluation], tmp_path, protocol="revisits")
+    with pytest.raises(DataError, match="no evaluations"):
+        report([], tmp_path)
+
+
+def test_names_that_are_html_or_paths_are_harmless(tmp_path: Path) -> None:
+    page = report(
+        [evaluate(some_run(descriptor="../<b>x"), window=20)], tmp_path / "r", title="<i>"
+    )
+    assert page.open == []
+    assert [path.name for path in tmp_path.iterdir()] == ["r"]
+
+
+def test_the_pairs_tell_the_best_the_worst_and_the_missed(evaluations: list[Evaluation]) -> None:
+    run, curve = evaluations[0].run, evaluations[0].curves["revisit"]
+    pairs = {pair.kind: pair for pair in telling_pairs(run, curve)}
+    matched = curve.matches >= 0
+    assert pairs["best"].distance == pytest.approx(curve.distances[curve.correct].min(), rel=1e-5)
+    false = curve.distances[matched & ~curve.correct]
+    assert pairs["worst"].distance == pytest.approx(false.min(), rel=1e-5)
+    assert pairs["worst"].metres >= 10
+    assert pairs["missed"].metres < 10 and outcome(curve).missed[pairs["missed"].query]
+
+
+def test_the_trajectory_is_drawn_in_the_plane_of_its_largest_extents() -> None:
+    assert widest_axes(two_laps(50)[:, :3, 3]) == (0, 2)
+    assert widest_axes(np.zeros((1, 3))) == (0, 1)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, np.pi / 2, np.pi - 1e-9, np.pi])
+def test_a_quaternion_turns_as_its_matrix(angle: float) -> None:
+    axis = np.array([1.0, 2.0, -2.0]) / 3
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    found = quaternion(rotation)
+    expected = np.array([*(np.sin(angle / 2) * axis), np.cos(angle / 2)])
+    assert abs(found @ expected) == pytest.approx(1)
+    assert found[3] >= 0

@@ -1,0 +1,283 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report of maps opens offline, has the judge's figures, and says what it cannot show."""
+
+import io
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fusionslam.errors import DataError
+from fusionslam.evaluation import judge_map
+from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.report import map_figure, write_ratslam_report
+from fusionslam.report.maps.aligned_run import scene_of
+from fusionslam.report.maps.map_figures import draw_map
+from fusionslam.report.maps.plots import draw_activity, draw_errors, draw_views, new_views
+from fusionslam.report.maps.sections import run_labels
+from fusionslam.report.maps.tables import (
+    MOST,
+    error_table,
+    loop_table,
+    reason_table,
+    refused_table,
+)
+from html_pages import Page
+from little_maps import little_run
+from reported_maps import CORNERS, HALL, alone, drifting_run, nodeless, wrong_run
+
+image = pytest.importorskip("PIL.Image")
+pytest.importorskip("matplotlib")
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Page]:
+    folder = tmp_path_factory.mktemp("maps") / "new"
+    runs = [drifting_run(), wrong_run()]
+    path = write_ratslam_report(folder, runs, command="ratslam <x>", notes=["A <note>."])
+    return folder, Page(path.read_text("utf-8"))
+
+
+def test_the_page_is_whole_and_needs_no_network(written: tuple[Path, Page]) -> None:
+    folder, page = written
+    assert page.open == []
+    assert len(set(page.ids)) == len(page.ids) > 0
+    text = (folder / "ratslam.html").read_text("utf-8")
+    assert not re.search(r"https?://|url\(|@import|src=\"(?!data:)", text)
+    assert "ratslam <x>" in page.text and "A <note>." in page.text
+
+
+def test_the_answer_comes_first_and_against_dead_reckoning(written: tuple[Path, Page]) -> None:
+    text, report = written[1].text, judge_map(drifting_run())
+    assert report.dead_reckoning is not None
+    said = "given has the best map: it puts the robot 0.00 m (RMSE) from where it was, "
+    assert f"{said}dead reckoning {report.dead_reckoning.rmse_m:.2f} m." in text
+    assert text.index("best map") < text.index("dead reckoning: perfect")
+
+
+def test_the_figures_are_those_of_the_judge(written: tuple[Path, Page]) -> None:
+    metrics = json.loads((written[0] / "ratslam.json").read_text())
+    for run, stored in zip((drifting_run(), wrong_run()), metrics["runs"], strict=True):
+        assert stored == json.loads(json.dumps(judge_map(run).metrics()))
+    wrong = judge_map(wrong_run())
+    assert wrong.false_loops == 1 and wrong.nodes is not None
+    table = (written[0] / "ratslam.html").read_text("utf-8").split("</table>")[0]
+    rows = re.findall(r"<tr><th scope=\"row\">(.*?)</th>(.*?)</tr>", table, flags=re.DOTALL)
+    assert [label for label, _ in rows] == ["dead reckoning: perfect", "given", "eyes"]
+    assert f">{wrong.nodes.rmse_m:.3f}<" in rows[2][1]
+
+
+def test_every_picture_of_the_page_lies_beside_it(written: tuple[Path, Page]) -> None:
+    kinds = {path.name.split("_")[1] for path in written[0].glob("*.png")}
+    assert kinds == {"map", "maps", "errors", "views", "cells", "way", "times"}
+    pictures = [address for address in written[1].addresses if address.startswith("data:image/")]
+    assert len(pictures) == len(list(written[0].glob("*.png")))
+    for path in written[0].glob("*.png"):
+        with image.open(path) as picture:
+            picture.load()
+            assert picture.width > 600 and path.stat().st_size < 300_000
+
+
+def test_loops_and_refusals_are_listed_with_what_was_wrong(written: tuple[Path, Page]) -> None:
+    text = written[1].text
+    assert "1 loop closed, 0 of them false; 2 loops refused (2 false: prevented)." in text
+    assert "1 loop closed, 1 of them false; 0 loops refused" in text
+    assert "odometry stopped for 3.0 s" in text
+    table = loop_table(scene_of(wrong_run(), judge_map(wrong_run())))
+    assert table is not None
+    (when, cells), *others = table.rows
+    assert (when, [cell.text for cell in cells], others) == (
+        "90.0 s",
+        ["2", "0", "14.14", "172", "false"],
+        [],
+    )
+    refused = refused_table(scene_of(run := drifting_run(), judge_map(run)))
+    assert refused is not None and refused.rows[0][0] == "120.0 s"
+    assert [cell.text for cell in refused.rows[0][1]] == [
+        *("3", "1", "1.00", "0.50", "5.7", "11.5"),
+        *("10.00", "86", "false: prevented"),
+    ]
+
+
+def test_a_long_list_of_refusals_is_cut() -> None:
+    run = drifting_run(refused=[(120.0 + 1e-3 * k, 3, 1) for k in range(MOST + 5)])
+    table = refused_table(scene_of(run, judge_map(run)))
+    assert table is not None and len(table.rows) == MOST
+    # A stamp that no step has: when it was is known, where the robot was is not.
+    assert table.rows[1][0] == "120.0 s" and table.rows[1][1][-2].text == "\N{EN DASH}"
+
+
+def test_sentences_that_differ_by_numbers_are_counted_together() -> None:
+    table = reason_table(drifting_run())
+    assert table is not None
+    assert [(words, cells[0].text) for words, cells in table.rows] == [
+        ("view #", "7"),
+        ("no loop: # m off; node #", "1"),
+    ]
+
+
+def test_a_map_is_laid_over_the_truth() -> None:
+    run = drifting_run(
+        nodes=np.array([(-y + 5.0, x - 7.0, th + np.pi / 2) for x, y, th in CORNERS])
+    )
+    scene = scene_of(run, judge_map(run))
+    np.testing.assert_allclose(scene.nodes[:, :2], np.array(CORNERS)[:, :2], atol=1e-9)
+    np.testing.assert_allclose(scene.path[:, :2], np.array(CORNERS * 2)[:, :2], atol=1e-9)
+
+
+def test_loops_are_the_links_that_an_arrival_made() -> None:
+    scene = scene_of(wrong_run(), judge_map(wrong_run()))
+    assert scene.made.tolist() == [-1, -1, 3, -1]
+    assert scene.false.tolist() == [False, False, True, False]
+    unknown = scene_of(blind := wrong_run(truth=None), judge_map(blind))
+    assert unknown.made.tolist() == [-1, -1, 3, -1] and not unknown.false.any()
+
+
+def test_ids_are_new_once_and_no_view_is_never_new() -> None:
+    ids = np.array([-1, 0, 0, 1, -1, 0, 2])
+    assert np.flatnonzero(new_views(ids)).tolist() == [1, 3, 6]
+
+
+def drawn(folder: Path, run: RatSlamRun) -> tuple[str, set[str]]:
+    """Text of the page, and kinds of the pictures."""
+    page = Page(write_ratslam_report(folder, run).read_text("utf-8"))
+    assert page.open == []
+    return page.text, {path.name.split("_")[1] for path in folder.glob("*.png")}
+
+
+def test_without_truth_there_are_counts_and_the_map(tmp_path: Path) -> None:
+    text, kinds = drawn(tmp_path, drifting_run(truth=None))
+    assert "Without true poses nobody can say how good a map is" in text
+    assert "The true poses are not known" in text and "1 loop closed; 2 loops refused" in text
+    assert kinds == {"map", "views", "cells", "way", "times"}
+    assert "nan" not in text.lower().split()
+
+
+def test_without_a_loop_the_map_is_called_dead_reckoning(tmp_path: Path) -> None:
+    text, kinds = drawn(tmp_path, alone())
+    assert "No loop was closed: the map is dead reckoning, cut into nodes." in text
+    assert "No step was timed" in text and "No run was timed" in text
+    assert "mapping did not help" in text
+    assert kinds == {"map", "errors", "views", "cells", "way"}
+
+
+def test_a_single_node_is_a_sentence(tmp_path: Path) -> None:
+    nothing = [(0, 0, 0)] * 3
+    run = alone(nodes=HALL[:1], actions=[(1, 0, 0), *nothing], links=[])
+    text, kinds = drawn(tmp_path, run)
+    assert "The map is a single node: there is nothing to draw." in text
+    assert "1 node and 0 links" in text and "map" not in kinds
+
+
+def test_no_node_and_no_view_are_sentences(tmp_path: Path) -> None:
+    unknown = alone(nodes=[], actions=[(0, 0, 0)] * 4, links=[], view_ids=np.full(4, -1))
+    text, kinds = drawn(tmp_path / "unknown", unknown)
+    assert "Nothing was recognised in any look" in text and "The map has no node" in text
+    assert "not judged: the map has no node" in text and kinds == {"views", "cells"}
+    text, kinds = drawn(tmp_path / "nothing", nodeless())
+    assert "Nothing was looked at" in text and kinds == set()
+
+
+def test_a_single_step_is_enough(tmp_path: Path) -> None:
+    run = little_run(HALL[:1], [(1, 0, 0)], HALL[:1], [], step_seconds=np.full((1, 3), 1e-3))
+    text, kinds = drawn(tmp_path, run)
+    said = "0.0 s and 1 step from the first node on, 1 look; 1 view, 1 node and 0 links"
+    assert said in text
+    assert kinds == {"errors", "views", "cells", "times"}
+
+
+def test_runs_over_several_drives_stand_apart(tmp_path: Path) -> None:
+    runs = [nodeless(name="hall"), nodeless(name="attic"), nodeless(name="hall", views="eyes")]
+    page = write_ratslam_report(tmp_path, runs, title="Two houses").read_text("utf-8")
+    assert re.findall(r"<h2>(.*?)</h2>", page)[:2] == ["hall", "attic"]
+    assert "<title>Two houses</title>" in page and "3 runs of RatSLAM over hall, attic" in page
+    assert re.findall(r"<label for=.*?>(.*?)</label>", page) == ["given", "eyes", "given"]
+
+
+def test_labels_name_what_tells_runs_apart() -> None:
+    runs = [alone(), alone(odometry="drifting"), alone(preset="openratslam")]
+    assert run_labels(runs[:1]) == ["given"]
+    assert run_labels(runs[:2]) == ["given, odometry perfect", "given, odometry drifting"]
+    labels = run_labels(runs)
+    assert labels[2] == "given, odometry perfect, preset openratslam"
+    table = error_table(labels, [judge_map(run) for run in runs])
+    assert table is not None
+    rows = [label for label, _ in table.rows]
+    assert rows[:2] == ["dead reckoning: perfect", "dead reckoning: drifting"]
+    assert rows[2:] == labels
+
+
+def test_the_stored_runs_are_those_that_were_given(written: tuple[Path, Page]) -> None:
+    stored = sorted((written[0] / "ratslam").glob("*.npz"))
+    assert [path.stem for path in stored] == [
+        "by-hand_eyes_perfect_robust",
+        "by-hand_given_perfect_robust",
+    ]
+    again = RatSlamRun.load(stored[0])
+    assert np.array_equal(again.actions, wrong_run().actions) and again.views == "eyes"
+
+
+def test_maps_stand_beside_the_exact_trajectory() -> None:
+    figure = map_figure([drifting_run(), wrong_run(), alone()], titles=["one", "two", "three"])
+    titles = [axis.get_title(loc="left") for axis in figure.axes]
+    assert [title.split("\n")[0] for title in titles[:4]] == [
+        *("exact trajectory", "one", "two"),
+        "three",
+    ]
+    assert titles[1].endswith("4 nodes, RMSE 0.00 m")
+    limits = {(*axis.get_xlim(), *axis.get_ylim()) for axis in figure.axes[:4]}
+    assert len(limits) == 1
+    assert len(map_figure([alone(truth=None)]).axes) == 1
+
+
+def test_pictures_that_would_be_empty_are_not_made() -> None:
+    blind = alone(truth=None)
+    assert draw_errors(scene_of(blind, judge_map(blind))) is None
+    unseen = nodeless()
+    assert draw_activity(unseen) is None
+    assert draw_views(scene_of(unseen, judge_map(unseen))) is None
+    figure = draw_map(scene_of(blind, judge_map(blind)))
+    figure.savefig(io.BytesIO(), format="png")
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["dead reckoning", "experience map", "start", "end"]
+
+
+def test_runs_that_cannot_be_reported_are_refused(tmp_path: Path) -> None:
+    nothing = little_run([], [], [], [])
+    for runs, reports, words in (
+        ([], None, "no runs"),
+        ([wrong_run(), wrong_run()], None, "two runs are called by hand / eyes"),
+        (nothing, None, "no steps"),
+        ([wrong_run()], [], "0 reports of 1 runs"),
+    ):
+        with pytest.raises(DataError, match=words):
+            write_ratslam_report(tmp_path, runs, reports)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(DataError, match="0 runs"):
+        map_figure([])
+    with pytest.raises(DataError, match="2 titles"):
+        map_figure([wrong_run()], titles=["a", "b"])
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(DataError, match=r"cannot write .*file"):
+        write_ratslam_report(tmp_path / "file", wrong_run())
+
+
+def test_names_that_are_html_or_paths_are_harmless(tmp_path: Path) -> None:
+    evil = {"name": "../<i>", "views": "</script><b>", "notes": ["<u>x"], "config": {"a": "<s>"}}
+    run = drifting_run(**evil, why=["<em>why"] * 8)
+    text = write_ratslam_report(tmp_path / "r", run).read_text("utf-8")
+    assert Page(text).open == []
+    assert not re.search(r"<(i|u|s|em)>", text) and "&lt;em&gt;why" in text
+    assert [path.name for path in tmp_path.iterdir()] == ["r"]
+
+
+def test_the_start_is_the_first_pose_that_is_on_the_map() -> None:
+    actions = [(0, 0, 0), (1, 0, 0), (1, 0, 1), (1, 1, 2)]
+    far = np.array([(50.0, 50.0, 0.0), *[(0.0, 0.0, 0.0)] * 3])
+    run = alone(actions=actions, nodes=HALL[1:], links=[(0, 1), (1, 2)], offsets=far, truth=None)
+    lines = draw_map(scene_of(run, judge_map(run))).axes[0].lines
+    (start,) = [line for line in lines if line.get_label() == "start"]
+    assert np.ravel(start.get_xydata()).tolist() == [1.0, 0.0]

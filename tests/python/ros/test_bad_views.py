@@ -1,0 +1,324 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bad input to the nodes that recognise places, and what they keep in files."""
+
+import resource
+import shutil
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.sensors.messages import Picture, Scan
+from ros_desk import Desk, colored_cloud
+from ros_world import needs_ros
+
+pytestmark = needs_ros
+
+CLOUDS, VIEWS, IDS, LOOPS = (
+    "rgb_cloud",
+    "current_scene_description",
+    "LocalView/Template",
+    "loop_closures",
+)
+IMAGES = "camera/rgb/image_raw"
+S = 1_000_000_000
+
+
+def cloud(k: int) -> Scan:
+    """Of place k, seen k seconds after the start."""
+    points, colors = colored_cloud()
+    points[len(points) // 2 :, 1] += 0.9 * (k % 3)
+    return Scan(stamp_ns=S * (k + 1), frame_id="base", points=points, colors=colors)
+
+
+def views(count: int, first: int = 0, **parameters: Any) -> list[Any]:
+    builder = Desk("lv_builder", **parameters)
+    builder.give(CLOUDS, *map(cloud, range(first, first + count)))
+    return builder.outlet.of(VIEWS)
+
+
+def ids(matcher: Desk) -> list[int]:
+    return [message.current_id for message in matcher.outlet.of(IDS)]
+
+
+def without_colors(scan: Scan) -> Scan:
+    return replace(scan, colors=None)
+
+
+def empty(scan: Scan) -> Scan:
+    return replace(scan, points=scan.points[:0], colors=scan.colors[:0])
+
+
+def of_nan(scan: Scan) -> Scan:
+    return replace(scan, points=scan.points * np.float32(np.nan))
+
+
+def unstamped(scan: Scan) -> Scan:
+    return replace(scan, stamp_ns=0)
+
+
+def short(scan: Scan) -> Any:
+    from fusionslam.ros.messages.types import builder
+
+    message = builder.build(scan)
+    message.data = message.data[:-1]
+    return message
+
+
+def a_picture(scan: Scan) -> Picture:
+    return picture(1)
+
+
+SPOILED = [
+    (without_colors, "no colours (a point field rgb)", "coloured clouds of data_fusion"),
+    (empty, "the cloud is empty", "does ~fusion of data_fusion keep it?"),
+    (of_nan, "the cloud is empty", "does the scanner see anything"),
+    (unstamped, "the stamp is zero", "set the parameter ~node/stamps to arrival"),
+    (short, "field 'data' has", "look at its publisher"),
+    (a_picture, "its type is sensor_msgs/Image", "remap rgb_cloud"),
+]
+
+
+@pytest.mark.parametrize("node", ["lv_builder", "loop_closure"])
+@pytest.mark.parametrize(("spoil", "problem", "advice"), SPOILED)
+def test_clouds_that_nothing_can_be_recognised_by(
+    spoil: Callable[[Scan], Any],
+    problem: str,
+    advice: str,
+    node: str,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    desk = Desk(node)
+    desk.outlet.wanted = {"clustered_viz", "convex_hull_viz"}
+    desk.give(CLOUDS, cloud(0), spoil(cloud(1)), spoil(cloud(2)), cloud(3))
+    about = [text for text in caplog.messages if problem in text and advice in text]
+    assert len(about) == 1
+    assert [count for cause, count in desk.complaints().items() if problem in cause] == [2]
+    done = {"lv_builder": "views", "loop_closure": "clouds"}[node]
+    is_view = node == "lv_builder" and spoil in (empty, of_nan)
+    assert desk.node.report()[done] == 2 + 2 * is_view
+
+
+@pytest.mark.parametrize("source", ["alignment", "objects", "cm2dp"])
+def test_a_scan_without_anything_gives_no_place_and_is_not_kept(source: str) -> None:
+    builder, matcher = Desk("lv_builder", source=source), Desk("lv_matching", source=source)
+    builder.give(CLOUDS, cloud(0), empty(cloud(1)), cloud(3))
+    matcher.give(VIEWS, *builder.outlet.of(VIEWS))
+    assert ids(matcher) == [0, -1, 0]
+
+
+def test_views_of_another_configuration_or_damaged_leave_the_memory_as_it_was(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    matcher, good = Desk("lv_matching"), views(3)
+    damaged, nothing, strange = (replace_data(good[0], data) for data in (None, b"", b"\x00" * 99))
+    matcher.give(VIEWS, good[0], *views(2, source="cm2dp"), damaged, nothing, strange)
+    matcher.give(VIEWS, *good[1:], *views(3, first=3))
+    assert ids(matcher) == [0, 1, 2, 0, 1, 2]
+    said = {
+        "comparison 'descriptor', expected 'alignment'": "need the same configuration",
+        "cut short or damaged": "",
+        "view: begins with": "expected fusionslam.view.1",
+    }
+    for problem, advice in said.items():
+        (text,) = [text for text in caplog.messages if problem in text]
+        assert advice in text
+    assert sorted(matcher.complaints().values()) == [1, 2, 2]
+
+
+def test_views_without_stamps_are_refused_or_dated_by_their_arrival(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    from fusionslam.ros.messages.types import ros_time
+
+    refusing, dating = Desk("lv_matching"), Desk("lv_matching", node={"stamps": "arrival"})
+    dating.now_ns = 7 * S
+    for message in views(2):
+        message.header.stamp = ros_time(0)
+        refusing.give(VIEWS, message)
+        dating.give(VIEWS, message)
+    assert not ids(refusing) and list(refusing.complaints().values()) == [2]
+    assert len([text for text in caplog.messages if "the stamp is zero" in text]) == 1
+    assert [message.header.stamp.to_nsec() for message in dating.outlet.of(IDS)] == [7 * S] * 2
+
+
+def replace_data(message: Any, data: bytes | None) -> Any:
+    """A copy with other bytes; None cuts its own short."""
+    from copy import copy
+
+    found = copy(message)
+    found.data = message.data[:-7] if data is None else data
+    return found
+
+
+def picture(k: int) -> Picture:
+    image = np.random.default_rng(k % 3).integers(0, 256, (160, 200, 3), dtype=np.uint8)
+    return Picture(stamp_ns=S * (k + 1), frame_id="camera", image=image)
+
+
+def test_images_that_do_not_decode_or_are_too_small(caplog: pytest.LogCaptureFixture) -> None:
+    from fusionslam.ros.messages.types import builder
+
+    matcher, cut = Desk("lv_matching", source="visual"), builder.build(picture(1), "jpeg")
+    cut.data = cut.data[:200]
+    tiny = replace(picture(1), image=picture(1).image[:20, :20])
+    matcher.give(IMAGES, picture(0), cut, cut, tiny, tiny, picture(1), picture(3))
+    assert ids(matcher) == [0, 1, 0]
+    for problem in ("no JPEG or PNG picture", "20x20, expected"):
+        assert len([text for text in caplog.messages if problem in text]) == 1
+    assert sorted(matcher.complaints().values()) == [2, 2]
+
+
+def test_a_bag_that_is_played_again_is_recognised() -> None:
+    matcher, loops = Desk("lv_matching"), Desk("loop_closure", loop_closure={"window": 0})
+    for _ in range(2):
+        matcher.give(VIEWS, *views(3))
+        loops.give(CLOUDS, *map(cloud, range(3)))
+    assert ids(matcher) == [0, 1, 2, 0, 1, 2]
+    found = loops.outlet.of(LOOPS)[-3:]
+    assert [(loop.query, loop.match) for loop in found] == [(3, 0), (4, 1), (5, 2)]
+    assert not matcher.complaints() and not loops.complaints()
+
+
+MAKERS: dict[str, tuple[str, str, Callable[[int], list[Any]]]] = {
+    "lv_matching": ("lv_matching", VIEWS, lambda first: views(3, first)),
+    "images": ("lv_matching", IMAGES, lambda first: [picture(first + k) for k in range(3)]),
+    "loop_closure": ("loop_closure", CLOUDS, lambda first: [cloud(first + k) for k in range(3)]),
+}
+
+
+class Remembering:
+    """A node with a memory, and what it is given."""
+
+    def __init__(self, kind: str, path: Path, **parameters: Any) -> None:
+        self.name, self.topic, self.made = MAKERS[kind]
+        source = {"source": "visual"} if kind == "images" else {}
+        self.known = {
+            **source,
+            **parameters,
+            "memory": {"file": str(path / "memory"), "every": 1e-9},
+        }
+        if self.name == "loop_closure":
+            self.known.setdefault("loop_closure", {"window": 0})
+
+    def started(self, **more: Any) -> Desk:
+        return Desk(self.name, **{**self.known, **more})
+
+
+def answers(desk: Desk) -> list[tuple[int, ...]]:
+    found = [(loop.query, loop.match) for loop in desk.outlet.of(LOOPS)]
+    return found or [(number,) for number in ids(desk)]
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_node_goes_on_where_it_ended_or_was_killed(
+    kind: str, closed: bool, tmp_path: Path
+) -> None:
+    whole = Remembering(kind, tmp_path / "never")
+    desk = whole.started()
+    desk.give(whole.topic, *whole.made(0), *whole.made(3))
+    each = Remembering(kind, tmp_path / "kept")
+    first = each.started()
+    first.give(each.topic, *each.made(0))
+    if closed:
+        first.node.close()
+    second = each.started()
+    second.give(each.topic, *each.made(3))
+    assert answers(desk)[-3:] == answers(second)[-3:]
+
+
+@contextmanager
+def full_disk(bytes_left: int) -> Iterator[None]:
+    """No file may grow beyond so many bytes."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_left, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, before)
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+def test_a_full_disk_leaves_the_last_whole_file_and_loses_no_memory(
+    kind: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    each = Remembering(kind, tmp_path)
+    desk = each.started()
+    desk.give(each.topic, *each.made(0))
+    before = answers(each.started())
+    with full_disk(100):
+        desk.give(each.topic, *each.made(3))
+        desk.give(each.topic, *each.made(6))
+        desk.node.close()
+    about = [text for text in caplog.messages if "cannot write" in text]
+    assert len(about) == 1 and "make room" in about[0]
+    assert "is lost" in caplog.text
+    assert answers(each.started()) == before
+    desk.node.close()
+    last = each.started()
+    for going in (desk, last):
+        going.give(each.topic, *each.made(9))
+    assert answers(last)[-3:] == answers(desk)[-3:] and len(answers(desk)) > 6
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+def test_a_damaged_memory_is_refused_at_the_start_with_what_to_do(
+    kind: str, tmp_path: Path
+) -> None:
+    each = Remembering(kind, tmp_path)
+    desk = each.started()
+    desk.give(each.topic, *each.made(0))
+    desk.node.close()
+    path = tmp_path / "memory"
+    for file in path.iterdir() if path.is_dir() else [path]:
+        file.write_bytes(file.read_bytes()[:30])
+    with pytest.raises(DataError, match=r"cannot go on from ~memory/file.*move .* away") as error:
+        each.started()
+    assert "\n" not in str(error.value)
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    each.started()
+
+
+@pytest.mark.parametrize(
+    ("kind", "other", "name"),
+    [
+        ("lv_matching", {"views": {"threshold": 0.5}}, "views"),
+        ("lv_matching", {"descriptors": {"preset": "paper"}}, "descriptors"),
+        ("images", {"visual_templates": {"threshold": 0.5}}, "visual_templates"),
+        ("loop_closure", {"descriptor": "m2dp"}, "descriptor"),
+        ("loop_closure", {"loop_closure": {"window": 5}}, "loop_closure"),
+        ("loop_closure", {"descriptors": {"preset": "paper"}}, "descriptors"),
+    ],
+)
+def test_a_memory_of_other_parameters_is_refused(
+    kind: str, other: dict[str, Any], name: str, tmp_path: Path
+) -> None:
+    each = Remembering(kind, tmp_path)
+    desk = each.started()
+    desk.give(each.topic, *each.made(0))
+    desk.node.close()
+    with pytest.raises(ConfigError, match=f"~{name} differs from what .*: set it as it was"):
+        each.started(**other)
+
+
+@pytest.mark.parametrize("node", ["lv_matching", "loop_closure", "ratslam"])
+def test_a_file_that_is_no_memory_is_refused_with_what_to_do(node: str, tmp_path: Path) -> None:
+    (tmp_path / "photo.jpg").write_bytes(b"no memory")
+    with pytest.raises(DataError, match=r"cannot go on from ~memory/file.*move .* away"):
+        Desk(node, memory={"file": str(tmp_path / "photo.jpg")})
+    assert (tmp_path / "photo.jpg").read_bytes() == b"no memory"
+
+
+def test_an_empty_folder_is_a_memory_of_nothing(tmp_path: Path) -> None:
+    (tmp_path / "memory").mkdir()
+    assert not Remembering("loop_closure", tmp_path).started().complaints()

@@ -1,0 +1,217 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What waits for a node is bounded, of one publisher, and what is dropped is counted."""
+
+import logging
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.ros.runtime.checkpoints import Saver, SavingConfig
+from fusionslam.ros.runtime.config import CommonConfig, from_parameters
+from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, Inbox
+from fusionslam.ros.runtime.problem_log import Complaints
+
+ONE = "/driver"
+
+
+def drained(inbox: Inbox) -> list[Any]:
+    found = []
+    while arrival := inbox.get(0.0):
+        found.append(arrival.message)
+    return found
+
+
+def test_messages_of_all_topics_come_out_in_the_order_in_which_they_came() -> None:
+    inbox = Inbox(limit=9, only_one_s=2.0)
+    for number in range(9):
+        inbox.put(Arrival("abc"[number % 3], number, 0.0), ONE)
+    assert drained(inbox) == list(range(9))
+
+
+@given(
+    topics=st.lists(st.sampled_from("abc"), max_size=60),
+    limit=st.integers(1, 7),
+    pauses=st.sets(st.integers(0, 59)),
+)
+def test_a_burst_keeps_the_newest_and_counts_the_rest(
+    topics: list[str], limit: int, pauses: set[int]
+) -> None:
+    inbox, out = Inbox(limit, 2.0), 0
+    lists: dict[str, list[int]] = {name: [] for name in "abc"}
+    lost = dict.fromkeys("abc", 0)
+    for number, topic in enumerate(topics):
+        told = inbox.put(Arrival(topic, number, 0.0), ONE)
+        lists[topic].append(number)
+        assert told == (TOO_MANY if len(lists[topic]) > limit else None)
+        if told:
+            lost[topic] += 1
+            lists[topic].pop(0)
+        if number in pauses:
+            first = min(each[0] for each in lists.values() if each)
+            arrival = inbox.get(0.0)
+            assert arrival is not None and arrival.message == first
+            lists[arrival.topic].pop(0)
+            out += 1
+    assert {name: inbox.dropped[name, TOO_MANY] for name in "abc"} == lost
+    rest = drained(inbox)
+    assert rest == sorted(number for each in lists.values() for number in each)
+    assert sum(inbox.taken.values()) == len(topics) == out + len(rest) + sum(lost.values())
+
+
+def test_a_second_publisher_is_heard_only_when_the_first_was_silent() -> None:
+    inbox = Inbox(limit=9, only_one_s=2.0)
+    assert inbox.put(Arrival("scan", "a", 0.0), "/one") is None
+    assert inbox.put(Arrival("scan", "b", 1.9), "/two") == SECOND_PUBLISHER
+    assert inbox.put(Arrival("scan", "c", 2.0), "/one") is None
+    assert inbox.put(Arrival("scan", "d", 4.0), "/two") == SECOND_PUBLISHER
+    assert inbox.put(Arrival("scan", "e", 4.1), "/two") is None
+    assert inbox.put(Arrival("scan", "f", 4.2), "/one") == SECOND_PUBLISHER
+    assert drained(inbox) == ["a", "c", "e"] and inbox.publisher_of("scan") == "/two"
+    assert inbox.dropped == {("scan", SECOND_PUBLISHER): 3}
+
+
+def test_after_a_driver_is_gone_the_next_one_is_heard_at_once() -> None:
+    there = {"/one", "/two"}
+    inbox = Inbox(9, 2.0, is_there=lambda topic, publisher: publisher in there)
+    inbox.put(Arrival("scan", "a", 0.0), "/one")
+    there.remove("/one")
+    assert inbox.put(Arrival("scan", "b", 0.1), "/two") is None
+    assert drained(inbox) == ["a", "b"] and not inbox.dropped
+
+
+def test_topics_that_many_publish_on_hear_all() -> None:
+    inbox = Inbox(9, 2.0)
+    for number in range(90):
+        assert inbox.put(Arrival("/tf", number, 0.0), None) is None
+    assert inbox.put(Arrival("/tf", 90, 0.0), None) == TOO_MANY
+    assert drained(inbox) == list(range(1, 91))
+
+
+def test_many_threads_lose_and_double_nothing() -> None:
+    inbox, count, complaints = Inbox(10_000, 2.0), 500, Complaints()
+
+    def work(name: str) -> None:
+        for number in range(count):
+            inbox.put(Arrival(name, (name, number), 0.0), ONE)
+            complaints.add("scan", f"{number} is wrong")
+            assert sum(complaints.counts.values()) and sum(inbox.taken.values())
+
+    threads = [threading.Thread(target=work, args=(name,)) for name in "abcd"]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    found = drained(inbox)
+    assert sorted(found) == [(name, number) for name in "abcd" for number in range(count)]
+    assert complaints.counts == {("scan", "# is wrong"): 4 * count}
+
+
+def test_a_cause_is_said_once_though_its_numbers_differ(caplog: pytest.LogCaptureFixture) -> None:
+    complaints = Complaints()
+    texts = ["M2DP at 0x7f{}ab needs {}x{} and -{}.5e-3 of b'{}'; M2DP\nthe tree {}"]
+    news = [complaints.add("scan", texts[0].format(*[k] * 6)) for k in range(1, 6)]
+    assert news == [True, False, False, False, False] and len(caplog.messages) == 1
+    assert complaints.counts == {("scan", "M2DP at # needs # and # of #; M2DP"): 5}
+    assert complaints.add("image", "M2DP") and complaints.add("scan", "another")
+
+
+def test_causes_made_of_chance_fill_neither_memory_nor_the_log(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    complaints = Complaints()
+    for number in range(2000):
+        complaints.add("scan", "wrong " + "".join(chr(97 + int(d)) for d in str(number)))
+    complaints.add("image", "wrong")
+    assert sum(complaints.counts.values()) == 2001 and len(complaints.counts) == 32
+    assert len(caplog.messages) == 31
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            {"nodes": {"queue": 1}},
+            "unknown parameter '~nodes'; did you mean 'node'? known: node",
+        ),
+        (
+            {"node": {"queu": 1}},
+            "unknown parameter '~node/queu'; did you mean 'queue'? known: queue, stamps",
+        ),
+        ({"node": {"queue": 0}}, "~node/queue is 0: Input should be greater than or equal to 1"),
+        ({"node": {"queue": "many"}}, "~node/queue is 'many'"),
+        ({"node": 3}, "~node is 3, expected keys of its own"),
+        ({"node": {"stamps": "now"}}, "~node/stamps is 'now': Input should be 'header' or"),
+    ],
+)
+def test_a_wrong_parameter_is_refused_with_the_name_that_ros_has(
+    given: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ConfigError) as error:
+        from_parameters(CommonConfig(), given)
+    assert str(error.value).startswith(message) and "\n" not in str(error.value)
+
+
+class Memory:
+    """Something to keep; writing it may fail."""
+
+    def __init__(self, path: Path, every: float = 1e-9) -> None:
+        self.text, self.complaints, self.broken = "", Complaints(), False
+        self.saver = Saver(SavingConfig(file=str(path), every=every), self._save, self.complaints)
+
+    def _save(self, path: Path) -> None:
+        if self.broken:
+            raise DataError(f"cannot write {path}: No space left on device")
+        path.write_text(self.text)
+
+
+def test_what_cannot_be_written_now_is_written_when_there_is_room_again(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    memory = Memory(tmp_path / "map")
+    for memory.text, memory.broken in [("a", False), ("b", True), ("c", True)]:
+        memory.saver.changed()
+    assert (tmp_path / "map").read_text() == "a"
+    (said,) = caplog.messages
+    assert "No space left" in said and "make room" in said
+    assert list(memory.complaints.counts.values()) == [2]
+    memory.broken = False
+    memory.saver.close()
+    assert (tmp_path / "map").read_text() == "c"
+
+
+def test_what_is_lost_at_the_end_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    memory = Memory(tmp_path / "map", every=1e9)
+    memory.broken = True
+    memory.saver.changed()
+    memory.saver.close()
+    last = caplog.records[-1]
+    assert last.levelno == logging.ERROR and "lost" in last.getMessage()
+
+
+def test_ten_times_as_many_small_messages_may_wait() -> None:
+    inbox = Inbox(limit=3, only_one_s=1.0)
+    lost = [inbox.put(Arrival("odom", k, 0.0, 0), "/base", is_small=True) for k in range(31)]
+    assert lost == [None] * 30 + [TOO_MANY]
+    first = inbox.get(0.0)
+    assert first is not None and first.message == 1
+
+
+@pytest.mark.parametrize("folder", ["/proc/none", "file"])
+def test_a_place_that_cannot_be_written_is_said_at_the_start(
+    folder: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "file").write_text("")
+    memory = Memory(tmp_path / folder / "map")
+    assert "cannot write" in caplog.text and "give another file" in caplog.text
+    assert sum(memory.complaints.counts.values()) == 1
+
+
+def test_where_nothing_changed_nothing_is_written(tmp_path: Path) -> None:
+    Memory(tmp_path / "map").saver.close()
+    assert not list(tmp_path.iterdir())

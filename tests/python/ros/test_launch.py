@@ -1,0 +1,204 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Launch files and pictures of RViz fit the nodes, and a bag runs through them to its end."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+from fusionslam.ratslam import OnlineRatSlam
+from fusionslam.ros.launch.files import launch_environment, package_folder
+from fusionslam.ros.nodes import NODES, node_class
+from ros_world import PlayedBag, RosWorld, needs_ros, wait_until
+
+pytestmark = needs_ros
+
+LAUNCH = Path(__file__).parents[3] / "ros" / "launch"
+CLOUDS = {"data_fusion", "lv_builder", "lv_matching"}
+EXPERIMENTS = {
+    "first_stage": CLOUDS | {"lv_analyzer"},
+    "two_stages": CLOUDS | {"lv_analyzer"},
+    "ratslam": CLOUDS | {"lv_analyzer", "ratslam"},
+    "visual": {"lv_matching", "lv_analyzer", "ratslam"},
+    "loops": {"data_fusion", "loop_closure"},
+}
+
+
+def parsed(path: Path, *options: str) -> tuple[set[str], dict[str, Any]]:
+    """The nodes that roslaunch would start, and the parameters it would set."""
+    from roslaunch.config import ROSLaunchConfig
+    from roslaunch.xmlloader import XmlLoader
+
+    config = ROSLaunchConfig()
+    XmlLoader().load(str(path), config, argv=list(options), verbose=False)
+    return (
+        {each.name for each in config.nodes},
+        {key: parameter.value for key, parameter in config.params.items()},
+    )
+
+
+def declared(path: Path) -> dict[str, str]:
+    """Arguments that can be given, with their defaults."""
+    found = ElementTree.parse(path).getroot().findall("arg")
+    return {each.attrib["name"]: each.get("default", "") for each in found if not each.get("value")}
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_experiment_takes_every_argument_it_declares(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(package_folder()))
+    monkeypatch.setenv("PWD", "/here")
+    path, parameters = LAUNCH / f"{name}.launch", tmp_path / "parameters.yaml"
+    parameters.write_text("data_fusion: {fusion: {ground: plane}}")
+    wanted = EXPERIMENTS[name]
+    assert parsed(path)[0] == wanted - {"lv_analyzer"}
+    given = {key: "any" for key, default in declared(path).items() if not default}
+    every = {**declared(path), **given, "parameters": str(parameters), "rviz": "true"}
+    options = [f"{key}:={value}" for key, value in every.items()]
+    assert parsed(path, *options)[0] == wanted | {"rviz"}
+    through = "bag:=any.bag", f"experiment:={name}"
+    nodes, values = parsed(LAUNCH / "bag.launch", *through, *options)
+    assert nodes == wanted | {"rviz", "bag_player"}
+    assert values["/data_fusion/fusion/ground"] == "plane" and values["/use_sim_time"] is True
+    assert values["/bag_player/bag"] == "/here/any.bag"
+    files = [value for key, value in values.items() if key.endswith("memory/file")]
+    assert files == ["/here/any"] * {"ratslam": 2, "visual": 2}.get(name, 1)
+
+
+def test_bags_take_every_argument_of_every_experiment() -> None:
+    of_bags = declared(LAUNCH / "bag.launch")
+    for name in EXPERIMENTS:
+        own = declared(LAUNCH / f"{name}.launch")
+        assert own.items() <= of_bags.items()
+
+
+class Anybody:
+    """An outlet for nodes that publish nothing."""
+
+
+def topics(name: str, **values: Any) -> set[str]:
+    kind = node_class(name)
+    node = kind(kind.defaults.model_copy(update=values), Anybody())
+    return {each.topic for each in node.inputs} | set(kind.outputs)
+
+
+def launched() -> Iterator[ElementTree.Element]:
+    for path in LAUNCH.rglob("*.launch"):
+        yield from ElementTree.parse(path).getroot().findall("node")
+
+
+def test_remappings_and_parameters_are_those_of_the_nodes() -> None:
+    ours = [each for each in launched() if each.attrib["type"] in NODES]
+    assert {each.attrib["type"] for each in ours} == set(NODES) - {"lv_dataset_creator"}
+    for each in ours:
+        name = each.attrib["type"]
+        defaults = node_class(name).defaults.model_dump()
+        for parameter in each.findall("param"):
+            value: Any = defaults
+            for part in parameter.attrib["name"].split("/"):
+                value = value[part]
+        known = topics(name)
+        if name == "lv_matching":
+            known |= topics(name, source="visual")
+        if name == "lv_analyzer":
+            known |= topics(name, output="somewhere")
+        assert {remap.attrib["from"] for remap in each.findall("remap")} <= known
+
+
+def shown(path: Path) -> set[str]:
+    """Topics of a picture of RViz."""
+    displays = yaml.safe_load(path.read_text())["Visualization Manager"]["Displays"]
+    return {str(value) for each in displays for key, value in each.items() if key.endswith("Topic")}
+
+
+def test_pictures_show_what_the_nodes_of_their_experiment_publish() -> None:
+    pictures = {path.stem: shown(path) for path in (LAUNCH.parent / "rviz").glob("*.rviz")}
+    assert set(pictures) == {"clouds", "map", "visual", "loops"}
+    for name, wanted in EXPERIMENTS.items():
+        (picture,) = (
+            each.attrib["value"]
+            for each in ElementTree.parse(LAUNCH / f"{name}.launch").getroot().findall("arg")
+            if each.attrib["name"] == "picture"
+        )
+        published = {f"/{topic}" for node in wanted for topic in node_class(node).outputs}
+        assert pictures[picture] <= published | {"/camera/rgb/image_raw"}
+
+
+def play(world: RosWorld, *arguments: str) -> int:
+    """What ``fusionslam ros launch bag`` ends with."""
+    code = "from fusionslam.__main__ import main; main()"
+    command = [sys.executable, "-c", code, "ros", "launch", "bag", *arguments]
+    return world.run("launch", command).wait(timeout=300)
+
+
+def test_a_bag_runs_through_all_nodes_to_its_end(played_bag: PlayedBag, tmp_path: Path) -> None:
+    sensors = f"image:={played_bag.image}", f"camera_info:={played_bag.camera_info}"
+    # However slow the machine is, nothing is dropped.
+    patient = {name: {"node": {"queue": 1000}} for name in EXPERIMENTS["ratslam"]}
+    (tmp_path / "patient.yaml").write_text(yaml.safe_dump(patient))
+    with RosWorld(tmp_path) as world:
+        # As an earlier roslaunch leaves it.
+        left = ["rosparam", "set", "/roslaunch/uris/earlier", "http://127.0.0.1:9/"]
+        assert world.run("rosparam", left).wait() == 0
+        listener = world.listen("/LocalView/Template", "/ExperienceMap/Map")
+        files = ("map_file:=map.npz", "views_file:=views.npz", "parameters:=patient.yaml")
+        assert play(world, f"bag:={played_bag.path}", "rate:=10", *sensors, *files) == 0, world.log(
+            "launch"
+        )
+        found = listener.messages()
+    assert "REQUIRED process [bag_player-5] has died!\nprocess has finished cleanly" in (
+        world.log("launch")
+    )
+    assert [each.current_id >= 0 for each in found["/LocalView/Template"]] == [
+        True
+    ] * played_bag.scans
+    kept = OnlineRatSlam.load(tmp_path / "map.npz").slam
+    assert len(kept.map.nodes) > 3 and (tmp_path / "views.npz").is_file()
+    assert len(found["/ExperienceMap/Map"][-1].node) == len(kept.map.nodes)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (
+            ["experiment:=visual", "image:=/nope", "odom:=/no"],
+            "the bag has no topic that a node listens to",
+        ),
+        (["parameters:=wrong.yaml"], "/lv_matching has ended, see above"),
+    ],
+)
+def test_what_is_wrong_with_a_bag_is_said_and_ends_all(
+    wrong: list[str], said: str, played_bag: PlayedBag, tmp_path: Path
+) -> None:
+    (tmp_path / "wrong.yaml").write_text("lv_matching: {viewz: 1}")
+    with RosWorld(tmp_path) as world:
+        play(world, f"bag:={played_bag.path}", "experiment:=first_stage", *wrong)
+        log = world.log("launch")
+    assert f"error: bag_player: {said}" in log
+    assert "Initiating shutdown!" in log and "Traceback" not in log
+
+
+def test_nodes_of_a_launch_file_run_with_this_python() -> None:
+    environment = launch_environment()
+    assert environment["ROS_PACKAGE_PATH"].split(os.pathsep)[0] == str(package_folder())
+    command = ["python3", "-c", "import sys; print(sys.prefix)"]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == sys.prefix
+
+
+def test_roslaunch_finds_the_nodes_without_a_workspace(tmp_path: Path) -> None:
+    with RosWorld(tmp_path) as world:
+        world.environment |= {"ROS_PACKAGE_PATH": str(package_folder())}
+        world.environment["PATH"] = launch_environment()["PATH"]
+        node = world.run("node", ["rosrun", "fusionslam_ros", "lv_builder"])
+        wait_until(lambda: "is ready" in world.log("node") or node.poll() is not None, "a node")
+        assert world.end(node) == 0, world.log("node")
+        assert "lv_builder is ready" in world.log("node")

@@ -1,0 +1,266 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What happens on every robot: late TF, lost images, bursts, two publishers, clocks that jump."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bag_maker import SECOND, START
+from fusionslam.datasets.bags.messages import stamp_of, value_of
+from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY
+from fusionslam.sensors.messages import FrameTransforms, Odometry, Picture, Scan
+from robot_drives import IMAGES, INFOS, SCANS, Sent, only, sent, spoiled, without
+from ros_desk import Desk
+from ros_world import needs_ros
+
+pytestmark = needs_ros
+
+CLOUDS = "rgb_cloud"
+DRIVE = sent()
+SCAN_STAMPS = [scan.stamp_ns for scan in only(DRIVE, SCANS)]
+
+
+def fusion(**parameters: Any) -> Desk:
+    return Desk("data_fusion", **parameters)
+
+
+def play(desk: Desk, messages: Sent) -> None:
+    for topic, value in messages:
+        desk.give(topic, value)
+
+
+def stamps(desk: Desk) -> list[int]:
+    return [stamp_of(cloud.header.stamp) for cloud in desk.outlet.of(CLOUDS)]
+
+
+def clouds(desk: Desk) -> list[Scan]:
+    values = [value_of(m, "sensor_msgs/PointCloud2", CLOUDS) for m in desk.outlet.of(CLOUDS)]
+    return [value for value in values if isinstance(value, Scan)]
+
+
+def late(messages: Sent, topic: str, seconds: float) -> Sent:
+    """A topic's messages arrive later than they were stamped; all else in order."""
+
+    def when(item: tuple[int, tuple[str, Any]]) -> float:
+        number, (name, value) = item
+        stamp_ns = getattr(value, "stamp_ns", START)
+        return stamp_ns / SECOND + seconds * (name == topic) + 1e-9 * number
+
+    return [entry for _, entry in sorted(enumerate(messages), key=when)]
+
+
+def same(first: Desk, second: Desk) -> bool:
+    pairs = list(zip(clouds(first), clouds(second), strict=True))
+    return all(
+        a.stamp_ns == b.stamp_ns
+        and np.array_equal(a.points, b.points)
+        and np.array_equal(a.colors, b.colors)
+        for a, b in pairs
+    )
+
+
+@pytest.fixture(scope="module")
+def usual() -> Desk:
+    desk = fusion()
+    play(desk, DRIVE)
+    desk.worker.idle()
+    assert stamps(desk) == SCAN_STAMPS and all(len(cloud.points) for cloud in clouds(desk))
+    return desk
+
+
+def test_transforms_that_come_after_the_first_scans_lose_none(usual: Desk) -> None:
+    desk, moment = fusion(), START + 3 * SECOND // 2
+    tf = DRIVE[:1]
+    before = [entry for entry in DRIVE[1:] if entry[1].stamp_ns <= moment]
+    after = [entry for entry in DRIVE[1:] if entry[1].stamp_ns > moment]
+    play(desk, before)
+    assert not stamps(desk)
+    play(desk, tf + after)
+    desk.worker.idle()
+    assert same(desk, usual) and not desk.complaints()
+
+
+def test_transforms_that_come_very_late_lose_the_scans_before_and_it_is_said(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    desk = fusion()
+    play(desk, without(DRIVE, "/tf_static"))
+    desk.worker.idle()
+    assert not stamps(desk) and len([t for t in caplog.messages if "no transform" in t]) == 1
+    play(desk, sent(later=10))
+    desk.worker.idle()
+    assert len(stamps(desk)) == len(SCAN_STAMPS)
+
+
+@pytest.mark.parametrize("topic", ["odom", IMAGES, INFOS])
+def test_messages_that_arrive_a_second_late_change_nothing(topic: str, usual: Desk) -> None:
+    # At five times the speed, so long takes a thread that waits for a fifth of a second.
+    # Before the first odometry, only the parameter tells the robot's name.
+    desk = fusion(online={"robot_frame": "base"})
+    play(desk, late(DRIVE, topic, 1.0))
+    desk.worker.idle()
+    assert same(desk, usual) and desk.node.report()["without odometry"] == 0
+
+
+def test_images_that_are_lost_on_the_way_cost_only_their_scans(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    lost = range(START + SECOND, START + 2 * SECOND)
+    kept = [entry for entry in DRIVE if entry[0] != IMAGES or entry[1].stamp_ns not in lost]
+    desk = fusion()
+    play(desk, kept)
+    desk.worker.idle()
+    # Images further away than 0.1 s are not of a scan; that at 1 s still has one.
+    gone = [s for s in SCAN_STAMPS if s in lost and s - START > SECOND]
+    assert stamps(desk) == [s for s in SCAN_STAMPS if s not in gone] and len(gone) == 1
+    assert desk.node.report()["points: no image near"] == len(gone)
+    about = [text for text in caplog.messages if "no image near" in text]
+    assert len(about) == 1 and "~online/sync/max_difference" in about[0]
+
+
+def test_a_burst_drops_the_oldest_counts_them_and_ends_well(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    from fusionslam.ros.messages.types import builder
+
+    desk = fusion(node={"queue": 10})
+    image = only(DRIVE, IMAGES)[0]
+    for k in range(300):
+        desk.put(IMAGES, builder.build(replace(image, stamp_ns=START + k)))
+    assert desk.worker.inbox.dropped == {(IMAGES, TOO_MANY): 290}
+    assert desk.worker.inbox.taken[IMAGES] == 300
+    about = [text for text in caplog.messages if "faster than they are worked off" in text]
+    assert len(about) == 1 and "~node/queue" in about[0]
+    desk.work()
+    play(desk, sent(later=5))
+    desk.worker.idle()
+    assert len(stamps(desk)) == len(SCAN_STAMPS)
+
+
+def test_of_two_publishers_the_first_is_heard(
+    usual: Desk, caplog: pytest.LogCaptureFixture
+) -> None:
+    desk, number = fusion(), 0
+    for topic, value in DRIVE:
+        desk.give(topic, value)
+        if topic == SCANS:
+            wrong = replace(value, points=value.points + 1, stamp_ns=value.stamp_ns + 1)
+            desk.give(topic, wrong, callerid="/other")
+            number += 1
+    desk.worker.idle()
+    assert same(desk, usual)
+    assert desk.worker.inbox.dropped == {(SCANS, SECOND_PUBLISHER): number}
+    about = [text for text in caplog.messages if "two publishers, /somebody and /other" in text]
+    assert len(about) == 1 and "stop one of them, or remap" in about[0]
+
+
+def test_a_sensor_whose_driver_comes_back_under_another_name_is_heard_at_once() -> None:
+    desk = fusion()
+    play(desk, DRIVE)
+    desk.gone.add("/somebody")
+    for topic, value in sent(later=10):
+        desk.give(topic, value, callerid="/again")
+    desk.worker.idle()
+    assert len(stamps(desk)) == 2 * len(SCAN_STAMPS) and not desk.complaints()
+
+
+def test_a_bag_played_twice_gives_the_same_twice_and_the_jump_is_said(
+    usual: Desk, caplog: pytest.LogCaptureFixture
+) -> None:
+    desk = fusion()
+    play(desk, DRIVE)
+    play(desk, DRIVE)
+    desk.worker.idle()
+    found = stamps(desk)
+    # What waited when the clock went back belongs to no time.
+    assert found[-len(SCAN_STAMPS) :] == SCAN_STAMPS
+    assert found[: -len(SCAN_STAMPS)] == SCAN_STAMPS[: len(found) - len(SCAN_STAMPS)]
+    assert desk.node.report()["jumps"] == 1 and len(found) >= 2 * len(SCAN_STAMPS) - 1
+    desk.outlet.messages = desk.outlet.messages[-len(SCAN_STAMPS) :]
+    assert same(desk, usual)
+    about = [text for text in caplog.messages if "the clock went back and all starts" in text]
+    assert len(about) == 1 and "a bag that is played again needs nothing" in about[0]
+
+
+def test_after_a_jump_scans_wait_for_odometry_that_comes_later() -> None:
+    desk = fusion(online={"robot_frame": "base", "history": 1.0})
+    behind = late(DRIVE, "odom", 0.3)
+    play(desk, behind)
+    play(desk, behind)
+    desk.worker.idle()
+    assert stamps(desk)[-len(SCAN_STAMPS) :] == SCAN_STAMPS
+    assert desk.node.report()["without odometry"] == 0
+
+
+def test_clouds_come_from_compressed_images_as_from_raw_ones(usual: Desk) -> None:
+    from fusionslam.ros.messages.types import builder
+
+    def stored(value: Any) -> Any:
+        # Without loss, and some of them raw all the same.
+        return value if value.stamp_ns % SECOND == 0 else builder.build(value, "png")
+
+    desk = fusion()
+    play(desk, spoiled(DRIVE, IMAGES, stored))
+    desk.worker.idle()
+    assert same(desk, usual)
+
+
+def without_stamp(value: Any) -> Any:
+    if isinstance(value, FrameTransforms):
+        return value
+    return replace(value, stamp_ns=0)
+
+
+def test_sensors_that_do_not_stamp_are_dated_by_their_arrival() -> None:
+    desk = fusion(node={"stamps": "arrival"})
+    for topic, value in DRIVE:
+        if isinstance(value, (Scan, Picture, Odometry)):
+            # As it arrives: it may wait before it is worked off.
+            desk.now_ns = value.stamp_ns
+        desk.give(topic, without_stamp(value))
+    desk.worker.idle()
+    assert stamps(desk) == SCAN_STAMPS and not desk.complaints()
+
+
+def test_arrival_without_a_clock_is_said(caplog: pytest.LogCaptureFixture) -> None:
+    desk = fusion(node={"stamps": "arrival"})
+    play(desk, DRIVE)
+    (said,) = {text for text in caplog.messages if text.startswith(SCANS)}
+    assert "nothing publishes /clock" in said and "play the bag with --clock" in said
+    desk.now_ns = START
+    desk.give(SCANS, only(DRIVE, SCANS)[0])
+    assert desk.node.report()["frames"] == 0 and desk.worker.inbox.taken[SCANS] == 10
+
+
+def test_a_topic_that_nothing_arrives_on_is_named_with_how_to_remap_it(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    desk = fusion()
+    play(desk, without(DRIVE, INFOS))
+    caplog.clear()
+    desk.worker.say_silent()
+    (said,) = caplog.messages
+    assert f"nothing has arrived on /{INFOS}" in said and f"{INFOS}:=/its/name" in said
+    assert [entry.topic for entry in desk.worker.silent] == [INFOS]
+    play(desk, DRIVE)
+    assert not desk.worker.silent
+
+
+def test_a_defect_in_a_node_is_said_with_its_traceback_once(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def broken(*_: Any) -> None:
+        raise RuntimeError("by a test")
+
+    desk = fusion()
+    with monkeypatch.context() as patch:
+        patch.setattr("fusionslam.ros.nodes.data_fusion.fuse", broken)
+        play(desk, DRIVE)
+    assert len([record for record in caplog.records if record.exc_info]) == 1
+    assert len([text for text in caplog.messages if "please report it" in text]) == 1
+    play(desk, sent(later=10))
+    desk.worker.idle()
+    assert len(stamps(desk)) >= len(SCAN_STAMPS)

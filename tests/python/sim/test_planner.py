@@ -1,0 +1,240 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Drives: within a robot's limits, within the free space, through all of it and back."""
+
+from itertools import pairwise, permutations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from benchmarks.accuracy.drives import covered, exceeds, revisits
+from fusionslam.config import merged
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.sim.motion.clearance import check_trajectory
+from fusionslam.sim.motion.map_files import read_map
+from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part
+from fusionslam.sim.motion.path_following import DriveLimits, drive
+from fusionslam.sim.motion.planner import PlanConfig, plan_trajectory
+from fusionslam.sim.motion.routes import RouteFinder, round_trip, tour_cost
+from fusionslam.sim.motion.smoothing import resampled, smoothed
+
+Array = NDArray[np.float64]
+CELL = 0.1
+
+
+def grid_of(occupied: NDArray[np.bool_]) -> OccupancyMap:
+    return OccupancyMap(occupied, largest_part(~occupied), CELL, (0.0, 0.0))
+
+
+def two_rooms() -> OccupancyMap:
+    """10 m x 6 m with walls around, and one between x = 5.0 and 5.1 with a door at y = 2 .. 3.2."""
+    occupied = np.zeros((60, 100), bool)
+    occupied[[0, -1]] = occupied[:, [0, -1]] = True
+    occupied[:, 50] = True
+    occupied[20:32, 50] = False
+    return grid_of(occupied)
+
+
+def sideways(trajectory: Trajectory) -> Array:
+    """Metres of each step across the heading in its middle, and forwards, (2, N - 1)."""
+    yaw = (trajectory.yaw[1:] + trajectory.yaw[:-1]) / 2
+    dx, dy = np.diff(trajectory.x), np.diff(trajectory.y)
+    across: Array = np.stack(
+        [np.cos(yaw) * dy - np.sin(yaw) * dx, np.cos(yaw) * dx + np.sin(yaw) * dy]
+    )
+    return across
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(2, 8),
+    st.sampled_from([0.1, 0.5, 2.0]),
+    st.floats(0.2, 3),
+    st.floats(0.3, 4),
+    st.floats(0.2, 3),
+    st.floats(0.5, 6),
+)
+@settings(max_examples=60, deadline=None)
+def test_any_path_is_driven_forwards_within_the_limits(
+    seed: int,
+    count: int,
+    size: float,
+    speed: float,
+    turn: float,
+    acceleration: float,
+    turn_acceleration: float,
+) -> None:
+    steps = np.random.default_rng(seed).uniform(-size, size, (count, 2))
+    points = np.cumsum(steps, axis=0)
+    limits = DriveLimits(
+        max_speed_m_s=speed,
+        max_turn_rad_s=turn,
+        max_acceleration_m_s2=acceleration,
+        max_turn_acceleration_rad_s2=turn_acceleration,
+    )
+    found = drive([points, points[::-1]], limits)
+    assert max(exceeds(found, limits).values()) < 1 + 1e-6, exceeds(found, limits)
+    assert np.allclose([found.x[0], found.y[0]], points[0])
+    assert np.allclose([found.x[-1], found.y[-1]], points[0], atol=1e-6)
+    across, forwards = sideways(found)
+    assert forwards.min() > -1e-6
+    assert np.abs(across).max() < 1e-3
+
+
+def test_a_straight_drive_takes_the_time_of_a_trapezoid() -> None:
+    limits = DriveLimits(max_speed_m_s=0.5, max_acceleration_m_s2=0.25, rate_hz=100.0)
+    found = drive([[(0, 0), (5, 0)]], limits)
+    # 2 s and 0.5 m to speed up, as much to slow down, 4 m at 0.5 m/s; 2 % of caution.
+    assert found.duration_s == pytest.approx(12.0, rel=0.02)
+    assert found.x[np.searchsorted(found.seconds, 6.0)] == pytest.approx(2.5, abs=0.05)
+    assert not np.ptp(found.y)
+
+
+def test_between_paths_the_robot_turns_on_the_spot_the_shorter_way() -> None:
+    found = drive([[(0, 0), (1, 0)], [(1, 0), (1, -1)], [(1, -1), (1, 0)]], DriveLimits())
+    resting = np.hypot(np.diff(found.x), np.diff(found.y)) < 1e-9
+    turned = np.diff(found.yaw)[resting]
+    # To the right by a quarter, then half round: what is turned on the way is on the spot.
+    assert turned.sum() == pytest.approx(found.yaw[-1] - found.yaw[0], abs=0.02)
+    assert abs(found.yaw[-1] - found.yaw[0] + np.pi / 2) == pytest.approx(np.pi, abs=1e-6)
+    assert np.cos(found.yaw[-1] - np.pi / 2) == pytest.approx(1)
+
+
+def test_paths_that_cannot_be_driven_are_refused() -> None:
+    with pytest.raises(ShapeError, match="no paths"):
+        drive([], DriveLimits())
+    with pytest.raises(ShapeError, match=r"path 0 has shape \(2, 3\)"):
+        drive([np.zeros((2, 3))], DriveLimits())
+    with pytest.raises(DataError, match="path 0 has no length"):
+        drive([np.zeros((4, 2))], DriveLimits())
+    with pytest.raises(DataError, match=r"path 0 .* not finite"):
+        drive([[(0, 0), (np.nan, 1)]], DriveLimits())
+    with pytest.raises(DataError, match="path 1 starts at"):
+        drive([[(0, 0), (1, 0)], [(2, 0), (3, 0)]], DriveLimits())
+
+
+@given(arrays(np.bool_, (7, 8)))
+@settings(max_examples=40, deadline=None)
+def test_ways_are_the_cheapest_of_all(occupied: NDArray[np.bool_]) -> None:
+    occupied[3, 3:5] = False
+    grid = grid_of(occupied)
+    finder = RouteFinder(grid, 0.05)
+    rows, columns = np.nonzero(grid.reachable)
+    weight = 1 + 3 * (1 - np.minimum(grid.clearance()[rows, columns] / 0.5, 1))
+    apart = np.hypot(rows[:, None] - rows, columns[:, None] - columns) * CELL
+    step = np.where(apart < 1.5 * CELL, apart * (weight[:, None] + weight) / 2, np.inf)
+    best = step.copy()
+    for middle in range(len(rows)):  # Floyd and Warshall
+        best = np.minimum(best, best[:, [middle]] + best[[middle]])
+    assert np.allclose(finder.costs(0), best[0])
+    for end in range(len(rows)):
+        way = finder.way(0, end)
+        assert (way[0], way[-1]) == (0, end)
+        assert step[way[:-1], way[1:]].sum() == pytest.approx(best[0, end])
+
+
+def way_between(grid: OccupancyMap, places: list[tuple[float, float]], clearance: float) -> Array:
+    """The cells' middles, (N, 2), on the way past some places."""
+    finder = RouteFinder(grid, clearance)
+    legs = [finder.way(finder.cell(a), finder.cell(b)) for a, b in pairwise(places)]
+    chain = np.concatenate([legs[0][:1], *(leg[1:] for leg in legs)])
+    return np.stack([finder.x[chain], finder.y[chain]], axis=1)
+
+
+def test_a_route_goes_through_the_middle_of_a_door() -> None:
+    route = way_between(two_rooms(), [(1.0, 5.0), (9.0, 5.0), (9.0, 1.0)], 0.3)
+    assert np.allclose(route[[0, -1]], [(1.05, 5.05), (9.05, 1.05)])
+    assert np.abs(np.diff(route, axis=0)).max() <= CELL + 1e-9
+    at_door = route[np.abs(route[:, 0] - 5.05) < 0.06]
+    assert np.abs(at_door[:, 1] - 2.6).max() <= 0.1
+
+
+def test_routes_to_where_no_robot_can_be_are_refused() -> None:
+    with pytest.raises(DataError, match=r"\(5.05, 5.00\) m is not reachable"):
+        way_between(two_rooms(), [(1.0, 5.0), (5.05, 5.0)], 0.3)
+    with pytest.raises(DataError, match=r"\(9.00, 5.00\) m is not reachable"):
+        way_between(two_rooms(), [(1.0, 5.0), (9.0, 5.0)], 0.7)  # the door is too narrow
+    with pytest.raises(DataError, match=r"no reachable cell 4\.00 m from"):
+        way_between(two_rooms(), [(1.0, 5.0), (2.0, 5.0)], 4.0)
+
+
+@pytest.mark.parametrize("widths", [(0, 0), (2, 4)])
+def test_a_smoothed_path_stays_within_its_bounds_however_narrow(widths: tuple[int, int]) -> None:
+    corridor = np.zeros((80, 80), bool)
+    corridor[40, 10:41] = corridor[40:70, 40] = True
+    room, bounds = (
+        grid_of(~(ndimage.binary_dilation(corridor, iterations=w) if w else corridor))
+        for w in widths
+    )
+    path = np.array([(1.05, 4.05), (4.05, 4.05), (4.05, 6.95)])
+    found = smoothed(path, room, bounds, 0.3, np.random.default_rng(1))
+    assert np.array_equal(found[[0, -1]], path[[0, -1]])
+    assert bounds.is_free(*resampled(found, 0.01).T).all()
+    assert np.linalg.norm(np.diff(found, axis=0), axis=1).max() < 0.1
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_round_trip_is_hardly_longer_than_the_shortest(seed: int) -> None:
+    places = np.random.default_rng(seed).uniform(0, 10, (8, 2))
+    costs = np.linalg.norm(places[:, None] - places, axis=2)
+    found = round_trip(costs, np.inf)
+    assert sorted(found) == list(range(8))
+    orders = np.array([(0, *rest) for rest in permutations(range(1, 8))])
+    best = costs[orders, np.roll(orders, -1, axis=1)].sum(axis=1).min()
+    assert tour_cost(found, costs) <= 1.05 * best
+    short = round_trip(costs, best / 2, start=3)
+    assert 2 <= len(short) < 8
+    assert tour_cost(short, costs) <= best / 2 or len(short) == 2
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_planned_drive_sees_all_rooms_and_comes_back_in_both_directions(seed: int) -> None:
+    grid, config = two_rooms(), PlanConfig(seed=seed, spacing_m=2.0)
+    found = plan_trajectory(grid, config)
+    check_trajectory(found, grid, config.clearance_m)
+    assert max(exceeds(found, config.limits).values()) < 1 + 1e-6
+    assert covered(found, grid.inflated(config.clearance_m), within_m=1.5) > 0.9
+    assert min(revisits(found)) > 0.25
+
+
+def test_a_seed_decides_a_drive_to_the_last_bit() -> None:
+    one, again, other = (
+        plan_trajectory(two_rooms(), PlanConfig(seed=seed, length_m=30.0)) for seed in (1, 1, 2)
+    )
+    assert all(
+        np.array_equal(getattr(one, name), getattr(again, name))
+        for name in ("seconds", "x", "y", "yaw")
+    )
+    assert len(one) != len(other) or not np.array_equal(one.x, other.x)
+    assert one.length_m == pytest.approx(30.0, abs=0.2)
+    assert other.length_m == pytest.approx(30.0, abs=0.2)
+
+
+def test_plans_without_room_or_sense_are_refused() -> None:
+    with pytest.raises(DataError, match=r"no reachable cell 3\.20 m"):
+        plan_trajectory(two_rooms(), PlanConfig(clearance_m=3.0))
+    with pytest.raises(DataError, match=r"within 50\.0 m of one place"):
+        plan_trajectory(two_rooms(), PlanConfig(spacing_m=50.0))
+    with pytest.raises(ConfigError, match=r"again . back is 1\.4"):
+        merged(PlanConfig(), {"again": 0.7, "back": 0.7})
+    with pytest.raises(ConfigError, match=r"limits\.max_speed_m_s"):
+        merged(PlanConfig(), {"limits": {"max_speed_m_s": 0.0}})
+
+
+@pytest.mark.parametrize(("name", "shares"), [("small_house", 0.3), ("warehouse", 0.25)])
+def test_drives_through_shared_worlds_keep_clear_and_come_back(
+    test_data: Path, name: str, shares: float
+) -> None:
+    grid = read_map(test_data / "worlds" / f"{name}.map.yaml")
+    config = PlanConfig(length_m=150.0)
+    found = plan_trajectory(grid, config)
+    check_trajectory(found, grid, config.clearance_m)
+    assert max(exceeds(found, config.limits).values()) < 1 + 1e-6
+    assert min(revisits(found)) > shares

@@ -1,0 +1,242 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The stream of a simulated drive: what is published, when, from where, and always alike."""
+
+import pickle
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+pytest.importorskip("embreex", reason="the simulator is an extra")
+
+from box_worlds import bare_robot, block, floor, hall, straight
+from fusionslam.config import merged
+from fusionslam.errors import DataError
+from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.sensors.messages import CameraInfo, Event, FrameTransforms, Odometry, Picture, Scan
+from fusionslam.sim.robot import RobotConfig, base_from, base_from_camera, robot_named
+from fusionslam.sim.simulator import SimulationConfig, event_count, simulate
+from fusionslam.sim.world import World
+
+SECOND = 1_000_000_000
+SMALL = {"width": 32, "height": 24, "view_rad": 1.0, "rate_hz": 15.0}
+SENSORS = {"cameras": {"eye": SMALL}, "lidars": {"lidar": {"rings": 4, "azimuths": 60}}}
+SHORT = SimulationConfig(seconds=1.0)
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return hall()
+
+
+@pytest.fixture(scope="module")
+def robot() -> RobotConfig:
+    return merged(bare_robot(noise_m=0.01, dropout=0.1), SENSORS, new_names=True)
+
+
+def by_topic(events: list[Event] | Iterator[Event]) -> dict[str, list[Event]]:
+    found: dict[str, list[Event]] = {}
+    for event in events:
+        found.setdefault(event.topic, []).append(event)
+    return found
+
+
+def stamp(event: Event) -> int:
+    message = event.message
+    if isinstance(message, FrameTransforms):
+        return message.transforms[0].stamp_ns
+    return message.stamp_ns
+
+
+def same(events: Iterator[Event]) -> bytes:
+    return pickle.dumps(list(events))
+
+
+def test_each_topic_has_its_messages_at_its_rate(world: World, robot: RobotConfig) -> None:
+    found = by_topic(simulate(world, robot, straight(), SHORT))
+    kinds = {
+        "/tf_static": (FrameTransforms, 1, 1.0),
+        "/tf": (FrameTransforms, 30, 30.0),
+        "/odom": (Odometry, 30, 30.0),
+        "/ground_truth": (Odometry, 30, 30.0),
+        "/camera/camera_info": (CameraInfo, 15, 15.0),
+        "/camera/image_raw/compressed": (Picture, 15, 15.0),
+        "/points": (Scan, 10, 10.0),
+    }
+    assert set(found) == set(kinds)
+    for topic, (kind, count, rate) in kinds.items():
+        assert len(found[topic]) == count
+        assert all(type(event.message) is kind for event in found[topic])
+        expected = [1000 * SECOND + round(k * SECOND / rate) for k in range(count)]
+        assert [stamp(event) for event in found[topic]] == expected
+        assert [event.time_ns for event in found[topic]] == expected
+
+
+def test_events_come_in_the_order_of_their_stamps_static_transforms_first(
+    world: World, robot: RobotConfig
+) -> None:
+    events = list(simulate(world, robot, straight(), SHORT, jobs=3))
+    times = [event.time_ns for event in events]
+    assert times == sorted(times)
+    assert events[0].topic == "/tf_static"
+    assert len(events) == event_count(robot, straight(), SHORT)
+
+
+def test_a_drive_is_recorded_up_to_its_end(world: World, robot: RobotConfig) -> None:
+    found = by_topic(simulate(world, robot, straight(0.5), SimulationConfig(seconds=60.0)))
+    assert len(found["/points"]) == 5 and len(found["/odom"]) == 15
+
+
+def test_the_same_seed_gives_the_same_values_with_any_number_of_jobs(
+    world: World, robot: RobotConfig
+) -> None:
+    config = merged(SHORT, {"obstacles": {"number": 2}, "seconds": 0.4})
+    one, three = (same(simulate(world, robot, straight(), config, jobs=n)) for n in (1, 3))
+    assert one == three
+    other = merged(config, {"seed": 1})
+    assert same(simulate(world, robot, straight(), other)) != one
+
+
+def test_two_sensors_have_noise_of_their_own(world: World) -> None:
+    noisy = {"noise_m": 0.1, "rings": 2, "azimuths": 90}
+    robot = bare_robot(**noisy, topic="/a")
+    twin = robot.lidars["lidar"].model_copy(update={"topic": "/b", "frame_id": "second"})
+    robot = robot.model_copy(update={"lidars": robot.lidars | {"second": twin}})
+    found = by_topic(simulate(world, robot, straight(), SimulationConfig(seconds=0.1)))
+    first, second = (found[topic][0].message.points for topic in ("/a", "/b"))
+    assert len(first) and not np.array_equal(first[:50], second[:50])
+
+
+def test_scans_hit_the_shapes_that_the_lidar_is_said_to_hit(world: World) -> None:
+    # Only cameras and LiDARs of visual shapes know the blue block at (-3 .. -2, 2 .. 3).
+    names = {}
+    for shapes, scene in (("collision", world.collision), ("visual", world.visual)):
+        robot = bare_robot(shapes=shapes, rings=2, azimuths=360, fields=("object",))
+        found = by_topic(simulate(world, robot, straight(), SimulationConfig(seconds=0.1)))
+        objects = found["/points"][0].message.fields["object"]
+        names[shapes] = {scene.names[number - 1] for number in np.unique(objects)}
+    assert names["visual"] - names["collision"] == {"blue"}
+
+
+def test_points_are_where_the_static_transforms_say(world: World) -> None:
+    robot = bare_robot(rings=1, top_deg=0, bottom_deg=0, azimuths=4)
+    config = SimulationConfig(seconds=1.0)
+    found = by_topic(simulate(world, robot, straight(), config))
+    links = {link.child: link for link in found["/tf_static"][0].message.transforms}
+    base = links["mast"].parent_from_child @ links["lidar"].parent_from_child
+    assert np.allclose(base, base_from(robot, "lidar"))
+    truth = {event.time_ns: event.message.pose for event in found["/ground_truth"]}
+    for event in found["/points"]:
+        pose = truth[event.time_ns] @ base
+        points = event.message.points @ pose[:3, :3].T + pose[:3, 3]
+        x = pose[0, 3]
+        assert np.allclose(
+            points, [(2, 0, 0.5), (x, -4, 0.5), (-6, 0, 0.5), (x, 4, 0.5)], atol=1e-4
+        )
+
+
+def test_scan_motion_gives_each_column_the_time_and_place_of_its_shot(world: World) -> None:
+    robot = bare_robot(rings=1, top_deg=0, bottom_deg=0, azimuths=4, rate_hz=2, scan_motion=True)
+    found = by_topic(simulate(world, robot, straight(speed=1.0), SHORT))
+    scan = found["/points"][1].message
+    assert np.allclose(scan.fields["time"], (0, 0.125, 0.25, 0.375))
+    ahead, _, behind, _ = np.linalg.norm(scan.points, axis=1)
+    # Stamp 0.5 s: the LiDAR is at x = -3.4, and a quarter of a second later at -3.15.
+    assert ahead == pytest.approx(2 + 3.4, abs=1e-4)
+    assert behind == pytest.approx(6 - 3.15, abs=1e-4)
+
+
+def test_pictures_are_taken_from_the_cameras_true_pose(world: World) -> None:
+    robot = merged(robot_named("turtlebot3_waffle_pi"), {"cameras": {"camera": {"noise": 0.0}}})
+    config = SimulationConfig(seconds=0.04)
+    found = by_topic(simulate(world, robot, straight(), config))
+    image = found["/camera/rgb/image_raw/compressed"][0].message.image
+    matrix = found["/camera/rgb/camera_info"][0].message.camera_matrix
+    pose = straight().at(0.0)[0] @ base_from_camera(robot, robot.cameras["camera"])
+    red = (image[..., 0] > 150) & (image[..., 1] < 20)
+    rows, columns = np.nonzero(red)
+    # The front of the pillar: x = 2, y = -0.5 .. 0.5, top at 1.5.
+    corner = np.linalg.inv(pose) @ (2, 0.5, 1.5, 1)
+    u, v = (matrix @ corner[:3])[:2] / corner[2]
+    assert columns.min() == pytest.approx(u, abs=1) and rows.min() == pytest.approx(v, abs=1)
+
+
+def test_odometry_without_errors_is_the_truth_in_the_worlds_frame(
+    world: World, robot: RobotConfig
+) -> None:
+    found = by_topic(simulate(world, robot, straight(), SHORT))
+    for told, true, moved in zip(found["/odom"], found["/ground_truth"], found["/tf"], strict=True):
+        seconds = told.time_ns / SECOND - 1000
+        assert np.array_equal(told.message.pose, true.message.pose)
+        assert told.message.pose[0, 3] == pytest.approx(-4 + 0.5 * seconds)
+        assert told.message.linear == pytest.approx((0.5, 0, 0), abs=1e-6)
+        (link,) = moved.message.transforms
+        assert (link.parent, link.child) == ("odom", "base_footprint")
+        assert np.array_equal(link.parent_from_child, told.message.pose)
+    assert (told.message.frame_id, true.message.frame_id) == ("odom", "world")
+
+
+def test_odometry_with_errors_leaves_the_truth_alone(world: World, robot: RobotConfig) -> None:
+    wrong = merged(robot, {"odometry": {"errors": {"scale": 1.1, "turn_noise": 0.05}}})
+    found = by_topic(simulate(world, wrong, straight(), SHORT))
+    told, true = (found[topic][-1].message.pose for topic in ("/odom", "/ground_truth"))
+    assert np.hypot(*(told[:2, 3] - (-4, 0))) > 1.05 * np.hypot(*(true[:2, 3] - (-4, 0)))
+    # Its seed is that of the recording unless it is set.
+    again = by_topic(simulate(world, wrong, straight(), merged(SHORT, {"seed": 9})))
+    assert not np.array_equal(told, again["/odom"][-1].message.pose)
+    pinned = merged(wrong, {"odometry": {"errors": {"seed": 4}}})
+    both = [
+        by_topic(simulate(world, pinned, straight(), merged(SHORT, {"seed": seed})))["/odom"]
+        for seed in (0, 9)
+    ]
+    assert np.array_equal(both[0][-1].message.pose, both[1][-1].message.pose)
+
+
+def test_a_trajectory_through_a_wall_is_refused_with_time_and_place(robot: RobotConfig) -> None:
+    through = Trajectory(np.array([0.0, 20.0]), np.array([-4.0, 4.0]), np.zeros(2), np.zeros(2))
+    with pytest.raises(DataError, match=r"at 1[34]\.\d+ s at \(1\.\d+, 0\.00\) m"):
+        simulate(hall(), robot, through)
+
+
+def test_a_camera_must_not_drive_through_what_only_it_sees(robot: RobotConfig) -> None:
+    # The blue block is no collision shape, but the robot's camera would be inside it.
+    blue = Trajectory(np.array([0.0, 20.0]), np.array([-5.0, 0.0]), np.full(2, 2.5), np.zeros(2))
+    with pytest.raises(DataError, match="meets an obstacle"):
+        simulate(hall(), robot, blue)
+
+
+def test_closing_the_stream_early_stops_the_threads(world: World, robot: RobotConfig) -> None:
+    import threading
+
+    before = threading.active_count()
+    events = simulate(world, robot, straight(), jobs=2)
+    for _ in range(5):
+        next(events)
+    assert threading.active_count() > before
+    events.close()
+    assert threading.active_count() == before
+
+
+def test_parts_without_names_are_object_zero() -> None:
+    from dataclasses import replace
+
+    nameless = hall()
+    none = np.zeros(0, np.int32)
+    nameless = replace(nameless, collision=replace(nameless.collision, part=none, names=()))
+    robot = bare_robot(rings=2, azimuths=30, fields=("object",))
+    found = by_topic(simulate(nameless, robot, straight(), SimulationConfig(seconds=0.1)))
+    objects = found["/points"][0].message.fields["object"]
+    assert len(objects) and not objects.any()
+
+
+def test_a_world_without_walls_can_be_driven() -> None:
+    from box_worlds import EVEN, PLAIN
+    from fusionslam.sim.world import scene_of
+
+    scene = scene_of([floor(), block("post", (3, 3, 0), (3.2, 3.2, 1))], [PLAIN], EVEN)
+    open_world = World(name="field", visual=scene, collision=scene)
+    robot = bare_robot(rings=2, azimuths=30)
+    still = Trajectory(np.array([0.0, 1.0]), np.full(2, 2.6), np.full(2, 2.6), np.zeros(2))
+    found = by_topic(simulate(open_world, robot, still, SHORT))
+    assert len(found["/points"]) == 10

@@ -1,0 +1,170 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Trajectories: read, written, interpolated, and checked against walls."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.geometry.trajectory import Trajectory, read_trajectory, write_trajectory
+from fusionslam.sim.motion.clearance import check_trajectory
+from fusionslam.sim.motion.map_files import read_map
+from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part
+
+NUMBERS = st.floats(-1e6, 1e6)
+
+
+def trajectory(*rows: tuple[float, float, float, float]) -> Trajectory:
+    return Trajectory(*np.array(rows, np.float64).T.copy())
+
+
+def walled(wall_column: int | None) -> OccupancyMap:
+    """4 m x 4 m in cells of 0.1 m from (0, 0), with a wall one cell wide."""
+    occupied = np.zeros((40, 40), bool)
+    if wall_column is not None:
+        occupied[:, wall_column] = True
+        occupied[35:38, wall_column] = False
+    return OccupancyMap(occupied, largest_part(~occupied), 0.1, (0.0, 0.0))
+
+
+@given(st.lists(st.tuples(NUMBERS, NUMBERS, st.floats(-3, 3)), min_size=2, max_size=20))
+@settings(max_examples=30, deadline=None)
+def test_a_written_trajectory_is_read_back_exactly(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[float, float, float]]
+) -> None:
+    path = tmp_path_factory.mktemp("csv") / "t.csv"
+    values = np.array(rows)
+    seconds = 0.1 + np.arange(len(rows)) / 30
+    written = Trajectory(seconds, values[:, 0], values[:, 1], np.unwrap(values[:, 2]))
+    write_trajectory(path, written)
+    back = read_trajectory(path)
+    for name in ("seconds", "x", "y", "yaw"):
+        assert np.array_equal(getattr(back, name), getattr(written, name))
+
+
+def test_places_are_interpolated_and_the_short_way_round() -> None:
+    drive = trajectory((1, 0, 0, 3.0), (2, 2, 4, 3.0 + 0.4))
+    poses = drive.at([1.0, 1.25, 2.0])
+    assert poses.shape == (3, 4, 4)
+    assert np.allclose(poses[1, :2, 3], [0.5, 1.0])
+    expected = [[np.cos(3.1), -np.sin(3.1)], [np.sin(3.1), np.cos(3.1)]]
+    assert np.allclose(poses[1, :2, :2], expected)
+    assert np.array_equal(poses[:, 2:], np.tile(np.eye(4)[2:], (3, 1, 1)))
+    assert (drive.duration_s, len(drive)) == (1.0, 2)
+    assert drive.length_m == pytest.approx(np.sqrt(20))
+
+
+def test_a_file_with_wrapped_angles_gives_continuous_ones(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("t,x,y,yaw\n0,0,0,3.1\n\n1,0,0,-3.1\n2,0,0,-2.9\n")
+    assert np.allclose(read_trajectory(path).yaw, [3.1, 2 * np.pi - 3.1, 2 * np.pi - 2.9])
+
+
+def test_speeds_are_those_along_the_heading_and_about_the_vertical() -> None:
+    seconds = np.linspace(0, 5, 151)
+    yaw = 0.4 * seconds
+    circle = Trajectory(seconds, 1.5 * np.sin(yaw), 1.5 * (1 - np.cos(yaw)), yaw)
+    forwards, turn = circle.speeds()
+    assert np.allclose(forwards[1:-1], 0.6, rtol=1e-4)
+    assert np.allclose(turn, 0.4)
+
+
+@pytest.mark.parametrize("time", [0.5, 2.5, float("nan")])
+def test_no_place_is_made_up_beyond_the_ends(time: float) -> None:
+    with pytest.raises(DataError, match=f"no place at {time} s"):
+        trajectory((1, 0, 0, 0), (2, 2, 4, 0)).at([1.5, time])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "starts with nothing"),
+        ("t,x,y\n0,0,0\n1,0,0\n", "starts with 't,x,y'"),
+        ("0,0,0,0\n1,0,0,0\n", "starts with '0,0,0,0'"),
+        ("t,x,y,yaw\n", "has no place, expected"),
+        ("t,x,y,yaw\n0,0,0,0\n", "has one place, expected"),
+        ("t,x,y,yaw\n0,0,0,0\n1,0,0\n", "line 3: 3 values"),
+        ("t,x,y,yaw\n0,0,0,0\n\n1,0,east,0\n", "line 4: could not convert .*east"),
+        ("t,x,y,yaw\n0,0,0,0\n1,0,nan,0\n", "line 3: NaN"),
+        ("t,x,y,yaw\n0,0,0,0\n1,0,0,0\n1,0,0,0\n", "line 4: not later"),
+        ("t,x,y,yaw\n5,0,0,0\n1,0,0,0\n", "line 3: not later"),
+    ],
+)
+def test_files_that_are_no_trajectory_are_refused_with_the_line(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(DataError, match=rf"bad\.csv.*{message}"):
+        read_trajectory(path)
+
+
+def test_files_that_are_missing_or_no_text_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"none\.csv is missing"):
+        read_trajectory(tmp_path / "none.csv")
+    (tmp_path / "b.csv").write_bytes(bytes(range(256)))
+    with pytest.raises(DataError, match=r"b\.csv cannot be read"):
+        read_trajectory(tmp_path / "b.csv")
+    (tmp_path / "z.csv").write_text("t,x,y,yaw\n0,\0,0,0\n1,0,0,0\n")
+    with pytest.raises(DataError, match=r"z\.csv"):
+        read_trajectory(tmp_path / "z.csv")
+
+
+def test_arrays_that_are_no_trajectory_are_refused() -> None:
+    two = np.arange(2.0)
+    with pytest.raises(ShapeError, match="expected"):
+        Trajectory(two, two, two, np.arange(3.0))
+    with pytest.raises(ShapeError, match="N >= 2"):
+        Trajectory(two[:1], two[:1], two[:1], two[:1])
+    with pytest.raises(DataError, match=r"place 1 .* not finite"):
+        Trajectory(two, two, np.array([0, np.inf]), two)
+    with pytest.raises(DataError, match=r"place 1 .* at 0\.0 s, is not later"):
+        Trajectory(two * 0, two, two, two)
+
+
+def test_a_way_through_a_wall_is_reported_with_time_and_place() -> None:
+    # From x = 0.5 to 3.5 m at 1 m/s; the wall covers x = 2.0 .. 2.1, its middle 2.05.
+    drive = trajectory((10, 0.5, 1.05, 0), (13, 3.5, 1.05, 0))
+    check_trajectory(drive, walled(None), 0.2)
+    with pytest.raises(DataError) as caught:
+        check_trajectory(drive, walled(20), 0.2)
+    # Cells whose middle is within 0.2 m of 2.05: from 1.85 to 2.25, that is x = 1.8 .. 2.3.
+    words = str(caught.value)
+    assert "at 11.30 s at (1.80, 1.05) m" in words or "at 11.35 s at (1.85, 1.05) m" in words
+    assert float(words.split("; ")[1].split(" s of")[0]) == pytest.approx(0.5, abs=0.06)
+    assert "of 3.00 s are blocked" in words
+
+
+def test_a_wall_between_two_places_is_not_jumped() -> None:
+    drive = trajectory((0, 0.55, 1.05, 0), (0.01, 3.55, 1.05, 0), (0.02, 3.55, 1.1, 0))
+    with pytest.raises(DataError, match="meets an obstacle"):
+        check_trajectory(drive, walled(20), 0.0)
+    through_the_door = trajectory((0, 0.55, 3.65, 0), (3, 3.05, 3.65, 0))
+    check_trajectory(through_the_door, walled(20), 0.0)
+    with pytest.raises(DataError, match=r"radius 0\.3 m has no room"):
+        check_trajectory(through_the_door, walled(20), 0.3)
+
+
+def test_leaving_the_map_is_told_as_such() -> None:
+    message = r"leaves the map at 2\.\d\d s at \(4\.\d\d, 1\.00\) m: it has x from 0\.00 to 4\.00 m"
+    with pytest.raises(DataError, match=message):
+        check_trajectory(trajectory((0, 3, 1, 0), (5, 5, 1, 0)), walled(None), 0.0)
+
+
+def test_short_times_keep_their_digits() -> None:
+    with pytest.raises(DataError, match=r"at 0\.004\d* s at .* of 0\.009 s are blocked"):
+        check_trajectory(trajectory((0, 0.55, 1, 0), (0.009, 3.55, 1, 0)), walled(20), 0.0)
+
+
+@pytest.mark.parametrize("name", ["small_house", "warehouse"])
+def test_the_drives_of_shared_worlds_are_read_and_find_room(test_data: Path, name: str) -> None:
+    drive = read_trajectory(test_data / "worlds" / f"{name}.trajectory.csv")
+    check_trajectory(drive, read_map(test_data / "worlds" / f"{name}.map.yaml"), 0.2)
+    forwards, turn = drive.speeds()
+    assert 0.68 < forwards.max() < 0.7
+    assert np.abs(turn).max() < 1.25
+    assert np.abs(np.diff(drive.yaw)).max() < 0.1

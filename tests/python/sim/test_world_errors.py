@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Worlds with something missing or damaged: what the error says, and what lenient loading keeps."""
+
+import logging
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("collada", reason="the simulator is an extra")
+
+from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.sim.worlds import load_world
+
+ROOM = Path(__file__).resolve().parents[2] / "data" / "worlds" / "room"
+TABLE = "models/table/meshes/table.dae"
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    """A copy of the room that a test may damage."""
+    return Path(shutil.copytree(ROOM, tmp_path / "room"))
+
+
+def damage(folder: Path, file: str, old: str, new: str) -> None:
+    text = (folder / file).read_text()
+    assert old in text
+    (folder / file).write_text(text.replace(old, new))
+
+
+def expect_missing(folder: Path, *words: str) -> None:
+    """Strict loading names all words in one message; lenient loading lists them, and loads."""
+    with pytest.raises(DataError) as error:
+        load_world(folder)
+    world = load_world(folder, lenient=True)
+    listed = "\n".join(world.unresolved)
+    for word in words:
+        assert word in str(error.value) and word in listed
+    assert len(set(world.unresolved)) == len(world.unresolved) > 0
+    assert len(world.visual.mesh) > 0
+
+
+def test_a_missing_mesh_is_named_with_who_wants_it(room: Path) -> None:
+    (room / TABLE).unlink()
+    expect_missing(room, "mesh model://table/meshes/table.dae", "table_1/link/visual")
+
+
+def test_a_missing_texture_is_named_and_lenient_loading_keeps_the_mesh(room: Path) -> None:
+    (room / "models/table/materials/textures/top.png").unlink()
+    expect_missing(room, "texture ../../../../photos/top.png", "table.dae")
+    assert "table_1" in load_world(room, lenient=True).visual.names
+
+
+def test_a_missing_texture_or_material_of_an_obj_is_named(room: Path) -> None:
+    (room / "models/lamp/meshes/shade.png").unlink()
+    expect_missing(room, "texture shade.png", "lamp.obj")
+    (room / "models/lamp/meshes/lamp.mtl").unlink()
+    expect_missing(room, "material lamp.mtl", "lamp.obj")
+
+
+def test_a_missing_model_is_named(room: Path) -> None:
+    shutil.rmtree(room / "models/stack")
+    expect_missing(room, "model model://stack")
+
+
+def test_everything_missing_is_in_one_message_and_each_thing_once(room: Path) -> None:
+    shutil.rmtree(room / "models/stack")
+    (room / TABLE).unlink()
+    twice = "<uri>model://lamp</uri>\n      <pose>-2 2 0 0 0 0</pose>\n    </include>"
+    again = f"{twice}<include><uri>model://lamp</uri><name>lamp_2</name></include>"
+    damage(room, "worlds/room.world", twice, again)
+    (room / "models/lamp/meshes/lamp.obj").unlink()
+    expect_missing(room, "model://stack", "table.dae", "lamp.obj")
+    assert len(load_world(room, lenient=True).unresolved) == 3
+
+
+def test_lenient_loading_logs_what_it_skips(room: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (room / TABLE).unlink()
+    with caplog.at_level(logging.WARNING):
+        load_world(room, lenient=True)
+    assert any("table.dae" in record.message for record in caplog.records)
+
+
+def test_a_world_that_is_no_xml_is_refused_whatever_one_asks(room: Path) -> None:
+    (room / "worlds/room.world").write_text("not <xml")
+    for lenient in (False, True):
+        with pytest.raises(DataError, match=r"room\.world: no XML, expected SDF"):
+            load_world(room, lenient=lenient)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<urdf/>", "its root is <urdf>, expected <sdf>"),
+        ("<sdf/>", "expected <world> or <model>"),
+        ('<sdf><world name="w"/></sdf>', "nothing to be seen or hit"),
+    ],
+)
+def test_xml_that_is_no_world_is_refused(room: Path, text: str, message: str) -> None:
+    (room / "worlds/room.world").write_text(text)
+    with pytest.raises(DataError, match=message):
+        load_world(room)
+
+
+def test_a_model_or_mesh_that_is_no_xml_is_listed(room: Path) -> None:
+    (room / TABLE).write_text("hello")
+    (room / "models/stack/model.sdf").write_text("hello")
+    expect_missing(room, "table.dae: cannot be read", "model.sdf: no XML")
+
+
+def test_a_mesh_cut_in_half_is_listed(room: Path) -> None:
+    data = (room / TABLE).read_bytes()
+    (room / TABLE).write_bytes(data[: len(data) // 2])
+    expect_missing(room, "table.dae: cannot be read")
+
+
+def test_geometry_that_collada_loses_is_listed(room: Path) -> None:
+    damage(room, TABLE, 'url="#top-mesh"', 'url="#other"')
+    expect_missing(room, "part of", "table.dae")
+
+
+def test_a_picture_that_is_none_is_listed(room: Path) -> None:
+    (room / "models/table/materials/textures/top.png").write_bytes(b"no picture")
+    expect_missing(room, "top.png: cannot be read")
+
+
+def test_corners_that_are_no_numbers_are_listed(room: Path) -> None:
+    damage(room, "models/lamp/meshes/lamp.obj", "v 1 0 -1", "v nan 0 -1")
+    expect_missing(room, "lamp.obj", "finite number")
+
+
+def test_a_corner_that_a_face_names_and_nobody_gives_is_listed(room: Path) -> None:
+    damage(room, TABLE, "<p>0 0 1 1 2 2 3 3</p>", "<p>0 0 1 1 2 2 9 3</p>")
+    expect_missing(room, "table.dae")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ("Gazebo/Grey", "My/Marble", "material My/Marble"),
+        ("<size>2 1 1</size>", "<size>2 one 1</size>", "size of box of crate/link/visual"),
+        ("<size>2 1 1</size>", "<size>2 -1 1</size>", "expected 3 above 0, found 2 -1 1"),
+        ("<size>2 1 1</size>", "<size>2 1</size>", "expected 3 above 0, found 2 1"),
+        ("0 0 0.5 0 0 0", "0 0 nan 0 0 0", "pose of crate/link"),
+        ("0 0 0.5 0 0 0", "0 0 0.5", "expected x y z roll pitch yaw, found 3 numbers"),
+        ("<pose>0 0 0.5", "<pose relative_to='hall'>0 0 0.5", "crate/link relative to hall"),
+        ("<scale>1 1 1</scale>", "<scale>2 1 1</scale>", "scale of crate"),
+        ("<diffuse>1 0.5 0.25 1</diffuse>", "<diffuse>red</diffuse>", "diffuse of crate"),
+        ("<normal>0 0 1</normal>", "<normal>0 0 0</normal>", "normal of plane"),
+        ("<box><size>2 1 1</size></box>", "<heightmap/>", "<heightmap> of crate/link/visual"),
+        ("<box><size>2 1 1</size></box>", "", "geometry of crate/link/visual"),
+        ("model://table", "https://fuel/table", "model https://fuel/table"),
+    ],
+)
+def test_what_sdf_says_and_we_cannot_do_is_listed(
+    room: Path, old: str, new: str, word: str
+) -> None:
+    damage(room, "worlds/room.world", old, new)
+    expect_missing(room, word)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ("meshes/lamp.obj", "meshes/lamp.blend", "lamp.blend"),
+        ("<scale>2 2 -2</scale>", "<scale>2</scale>", "scale of mesh of lamp"),
+        ("<scale>", "<submesh/><scale>", "submesh of lamp"),
+    ],
+)
+def test_what_a_model_says_and_we_cannot_do_is_listed(
+    room: Path, old: str, new: str, word: str
+) -> None:
+    (room / "models/lamp/meshes/lamp.blend").write_text("")
+    damage(room, "models/lamp/model.sdf", old, new)
+    expect_missing(room, word)
+
+
+def test_a_model_that_includes_itself_is_listed(room: Path) -> None:
+    damage(
+        room,
+        "models/stack/model.sdf",
+        "<pose>0 0 1",
+        "<include><uri>model://stack</uri></include><pose>0 0 1",
+    )
+    expect_missing(room, "includes itself")
+
+
+def test_a_path_without_a_world_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"none\.glb: no such world"):
+        load_world(tmp_path / "none.glb")
+    with pytest.raises(DataError, match=r"expected one \.world or \.sdf file, found none"):
+        load_world(tmp_path)
+    (tmp_path / "map.png").write_bytes(b"")
+    with pytest.raises(DataError, match=r"expected a world as \.glb"):
+        load_world(tmp_path / "map.png")
+
+
+def test_a_folder_of_several_worlds_wants_one_to_be_chosen(room: Path) -> None:
+    shutil.copy(room / "worlds/room.world", room / "worlds/other.world")
+    with pytest.raises(DataError, match=r"found other\.world, room\.world"):
+        load_world(room)
+
+
+def test_without_pycollada_the_message_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "collada", None)
+    with pytest.raises(FusionSlamError, match=r"pip install 'fusionslam\[sim\]'"):
+        load_world(ROOM)

@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A short drive as events, whose every value can be told in advance, and comparing messages."""
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusionslam.datasets import open_writer
+from fusionslam.sensors.messages import (
+    CameraInfo,
+    Event,
+    FrameTransform,
+    FrameTransforms,
+    Odometry,
+    Picture,
+    Scan,
+)
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+SIZE = (64, 48)
+FOCAL = 60.0
+SPEED = 0.5
+SUFFIXES = ("bag", "db3", "mcap")
+RED, BLUE = (200, 30, 20), (10, 40, 220)
+"""Colours of the left and the right half of every image."""
+OPTICAL = np.array([[0, 0, 1, 0.1], [-1, 0, 0, 0], [0, -1, 0, 0.2], [0, 0, 0, 1.0]])
+"""base_from_camera: x right, y down, z forward, of a camera 0.1 m before and 0.2 m above."""
+
+
+def translation(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def camera_info(stamp_ns: int = START, **changes: Any) -> CameraInfo:
+    matrix = np.array([[FOCAL, 0, SIZE[0] / 2], [0, FOCAL, SIZE[1] / 2], [0, 0, 1]])
+    values: dict[str, Any] = {
+        "stamp_ns": stamp_ns,
+        "frame_id": "camera",
+        "size": SIZE,
+        "camera_matrix": matrix,
+        "distortion": np.zeros(5),
+        "projection": np.hstack([matrix, np.zeros((3, 1))]),
+    }
+    return CameraInfo(**values | changes)
+
+
+def picture(stamp_ns: int = START, size: tuple[int, int] = SIZE) -> Picture:
+    image = np.empty((size[1], size[0], 3), np.uint8)
+    image[:, : size[0] // 2], image[:, size[0] // 2 :] = RED, BLUE
+    return Picture(stamp_ns=stamp_ns, frame_id="camera", image=image)
+
+
+def scan(stamp_ns: int = START, x: float = 4.0) -> Scan:
+    """A wall x metres before the scanner, from left to right."""
+    y = np.linspace(-1, 1, 41, dtype=np.float32)
+    points = np.stack([np.full_like(y, x), y, np.zeros_like(y)], axis=1)
+    fields = {"intensity": np.arange(41, dtype=np.float32), "ring": np.arange(41, dtype=np.uint16)}
+    return Scan(stamp_ns=stamp_ns, frame_id="velodyne", points=points, fields=fields)
+
+
+def odometry(stamp_ns: int) -> Odometry:
+    return Odometry(
+        stamp_ns=stamp_ns,
+        frame_id="odom",
+        child_frame_id="base",
+        pose=translation(SPEED * (stamp_ns - START) / SECOND),
+        linear=np.array([SPEED, 0, 0]),
+    )
+
+
+def static(parent: str, child: str, pose: np.ndarray) -> FrameTransform:
+    return FrameTransform(
+        stamp_ns=START, parent=parent, child=child, parent_from_child=pose, static=True
+    )
+
+
+def extrinsics() -> FrameTransforms:
+    scanner = static("base", "velodyne", translation(-0.1, 0, 0.3))
+    return FrameTransforms(transforms=(scanner, static("base", "camera", OPTICAL)))
+
+
+def drive(seconds: float = 2.0, delay_ns: int = 0) -> list[Event]:
+    """Scans at 2 Hz, images and calibrations at 10 Hz, odometry at 50 Hz; they arrive later."""
+    events = [Event("/tf_static", START, extrinsics())]
+    for k in range(round(50 * seconds) + 1):
+        stamp_ns = START + k * SECOND // 50
+        messages = [("/odom", odometry(stamp_ns))]
+        if k % 5 == 0:
+            messages += [("/camera/camera_info", camera_info(stamp_ns))]
+            messages += [("/camera/image", picture(stamp_ns))]
+        if k % 25 == 0:
+            messages += [("/points", scan(stamp_ns, 4 - SPEED * k / 50))]
+        events += [Event(topic, stamp_ns + delay_ns, message) for topic, message in messages]
+    return events
+
+
+def without(events: Iterable[Event], topic: str) -> list[Event]:
+    return [event for event in events if event.topic != topic]
+
+
+def changed(events: Iterable[Event], topic: str, **changes: Any) -> Iterator[Event]:
+    """The events with other values in the messages of a topic."""
+    for event in events:
+        if event.topic == topic:
+            message = dataclasses.replace(event.message, **changes)
+            event = Event(event.topic, event.time_ns, message)
+        yield event
+
+
+def write_bag(path: Path, events: Iterable[Event], **options: Any) -> Path:
+    with open_writer(path, **options) as bag:
+        for event in events:
+            bag.write(event)
+    return path
+
+
+def same(first: Any, second: Any) -> bool:
+    """Whether two values are equal field by field; rotations up to rounding."""
+    if isinstance(first, np.ndarray):
+        tolerance = 1e-14 if first.shape == (4, 4) else 0.0
+        return (first.dtype, first.shape) == (second.dtype, second.shape) and np.allclose(
+            first, second, rtol=0, atol=tolerance, equal_nan=first.dtype.kind == "f"
+        )
+    if dataclasses.is_dataclass(first):
+        names = [field.name for field in dataclasses.fields(first)]
+        return type(first) is type(second) and all(
+            same(getattr(first, name), getattr(second, name)) for name in names
+        )
+    if isinstance(first, dict):
+        return list(first) == list(second) and all(same(first[k], second[k]) for k in first)
+    if isinstance(first, tuple):
+        return len(first) == len(second) and all(map(same, first, second))
+    return bool(first == second)

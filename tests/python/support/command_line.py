@@ -1,0 +1,57 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Running the command line in tests."""
+
+from pathlib import Path
+
+from typer.testing import CliRunner, Result
+
+from fusionslam.cli import app
+from fusionslam.evaluation import DescriptorRun
+from fusionslam.pipelines.describe import CHUNK
+
+FRAMES = CHUNK + 4
+NO_WINDOW = ("--set", "evaluation.window=2", "--set", "loop_closure.window=2")
+TINY_TOWN = (
+    "sim.town.blocks=[1,1]",
+    "sim.town.block_m=44",
+    "sim.drive.laps=[[[0,0],[1,0]],[[1,0],[1,1]]]",
+    "sim.drive.spacing_m=14",
+    "sim.car.lidar.rings=16",
+    "sim.car.lidar.azimuths=180",
+    "sim.car.camera.width=160",
+    "sim.car.camera.height=48",
+    "sim.car.camera.focal_px=92",
+    "sim.car.camera.centre_px=[79,23.5]",
+)
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def succeeds(*arguments: object) -> Result:
+    result = run(*arguments)
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def fails(code: int, *arguments: object) -> str:
+    """The line that a failing command writes."""
+    result = run(*arguments)
+    assert result.exit_code == code, result.output
+    (line,) = (line for line in result.stderr.splitlines() if line.startswith("error: "))
+    assert "Traceback" not in result.output
+    return line
+
+
+def last_line(result: Result) -> str:
+    return result.stdout.splitlines()[-1]
+
+
+def vectors(path: Path) -> bytes:
+    return DescriptorRun.load(path).descriptors.tobytes()
+
+
+def fusionslam_descriptors() -> tuple[str, ...]:
+    return ("m2dp", "cm2dp", "shot", "cshot")

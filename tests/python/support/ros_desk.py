@@ -1,0 +1,91 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A node without a master: messages reach it as bytes, as they do over a line."""
+
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+
+from fusionslam.ros.environment import has_ros
+from fusionslam.ros.nodes import node_class
+from fusionslam.ros.runtime.config import from_parameters
+from fusionslam.ros.runtime.worker import Worker
+
+SOMEBODY = "/somebody"
+
+
+class Kept:
+    """An outlet that keeps what is published."""
+
+    def __init__(self) -> None:
+        self.messages: list[tuple[str, Any]] = []
+        self.wanted: set[str] = set()
+
+    def publish(self, topic: str, message: Any) -> None:
+        self.messages.append((topic, message))
+
+    def is_wanted(self, topic: str) -> bool:
+        return topic in self.wanted
+
+    def of(self, topic: str) -> list[Any]:
+        return [message for name, message in self.messages if name == topic]
+
+
+class Desk:
+    """A node, what it published, and a clock that tests set."""
+
+    def __init__(self, name: str, **parameters: Any) -> None:
+        assert has_ros()
+        self.outlet, self.now_ns, self.gone = Kept(), 0, set[str]()
+        kind = node_class(name)
+        self.node = kind(from_parameters(kind.defaults, parameters), self.outlet)
+        self.worker = Worker(
+            self.node,
+            lambda topic: "/" + topic.lstrip("/"),
+            lambda: self.now_ns,
+            lambda topic, publisher: publisher not in self.gone,
+        )
+
+    def put(self, topic: str, message: Any, lost: int = 0, **header: str) -> None:
+        """A message arrives, but for its last bytes, and waits; ``header`` is of its publisher."""
+        from rospy import AnyMsg
+
+        line, stream = AnyMsg(), BytesIO()
+        message.serialize(stream)
+        line._buff = stream.getvalue()[: stream.tell() - lost]
+        line._connection_header = {
+            "type": message._type,
+            "md5sum": message._md5sum,
+            "callerid": SOMEBODY,
+            **header,
+        }
+        self.worker.arrived(line, topic)
+
+    def give(self, topic: str, *values: Any, **header: str) -> None:
+        """Messages, or values of ``fusionslam.sensors.messages``, arrive and are worked off."""
+        from fusionslam.ros.messages.types import builder
+
+        for value in values:
+            message = value if hasattr(value, "_md5sum") else builder.build(value)
+            self.put(topic, message, **header)
+        self.work()
+
+    def work(self) -> None:
+        """Work off all that waits."""
+        while self.worker.work(0.0):
+            pass
+
+    def complaints(self) -> dict[str, int]:
+        """Counts by "topic: cause"."""
+        counts = self.worker.complaints.counts
+        return {f"{topic}: {cause}": count for (topic, cause), count in counts.items()}
+
+
+def colored_cloud(count: int = 600, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """Points of two boxes before the robot, one red and one blue."""
+    rng = np.random.default_rng(seed)
+    corners = np.repeat([[3.0, -1.0, 0.3], [4.0, 1.5, 0.3]], count // 2, axis=0)
+    points = (corners + rng.uniform(0, 0.8, (len(corners), 3))).astype(np.float32)
+    colors = np.repeat([[200, 30, 20], [10, 40, 220]], count // 2, axis=0).astype(np.uint8)
+    return points, colors

@@ -1,0 +1,70 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS of a test's own, and a robot's drive to play there."""
+
+import shutil
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from benchmarks.ros.world import Listener, RosWorld, wait_until
+from fusionslam.ros.environment import PACKAGE, has_ros
+
+__all__ = ["Listener", "PlayedBag", "RosWorld", "lacking", "needs_ros", "played", "wait_until"]
+
+_METRES, _IMAGES_HZ = 8.0, 5.0
+
+
+def _lacking() -> str:
+    """Why there is no ROS; empty if there is."""
+    if not has_ros() or shutil.which("roscore") is None:
+        return "ROS 1 is not installed: make ros installs it"
+    if find_spec(PACKAGE) is None:
+        return "fusionslam was built without its ROS messages: make ros builds it with them"
+    return ""
+
+
+lacking = _lacking()
+needs_ros = pytest.mark.skipif(bool(lacking), reason=lacking)
+
+
+@dataclass(frozen=True)
+class PlayedBag:
+    """A drive of some 20 s through a house, whose odometry is without errors.
+
+    Attributes:
+        path: of the bag, with /velodyne_points, /odom and /tf.
+        image: topic of the camera's JPEG.
+        camera_info: topic of its calibration.
+        scans: how many there are.
+    """
+
+    path: Path
+    image: str
+    camera_info: str
+    scans: int
+
+    @property
+    def sensors(self) -> tuple[str, str]:
+        """Remappings of the nodes' topics."""
+        image, info = f"image_raw:={self.image}", f"camera_info:={self.camera_info}"
+        return f"camera/rgb/{image}", f"camera/rgb/{info}"
+
+
+def played(data: Path) -> PlayedBag:
+    """That of the folder of test data; where there is none, one that is made, and kept for ever."""
+    if data.is_dir():
+        path = data / "bags" / "small_house_20s.bag"
+        return PlayedBag(path, "/camera/image/compressed", "/camera/camera_info", 40)
+    from fusionslam.config import merged
+    from fusionslam.sim.catalogue import MADE
+    from fusionslam.sim.recordings import embedded_bag, recording_config
+
+    changes = {
+        "plan": {"length_m": _METRES},
+        "robot": {"cameras": {"camera": {"rate_hz": _IMAGES_HZ}}},
+    }
+    path = embedded_bag("house", merged(recording_config(MADE["house"]), changes), jobs=2)
+    return PlayedBag(path, "/camera/rgb/image_raw/compressed", "/camera/rgb/camera_info", 44)

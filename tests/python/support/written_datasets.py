@@ -1,0 +1,73 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Small recordings in each layout, written for tests."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from fusionslam.datasets import (
+    write_cloud,
+)
+from fusionslam.sensors.frame import Cloud
+
+P2 = "700 0 2 45 0 700 1.5 0.1 0 0 1 0.003"
+P3 = "700 0 2 -330 0 700 1.5 0.1 0 0 1 0.003"
+TR = "0 -1 0 0.1 0 0 -1 0.2 1 0 0 0.3"
+CALIB = f"P0: {P2}\nP1: {P3}\nP2: {P2}\nP3: {P3}\nTr: {TR}\n"
+POSE_LINE = "1 0 0 {} 0 1 0 0 0 0 1 0\n"
+RNG = np.random.default_rng(7)
+POINTS = RNG.normal(size=(20, 3)).astype(np.float32)
+COLORS = RNG.integers(0, 256, (20, 3), dtype=np.uint8)
+
+
+def put_scan(path: Path) -> None:
+    write_cloud(path, Cloud(POINTS))
+
+
+def put_image(path: Path, size: tuple[int, int] = (4, 3)) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.new("RGB", size, (10, 20, 30)).save(path)
+
+
+def put_text(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+
+
+def odometry(root: Path, numbers: Iterable[int] = range(6)) -> Path:
+    """A small sequence 03 of colour stereo pairs and scans."""
+    sequence = root / "sequences" / "03"
+    for number in numbers:
+        put_scan(sequence / f"velodyne/{number:06d}.bin")
+        put_image(sequence / f"image_2/{number:06d}.png")
+        put_image(sequence / f"image_3/{number:06d}.png")
+    put_text(sequence / "calib.txt", CALIB)
+    put_text(sequence / "times.txt", "".join(f"{0.1 * n:e}\n" for n in range(6)))
+    put_text(root / "poses" / "03.txt", "".join(POSE_LINE.format(n) for n in range(6)))
+    return sequence
+
+
+def folder(root: Path, stems: Iterable[str] = ("000", "001", "002"), suffix: str = ".ply") -> Path:
+    for stem in stems:
+        write_cloud(root / f"clouds/{stem}{suffix}", Cloud(POINTS, COLORS))
+        put_image(root / f"images/{stem}.png")
+    return root
+
+
+def raw_drive(root: Path, name: str = "2011_09_26_drive_0001_sync") -> Path:
+    size = "4.0 3.0"
+    eye, zero = "1 0 0 0 1 0 0 0 1", "0 0 0"
+    put_text(
+        root / "calib_cam_to_cam.txt",
+        f"calib_time: 09-Jan-2012 13:57:47\nR_rect_00: {eye}\nP_rect_02: {P2}\nS_rect_02: {size}\n",
+    )
+    put_text(root / "calib_velo_to_cam.txt", f"R: {eye}\nT: {zero}\n")
+    for number in range(3):
+        put_scan(root / name / f"velodyne_points/data/{number:010d}.bin")
+        put_image(root / name / f"image_02/data/{number:010d}.png")
+    stamps = (f"2011-09-26 13:02:25.96438944{n}\n" for n in range(3))
+    put_text(root / name / "velodyne_points/timestamps.txt", "".join(stamps))
+    return root / name

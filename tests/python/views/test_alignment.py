@@ -1,0 +1,281 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Alignment of scenes: true poses in made rooms, the index, and views matched by it."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cast_rooms import AHEAD, AROUND, BEHIND, Pose, room, scan, seen_from
+from fusionslam import ConfigError, DataError
+from fusionslam.config import merged
+from fusionslam.sensors.frame import Cloud
+from fusionslam.views import (
+    Alignment,
+    AlignmentConfig,
+    AlignmentIndex,
+    Scene,
+    ViewMatcher,
+    ViewMatcherConfig,
+    align_scenes,
+    build_scene,
+)
+from fusionslam.views.matcher import NO_VIEW, PROBABILITY
+
+SECTORS = {"ahead": AHEAD, "behind": BEHIND, "around": AROUND}
+NEAR_M, NEAR_RAD = 0.03, np.radians(0.6)
+
+
+def scene_of(cloud: Cloud, **values: Any) -> Scene:
+    return build_scene(cloud.points, cloud.colors, **values)
+
+
+def two_poses(seed: int) -> tuple[Pose, Pose]:
+    """Somewhere in the middle of a room, and a little beside it."""
+    rng = np.random.default_rng([37, seed])
+    x, y, yaw = (float(v) for v in (*rng.uniform(-1, 1, 2), rng.uniform(-3, 3)))
+    dx, dy = rng.uniform(-0.35, 0.35, 2)
+    return (x, y, yaw), (x + dx, y + dy, yaw + np.radians(rng.uniform(-12, 12)))
+
+
+def is_at(found: tuple[float, float, float], true: Pose) -> bool:
+    near = np.hypot(found[0] - true[0], found[1] - true[1]) < NEAR_M
+    return bool(near and abs(found[2] - true[2]) < NEAR_RAD)
+
+
+def values_of(alignment: Alignment) -> tuple[float, ...]:
+    place = (alignment.x, alignment.y, alignment.yaw, alignment.probability)
+    return (*place, *alignment.evidence.values())
+
+
+@pytest.mark.parametrize("sector", SECTORS)
+@pytest.mark.parametrize("seed", range(5))
+def test_the_pose_is_found_and_another_room_is_told_apart(sector: str, seed: int) -> None:
+    stored, current = two_poses(seed)
+    kept = scene_of(scan(room(seed), stored, SECTORS[sector], seed=1))
+    found = align_scenes(scene_of(scan(room(seed), current, SECTORS[sector], seed=2)), kept)
+    assert is_at((found.x, found.y, found.yaw), seen_from(stored, current))
+    assert found.probability > PROBABILITY
+    other = scene_of(scan(room(seed + 50), current, SECTORS[sector], seed=2))
+    assert align_scenes(other, kept).probability < 0.2
+
+
+def test_the_same_shapes_in_other_colors_are_less_probable() -> None:
+    stored, current = two_poses(3)
+    cloud, kept = scan(room(3), current, seed=2), scene_of(scan(room(3), stored, seed=1))
+    assert cloud.colors is not None
+    painted = scene_of(Cloud(cloud.points, 255 - cloud.colors))
+    probability = align_scenes(scene_of(cloud), kept).probability
+    assert align_scenes(painted, kept).probability < 0.5 < probability
+
+
+def test_beyond_reach_and_turn_it_is_another_view() -> None:
+    stored = (0.2, 0.1, 0.4)
+    kept = scene_of(scan(room(4), stored, seed=1))
+    for moved, values in (
+        ((0.2 + 0.3 * np.cos(0.4), 0.1 + 0.3 * np.sin(0.4), 0.4), {"reach": 0.25}),
+        ((0.2, 0.1, 0.4 + np.radians(8)), {"turn": 6.0}),
+    ):
+        scene = scene_of(scan(room(4), moved, seed=2))
+        assert align_scenes(scene, kept).probability > PROBABILITY
+        found = align_scenes(scene, kept, config=AlignmentConfig(**values))
+        assert found.probability == 0 and is_at(
+            (found.x, found.y, found.yaw), seen_from(stored, moved)
+        )
+
+
+def test_the_evidence_names_what_speaks_for_it() -> None:
+    stored, current = two_poses(1)
+    kept = scene_of(scan(room(1), stored, seed=1))
+    found = align_scenes(scene_of(scan(room(1), current, seed=2)), kept)
+    shares = [found.evidence[name] for name in ("agreeing", "behind", "before", "empty")]
+    assert sum(shares) == pytest.approx(1) and found.evidence["agreeing"] > 0.8
+    assert found.evidence["shift"] == pytest.approx(np.hypot(found.x, found.y))
+    assert found.evidence["turn"] == pytest.approx(abs(found.yaw))
+    assert f"probability {found.probability:.6g}"[:16] in repr(found)
+
+
+def many_scenes(count: int = 12) -> list[Scene]:
+    """Two sights of each of several rooms."""
+    return [scene_of(scan(room(n // 2), two_poses(n // 2)[n % 2], seed=n)) for n in range(count)]
+
+
+def test_the_index_aligns_as_pairs_are_aligned() -> None:
+    scenes = many_scenes()
+    index = AlignmentIndex(AlignmentConfig(candidates=100))
+    assert [index.add(scene) for scene in scenes] == list(range(12)) and len(index) == 12
+    current = scene_of(scan(room(2), (0.1, 0.2, 0.3), seed=77))
+    found = index.query(current)
+    assert sorted(number for number, _ in found) == list(range(12))
+    for number, alignment in found:
+        assert values_of(alignment) == values_of(align_scenes(current, scenes[number]))
+    order = [(-alignment.probability, number) for number, alignment in found]
+    assert order == sorted(order)
+
+
+def test_threads_do_not_change_what_is_found() -> None:
+    index = AlignmentIndex()
+    for scene in many_scenes():
+        index.add(scene)
+    one, four, all_cores = (
+        [
+            (number, values_of(alignment))
+            for number, alignment in index.query(many_scenes(5)[4], threads=threads)
+        ]
+        for threads in (1, 4, 0)
+    )
+    assert one == four == all_cores and one[0][0] == 4 and one[0][1][3] > PROBABILITY
+
+
+def test_only_the_views_that_look_most_alike_are_aligned() -> None:
+    index = AlignmentIndex(AlignmentConfig(candidates=2))
+    scenes = many_scenes()
+    for scene in scenes:
+        index.add(scene)
+    found = index.query(scenes[6])
+    assert len(found) == 2 and found[0][0] == 6
+
+
+def test_what_is_removed_is_not_found_and_the_rest_moves_up() -> None:
+    scenes = many_scenes()
+    index = AlignmentIndex()
+    for scene in scenes:
+        index.add(scene)
+    index.remove(3)
+    assert len(index) == 11 and index.query(scenes[4])[0][0] == 3
+    assert index.query(scenes[2])[0][0] == 2
+    with pytest.raises(ConfigError, match="no scene 11 among 11"):
+        index.remove(11)
+
+
+def points_of(count: int) -> Cloud:
+    """So many points in as many cells of one object."""
+    azimuth = np.radians(2.0 * np.arange(count))
+    place = [2 * np.cos(azimuth), 2 * np.sin(azimuth), np.full(count, 0.4)]
+    return Cloud(np.stack(place, axis=1).astype(np.float32), np.full((count, 3), 80, np.uint8))
+
+
+@pytest.mark.parametrize("count", [0, 1, 9])
+def test_too_few_cells_are_never_aligned_or_stored(count: int) -> None:
+    few = scene_of(points_of(count))
+    room_scene = many_scenes(1)[0]
+    for pair in ((few, few), (few, room_scene), (room_scene, few)):
+        assert align_scenes(*pair).probability == 0
+    index = AlignmentIndex()
+    assert index.query(few) == [] and index.add(few) == 0
+    assert all(alignment.probability == 0 for _, alignment in index.query(room_scene))
+    matcher = ViewMatcher(merged(ViewMatcherConfig(), {"scene": {"min_points": 2, "min_size": 1}}))
+    for _ in range(2):
+        match = matcher.process(points_of(count))
+        assert (match.id, match.stored, match.is_new) == (NO_VIEW, False, False)
+    assert matcher.stats.nothing == 2 and len(matcher) == 0
+    assert matcher.process(points_of(12)).id == 0
+
+
+def drive(visits: tuple[int, ...]) -> list[Cloud]:
+    """The middle of a room a visit, from a little beside on each."""
+    clouds = []
+    for visit, number in enumerate(visits):
+        stored, current = two_poses(number)
+        share = (visit % 3) / 2
+        pose = tuple(a + share * (b - a) for a, b in zip(stored, current, strict=True))
+        clouds.append(scan(room(number), pose, seed=visit))  # type: ignore[arg-type]
+    return clouds
+
+
+VISITS = (0, 1, 2, 0, 3, 1, 0, 2, 4, 3, 0, 1)
+
+
+def test_the_matcher_says_where_the_robot_is_beside_the_stored_view() -> None:
+    matcher = ViewMatcher()
+    stored, current = two_poses(5)
+    first = matcher.process(scan(room(5), stored, seed=1))
+    again = matcher.process(scan(room(5), current, seed=2))
+    assert first.relative_pose is None and (again.id, again.matched) == (0, 0)
+    assert again.relative_pose is not None
+    assert is_at(again.relative_pose, seen_from(stored, current))
+    assert again.reason == f"matched view 0: probability {again.similarity:.4g} >= {PROBABILITY}"
+
+
+def test_places_get_their_ids_and_a_saved_matcher_goes_on_exactly(tmp_path: Path) -> None:
+    clouds, whole, parts = drive(VISITS), ViewMatcher(), ViewMatcher()
+    found = [whole.process(cloud) for cloud in clouds]
+    assert [match.id for match in found] == list(VISITS)
+    for number, cloud in enumerate(clouds):
+        assert parts.process(cloud) == found[number]
+        parts.save(tmp_path / "views.npz")
+        parts = ViewMatcher.load(tmp_path / "views.npz")
+    assert parts.stats == whole.stats and parts.comparison.kind == "alignment"
+    assert parts.stats.bytes == parts.comparison.state()["scenes"].nbytes
+
+
+def test_memory_stays_within_its_bound() -> None:
+    matcher = ViewMatcher(ViewMatcherConfig(max_views=2))
+    clouds = drive((0, 1, 0, 2, 0, 1, 1))
+    found = []
+    for cloud in clouds:
+        found.append(matcher.process(cloud).id)
+        assert len(matcher) == len(matcher.comparison) <= 2
+        assert matcher.stats.bytes == matcher.comparison.state()["scenes"].nbytes
+    # 1 was needed before 0 was, so 2 took its place: it is new again.
+    assert found == [0, 1, 0, 2, 0, 3, 3] and matcher.stats.dropped == 2
+
+
+def test_scenes_from_clouds_bytes_and_with_floor_match_alike() -> None:
+    matchers = [ViewMatcher() for _ in range(3)]
+    for cloud in drive(VISITS[:6]):
+        assert cloud.colors is not None
+        floor = np.array([[1.0, 0.2, 0.05], [2, -0.3, -0.1]], np.float32)
+        colors = np.concatenate([cloud.colors, np.full((2, 3), 9, np.uint8)])
+        on_floor = Cloud(np.concatenate([cloud.points, floor]), colors)
+        back = Scene.from_bytes(scene_of(cloud).to_bytes())
+        one, two, three = (
+            matcher.process(item)
+            for matcher, item in zip(matchers, (cloud, on_floor, back), strict=True)
+        )
+        assert one == two == three
+
+
+def nan_cloud() -> Cloud:
+    cloud = scan(room(0), (0, 0, 0))
+    points: NDArray[np.float32] = cloud.points.copy()
+    points[9, 2] = np.nan
+    return Cloud(points, cloud.colors)
+
+
+def test_what_cannot_be_compared_is_refused_and_changes_nothing() -> None:
+    matcher = ViewMatcher()
+    cloud = scan(room(0), (0, 0, 0))
+    matcher.process(cloud)
+    before = matcher.stats
+    with pytest.raises(DataError, match="objects but no range image: build it with image=True"):
+        matcher.process(scene_of(cloud, preset="author"))
+    with pytest.raises(DataError, match="point 9 is not finite"):
+        matcher.process(nan_cloud())
+    with pytest.raises(DataError, match="colours"):
+        matcher.process(Cloud(cloud.points))
+    assert matcher.stats == before and matcher.process(cloud).id == 0
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"candidates": 0},
+        {"iterations": 0},
+        {"points": 3},
+        {"first_scale": 0.0},
+        {"last_scale": -1.0},
+        {"tolerance": float("nan")},
+        {"reach": 0.0},
+        {"turn": 181.0},
+        {"tilt": 1.0},
+    ],
+)
+def test_bad_configurations_are_refused_by_name(values: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match=next(iter(values))):
+        AlignmentConfig(**values)
+    with pytest.raises(ConfigError, match=next(iter(values))):
+        merged(ViewMatcherConfig(), {"alignment": values})

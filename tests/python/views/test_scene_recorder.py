@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scene sets recorded while a robot drives, against those recorded of its data."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from command_line import succeeds
+from fusionslam import open_dataset
+from fusionslam.datasets.range_recording import RangeRecording
+from fusionslam.errors import ClockError, ConfigError, DataError, ShapeError
+from fusionslam.fusion import ROBOT_FUSION, fuse
+from fusionslam.pipelines.scenes import record_scenes
+from fusionslam.sensors.frame import Cloud
+from fusionslam.sensors.messages import Odometry
+from fusionslam.sensors.pose_buffer import PosesInTime
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.scene_recorder import SceneRecorder
+from fusionslam.views.scene_set import SceneSet
+from fusionslam.views.scenes import Scene, SceneConfig, build_scene
+from object_places import LAPS, NOTHING, drive, place, write_recording
+
+S = 1_000_000_000
+ARRAYS = ("stamps_ns", "numbers", "empty", "poses")
+
+
+def differing(one: SceneSet, other: SceneSet) -> list[str]:
+    """Names of what differs between two sets, but for where they come from."""
+    names = [n for n in ARRAYS if not np.array_equal(getattr(one, n), getattr(other, n))]
+    names += [
+        name
+        for name in ("name", "frame", "scenes", "scene_config")
+        if getattr(one, name) != getattr(other, name)
+    ]
+    if one.clouds is None or other.clouds is None:
+        return names + ["clouds"] * (one.clouds is not other.clouds)
+    parts = ("points", "colors", "offsets")
+    return names + [
+        part
+        for part in parts
+        if not np.array_equal(getattr(one.clouds, part), getattr(other.clouds, part))
+    ]
+
+
+def recorded(scenes: SceneSet, **options: Any) -> SceneRecorder:
+    """What a recorder makes of the clouds of a set when they come one by one."""
+    assert scenes.clouds is not None
+    recorder = SceneRecorder(scenes.name, frame=scenes.frame, **options)
+    config = options.get("scene_config")
+    for index in range(len(scenes)):
+        cloud = scenes.clouds[index]
+        item = cloud if config is None else build_scene(cloud.points, cloud.colors, config=config)
+        pose = None if scenes.poses is None else scenes.poses[index]
+        recorder.add(int(scenes.stamps_ns[index]), item, pose)
+    return recorder
+
+
+@pytest.mark.parametrize("world", ["warehouse", "small_house"])
+def test_recorded_scans_give_the_set_that_views_record_writes(
+    test_data: Path, tmp_path: Path, world: str
+) -> None:
+    source = test_data / "recordings" / f"{world}.npz"
+    whole = record_scenes(RangeRecording.open(source))
+    succeeds("views", "record", source, "-o", tmp_path / "set.npz")
+    recorded(whole).save(tmp_path / "live.npz")
+    live, written = (SceneSet.load(tmp_path / f"{name}.npz") for name in ("live", "set"))
+    assert differing(live, written) == [] and len(live) > 400
+
+
+def test_so_do_scenes_alone(tmp_path: Path) -> None:
+    write_recording(tmp_path / "boxes.npz", (*LAPS, 8, -1, 8))
+    words = ("views", "record", tmp_path / "boxes.npz", "-o", tmp_path / "set", "--only-scenes")
+    succeeds(*words)
+    whole = record_scenes(RangeRecording.open(tmp_path / "boxes.npz"))
+    recorded(whole, scene_config=SceneConfig()).save(tmp_path / "live.npz")
+    live, written = (SceneSet.load(tmp_path / f"{name}.npz") for name in ("live", "set"))
+    assert differing(live, written) == [] and live.empty.any()
+    assert live.fits(SceneConfig()) and live.scenes_with(SceneConfig())[0] == written.scenes[0]  # type: ignore[index]
+
+
+def test_a_bag_gives_its_set_frame_by_frame(test_data: Path) -> None:
+    pytest.importorskip("rosbags")
+    from fusionslam.datasets.bags.reader import open_bag
+
+    path = test_data / "bags" / "small_house_20s.bag"
+    dataset = open_dataset(path, topics={"points": "/velodyne_points"})
+    poses, recorder = PosesInTime(), SceneRecorder(dataset.name)
+    with open_bag(path) as bag:
+        for event in bag.events(["/odom"]):
+            assert isinstance(event.message, Odometry)
+            poses.add(event.message)
+    for frame in dataset:
+        recorder.add(frame.stamp_ns, fuse(frame, ROBOT_FUSION), poses.at(frame.stamp_ns))
+    live, whole = recorder.scene_set(), record_scenes(dataset)
+    np.testing.assert_allclose(live.true_poses(), whole.true_poses(), atol=1e-9)
+    assert differing(replace(live, poses=whole.poses), whole) == []
+
+
+def test_what_it_writes_is_matched_judged_and_tuned_on(tmp_path: Path) -> None:
+    path = tmp_path / "live.npz"
+    recorded(drive((*LAPS, -1))).save(path)
+    text = succeeds("views", "match", path, "-o", tmp_path / "out", "--no-report").stdout
+    assert "15 scans: 8 matched, 6 places, 1 with nothing to recognise" in text
+    assert "100.0 %" in text
+    succeeds("views", "curve", path, "-o", tmp_path / "curve", "--set", "views.method=scenes")
+    quick = ("--set", "tuning.population=4", "--set", "tuning.generations=2", "--jobs", "1")
+    succeeds("tune", path, "-o", tmp_path / "tuned", *quick)
+
+
+def test_scans_without_a_pose_are_left_out_and_counted() -> None:
+    recorder = SceneRecorder("boxes")
+    poses = [(0, 0, 0), None, (1, 2, 3), None]
+    for number, pose in enumerate(poses):
+        recorder.add(number * S, place(number), pose)
+    scenes = recorder.scene_set()
+    assert (len(recorder), recorder.without_pose, recorder.dropped) == (2, 2, 0)
+    assert scenes.numbers.tolist() == [0, 2] and scenes.stamps_ns.tolist() == [0, 2 * S]
+    assert scenes.true_poses().tolist() == [[0, 0, 0], [1, 2, 3]]
+    assert scenes.clouds is not None and len(scenes.clouds[1]) == len(place(2))
+
+
+def test_without_poses_all_scans_are_kept_and_the_set_has_none() -> None:
+    recorder = SceneRecorder("boxes", with_poses=False)
+    recorder.add(0, place(0), None)
+    recorder.add(S, NOTHING, (1, 2, 3))
+    scenes = recorder.scene_set()
+    assert scenes.poses is None and scenes.empty.tolist() == [False, True]
+    assert recorder.without_pose == 0
+
+
+def test_no_more_scans_are_kept_than_allowed_and_the_others_are_counted() -> None:
+    recorder = recorded(drive(LAPS), max_scans=5)
+    assert (len(recorder), recorder.dropped) == (5, len(LAPS) - 5)
+    assert recorder.scene_set().numbers.tolist() == [0, 1, 2, 3, 4]
+
+
+def test_a_recorder_without_scans_writes_a_set_without_scans(tmp_path: Path) -> None:
+    for scenes in (None, SceneConfig()):
+        SceneRecorder("none", scene_config=scenes).save(tmp_path / "set.npz")
+        assert len(SceneSet.load(tmp_path / "set.npz")) == 0
+
+
+def test_clouds_are_copied_so_that_buffers_can_be_used_again() -> None:
+    recorder, cloud = SceneRecorder("boxes"), place(0)
+    recorder.add(0, cloud, (0, 0, 0))
+    cloud.points[:] = 0
+    kept = recorder.scene_set().clouds
+    assert kept is not None and np.array_equal(kept[0].points, place(0).points)
+
+
+def test_scenes_of_views_are_what_a_matcher_compares() -> None:
+    config = SceneConfig()
+    recorder, builder = SceneRecorder("boxes", scene_config=config), ViewMatcher().comparison
+    for number in range(3):
+        scene = builder.scene(builder.view(place(number)))
+        assert isinstance(scene, Scene)
+        recorder.add(number, scene, (0, 0, 0))
+    cloud = place(2)
+    expected = build_scene(cloud.points, cloud.colors, config=config)
+    assert recorder.scene_set().scenes[2] == Scene.from_bytes(expected.to_bytes())  # type: ignore[index]
+
+
+def test_a_clock_that_goes_back_is_refused_and_changes_nothing() -> None:
+    recorder = SceneRecorder("boxes")
+    recorder.add(9 * S, place(0), (0, 0, 0))
+    with pytest.raises(ClockError, match="lies 8 s before the last one"):
+        recorder.add(S, place(1), (0, 0, 0))
+    recorder.add(9 * S, place(1), (0, 0, 0))
+    assert recorder.scene_set().numbers.tolist() == [0, 1]
+
+
+def broken(row: int) -> Cloud:
+    cloud = place(0)
+    cloud.points[row, 1] = np.inf
+    return cloud
+
+
+@pytest.mark.parametrize(
+    ("item", "pose", "error", "words"),
+    [
+        (Cloud(place(0).points), (0, 0, 0), DataError, "no colours"),
+        (broken(3), (0, 0, 0), DataError, "NaN or infinity"),
+        (Cloud(np.zeros((2, 3)), np.zeros((2, 3), "u1")), (0, 0, 0), ShapeError, "float64"),  # type: ignore[arg-type]
+        (Cloud(place(0).points, place(1).colors[:4]), (0, 0, 0), ShapeError, r"colors .*\(4, 3\)"),  # type: ignore[index]
+        (build_scene(NOTHING.points, NOTHING.colors), (0, 0, 0), ShapeError, "got Scene"),
+        (place(0), (0, np.nan, 0), DataError, "poses: row 0"),
+        (place(0), (0, 0), ShapeError, "poses"),
+    ],
+)
+def test_wrong_scans_are_refused_and_change_nothing(
+    item: Any, pose: Any, error: type[Exception], words: str
+) -> None:
+    recorder = SceneRecorder("boxes")
+    with pytest.raises(error, match=words):
+        recorder.add(5, item, pose)
+    assert len(recorder) == recorder.without_pose == 0
+    recorder.add(0, place(0), (0, 0, 0))
+    assert recorder.scene_set().numbers.tolist() == [0]
+
+
+def test_clouds_where_scenes_are_kept_and_a_negative_bound_are_refused() -> None:
+    with pytest.raises(ShapeError, match="expected a Scene, got Cloud"):
+        SceneRecorder("boxes", scene_config=SceneConfig()).add(0, place(0), (0, 0, 0))
+    with pytest.raises(ConfigError, match="max_scans is -1"):
+        SceneRecorder("boxes", max_scans=-1)

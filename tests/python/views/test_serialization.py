@@ -1,0 +1,268 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Views that go to another process as bytes, which must change nothing."""
+
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusionslam.config import merged
+from fusionslam.datasets.range_recording import RangeRecording
+from fusionslam.descriptors import DescriptorConfig
+from fusionslam.errors import DataError
+from fusionslam.pipelines.scenes import record_scenes
+from fusionslam.sensors.frame import Cloud
+from fusionslam.views.comparison import Comparison, View
+from fusionslam.views.matcher import ViewMatch, ViewMatcher, ViewMatcherConfig
+from fusionslam.views.scenes import build_scene, scene_from_arrays, scene_to_arrays
+from fusionslam.views.serialization import FORMAT, view_from_bytes, view_to_bytes
+from object_places import LAPS, NOTHING, drive, place
+from second_stages import MeanColor, two_stages
+
+LINE = Cloud(np.arange(90, dtype=np.float32).reshape(-1, 3) * [1, 0, 0], np.zeros((30, 3), "u1"))
+KINDS: dict[str, dict[str, Any]] = {
+    "alignment": {},
+    "objects": {"method": "scenes"},
+    "objects with images": {"method": "scenes", "scene": {"image": True}},
+    "paper": {"preset": "paper", "min_objects": 0},
+    "author": {"preset": "author"},
+    "cm2dp": {"method": "descriptor"},
+    "m2dp": {"method": "descriptor", "descriptor": "m2dp", "policy": "several"},
+}
+TWO_STAGES = "two stages"
+
+
+def matcher(kind: str) -> ViewMatcher:
+    if kind == TWO_STAGES:
+        return two_stages(MeanColor())
+    return ViewMatcher(merged(ViewMatcherConfig(), KINDS[kind]))
+
+
+def sent(builder: Comparison, one: ViewMatcher, clouds: list[Cloud]) -> list[ViewMatch]:
+    """What a matcher says of views that another comparison made and that came as bytes."""
+    taken = [view_to_bytes(builder, builder.view(cloud)) for cloud in clouds]
+    return [one.process(view_from_bytes(one.comparison, data)) for data in taken]
+
+
+def made_clouds() -> list[Cloud]:
+    clouds = drive((*LAPS, -1, 3, 7, -1, 0)).clouds
+    assert clouds is not None
+    few = Cloud(place(0).points[:3], place(0).colors[:3])  # type: ignore[index]
+    return [NOTHING, *(clouds[i] for i in range(len(clouds))), LINE, few, place(9, objects=1)]
+
+
+@pytest.mark.parametrize("kind", [*KINDS, TWO_STAGES])
+def test_views_sent_as_bytes_are_recognised_as_their_clouds_are(kind: str, tmp_path: Path) -> None:
+    clouds = made_clouds()
+    straight, distant = matcher(kind), matcher(kind)
+    expected = [straight.process(cloud) for cloud in clouds]
+    assert sent(matcher(kind).comparison, distant, clouds) == expected
+    assert {match.is_new for match in expected} == {True, False}
+    assert straight.stats == distant.stats
+    distant.save(tmp_path / "views")
+    fresh = matcher(kind).comparison if kind == TWO_STAGES else None
+    again = ViewMatcher.load(tmp_path / "views", comparison=fresh)
+    assert sent(matcher(kind).comparison, again, clouds) == [straight.process(c) for c in clouds]
+
+
+@pytest.mark.parametrize("world", ["warehouse", "small_house"])
+@pytest.mark.parametrize("kind", ["alignment", "objects with images", "paper", "cm2dp"])
+def test_so_are_views_of_recorded_scans(test_data: Path, world: str, kind: str) -> None:
+    scans = record_scenes(RangeRecording.open(test_data / "recordings" / f"{world}.npz")).clouds
+    assert scans is not None
+    clouds = [scans[index] for index in range(0, len(scans), 8)]
+    straight, distant = matcher(kind), matcher(kind)
+    expected = [straight.process(cloud) for cloud in clouds]
+    assert sent(matcher(kind).comparison, distant, clouds) == expected
+    assert any(not match.is_new for match in expected) and straight.stats == distant.stats
+
+
+def test_the_shipped_second_stage_is_told_the_same() -> None:
+    pytest.importorskip("onnxruntime")
+    config = ViewMatcherConfig(second_stage="places")
+    straight, distant = ViewMatcher(config), ViewMatcher(config)
+    expected = [straight.process(cloud) for cloud in made_clouds()]
+    assert sent(ViewMatcher(config).comparison, distant, made_clouds()) == expected
+    short = two_stages(MeanColor()).comparison  # has three features
+    data = view_to_bytes(short, short.view(place(0)))
+    with pytest.raises(DataError, match=r"comparison 'two_stage\.scenes', expected 'two_stage\.a"):
+        view_from_bytes(distant.comparison, data)
+
+
+def test_scenes_come_back_as_they_were_with_boxes_and_image() -> None:
+    for cloud in made_clouds():
+        scene = build_scene(cloud.points, cloud.colors)
+        assert scene_from_arrays(scene_to_arrays(scene)) == scene
+
+
+@pytest.mark.parametrize("kind", ["alignment", TWO_STAGES, "cm2dp"])
+def test_a_view_tells_the_objects_it_was_made_of(kind: str) -> None:
+    compares, cloud = matcher(kind).comparison, place(2)
+    scene = compares.scene(compares.view(cloud))
+    assert (scene is None) == (kind == "cm2dp")
+    assert scene is None or scene == build_scene(cloud.points, cloud.colors)
+
+
+def test_equal_views_have_equal_bytes() -> None:
+    one, two = matcher("alignment").comparison, matcher("alignment").comparison
+    assert view_to_bytes(one, one.view(place(3))) == view_to_bytes(two, two.view(place(3)))
+
+
+@pytest.mark.parametrize("kind", ["alignment", "cm2dp", TWO_STAGES])
+def test_bytes_that_are_cut_or_damaged_are_refused(kind: str) -> None:
+    compares, random = matcher(kind).comparison, np.random.default_rng(3)
+    whole = view_to_bytes(compares, compares.view(place(0)))
+    for size in {0, 1, len(FORMAT), len(FORMAT) + 4, *range(0, len(whole), 17), len(whole) - 1}:
+        with pytest.raises(DataError, match="view: "):
+            view_from_bytes(compares, whole[:size])
+    for place_of_it in random.integers(0, len(whole), 300).tolist():
+        damaged = bytearray(whole)
+        damaged[place_of_it] ^= int(random.integers(1, 256))
+        with pytest.raises(DataError, match=r"cut short or damaged|expected fusionslam\.view\.1"):
+            view_from_bytes(compares, bytes(damaged))
+    for other in (b"a text", b"fusionslam.view.2\n" + whole[len(FORMAT) :]):
+        with pytest.raises(DataError, match=r"begins with .*expected fusionslam\.view\.1"):
+            view_from_bytes(compares, other)
+
+
+def with_sum(content: bytes) -> bytes:
+    return FORMAT + zlib.crc32(content).to_bytes(4, "little") + content
+
+
+def test_contents_that_others_wrote_never_crash_it() -> None:
+    compares, random = matcher("alignment").comparison, np.random.default_rng(5)
+    whole = view_to_bytes(compares, compares.view(place(0)))[len(FORMAT) + 4 :]
+    refused = 0
+    for number in range(1500):
+        foreign = bytearray(whole[: len(whole) - (number % 3 == 0) * int(random.integers(1, 99))])
+        for spot in random.integers(-600 if number % 2 else -len(foreign), 0, 2).tolist():
+            foreign[spot] = int(random.integers(256))
+        try:
+            view_from_bytes(compares, with_sum(bytes(foreign)))
+        except DataError:
+            refused += 1
+    assert refused > 1000
+    with pytest.raises(DataError, match="no arrays"):
+        view_from_bytes(compares, with_sum(b""))
+
+
+class Sends:
+    """A comparison whose views are whatever arrays they are said to be."""
+
+    def __init__(self, kind: str, arrays: dict[str, Any], about: dict[str, Any]) -> None:
+        self.kind, self.arrays, self.about = kind, arrays, about
+
+    def made_with(self) -> dict[str, Any]:
+        return self.about
+
+    def arrays_of(self, view: View) -> dict[str, Any]:
+        return self.arrays
+
+
+def refusal(kind: str, change: dict[str, Any]) -> str:
+    """Why a matcher refuses a view's arrays once they were changed; None takes one out."""
+    compares = matcher(kind).comparison
+    arrays = {**compares.arrays_of(compares.view(place(0))), **change}
+    left = {name: array for name, array in arrays.items() if array is not None}
+    sender: Any = Sends(compares.kind, left, compares.made_with())
+    with pytest.raises(DataError) as caught:
+        view_from_bytes(compares, view_to_bytes(sender, View(None, 0)))
+    assert "need the same configuration of views" in str(caught.value)
+    return str(caught.value)
+
+
+def changed(name: str, field: str, value: float) -> dict[str, Any]:
+    cloud = place(0)
+    array = scene_to_arrays(build_scene(cloud.points, cloud.colors))[name].copy()
+    array[field][0] = value
+    return {name: array}
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "words"),
+    [
+        ("alignment", {"objects": None}, "no array 'objects'"),
+        ("alignment", changed("objects", "volume", np.nan), "volume is not finite"),
+        ("alignment", changed("objects", "center", np.inf), "center is not finite"),
+        ("alignment", changed("objects", "points", 0), "points is 0"),
+        ("alignment", changed("cells", "column", 9999), "cell"),
+        ("alignment", {"cells": np.zeros(3)}, r"cells is float64 (3,)"),
+        ("alignment", {"directions": np.full(5, np.nan, np.float32)}, "directions are"),
+        ("alignment", {"directions": np.zeros(4, np.float32)}, "expected 5"),
+        ("alignment", {"directions": np.zeros(5, np.float32)}, "steps of 0.0"),
+        ("cm2dp", {"descriptor": None}, "no array 'descriptor'"),
+        ("cm2dp", {"descriptor": np.zeros(192, np.float32)}, "(576,), got shape (192,)"),
+        ("cm2dp", {"descriptor": np.zeros(576)}, "float64, expected float32"),
+        ("cm2dp", {"descriptor": np.full(576, np.inf, np.float32)}, "not finite"),
+        (TWO_STAGES, {"features": np.array([1, np.nan, 2], np.float32)}, "not finite"),
+        (TWO_STAGES, {"features": np.zeros((1, 3), np.float32)}, "float32 (1, 3)"),
+        (TWO_STAGES, {"features": None}, "no array 'features'"),
+    ],
+)
+def test_arrays_that_no_cloud_gives_are_refused(
+    kind: str, change: dict[str, Any], words: str
+) -> None:
+    assert words in refusal(kind, change)
+
+
+def test_features_of_nothing_are_refused() -> None:
+    compares = matcher(TWO_STAGES).comparison
+    arrays = compares.arrays_of(compares.view(NOTHING))
+    assert "features (3,) of nothing" in refusal(TWO_STAGES, arrays | {"features": np.zeros(3)})
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "words"),
+    [
+        ({}, {"method": "descriptor"}, "comparison 'alignment', expected 'descriptor'"),
+        ({"scene": {"azimuth_step": 2.0}}, {}, "scene.azimuth_step 2.0, expected 1.0"),
+        (
+            {"method": "descriptor", "descriptor": "m2dp"},
+            {"method": "descriptor"},
+            "descriptor 'm2dp', expected 'cm2dp'",
+        ),
+    ],
+)
+def test_views_that_were_made_otherwise_are_refused(
+    one: dict[str, Any], other: dict[str, Any], words: str
+) -> None:
+    builder, taker = (
+        ViewMatcher(merged(ViewMatcherConfig(), values)).comparison for values in (one, other)
+    )
+    data = view_to_bytes(builder, builder.view(place(0)))
+    with pytest.raises(DataError, match=f"was made with {words}"):
+        view_from_bytes(taker, data)
+
+
+def test_so_are_views_with_features_of_another_network() -> None:
+    pytest.importorskip("onnxruntime")
+    builder, taker = (
+        ViewMatcher(ViewMatcherConfig(second_stage=name)).comparison
+        for name in ("thesis", "places")
+    )
+    data = view_to_bytes(builder, builder.view(place(0)))
+    with pytest.raises(DataError, match=r"was made with second_stage '[0-9a-f]{16}', expected"):
+        view_from_bytes(taker, data)
+
+
+@pytest.mark.parametrize("kind", ["alignment", "cm2dp"])
+def test_what_only_the_matcher_needs_may_differ(kind: str) -> None:
+    builder = matcher(kind).comparison
+    data = view_to_bytes(builder, builder.view(place(0)))
+    values = {**KINDS[kind], "threshold": 0.5, "min_objects": 4, "policy": "several"}
+    config, threads = merged(ViewMatcherConfig(), values), DescriptorConfig(threads=2)
+    taker = ViewMatcher(config, descriptors=threads)
+    assert (
+        "objects, min_objects is 4" in taker.process(view_from_bytes(taker.comparison, data)).reason
+    )
+    assert view_from_bytes(taker.comparison, data).objects == (3 if kind == "alignment" else 1)
+
+
+@pytest.mark.parametrize("text", [b"{", b"[1]", b"\xff", b""])
+def test_views_that_do_not_say_how_they_were_made_are_refused(text: bytes) -> None:
+    assert "does not say how it was made" in refusal(
+        "alignment", {"about": np.frombuffer(text, np.uint8)}
+    )
