@@ -27,7 +27,7 @@ void bind_result(py::module_& module) {
                     "That both scans were taken within 0.8 m and 22.9 deg of each other; 0 beyond "
                     "reach and turn of the configuration.")
       .def_property_readonly("evidence", &evidence_of,
-                             "What speaks for and against it, by name (docs/views_alignment.md).")
+                             "What speaks for and against it, by name.")
       .def("__repr__", [](const Alignment& self) {
         std::ostringstream text;
         text << "<Alignment x " << self.x << " m, y " << self.y << " m, yaw " << self.yaw
@@ -48,7 +48,7 @@ void bind_functions(py::module_& module) {
       R"(Whether two scenes show one place, by laying one range image over the other.
 
 Point-to-plane ICP with projective data association, in the plane, from several starts. The
-probability is calibrated: docs/views_alignment.md says on what.
+probability is calibrated: docs/stages/views/alignment.md says on what.
 
 Args:
     config: an AlignmentConfig.

@@ -30,7 +30,7 @@ from fusionslam.views.matcher import PROBABILITY
 
 ROOT = Path(__file__).parents[2]
 WEIGHTS = ROOT / "cpp" / "src" / "views" / "alignment_weights.inc"
-PAGE = ROOT / "docs" / "views_alignment.md"
+PAGE = ROOT / "docs" / "stages" / "views" / "alignment.md"
 MADE = ("house", "warehouse")
 RECORDED = (("warehouse", "collision"), ("warehouse", "visual"))
 UNSEEN = (("small_house", "collision"), ("small_house", "visual"))

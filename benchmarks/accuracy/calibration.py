@@ -28,7 +28,7 @@ from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import CameraInfo, Picture
 from fusionslam.sim import embedded_drive
 
-PAGE = ROOT / "docs" / "calibration.md"
+PAGE = ROOT / "docs" / "guides" / "calibration.md"
 HEADER = ("recording", "frames", "put in", "roll, pitch, yaw found", "delay found", "verdict")
 BAG = Path("bags", "small_house_20s.bag")
 WRONG_TURN = (0.0, 1.0, -1.5)
@@ -74,7 +74,7 @@ class Turned:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="put it into docs/calibration.md")
+    parser.add_argument("--write", action="store_true", help="put it into the docs")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         text = table(HEADER, [judged(case) for case in cases(data_folder(), Path(scratch))])

@@ -3,9 +3,9 @@
 """Checks this program against the originals' stored output and prints a Markdown table.
 
 python -m benchmarks.accuracy.checks            # needs the folder named by FUSIONSLAM_TEST_DATA
-python -m benchmarks.accuracy.checks --write    # and put the table into docs/checks.md
+python -m benchmarks.accuracy.checks --write    # and put the table into docs/results/checks.md
 
-Exits with 1 if a check came out beyond its bound. What lies in the folder: docs/checks.md.
+Exits with 1 if a check came out beyond its bound. What lies in the folder: docs/results/checks.md.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.datasets import open_dataset, read_poses_kitti
 from fusionslam.evaluation import precision_recall
 
-# Explained in docs/checks.md; they count as missed, but do not fail a script.
+# Explained in docs/results/checks.md; they count as missed, but do not fail a script.
 KNOWN_SHORTFALLS = {"KITTI 00/000000, stereo `image_undistort` within 1 px of the scan, all"}
 
 

@@ -27,7 +27,7 @@ from fusionslam.sim.motion.planner import PlanConfig, plan_trajectory
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds import load_world
 
-PAGE = ROOT / "docs" / "motion.md"
+PAGE = ROOT / "docs" / "guides" / "motion.md"
 SEEDS = range(3)
 LENGTHS = (150.0, None)
 DRIVES = ["world", "`length_m`", "driven", "within 1 m", "within 1.5 m", "same way"]
@@ -47,7 +47,7 @@ class Drive:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="put the table into docs/motion.md")
+    parser.add_argument("--write", action="store_true", help="put the table into the docs")
     arguments = parser.parse_args()
     text = drives_table()
     print(text)

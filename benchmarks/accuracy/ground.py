@@ -36,7 +36,7 @@ from fusionslam.sim.town.route import make_drive
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds import load_world
 
-PAGE = ROOT / "docs" / "fusion.md"
+PAGE = ROOT / "docs" / "stages" / "fusion.md"
 SCANS = 20
 RUNS = 10
 ROBOTS = ("turtlebot3_waffle_pi", "turtlebot3_vlp16")
@@ -89,7 +89,7 @@ class Score:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="put the table into docs/fusion.md")
+    parser.add_argument("--write", action="store_true", help="put the table into the docs")
     arguments = parser.parse_args()
     header = ["world", "sensor", "points", "ground", *removals("robot", 0.1)]
     found = list(cases())

@@ -27,7 +27,7 @@ from fusionslam.sim.indoor.textures import indoor_textures
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.world import World
 
-PAGE = ROOT / "docs" / "indoor.md"
+PAGE = ROOT / "docs" / "guides" / "indoor_worlds.md"
 AZIMUTHS = 180
 WORLDS = ["world", "size", "visual triangles", "collision triangles", "objects", "within 5 cm"]
 WORLDS += ["processor time", "textures at hand"]
@@ -37,7 +37,7 @@ Place = tuple[float, float]
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="put the tables into docs/indoor.md")
+    parser.add_argument("--write", action="store_true", help="put the tables into the docs")
     arguments = parser.parse_args()
     texts = {"alike": alike_table(), "worlds": table(WORLDS, [row(name) for name in INDOOR_WORLDS])}
     print("\n\n".join(texts.values()))

@@ -21,7 +21,7 @@ import fusionslam
 from benchmarks.accuracy.data import ROOT, data_folder
 from benchmarks.accuracy.markdown import table, write_between
 
-PAGE = ROOT / "docs" / "checks.md"
+PAGE = ROOT / "docs" / "results" / "checks.md"
 Vector = NDArray[np.float32]
 Describe = Callable[[fusionslam.Cloud], Vector]
 
@@ -36,7 +36,7 @@ PAIRS = ("00 at 94", "00 at 198", "08 at 720")
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="put the table into docs/checks.md")
+    parser.add_argument("--write", action="store_true", help="put the table into the docs")
     arguments = parser.parse_args()
     text = pairs_table(data_folder())
     print(text)

@@ -23,7 +23,7 @@ from fusionslam.sim.scene import Scene
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds import load_world
 
-PAGE = ROOT / "docs" / "motion.md"
+PAGE = ROOT / "docs" / "guides" / "motion.md"
 MAPS = ["world", "scenes", "occupied or not, agrees", "reachable, too", "of all their cells"]
 MAPS += ["beyond ours", "only theirs, off borders", "only ours, off borders"]
 Bools = NDArray[np.bool_]
@@ -47,7 +47,7 @@ class Overlay:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="put the table into docs/motion.md")
+    parser.add_argument("--write", action="store_true", help="put the table into the docs")
     arguments = parser.parse_args()
     text = maps_table()
     print(text)

@@ -4,7 +4,7 @@
 
 python -m benchmarks.accuracy.presets            # the embedded drive
 python -m benchmarks.accuracy.presets DRIVE ...  # other recordings of the simulator
-python -m benchmarks.accuracy.presets --write    # and put it into docs/descriptors.md and README.md
+python -m benchmarks.accuracy.presets --write    # and put it into the docs and README.md
 """
 
 import argparse
@@ -21,7 +21,7 @@ from fusionslam.evaluation.loops import revisits as visits
 from fusionslam.sim import embedded_drive
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "descriptors.md"
+PAGE = ROOT / "docs" / "stages" / "descriptors.md"
 README = ROOT / "README.md"
 PRESETS = ("author", "paper", "robust")
 SOURCES = {"lidar": ["m2dp", "cm2dp"], "stereo": ["m2dp", "cm2dp"], "cloud": ["m2dp"]}

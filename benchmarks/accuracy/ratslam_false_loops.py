@@ -4,7 +4,7 @@
 on odometry that drifts, with and without the test of consistency, and with the original's map.
 
 python -m benchmarks.accuracy.ratslam_false_loops            # the table
-python -m benchmarks.accuracy.ratslam_false_loops --write    # into docs/ratslam.md, with a picture
+python -m benchmarks.accuracy.ratslam_false_loops --write    # into the docs, with a picture
 python -m benchmarks.accuracy.ratslam_false_loops --world warehouse
 """
 

@@ -4,7 +4,7 @@
 (2 % scale, 1 % rotation) and odometry without errors.
 
 python -m benchmarks.accuracy.ratslam_maps                        # the tables
-python -m benchmarks.accuracy.ratslam_maps --write                # into docs/ratslam.md, + pictures
+python -m benchmarks.accuracy.ratslam_maps --write                # into the docs, with pictures
 python -m benchmarks.accuracy.ratslam_maps --world small_house --views alignment,visual
 
 Recordings are those below FUSIONSLAM_TEST_DATA; the procedural worlds, "simulated warehouse" and so
@@ -25,7 +25,7 @@ from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
 from fusionslam.ratslam import RatSlamConfig
 from fusionslam.report.maps.map_figures import map_figure
 
-PAGE = ROOT / "docs" / "ratslam.md"
+PAGE = ROOT / "docs" / "stages" / "ratslam.md"
 PICTURES = ROOT / "docs" / "images"
 ODOMETRY: Mapping[str, OdometryConfig] = {
     "odometry that drifts: 2 % too far, turns 1 % too wide": DRIFT,

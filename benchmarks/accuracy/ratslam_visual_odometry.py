@@ -30,7 +30,7 @@ from fusionslam.pipelines.visual_odometry import image_stamps_ns, visual_motions
 from fusionslam.ratslam import RatSlam, RatSlamConfig, TemplateSource
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualSpeed, fit_speed
 
-PAGE = ROOT / "docs" / "ratslam.md"
+PAGE = ROOT / "docs" / "stages" / "ratslam.md"
 CAMERA = Path(__file__).with_name("quarter_camera.yaml")
 MADE = ("warehouse", "house", "hospital")
 HEADER = ["drive", "images", "preset", "turn rate off by", "in 90 % by less than", "heading off by"]
@@ -57,7 +57,7 @@ class Seen:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="put them into docs/ratslam.md")
+    parser.add_argument("--write", action="store_true", help="put them into the docs")
     arguments = parser.parse_args()
     rendered = list(drives())
     found = {

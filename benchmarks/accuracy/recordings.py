@@ -22,7 +22,7 @@ from fusionslam.sim.robot import base_from, robot_named
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.worlds import load_world
 
-PAGE = ROOT / "docs" / "sim.md"
+PAGE = ROOT / "docs" / "guides" / "simulation.md"
 HEADER = ["world", "shapes", "ranges", "within 24 mm", "within 40 mm", "deviation", "mean"]
 ROBOT = robot_named("turtlebot3_waffle_pi")
 SHAPES: tuple[Literal["collision", "visual"], ...] = ("collision", "visual")
@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="put the table into docs/sim.md")
+    parser.add_argument("--write", action="store_true", help="put the table into the docs")
     arguments = parser.parse_args()
     text = recordings_table(data_folder())
     print(text)

@@ -27,7 +27,7 @@ from fusionslam.views.second_stage.scores import area_under_curve
 from fusionslam.views.similarity import SceneIndex
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "learning.md"
+PAGE = ROOT / "docs" / "stages" / "views" / "second_stage.md"
 WORLDS = ("warehouse", "small_house")
 LEAST_POINTS, HELD_OUT = 20, 0.3
 SAME = (0.5, np.radians(36))

@@ -25,7 +25,7 @@ from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.views import Scene, SceneConfig, SceneIndex, SimilarityConfig, build_scene
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "views_similarity.md"
+PAGE = ROOT / "docs" / "stages" / "views" / "similarity.md"
 WORLDS = ("warehouse", "small_house")
 GROUND_M, OLDER_S = 0.1, 20.0
 REVISIT = (0.5, np.radians(30))

@@ -4,7 +4,7 @@
 
 python -m benchmarks.accuracy.views                # recordings below FUSIONSLAM_TEST_DATA
 python -m benchmarks.accuracy.views DATA ...       # others
-python -m benchmarks.accuracy.views --write        # and put the tables into docs/view_results.md
+python -m benchmarks.accuracy.views --write        # and put the tables into docs/results/views.md
 python -m benchmarks.accuracy.views -m robust,cm2dp
 """
 
@@ -18,7 +18,7 @@ from fusionslam.pipelines.drives import FRAMES, open_drive
 from fusionslam.pipelines.methods import ENTRANTS
 from fusionslam.report.views.comparison_tables import markdown
 
-PAGE = Path(__file__).parents[2] / "docs" / "view_results.md"
+PAGE = Path(__file__).parents[2] / "docs" / "results" / "views.md"
 
 
 def main() -> None:

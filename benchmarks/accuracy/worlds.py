@@ -20,7 +20,7 @@ from fusionslam.sim.scene import Hits, RayCaster, Scene
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds import load_world
 
-PAGE = ROOT / "docs" / "worlds.md"
+PAGE = ROOT / "docs" / "guides" / "world_files.md"
 HEADER = ["world", "shapes", "triangles, glTF", "SDF", "rays", "same range", "of the rays counted"]
 HEADER += ["pictures differ by"]
 PLACES = 40
@@ -38,7 +38,7 @@ class SameRanges(NamedTuple):
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="put the table into docs/worlds.md")
+    parser.add_argument("--write", action="store_true", help="put the table into the docs")
     arguments = parser.parse_args()
     rows = [row for name in WORLDS for row in compared(data_folder(), name)]
     text = table(HEADER, rows)

@@ -4,7 +4,7 @@
 
 A simulated drive through the made house is played at its own pace, twice: with the thesis's sensors
 (camera 30 Hz, LiDAR 2 Hz, a sector ahead), and with a VLP-16 (10 Hz, full circle) beside the same
-camera. With --write the table goes into docs/ros.md.
+camera. With --write the table goes into docs/guides/ros.md.
 """
 
 import sys
@@ -26,7 +26,7 @@ from fusionslam.sensors.frame_builder import FrameBuilder
 from fusionslam.sim.catalogue import MADE
 from fusionslam.sim.recordings import embedded_bag, recording_config
 
-PAGE = Path(__file__).parents[2] / "docs" / "ros.md"
+PAGE = Path(__file__).parents[2] / "docs" / "guides" / "ros.md"
 SCANS = "/velodyne_points"
 IMAGES = "/camera/rgb/image_raw/compressed"
 INPUTS = (SCANS, IMAGES, "/camera/rgb/camera_info", "/odom", "/tf", "/tf_static")

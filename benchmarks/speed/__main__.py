@@ -28,7 +28,9 @@ def main(
     only: Annotated[
         list[str] | None, typer.Option(help="A part to measure; repeat for more.")
     ] = None,
-    write: Annotated[bool, typer.Option("--write", help="Rewrite docs/performance.md.")] = False,
+    write: Annotated[
+        bool, typer.Option("--write", help="Rewrite docs/results/performance.md.")
+    ] = False,
 ) -> None:
     """Measure, compare the answers, print tables, write JSON and pictures."""
     from benchmarks.speed import report, run

@@ -20,7 +20,7 @@ from benchmarks.speed.run import PARTS, Run
 from benchmarks.speed.tables import Table, bounds, tables
 from fusionslam.storage.files import atomic_path
 
-PAGE = ROOT / "docs" / "performance.md"
+PAGE = ROOT / "docs" / "results" / "performance.md"
 PICTURE = ROOT / "docs" / "images" / "performance.png"
 COST, MEMORY = "performance.png", "memory.png"
 
@@ -78,7 +78,7 @@ def write_page(run: Run, folder: Path) -> None:
 
 
 def page(run: Run) -> str:
-    """The text of docs/performance.md."""
+    """The text of docs/results/performance.md."""
     by_title = {table.title: _markdown(table) for table in tables(run)}
     template = Template((Path(__file__).parent / "page.md").read_text(encoding="utf-8"))
     return template.substitute(

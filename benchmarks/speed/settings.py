@@ -123,7 +123,7 @@ REASONS: dict[str, str] = {
     "scikit-learn DBSCAN, SciPy ConvexHull, NumPy": (
         "half of it is DBSCAN, most of the rest Qhull, 0.1 ms a hull of nine boxes full of points; "
         "1.8 ms in the machine's quiet moments; scans of a robot, seen from one side, take 0.8 to "
-        "1.9 ms (docs/view_results.md)"
+        "1.9 ms (docs/results/views.md)"
     ),
     "action on a map of 136 nodes, openratslam / the same sweeps in NumPy": (
         "0.061 ms at least: 20 sweeps that take one link after the other, as the reference does, "

@@ -710,7 +710,7 @@ class Alignment:
     @property
     def evidence(self) -> dict[str, float]:
         """
-        What speaks for and against it, by name (docs/views_alignment.md).
+        What speaks for and against it, by name.
         """
     @property
     def probability(self) -> float:
@@ -966,7 +966,7 @@ def align_scenes(current: Scene, stored: Scene, *, config: AlignmentConfig | Non
     Whether two scenes show one place, by laying one range image over the other.
     
     Point-to-plane ICP with projective data association, in the plane, from several starts. The
-    probability is calibrated: docs/views_alignment.md says on what.
+    probability is calibrated: docs/stages/views/alignment.md says on what.
     
     Args:
         config: an AlignmentConfig.

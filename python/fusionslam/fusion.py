@@ -34,7 +34,7 @@ from fusionslam.sensors.frame import Camera, Cloud, CloudFrame, Frame
 # Beneath a car's LiDAR at 1.73 m (KITTI), and what Stastny's program takes for a robot's floor.
 _SCAN_GROUND_M, _ROBOT_GROUND_M = -1.4, 0.1
 # What the ground is found with in a robot's frame and in odometry's, where the core's values, a
-# car's, take furniture's feet for floor; docs/fusion.md says how well.
+# car's, take furniture's feet for floor; docs/stages/fusion.md says how well.
 _ROBOT_PLANE = {"distance": 0.05, "max_tilt": 5.0}
 _ROBOT_SEGMENTS = {"seed_height": 0.2, "distance": 0.1}
 

@@ -239,7 +239,7 @@ SOURCES: Mapping[str, NamedSource] = {
     "two-stage": NamedSource("objects, then a network that has to agree", _two_stages),
     "cm2dp": NamedSource(
         "the first thesis's descriptor",
-        # The ground helps it: docs/view_results.md.
+        # The ground helps it: docs/results/views.md.
         _by_matcher(method="descriptor", descriptor="cm2dp", ground=True),
     ),
     "visual": NamedSource(

@@ -56,7 +56,7 @@ FORMAT = "fusionslam.view_matcher.1"
 THRESHOLDS = {"robust": 0.74, "paper": 0.737, "author": 0.737}
 """From what similarity scenes match: as published; ours, where accuracy and precision meet."""
 PROBABILITY = 0.96
-"""From what probability aligned views match: docs/views_alignment.md says what it gives."""
+"""Probability from which aligned views match; see docs/stages/views/alignment.md."""
 _STATE = "state."
 
 

@@ -254,7 +254,7 @@ def test_doctor_fails_where_something_is_broken(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_the_page_of_the_command_line_names_every_option_of_every_command() -> None:
-    page = (Path(__file__).parents[3] / "docs/cli.md").read_text()
+    page = (Path(__file__).parents[3] / "docs/reference/cli.md").read_text()
     rows = re.findall(r"^\| `(--[a-z-]+)` \| ([a-z, -]+) \|", page, flags=re.MULTILINE)
     documented = {(name, command) for name, of in rows for command in of.split(", ")}
     commands = dict(typer.main.get_command(app).commands)  # type: ignore[attr-defined]

@@ -136,7 +136,7 @@ def test_a_wrong_calib_yaml_is_named_with_what_was_expected(
 
 
 def test_the_calib_yaml_of_the_documentation_is_valid(tmp_path: Path) -> None:
-    page = (Path(__file__).parents[3] / "docs/datasets.md").read_text()
+    page = (Path(__file__).parents[3] / "docs/reference/datasets.md").read_text()
     put_text(tmp_path / "calib.yaml", page.split("```yaml\n")[1].split("```")[0])
     cameras = read_calib_yaml(tmp_path / "calib.yaml")
     assert cameras["left"].size == (1241, 376) and cameras["right"].size is None

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The first program of docs/ratslam.md prints what stands below it."""
+"""The first program of docs/stages/ratslam.md prints what stands below it."""
 
 import math
 import re
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "ratslam.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "stages" / "ratslam.md"
 NUMBER = r"-?\d+(?:\.\d+)?"
 
 

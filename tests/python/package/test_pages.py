@@ -31,7 +31,17 @@ def beside(tmp_path: Path, kitti: Path, monkeypatch: pytest.MonkeyPatch) -> Path
 
 
 @pytest.mark.parametrize(
-    "page", ["bags", "sensors", "motion", "fusion", "scenes", "views", "ratslam", "../README"]
+    "page",
+    [
+        "guides/bags",
+        "guides/motion",
+        "stages/sensors",
+        "stages/fusion",
+        "stages/views/index",
+        "stages/views/scenes",
+        "stages/ratslam",
+        "../README",
+    ],
 )
 def test_the_python_of_a_page_runs_as_it_is_printed(page: str, beside: Path) -> None:
     pytest.importorskip("rosbags")
@@ -41,13 +51,11 @@ def test_the_python_of_a_page_runs_as_it_is_printed(page: str, beside: Path) -> 
         exec(compile(snippet, f"{page}.md", "exec"), {})
 
 
-@pytest.mark.parametrize(
-    "page", ["views_similarity", "views_alignment", "visual_templates", "learning"]
-)
+@pytest.mark.parametrize("page", ["similarity", "alignment", "templates", "second_stage"])
 def test_the_python_of_a_page_runs_with_what_it_takes_for_granted(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if page == "learning":
+    if page == "second_stage":
         pytest.importorskip("onnxruntime")
     cloud, later = place(1), place(1, visit=1)
     names = {"points": cloud.points, "colors": cloud.colors, "cloud": cloud}
@@ -55,7 +63,7 @@ def test_the_python_of_a_page_runs_with_what_it_takes_for_granted(
     names |= {"stored": build_scene(later.points, later.colors)}
     names |= {"image": np.zeros((240, 416, 3), np.uint8), "many": np.zeros((3, 256), np.float32)}
     monkeypatch.chdir(tmp_path)
-    for snippet in snippets(page):
+    for snippet in snippets(f"stages/views/{page}"):
         exec(compile(snippet, f"{page}.md", "exec"), names)
 
 
@@ -63,7 +71,7 @@ def test_the_python_of_the_page_of_worlds_runs_with_a_world(beside: Path, test_d
     pytest.importorskip("embreex")
     for file in (test_data / "worlds").glob("small_house*"):
         shutil.copy(file, beside)
-    (snippet,) = snippets("worlds")
+    (snippet,) = snippets("guides/world_files")
     names: dict[str, object] = {}
     exec(compile(snippet, "worlds.md", "exec"), names)
     assert len(names["floor"]) == 360 and any(names["floor"])  # type: ignore[arg-type, call-overload]

@@ -13,7 +13,7 @@ from doc_snippets import DOCS, snippets
 from fusionslam.evaluation import baselines, judge_views
 from judged_drives import scans_above_floor
 
-PAGE = "view_evaluation"
+PAGE = "stages/evaluation/views"
 
 
 @pytest.fixture

@@ -28,7 +28,7 @@ def nearest_half_up(value: float) -> int:
 
 
 def plain_image(cloud: Cloud, azimuth_step: float, elevation_step: float) -> NDArray[Any]:
-    """What docs/views_alignment.md says, point by point: rows of column, row, range, colour."""
+    """Project as docs/stages/views/alignment.md says: rows of column, row, range, colour."""
     assert cloud.colors is not None
     cells: dict[tuple[int, int], list[tuple[float, NDArray[np.uint8]]]] = {}
     for point, color in zip(cloud.points.astype(np.float64), cloud.colors, strict=True):

@@ -69,7 +69,7 @@ class Worker:
             self._complain(
                 topic,
                 "messages come faster than they are worked off: the oldest are dropped; publish "
-                "fewer, let the node do less (docs/ros.md), or raise ~node/queue",
+                "fewer, let the node do less (docs/guides/ros.md), or raise ~node/queue",
             )
 
     def work(self, timeout_s: float) -> bool:
