@@ -5,19 +5,26 @@
 import typer
 
 from fusionslam.cli import (
-    about,
+    bench,
     bench_views,
     calib_check,
-    data,
+    config,
+    demo,
+    describe,
+    doctor,
+    evaluate,
+    fuse,
+    info,
+    loops,
     ratslam,
+    report,
     reproduce,
-    results,
     ros,
     sim,
+    tune,
+    views,
 )
 from fusionslam.cli.failures import Guarded
-from fusionslam.cli.views import commands as views
-from fusionslam.cli.views.show import show
 
 app = typer.Typer(
     cls=Guarded,
@@ -30,27 +37,21 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-for command in (
-    results.demo,
-    sim.sim,
-    data.info,
-    data.fuse,
-    data.describe,
-    data.loops,
-    calib_check.calib_check,
-    results.evaluate,
-    results.bench,
-    bench_views.bench_views,
-    results.report,
-    views.tune,
-    ratslam.ratslam,
-    reproduce.reproduce,
-    about.config,
-    about.doctor,
-):
-    names = {"evaluate": "eval", "bench_views": "bench views"}
-    app.command(names.get(command.__name__, command.__name__.replace("_", "-")))(command)
-
-views.app.command()(show)
+app.command()(demo.demo)
+app.command()(sim.sim)
+app.command()(info.info)
+app.command()(fuse.fuse)
+app.command()(describe.describe)
+app.command()(loops.loops)
+app.command()(calib_check.calib_check)
+app.command("eval")(evaluate.evaluate)
+app.command()(bench.bench)
+app.command("bench views")(bench_views.bench_views)
+app.command()(report.report)
+app.command()(tune.tune)
+app.command()(ratslam.ratslam)
+app.command()(reproduce.reproduce)
+app.command()(config.config)
+app.command()(doctor.doctor)
 app.add_typer(views.app, name="views")
 app.add_typer(ros.app, name="ros")

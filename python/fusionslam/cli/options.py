@@ -309,6 +309,14 @@ def one_of(key: str, value: str, values: tuple[str, ...]) -> None:
         raise ConfigError(f"{key} is {value!r}, expected one of {', '.join(values)}{hint}")
 
 
+def check_protocol(protocol: str | None) -> None:
+    """Raise ConfigError for a protocol that does not exist; None is none at all."""
+    from fusionslam.evaluation import PROTOCOLS
+
+    if protocol is not None:
+        one_of("--protocol", protocol, tuple(PROTOCOLS))
+
+
 def command_line() -> str:
     """What was typed, as it could be typed again."""
     import shlex

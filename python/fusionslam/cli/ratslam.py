@@ -12,7 +12,7 @@ import typer
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import Step, progress
 from fusionslam.cli.failures import INTERRUPTED, needs_extra
-from fusionslam.cli.views.commands import whole_config
+from fusionslam.cli.views.options import build_config, refuse_reading_options
 from fusionslam.storage.files import made_folder
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def ratslam(
     if odometry is not None:
         opt.one_of("--odometry", odometry, ODOMETRY)
     first = {"recording": {"shapes": "collision"}, "ratslam": {"map": expected_drift(odometry)}}
-    whole = whole_config(None, config, changes, **first)
+    whole = build_config(None, config, changes, **first)
     slam, earlier = _mapper(whole, views, resume, changes)
     reading = (kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     with made_folder(output), ExitStack() as shown:
@@ -180,7 +180,6 @@ def _mapper(
 
 def _tour(data: str, whole: Any, reading: tuple[Any, ...], step: Step, jobs: int) -> "Tour":
     """What DATA and the options that say how it is read stand for."""
-    from fusionslam.cli.views.commands import refuse_reading_options
     from fusionslam.datasets.range_recording import is_recording
     from fusionslam.pipelines.tours import DatasetTour, open_tour
 

@@ -9,11 +9,11 @@ import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.failures import needs_extra
-from fusionslam.cli.views.commands import Scenes, Tuned, opened, whole_config
+from fusionslam.cli.views import options as view
 
 
 def show(
-    data: Scenes,
+    data: view.Scenes,
     frame: Annotated[
         int, typer.Option("--frame", metavar="N", help="Number of the scan, as in matches.csv.")
     ],
@@ -26,7 +26,7 @@ def show(
     sequence: opt.Sequence = None,
     topic: opt.Topics = None,
     skip_gaps: opt.SkipGaps = False,
-    tuned: Tuned = None,
+    tuned: view.Tuned = None,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     verbose: opt.Verbose = False,
@@ -41,8 +41,8 @@ def show(
     if output.suffix.lower() != ".png":
         raise ConfigError(f"--output is {output}, expected the name of a .png")
     needs_extra("report")
-    whole = whole_config(tuned, config, settings)
-    recording = opened(data, whole, (kind, sequence, skip_gaps, None, topic))
+    whole = view.build_config(tuned, config, settings)
+    recording = view.open_data(data, whole, (kind, sequence, skip_gaps, None, topic))
 
     def scan(number: int) -> ClusteredScan:
         cloud = scenes.recorded_cloud(

@@ -1,14 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands about the program itself: config, doctor."""
+"""The command config: every value of the configuration."""
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
 
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import print_findings, print_table
-from fusionslam.cli.failures import DATA, missing_extras
+from fusionslam.cli.console import print_table
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -42,16 +41,6 @@ def config(
         if key.partition(".")[0] in stages
     ]
     print_table(["key", "value", "unit", "range", "help"], rows)
-
-
-def doctor() -> None:
-    """Say what works here and what to install."""
-    from fusionslam.doctor import examine
-
-    findings = examine(missing_extras())
-    print_findings(findings, "missing")
-    if not all(finding.fine or finding.optional for finding in findings):
-        raise typer.Exit(DATA)
 
 
 def _stages(whole: "Section", stage: str | None) -> list[str]:

@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command describe: one descriptor vector per frame."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.console import left_out, progress
+from fusionslam.cli.failures import keep
+
+if TYPE_CHECKING:
+    from fusionslam.datasets import Dataset
+    from fusionslam.evaluation import DescriptorRun
+    from fusionslam.pipelines.describe import PipelineConfig
+    from fusionslam.pipelines.recording import Recording
+
+
+def describe(
+    ctx: typer.Context,
+    data: opt.Data,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the runs.")],
+    descriptors: opt.Names = "all",
+    source: opt.Source = None,
+    kind: opt.KindOption = None,
+    sequence: opt.Sequence = None,
+    topic: opt.Topics = None,
+    stamps: opt.StampsOption = "header",
+    sync: opt.SyncOption = None,
+    calib: opt.Calibration = None,
+    skip_gaps: opt.SkipGaps = False,
+    skip_bad_frames: opt.SkipBad = False,
+    gt: opt.Truth = None,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    jobs: opt.Jobs = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Describe every frame of DATA.
+
+    A call that was interrupted goes on where it stopped.
+    """
+    from fusionslam.pipelines import compare_descriptors
+    from fusionslam.pipelines.describe import run_path
+
+    names = opt.names_of(descriptors)
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
+    chosen = opt.pipeline_config(config, settings)
+    chosen = compare_descriptors.for_source(chosen, opt.source_of(source, chosen, recording))
+    dataset = recording.open(chosen.fusion.source)
+    bad = opt.bad_frames(skip_bad_frames)
+    if descriptors == "all":
+        names = compare_descriptors.describable(dataset, names, chosen, bad)
+    keep(ctx, output)
+    for run in describe_recording(recording, dataset, output, names, chosen, jobs, bad, inside="."):
+        path = run_path(output, run.source, run.descriptor)
+        print(f"{path}: {len(run)} frames{left_out(run)}")
+
+
+def describe_recording(
+    recording: "Recording",
+    dataset: "Dataset",
+    output: Path,
+    names: list[str],
+    config: "PipelineConfig",
+    jobs: int | None,
+    bad_frames: str,
+    inside: str = "descriptors",
+) -> "list[DescriptorRun]":
+    from fusionslam.pipelines.compare_descriptors import work_on
+
+    with progress() as step:
+        return work_on(
+            recording,
+            dataset,
+            output,
+            names,
+            config=config,
+            jobs=opt.cores(jobs),
+            bad_frames=bad_frames,
+            command=opt.command_line(),
+            step=step,
+            inside=inside,
+        )

@@ -1,0 +1,18 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command doctor: what works on this machine."""
+
+import typer
+
+from fusionslam.cli.console import print_findings
+from fusionslam.cli.failures import DATA, missing_extras
+
+
+def doctor() -> None:
+    """Say what works here and what to install."""
+    from fusionslam.doctor import examine
+
+    findings = examine(missing_extras())
+    print_findings(findings, "missing")
+    if not all(finding.fine or finding.optional for finding in findings):
+        raise typer.Exit(DATA)

@@ -1,0 +1,31 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command eval: stored runs against ground truth."""
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.console import print_summary, progress
+
+
+def evaluate(
+    folder: opt.Results,
+    gt: opt.Truth = None,
+    protocol: opt.Protocol = None,
+    radius: opt.Radius = None,
+    window: opt.Window = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Judge the runs in OUT against true poses.
+
+    Writes metrics.json there.
+    """
+    from fusionslam.pipelines.compare_descriptors import stored_evaluations
+    from fusionslam.report.loops.stored import write_stored_metrics
+
+    opt.check_protocol(protocol)
+    given = {"protocol": protocol, "radius": radius, "window": window}
+    changes = {key: value for key, value in given.items() if value is not None}
+    with progress() as step:
+        evaluations, config = stored_evaluations(folder, changes, gt, step)
+    path = write_stored_metrics(folder, evaluations, command=opt.command_line())
+    print_summary(evaluations, config.protocol)
+    print(path)

@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command loops: the loops in a recording, frame after frame."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.console import left_out, progress
+from fusionslam.cli.describe import describe_recording
+from fusionslam.cli.failures import keep
+
+
+def loops(
+    ctx: typer.Context,
+    data: opt.Data,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for loops and runs.")],
+    descriptor: Annotated[
+        str, typer.Option("--descriptor", "-d", help="m2dp, cm2dp, shot or cshot.")
+    ] = "cm2dp",
+    threshold: opt.Threshold = None,
+    source: opt.Source = None,
+    kind: opt.KindOption = None,
+    sequence: opt.Sequence = None,
+    topic: opt.Topics = None,
+    stamps: opt.StampsOption = "header",
+    sync: opt.SyncOption = None,
+    calib: opt.Calibration = None,
+    skip_gaps: opt.SkipGaps = False,
+    skip_bad_frames: opt.SkipBad = False,
+    gt: opt.Truth = None,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    jobs: opt.Jobs = None,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Find the loops in DATA frame after frame, as a robot would."""
+    from fusionslam.config import merged
+    from fusionslam.descriptors import descriptor_named
+    from fusionslam.pipelines.compare_descriptors import for_source
+    from fusionslam.pipelines.loops import find_loops
+
+    name = descriptor_named(descriptor).name
+    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
+    chosen = opt.pipeline_config(config, settings)
+    if threshold is not None:
+        chosen = merged(chosen, {"loop_closure": {"threshold": threshold}})
+    chosen = for_source(chosen, opt.source_of(source, chosen, recording))
+    dataset = recording.open(chosen.fusion.source)
+    keep(ctx, output)
+    bad = opt.bad_frames(skip_bad_frames)
+    (run,) = describe_recording(recording, dataset, output, [name], chosen, jobs, bad)
+    with progress() as step:
+        found = find_loops(
+            run, chosen.loop_closure, lambda done, total: step("finding loops", done, total)
+        )
+    found.save(output / "loops.csv")
+    print(f"{found}{left_out(run)}")
+    print(output / "loops.csv")

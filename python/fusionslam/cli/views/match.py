@@ -1,0 +1,98 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command views match: the id of each scan's place."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.console import progress
+from fusionslam.cli.failures import needs_extra
+from fusionslam.cli.views import options as view
+from fusionslam.cli.views.tables import print_run
+
+if TYPE_CHECKING:
+    from fusionslam.evaluation import ViewRun
+    from fusionslam.pipelines.views import MatchRun
+    from fusionslam.views.matcher import ViewMatcherConfig
+
+
+def match(
+    data: view.Scenes,
+    output: view.Folder,
+    skip_empty: view.SkipEmpty = False,
+    rule: view.Rule = "paper",
+    kind: opt.KindOption = None,
+    sequence: opt.Sequence = None,
+    topic: opt.Topics = None,
+    skip_gaps: opt.SkipGaps = False,
+    gt: opt.Truth = None,
+    tuned: view.Tuned = None,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+    jobs: opt.Jobs = None,
+    no_report: Annotated[
+        bool, typer.Option("--no-report", help="Write no page, which takes a while.")
+    ] = False,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Give each scan the id of its place, as on a robot; judge the ids where there is truth."""
+    from fusionslam.pipelines.views import run_views
+    from fusionslam.views.matcher import ViewMatcher
+
+    whole = view.build_config(tuned, config, settings)
+    opt.one_of("--rule", rule, ("paper", "author"))
+    matcher = ViewMatcher(whole.views, fusion=whole.fusion, descriptors=whole.descriptors)
+    with progress() as step:
+        scenes = view.open_scenes(
+            data, whole, step, (kind, sequence, skip_gaps, gt, topic), jobs=opt.cores(jobs)
+        )
+        scenes = scenes.without_empty() if skip_empty else scenes
+        if scenes.poses is not None and not no_report:
+            needs_extra("report")
+        run = run_views(scenes, matcher, view.label_step(step, "matching"))
+    values = whole.views.model_dump(mode="json")
+    judged = None if scenes.poses is None else run.with_truth(_method(whole.views), values)
+    run.save(output / "matches.csv")
+    matcher.save(output / "matcher.npz")
+    _save_figures(output / "matches.json", run, values)
+    print_run(run, None if judged is None else judged.judged(rule))
+    if judged is None or no_report:
+        print(output / "matches.csv")
+    else:
+        print(_write_report(judged, output, rule))
+
+
+def _method(views: "ViewMatcherConfig") -> str:
+    """What gave the ids, in a word or two."""
+    from fusionslam.views.matcher import method_of
+
+    method = method_of(views)
+    objects = f"objects {views.preset}"
+    first = {"alignment": method, "descriptor": views.descriptor}.get(method, objects)
+    return first if views.second_stage is None else f"{first}, then {views.second_stage}"
+
+
+def _write_report(judged: "ViewRun", output: Path, rule: str) -> Path:
+    from fusionslam.report.views.page import write_view_report
+
+    return write_view_report(judged, output, rule=rule, command=opt.command_line())
+
+
+def _save_figures(path: Path, run: "MatchRun", values: dict[str, Any]) -> None:
+    import json
+    from dataclasses import asdict
+
+    from fusionslam.storage.files import atomic_path
+
+    content = {
+        "scenes": run.scenes.name,
+        "command": opt.command_line(),
+        "threshold": run.threshold,
+        "stats": {**asdict(run.stats), "bytes_per_view": run.stats.bytes_per_view},
+        "views": values,
+    }
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1), encoding="utf-8")

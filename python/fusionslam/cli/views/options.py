@@ -1,0 +1,123 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Options and openers that the commands about views share."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.console import Step
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fusionslam.views.scene_set import SceneSet
+
+Scenes = Annotated[
+    Path,
+    typer.Argument(
+        metavar="DATA", help="A scene set, a .npz recording, or what the other commands call DATA."
+    ),
+]
+SceneSets = Annotated[
+    list[Path], typer.Argument(metavar="SCENES...", help="Scene sets or .npz recordings.")
+]
+Tuned = Annotated[
+    str | None,
+    typer.Option("--tuned", metavar="NAME", help="Values found by tune that come with fusionslam."),
+]
+SkipEmpty = Annotated[
+    bool, typer.Option("--skip-empty", help="Leave out scans of which nothing is left.")
+]
+Rule = Annotated[str, typer.Option("--rule", help="How views are judged: paper or author.")]
+Folder = Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")]
+
+
+def build_config(
+    tuned: str | None, file: Path | None, settings: list[str] | None, **first: Any
+) -> Any:
+    """All stages: clouds in the robot's frame without ground, ``first``, then what was found by
+    tuning, the file, and the settings."""
+    from fusionslam.config import merged, with_file, with_settings
+    from fusionslam.fusion import ROBOT_FUSION
+    from fusionslam.views.presets import tuned_path
+
+    fusion = ROBOT_FUSION.model_dump(exclude_unset=True)
+    whole = merged(opt.everything(), {"fusion": fusion, **first})
+    for path in ([tuned_path(tuned)] if tuned else []) + ([file] if file else []):
+        whole = with_file(whole, path)
+    return with_settings(whole, settings or [])
+
+
+def label_step(step: Step, label: str) -> Any:
+    return lambda done, total: step(label, done, total)
+
+
+def open_data(data: Path, whole: Any, how: "Sequence[Any]" = ()) -> Any:
+    """A stored set, a recording of ranges, or the dataset that the options name."""
+    from fusionslam.datasets.range_recording import RangeRecording, is_recording
+    from fusionslam.views.scene_set import SceneSet, is_scene_set
+
+    if data.is_file() and is_scene_set(data):
+        refuse_reading_options(data, "a scene set", how)
+        return SceneSet.load(data)
+    if data.is_file() and is_recording(data):
+        refuse_reading_options(data, "a .npz recording", how)
+        return RangeRecording.open(data, whole.recording.shapes)
+    return opt.recording_of(data, *how).open(whole.fusion.source)
+
+
+def open_scenes(
+    data: Path,
+    whole: Any,
+    step: Step,
+    how: "Sequence[Any]" = (),
+    *,
+    jobs: int = 1,
+    features: "Sequence[str]" = (),
+) -> "SceneSet":
+    """A stored set, or one made of a recording."""
+    from fusionslam.datasets.range_recording import RangeRecording
+    from fusionslam.pipelines.scenes import record_scenes
+    from fusionslam.views.scene_set import SceneSet
+
+    found = open_data(data, whole, how)
+    if isinstance(found, SceneSet):
+        return found
+    from_ranges = isinstance(found, RangeRecording)
+    settings = whole.recording if from_ranges else whole.fusion
+    return record_scenes(
+        found,
+        fusion=whole.fusion,
+        recording=whole.recording,
+        features=features,
+        descriptors=whole.descriptors,
+        jobs=jobs,
+        source={"path": str(data), "config": settings.model_dump(mode="json")},
+        progress=label_step(step, "reading" if from_ranges else "fusing"),
+    )
+
+
+_READING = [
+    "--kind",
+    "--sequence",
+    "--skip-gaps",
+    "--gt",
+    "--topic",
+    "--stamps",
+    "--sync",
+    "--calib",
+]
+"""Options that say how other data are read, in the order of ``opt.recording_of``."""
+
+
+def refuse_reading_options(data: Path, what: str, how: "Sequence[Any]") -> None:
+    """Raise ConfigError rather than leave unheard what somebody said of true poses, say."""
+    from fusionslam.errors import ConfigError
+
+    defaults = {"--stamps": "header"}
+    for name, value in zip(_READING, how, strict=False):
+        if value and value != defaults.get(name):
+            raise ConfigError(f"{name}: {data} is {what}, which says all about itself")
