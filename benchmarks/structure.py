@@ -6,7 +6,7 @@ python -m benchmarks.structure                # modules, lines, circles
 python -m benchmarks.structure --walk BAG     # files that commands run through on a short recording
 
 It looks at the package that Python finds first, so PYTHONPATH compares two checkouts. A walk runs
-a command in this process and follows every call: a reader has to open each file whose functions run.
+a command in this process and follows every call: a reader has to open each file that is called.
 """
 
 import argparse
