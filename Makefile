@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-.PHONY: demo test bench bench-quick bench-ros sanitize lint format stub setup ros clean
+.PHONY: demo test bench bench-quick bench-ros reproduce reproduce-quick sanitize lint format stub setup ros clean
 
 BIN := .venv/bin
 SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/src/*/*.?pp cpp/src/*/*.inc bindings/*.?pp tests/cpp/*.?pp examples/cpp/*.cpp benchmarks/peers/*.?pp)
@@ -22,6 +22,12 @@ bench-ros: ros
 
 bench-quick: setup
 	scripts/bench.sh --quick
+
+reproduce: setup
+	$(BIN)/python -m benchmarks.theses -o out/reproduce
+
+reproduce-quick: setup
+	$(BIN)/python -m benchmarks.theses -o out/reproduce-quick --quick
 
 sanitize: setup
 	scripts/sanitize.sh

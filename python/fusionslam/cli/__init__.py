@@ -18,7 +18,6 @@ from fusionslam.cli import (
     loops,
     ratslam,
     report,
-    reproduce,
     ros,
     sim,
     tune,
@@ -50,7 +49,6 @@ app.command("bench views")(bench_views.bench_views)
 app.command()(report.report)
 app.command()(tune.tune)
 app.command()(ratslam.ratslam)
-app.command()(reproduce.reproduce)
 app.command()(config.config)
 app.command()(doctor.doctor)
 app.add_typer(views.app, name="views")

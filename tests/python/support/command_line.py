@@ -4,6 +4,7 @@
 
 from pathlib import Path
 
+from typer import Typer
 from typer.testing import CliRunner, Result
 
 from fusionslam.cli import app
@@ -26,19 +27,19 @@ TINY_TOWN = (
 )
 
 
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+def run(*arguments: object, command: Typer = app) -> Result:
+    return CliRunner().invoke(command, [str(argument) for argument in arguments])
 
 
-def succeeds(*arguments: object) -> Result:
-    result = run(*arguments)
+def succeeds(*arguments: object, command: Typer = app) -> Result:
+    result = run(*arguments, command=command)
     assert result.exit_code == 0, result.output
     return result
 
 
-def fails(code: int, *arguments: object) -> str:
+def fails(code: int, *arguments: object, command: Typer = app) -> str:
     """The line that a failing command writes."""
-    result = run(*arguments)
+    result = run(*arguments, command=command)
     assert result.exit_code == code, result.output
     (line,) = (line for line in result.stderr.splitlines() if line.startswith("error: "))
     assert "Traceback" not in result.output

@@ -1,7 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command that measures again what two theses measured: reproduce."""
+"""Measure again what two theses measured: python -m benchmarks.theses [-o FOLDER] [--quick]."""
 
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,9 +11,12 @@ import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress
-from fusionslam.cli.failures import keep, needs_extra
+from fusionslam.cli.failures import Guarded, keep, needs_extra
+
+app = typer.Typer(cls=Guarded, add_completion=False, subcommand_metavar="", rich_markup_mode=None)
 
 
+@app.callback(invoke_without_command=True)
 def reproduce(
     ctx: typer.Context,
     output: Annotated[
@@ -52,8 +57,8 @@ def reproduce(
 
     What is finished is kept in the folder: the same command goes on where it was interrupted.
     """
-    from fusionslam.reproduce.config import ReproduceConfig, checked
-    from fusionslam.reproduce.run import reproduce as run
+    from benchmarks.theses.config import ReproduceConfig, checked
+    from benchmarks.theses.run import reproduce as run
 
     for extra in ("report", "sim", "bags"):
         needs_extra(extra)
@@ -68,10 +73,15 @@ def reproduce(
         ReproduceConfig(quick=quick, **{k: v for k, v in given.items() if v is not None})
     )
     keep(ctx, output)
+    command = shlex.join(["python", "-m", "benchmarks.theses", *sys.argv[1:]])
     with progress() as step:
-        page = run(config, output, jobs=opt.cores(jobs), command=opt.command_line(), step=step)
+        page = run(config, output, jobs=opt.cores(jobs), command=command, step=step)
     print(page)
 
 
 def _names(text: str | None) -> tuple[str, ...] | None:
     return None if text is None else tuple(dict.fromkeys(n.strip() for n in text.split(",")))
+
+
+if __name__ == "__main__":
+    app(prog_name="python -m benchmarks.theses")

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmarks.theses.config import WITHOUT_SENSOR
+from benchmarks.theses.document import Chapter, Head, shown, table_of
+from benchmarks.theses.view_study import DriveFacts, ViewStudy
 from fusionslam.evaluation import VIEW_CITATION, published_views
 from fusionslam.pipelines.drives import FrameName
 from fusionslam.pipelines.methods import ENTRANTS
 from fusionslam.report.page.images import Picture, keep
 from fusionslam.report.page.tables import Table
 from fusionslam.report.views.plots import Judged, draw_errors, draw_times, draw_view_curves
-from fusionslam.reproduce.config import WITHOUT_SENSOR
-from fusionslam.reproduce.document import Chapter, Head, shown, table_of
-from fusionslam.reproduce.view_study import DriveFacts, ViewStudy
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.theses.config import OURS, WITHOUT_SENSOR, ReproduceConfig
+from benchmarks.theses.drives import Source
+from benchmarks.theses.work_cache import Pieces, load_json, save_json
 from fusionslam.errors import FusionSlamError
 from fusionslam.evaluation import ViewCurve, ViewReport, ViewRun
 from fusionslam.pipelines.compare_views import run_entrant
@@ -16,9 +19,6 @@ from fusionslam.pipelines.drives import FRAMES, FrameName, Step, moved
 from fusionslam.pipelines.methods import ENTRANTS, Entrant, Task
 from fusionslam.pipelines.views import sweep_thresholds
 from fusionslam.report.views.tables import ViewRow, view_row
-from fusionslam.reproduce.config import OURS, WITHOUT_SENSOR, ReproduceConfig
-from fusionslam.reproduce.drives import Source
-from fusionslam.reproduce.work_cache import Pieces, load_json, save_json
 
 Rule = str
 

@@ -10,6 +10,10 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from benchmarks.theses.config import OURS, QUICK_EACH, ReproduceConfig
+from benchmarks.theses.drives import Source
+from benchmarks.theses.view_study import own_frame, recognised
+from benchmarks.theses.work_cache import Pieces
 from fusionslam.evaluation import MapReport, ViewRun, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.odometry_noise import DRIFT
@@ -20,10 +24,6 @@ from fusionslam.pipelines.methods import ENTRANTS
 from fusionslam.ratslam import RatSlam, RatSlamConfig
 from fusionslam.ratslam.events import Event, Look, Sighting
 from fusionslam.ratslam.view_sources import MatcherSource
-from fusionslam.reproduce.config import OURS, QUICK_EACH, ReproduceConfig
-from fusionslam.reproduce.drives import Source
-from fusionslam.reproduce.view_study import own_frame, recognised
-from fusionslam.reproduce.work_cache import Pieces
 from fusionslam.sensors.messages import NANOSECONDS
 
 ODOMETRIES: dict[str, FrameName] = {"truth": "odometry", "truth+noise": "drift"}

@@ -8,16 +8,16 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from benchmarks.theses.conclusions import Claim, claims_table
+from benchmarks.theses.config import QUICK_EACH, ReproduceConfig
+from benchmarks.theses.differences import Difference, differences_table, met_sentence
+from benchmarks.theses.document import Chapter, as_markdown
+from benchmarks.theses.view_study import ViewStudy
+from benchmarks.theses.work_cache import save_json
 from fusionslam.report.page.html import environment
-from fusionslam.reproduce.conclusions import Claim, claims_table
-from fusionslam.reproduce.config import QUICK_EACH, ReproduceConfig
-from fusionslam.reproduce.differences import Difference, differences_table, met_sentence
-from fusionslam.reproduce.document import Chapter, as_markdown
-from fusionslam.reproduce.view_study import ViewStudy
-from fusionslam.reproduce.work_cache import save_json
 from fusionslam.storage.files import atomic_path
 
-FORMAT = "fusionslam.reproduce.1"
+FORMAT = "benchmarks.theses.1"
 PAGE = "reproduce.html"
 TITLE = "Two theses, measured again"
 
@@ -64,7 +64,7 @@ def write_page(
     first = lead(config, about)
     page = (
         environment()
-        .get_template("reproduce.html.j2")
+        .from_string((Path(__file__).parent / "page.html.j2").read_text(encoding="utf-8"))
         .render(
             title=TITLE,
             lead=first,

@@ -6,12 +6,21 @@ import json
 import logging
 import re
 import shutil
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from command_line import fails, last_line, succeeds
+import command_line
+from benchmarks.theses import map_study, view_study
+from benchmarks.theses.__main__ import app
+from benchmarks.theses.conclusions import Claim, compared
+from benchmarks.theses.config import ReproduceConfig
+from benchmarks.theses.descriptor_study import study_descriptors
+from benchmarks.theses.differences import Difference, differences_table, met_sentence
+from benchmarks.theses.run import reproduce
+from benchmarks.theses.stastny2022_chapter5 import published
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation.loops.published import (
     PUBLISHED_COLOR_SPACES,
@@ -19,18 +28,13 @@ from fusionslam.evaluation.loops.published import (
     PUBLISHED_RECALL,
     PUBLISHED_SECONDS,
 )
-from fusionslam.reproduce import map_study, view_study
-from fusionslam.reproduce.conclusions import Claim, compared
-from fusionslam.reproduce.config import ReproduceConfig
-from fusionslam.reproduce.descriptor_study import study_descriptors
-from fusionslam.reproduce.differences import Difference, differences_table, met_sentence
-from fusionslam.reproduce.run import reproduce
-from fusionslam.reproduce.stastny2022_chapter5 import published
 from recorded_drives import write_drive
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 
+fails = partial(command_line.fails, command=app)
+succeeds = partial(command_line.succeeds, command=app)
 VIEWS = ("first_stage", "templates", "alignment")
 
 
@@ -228,20 +232,20 @@ def test_missing_data_and_unknown_names_are_one_line(
 ) -> None:
     out = ("-o", tmp_path / "out")
     for more in ((), ("--parts", "descriptors")):
-        line = fails(1, "reproduce", *out, "--data", tmp_path / "nothing", *more)
+        line = fails(1, *out, "--data", tmp_path / "nothing", *more)
         assert "nothing" in line and "recordings" in line
         assert not (tmp_path / "out").exists()
     parts = ("--parts", "descriptors", "--data", data)
-    line = fails(1, "reproduce", *out, *parts, "--kitti", tmp_path)
+    line = fails(1, *out, *parts, "--kitti", tmp_path)
     assert "sequences/06" in line
-    line = fails(1, "reproduce", *out, *parts, "--kitti", kitti.parent.parent)
+    line = fails(1, *out, *parts, "--kitti", kitti.parent.parent)
     assert "none of KITTI's sequences" in line
     # Before the views, which come first and take long.
-    line = fails(1, "reproduce", "-o", tmp_path / "late", "--kitti", tmp_path / "nothing")
+    line = fails(1, "-o", tmp_path / "late", "--kitti", tmp_path / "nothing")
     assert "none of KITTI's sequences" in line and not (tmp_path / "late/made_with.json").exists()
-    assert "hospital" in fails(2, "reproduce", *out, "--worlds", "castle")
-    assert "first_stage" in fails(2, "reproduce", *out, "--views", "crystal_ball")
-    assert "maps" in fails(2, "reproduce", *out, "--parts", "")
+    assert "hospital" in fails(2, *out, "--worlds", "castle")
+    assert "first_stage" in fails(2, *out, "--views", "crystal_ball")
+    assert "maps" in fails(2, *out, "--parts", "")
     with pytest.raises(ConfigError, match="worlds: expected some of"):
         reproduce(ReproduceConfig(worlds=()), tmp_path)
 
@@ -262,8 +266,8 @@ def test_a_folder_that_cannot_be_written_is_found_before_the_work(
 
 def test_the_command_prints_its_page(data: Path, tmp_path: Path) -> None:
     given = ("--data", data, "--worlds", "warehouse", "--views", "first_stage", "--parts", "views")
-    result = succeeds("reproduce", "-o", tmp_path, "--quick", *given)
-    assert last_line(result) == str(tmp_path / "reproduce.html")
+    result = succeeds("-o", tmp_path, "--quick", *given)
+    assert command_line.last_line(result) == str(tmp_path / "reproduce.html")
     assert "Figures of a quick run are no results" in (tmp_path / "reproduce.md").read_text()
 
 

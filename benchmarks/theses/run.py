@@ -6,38 +6,38 @@ import os
 from pathlib import Path
 from typing import Any
 
-from fusionslam.pipelines.drives import Step
-from fusionslam.report.loops.plots import styled
-from fusionslam.report.page.html import about_report, check_extra
-from fusionslam.reproduce import (
+from benchmarks.theses import (
     perdomo2019_chapter4 as chapter4,
 )
-from fusionslam.reproduce import (
+from benchmarks.theses import (
     stastny2022_chapter5 as chapter5,
 )
-from fusionslam.reproduce import (
+from benchmarks.theses import (
     stastny2022_section58 as chapter58,
 )
-from fusionslam.reproduce.conclusions import Claim, view_claims
-from fusionslam.reproduce.config import PARTS, ReproduceConfig, checked
-from fusionslam.reproduce.descriptor_study import sequences_of_kitti, study_descriptors
-from fusionslam.reproduce.differences import (
+from benchmarks.theses.conclusions import Claim, view_claims
+from benchmarks.theses.config import PARTS, ReproduceConfig, checked
+from benchmarks.theses.descriptor_study import sequences_of_kitti, study_descriptors
+from benchmarks.theses.differences import (
     Difference,
     descriptor_differences,
     view_differences,
 )
-from fusionslam.reproduce.document import Chapter
-from fusionslam.reproduce.drives import Source, sources
-from fusionslam.reproduce.map_study import study_maps
-from fusionslam.reproduce.page import (
+from benchmarks.theses.document import Chapter
+from benchmarks.theses.drives import Source, sources
+from benchmarks.theses.map_study import study_maps
+from benchmarks.theses.page import (
     claims_chapter,
     differences_chapters,
     view_figures,
     write_figures,
     write_page,
 )
-from fusionslam.reproduce.view_study import study_views
-from fusionslam.reproduce.work_cache import Pieces, save_json
+from benchmarks.theses.view_study import study_views
+from benchmarks.theses.work_cache import Pieces, save_json
+from fusionslam.pipelines.drives import Step
+from fusionslam.report.loops.plots import styled
+from fusionslam.report.page.html import about_report, check_extra
 
 
 class _Report:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.theses.config import KITTI_SEQUENCES, ReproduceConfig
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig, describe
 from fusionslam.errors import DataError
@@ -19,7 +20,6 @@ from fusionslam.pipelines.compare_descriptors import DEMO, benchmark
 from fusionslam.pipelines.describe import PipelineConfig
 from fusionslam.pipelines.drives import Step
 from fusionslam.pipelines.recording import Recording
-from fusionslam.reproduce.config import KITTI_SEQUENCES, ReproduceConfig
 from fusionslam.sensors.frame import Cloud
 
 PROTOCOL = "perdomo2019"

@@ -6,16 +6,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from benchmarks.theses.conclusions import Claim, compared
+from benchmarks.theses.config import OURS
+from benchmarks.theses.document import Chapter, Head, shown, table_of
+from benchmarks.theses.map_study import MapStudy
+from benchmarks.theses.stastny2022_chapter5 import title_of
 from fusionslam.evaluation import MapReport
 from fusionslam.pipelines.methods import ENTRANTS
 from fusionslam.report.maps.map_figures import map_figure
 from fusionslam.report.page.images import Picture, keep
 from fusionslam.report.page.tables import Table
-from fusionslam.reproduce.conclusions import Claim, compared
-from fusionslam.reproduce.config import OURS
-from fusionslam.reproduce.document import Chapter, Head, shown, table_of
-from fusionslam.reproduce.map_study import MapStudy
-from fusionslam.reproduce.stastny2022_chapter5 import title_of
 
 SAID = {
     "first stage": dict.fromkeys(("warehouse", "house", "hospital"), "satisfactory"),

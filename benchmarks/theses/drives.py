@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.theses.config import QUICK_EACH, QUICK_M, ReproduceConfig
+from benchmarks.theses.work_cache import state_of
 from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.evaluation.views.published import world_of
 from fusionslam.pipelines.drive_images import Images
 from fusionslam.pipelines.drives import Drive, Step, open_drive
 from fusionslam.pipelines.tours import Tour, open_tour
-from fusionslam.reproduce.config import QUICK_EACH, QUICK_M, ReproduceConfig
-from fusionslam.reproduce.work_cache import state_of
 
 logger = logging.getLogger(__name__)
 

@@ -5,6 +5,17 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from benchmarks.theses.descriptor_study import TOWN, DescriptorStudy
+from benchmarks.theses.document import scaled
+from benchmarks.theses.perdomo2019_chapter4 import (
+    NAMES,
+    SPACES,
+    color_recall,
+    describe_ms,
+    full_recall,
+)
+from benchmarks.theses.stastny2022_chapter5 import published, title_of
+from benchmarks.theses.view_study import ViewStudy
 from fusionslam.evaluation.loops.published import (
     PUBLISHED_COLOR_SPACES,
     PUBLISHED_RECALL,
@@ -12,17 +23,6 @@ from fusionslam.evaluation.loops.published import (
 )
 from fusionslam.pipelines.drives import FrameName
 from fusionslam.report.page.tables import Cell, Table
-from fusionslam.reproduce.descriptor_study import TOWN, DescriptorStudy
-from fusionslam.reproduce.document import scaled
-from fusionslam.reproduce.perdomo2019_chapter4 import (
-    NAMES,
-    SPACES,
-    color_recall,
-    describe_ms,
-    full_recall,
-)
-from fusionslam.reproduce.stastny2022_chapter5 import published, title_of
-from fusionslam.reproduce.view_study import ViewStudy
 
 CLOSE = 0.05
 """Figures that differ by no more than this share of the published one count as met."""

@@ -9,6 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.theses.conclusions import Claim, compared
+from benchmarks.theses.config import KITTI_SEQUENCES
+from benchmarks.theses.descriptor_study import (
+    COLOR_SPACES,
+    PROTOCOL,
+    TOWN,
+    DescriptorStudy,
+    Measured,
+)
+from benchmarks.theses.document import Chapter, Head, shown, table_of
 from fusionslam.evaluation import CITATION, PrecisionRecall
 from fusionslam.evaluation.loops.published import (
     PUBLISHED_COLOR_SPACES,
@@ -19,16 +29,6 @@ from fusionslam.evaluation.loops.published import (
 from fusionslam.report.loops.exports import metrics_of
 from fusionslam.report.loops.plots import draw_curves
 from fusionslam.report.page.images import Picture, keep
-from fusionslam.reproduce.conclusions import Claim, compared
-from fusionslam.reproduce.config import KITTI_SEQUENCES
-from fusionslam.reproduce.descriptor_study import (
-    COLOR_SPACES,
-    PROTOCOL,
-    TOWN,
-    DescriptorStudy,
-    Measured,
-)
-from fusionslam.reproduce.document import Chapter, Head, shown, table_of
 
 NAMES = {"m2dp": "M2DP", "cm2dp": "c-M2DP", "cshot": "CSHOT"}
 SPACES = {"rgb": "RGB", "hsv": "HSV", "lab": "CIELab"}

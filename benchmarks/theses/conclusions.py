@@ -5,11 +5,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from benchmarks.theses.document import DASH, scaled
+from benchmarks.theses.stastny2022_chapter5 import published
+from benchmarks.theses.view_study import ViewStudy
 from fusionslam.pipelines.drives import FrameName
 from fusionslam.report.page.tables import Cell, Table
-from fusionslam.reproduce.document import DASH, scaled
-from fusionslam.reproduce.stastny2022_chapter5 import published
-from fusionslam.reproduce.view_study import ViewStudy
 
 
 @dataclass(frozen=True)
