@@ -18,23 +18,17 @@ if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording
 
 
+@opt.reading_options()
 def bench(
     ctx: typer.Context,
-    data: opt.Data,
+    *,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
         "out/bench"
     ),
     descriptors: opt.Names = "all",
     source: opt.Sources = None,
-    kind: opt.KindOption = None,
-    sequence: opt.Sequence = None,
-    topic: opt.Topics = None,
-    stamps: opt.StampsOption = "header",
-    sync: opt.SyncOption = None,
-    calib: opt.Calibration = None,
-    skip_gaps: opt.SkipGaps = False,
+    recording: "Recording",
     skip_bad_frames: opt.SkipBad = False,
-    gt: opt.Truth = None,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
@@ -45,7 +39,6 @@ def bench(
     Every source of clouds that the data allow is compared.
     """
     needs_extra("report")
-    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     names = opt.names_of(descriptors)
     chosen = opt.pipeline_config(config, settings)
     given = source is not None or "source" in chosen.fusion.model_fields_set

@@ -13,25 +13,20 @@ from fusionslam.cli.failures import keep_parts, needs_extra
 
 if TYPE_CHECKING:
     from fusionslam.calibration.search import CalibrationCheckConfig
+    from fusionslam.pipelines.recording import Recording
 
 
+@opt.reading_options()
 def calib_check(
     ctx: typer.Context,
-    data: opt.Data,
+    *,
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Folder for pictures and calib_check.json.")
     ],
     pictures: Annotated[
         int, typer.Option("--pictures", min=0, help="How many frames are drawn.")
     ] = 3,
-    kind: opt.KindOption = None,
-    sequence: opt.Sequence = None,
-    topic: opt.Topics = None,
-    stamps: opt.StampsOption = "header",
-    sync: opt.SyncOption = None,
-    calib: opt.Calibration = None,
-    skip_gaps: opt.SkipGaps = False,
-    gt: opt.Truth = None,
+    recording: "Recording",
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     verbose: opt.Verbose = False,
@@ -44,7 +39,6 @@ def calib_check(
 
     needs_extra("report")
     chosen = _config(config, settings)
-    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     dataset = recording.open("lidar")
     keep_parts(ctx, output)
     with progress() as step:

@@ -18,21 +18,15 @@ if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording
 
 
+@opt.reading_options()
 def describe(
     ctx: typer.Context,
-    data: opt.Data,
+    *,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the runs.")],
     descriptors: opt.Names = "all",
     source: opt.Source = None,
-    kind: opt.KindOption = None,
-    sequence: opt.Sequence = None,
-    topic: opt.Topics = None,
-    stamps: opt.StampsOption = "header",
-    sync: opt.SyncOption = None,
-    calib: opt.Calibration = None,
-    skip_gaps: opt.SkipGaps = False,
+    recording: "Recording",
     skip_bad_frames: opt.SkipBad = False,
-    gt: opt.Truth = None,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
@@ -46,7 +40,6 @@ def describe(
     from fusionslam.pipelines.describe import run_path
 
     names = opt.names_of(descriptors)
-    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     chosen = opt.pipeline_config(config, settings)
     chosen = compare_descriptors.for_source(chosen, opt.source_of(source, chosen, recording))
     dataset = recording.open(chosen.fusion.source)

@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 
+@opt.reading_options()
 def fuse(
     ctx: typer.Context,
-    data: opt.Data,
+    *,
     output: Annotated[
         Path,
         typer.Option("--output", "-o", help="Folder for the clouds, or a bag: .bag, .db3, .mcap."),
@@ -31,17 +32,10 @@ def fuse(
         str | None,
         typer.Option("--format", help="Of a folder: ply (default), pcd, or bin, without colours."),
     ] = None,
-    kind: opt.KindOption = None,
-    sequence: opt.Sequence = None,
-    topic: opt.Topics = None,
-    stamps: opt.StampsOption = "header",
-    sync: opt.SyncOption = None,
-    calib: opt.Calibration = None,
-    skip_gaps: opt.SkipGaps = False,
+    recording: "Recording",
     pictures: Annotated[
         int, typer.Option("--pictures", metavar="N", min=0, help="Draw the steps of N frames.")
     ] = 0,
-    gt: opt.Truth = None,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
@@ -54,7 +48,6 @@ def fuse(
     """
     from fusionslam.pipelines.compare_descriptors import for_source
 
-    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     chosen = opt.pipeline_config(config, settings)
     asked_for = source is not None or "source" in chosen.fusion.model_fields_set
     chosen = for_source(chosen, opt.source_of(source, chosen, recording))

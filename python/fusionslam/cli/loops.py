@@ -3,7 +3,7 @@
 """The command loops: the loops in a recording, frame after frame."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,25 +12,22 @@ from fusionslam.cli.console import left_out, progress
 from fusionslam.cli.describe import describe_recording
 from fusionslam.cli.failures import keep
 
+if TYPE_CHECKING:
+    from fusionslam.pipelines.recording import Recording
 
+
+@opt.reading_options()
 def loops(
     ctx: typer.Context,
-    data: opt.Data,
+    *,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for loops and runs.")],
     descriptor: Annotated[
         str, typer.Option("--descriptor", "-d", help="m2dp, cm2dp, shot or cshot.")
     ] = "cm2dp",
     threshold: opt.Threshold = None,
     source: opt.Source = None,
-    kind: opt.KindOption = None,
-    sequence: opt.Sequence = None,
-    topic: opt.Topics = None,
-    stamps: opt.StampsOption = "header",
-    sync: opt.SyncOption = None,
-    calib: opt.Calibration = None,
-    skip_gaps: opt.SkipGaps = False,
+    recording: "Recording",
     skip_bad_frames: opt.SkipBad = False,
-    gt: opt.Truth = None,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
@@ -43,7 +40,6 @@ def loops(
     from fusionslam.pipelines.loops import find_loops
 
     name = descriptor_named(descriptor).name
-    recording = opt.recording_of(data, kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     chosen = opt.pipeline_config(config, settings)
     if threshold is not None:
         chosen = merged(chosen, {"loop_closure": {"threshold": threshold}})

@@ -2,8 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Options that several commands share, and what is made of them."""
 
+import functools
+import inspect
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,12 +15,14 @@ import typer
 from fusionslam import help_texts
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from logging import LogRecord
 
     from fusionslam.config import Section
     from fusionslam.pipelines.describe import PipelineConfig
     from fusionslam.pipelines.recording import Recording
+
+
+Command = Callable[..., None]
 
 
 def _start_logging(verbose: bool) -> bool:
@@ -49,46 +54,12 @@ def _said_once() -> "Callable[[LogRecord], bool]":
 
 
 Data = Annotated[
-    Path, typer.Argument(metavar="DATA", help="A recording, folder or bag; its kind is recognised.")
+    Path,
+    typer.Argument(
+        metavar="DATA", help="A recording: folder, bag or .npz; its kind is recognised."
+    ),
 ]
 Results = Annotated[Path, typer.Argument(metavar="OUT", help="Folder with stored runs.")]
-KindOption = Annotated[
-    str | None,
-    typer.Option(
-        "--kind", help="kitti-odometry, kitti-raw, kitti-object, folder, rosbag1, rosbag2 or mcap."
-    ),
-]
-Topics = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--topic",
-        metavar="WHAT=/NAME",
-        help="Topic of a bag for points, left, camera_info, right, right_camera_info, odometry or "
-        "truth; may be repeated.",
-    ),
-]
-StampsOption = Annotated[
-    str,
-    typer.Option("--stamps", help="Times of a bag's messages: header, or bag (their arrival)."),
-]
-SyncOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--sync",
-        metavar="KEY=VALUE",
-        help="How a bag's images go with its scans: policy=last_before, max_difference=0.05, ...",
-    ),
-]
-Calibration = Annotated[
-    Path | None,
-    typer.Option("--calib", metavar="FILE", help="calib.yaml, of a bag or folder without one."),
-]
-Sequence = Annotated[
-    str | None, typer.Option("--sequence", help="Which one, where DATA holds several.")
-]
-SkipGaps = Annotated[
-    bool, typer.Option("--skip-gaps", help="Leave out frames of which a file is missing.")
-]
 SkipBad = Annotated[
     bool,
     typer.Option(
@@ -137,16 +108,44 @@ def cores(jobs: int | None) -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def recording_of(
-    data: Path,
-    kind: str | None = None,
-    sequence: str | None = None,
-    skip_gaps: bool = False,
-    truth: Path | None = None,
-    topics: list[str] | None = None,
-    stamps: str = "header",
-    sync: list[str] | None = None,
-    calibration: Path | None = None,
+def build_recording(
+    data: Data,
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            help="kitti-odometry, kitti-raw, kitti-object, folder, rosbag1, rosbag2 or mcap."
+        ),
+    ] = None,
+    sequence: Annotated[
+        str | None, typer.Option(help="Which one, where DATA holds several.")
+    ] = None,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="WHAT=/NAME",
+            help="Topic of a bag for points, left, camera_info, right, right_camera_info, odometry "
+            "or truth; may be repeated.",
+        ),
+    ] = None,
+    stamps: Annotated[
+        str, typer.Option(help="Times of a bag's messages: header, or bag (their arrival).")
+    ] = "header",
+    sync: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="How a bag's images go with its scans: policy=last_before, max_difference=0.05, "
+            "...",
+        ),
+    ] = None,
+    calib: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="calib.yaml, of a bag or folder without one."),
+    ] = None,
+    skip_gaps: Annotated[
+        bool, typer.Option("--skip-gaps", help="Leave out frames of which a file is missing.")
+    ] = False,
+    gt: Truth = None,
 ) -> "Recording":
     """The recording that the options name."""
     from fusionslam.datasets.bags.index import STAMPS
@@ -158,12 +157,48 @@ def recording_of(
         kind=kind,
         sequence=sequence,
         gaps="skip" if skip_gaps else "error",
-        poses=truth,
-        topics=_topics(topics or []),
+        poses=gt,
+        topics=_topics(topic or []),
         stamps=stamps,
         sync=_sync_changes(sync or []),
-        calibration=calibration,
+        calibration=calib,
     )
+
+
+def reading_options(**fixed: Any) -> "Callable[[Command], Command]":
+    """Give a command DATA and the options of ``build_recording``.
+
+    They take the place of the command's parameter ``recording``, which receives the Recording.
+    A command that declares one of them itself, ``data`` say, receives its value, too.
+
+    Args:
+        fixed: options that this command does not offer, and their values.
+    """
+
+    def decorate(command: Command) -> Command:
+        own = inspect.signature(command).parameters
+        reading = {
+            name: parameter
+            for name, parameter in inspect.signature(build_recording).parameters.items()
+            if name not in fixed
+        }
+
+        @functools.wraps(command)
+        def run(**values: Any) -> None:
+            how = {name: values[name] if name in own else values.pop(name) for name in reading}
+            command(recording=build_recording(**fixed, **how), **values)
+
+        added = [parameter for name, parameter in reading.items() if name not in own]
+        place = list(own).index("recording")
+        parameters = [*own.values()]
+        parameters[place : place + 1] = added
+        # What has a default may stand before what has none.
+        parameters = [each.replace(kind=each.KEYWORD_ONLY) for each in parameters]
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {each.name: each.annotation for each in parameters}
+        return run
+
+    return decorate
 
 
 def _topics(texts: list[str]) -> dict[str, str]:

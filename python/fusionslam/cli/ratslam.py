@@ -19,13 +19,16 @@ if TYPE_CHECKING:
     from fusionslam.evaluation.maps.run import RatSlamRun
     from fusionslam.pipelines.map_events import RunEvents
     from fusionslam.pipelines.maps import RunRecorder, Watch
+    from fusionslam.pipelines.recording import Recording
     from fusionslam.pipelines.tours import Tour
     from fusionslam.ratslam.slam import RatSlam
 
 _OF_THE_STATE = ("ratslam.", "views.", "visual_templates.", "fusion.", "descriptors.")
 
 
+@opt.reading_options()
 def ratslam(
+    *,
     data: Annotated[
         str,
         typer.Argument(
@@ -74,14 +77,7 @@ def ratslam(
             help='Show the map as it grows, in a file for the viewer of rerun; "viewer" opens it.',
         ),
     ] = None,
-    kind: opt.KindOption = None,
-    sequence: opt.Sequence = None,
-    topic: opt.Topics = None,
-    stamps: opt.StampsOption = "header",
-    sync: opt.SyncOption = None,
-    calib: opt.Calibration = None,
-    skip_gaps: opt.SkipGaps = False,
-    gt: opt.Truth = None,
+    recording: "Recording",
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
@@ -108,10 +104,9 @@ def ratslam(
     first = {"recording": {"shapes": "collision"}, "ratslam": {"map": expected_drift(odometry)}}
     whole = build_config(None, config, changes, **first)
     slam, earlier = _mapper(whole, views, resume, changes)
-    reading = (kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     with made_folder(output), ExitStack() as shown:
         with progress() as step:
-            tour = _tour(data, whole, reading, step, opt.cores(jobs))
+            tour = _open_tour(data, recording, whole, step, opt.cores(jobs))
             assert slam.views is not None  # every source that has a name
             events = events_of(
                 tour,
@@ -178,15 +173,15 @@ def _mapper(
     return load_ratslam(resume), stored_run(resume)
 
 
-def _tour(data: str, whole: Any, reading: tuple[Any, ...], step: Step, jobs: int) -> "Tour":
-    """What DATA and the options that say how it is read stand for."""
+def _open_tour(data: str, recording: "Recording", whole: Any, step: Step, jobs: int) -> "Tour":
+    """The tour that DATA and the reading options name."""
     from fusionslam.datasets.range_recording import is_recording
     from fusionslam.pipelines.tours import DatasetTour, open_tour
 
     path = Path(data).expanduser()
     if path.exists() and not is_recording(path):
-        return DatasetTour(opt.recording_of(path, *reading).open())
-    refuse_reading_options(path, "a .npz recording" if path.exists() else "a made world", reading)
+        return DatasetTour(recording.open())
+    refuse_reading_options(recording, "a .npz recording" if path.exists() else "a simulated world")
     return open_tour(data, recording=whole.recording, jobs=jobs, progress=step)
 
 

@@ -41,7 +41,7 @@ def tune(
     state = output.with_name(f"{output.name}.state")
     keep(ctx, state)
     with progress() as step:
-        sets = [view.open_scenes(path, whole, step) for path in scenes]
+        sets = [view.open_scenes(opt.build_recording(path), whole, step) for path in scenes]
         sets = [each.without_empty() for each in sets] if skip_empty else sets
 
         def show(done: int, total: int, best: float) -> None:

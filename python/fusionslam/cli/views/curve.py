@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command views curve: ids judged at many thresholds."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,20 +11,20 @@ from fusionslam.cli.console import print_table, progress
 from fusionslam.cli.views import options as view
 from fusionslam.cli.views.tables import HEADS, curve_row, without_sensor
 
+if TYPE_CHECKING:
+    from fusionslam.pipelines.recording import Recording
 
+
+@opt.reading_options()
 def curve(
-    data: view.Scenes,
+    *,
     output: view.Folder,
     skip_empty: view.SkipEmpty = False,
     rule: view.Rule = "paper",
     loop_precision: Annotated[
         float, typer.Option("--loop-precision", min=0, max=1, help="Demanded of a threshold.")
     ] = 0.97,
-    kind: opt.KindOption = None,
-    sequence: opt.Sequence = None,
-    topic: opt.Topics = None,
-    skip_gaps: opt.SkipGaps = False,
-    gt: opt.Truth = None,
+    recording: "Recording",
     tuned: view.Tuned = None,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
@@ -37,9 +37,7 @@ def curve(
     whole = view.build_config(tuned, config, settings)
     opt.one_of("--rule", rule, ("paper", "author"))
     with progress() as step:
-        scenes = view.open_scenes(
-            data, whole, step, (kind, sequence, skip_gaps, gt, topic), jobs=opt.cores(jobs)
-        )
+        scenes = view.open_scenes(recording, whole, step, jobs=opt.cores(jobs))
         scenes = scenes.without_empty() if skip_empty else scenes
         found = sweep_thresholds(
             scenes,

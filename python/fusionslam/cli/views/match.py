@@ -15,20 +15,18 @@ from fusionslam.cli.views.tables import print_run
 
 if TYPE_CHECKING:
     from fusionslam.evaluation import ViewRun
+    from fusionslam.pipelines.recording import Recording
     from fusionslam.pipelines.views import MatchRun
     from fusionslam.views.matcher import ViewMatcherConfig
 
 
+@opt.reading_options()
 def match(
-    data: view.Scenes,
+    *,
     output: view.Folder,
     skip_empty: view.SkipEmpty = False,
     rule: view.Rule = "paper",
-    kind: opt.KindOption = None,
-    sequence: opt.Sequence = None,
-    topic: opt.Topics = None,
-    skip_gaps: opt.SkipGaps = False,
-    gt: opt.Truth = None,
+    recording: "Recording",
     tuned: view.Tuned = None,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
@@ -46,9 +44,7 @@ def match(
     opt.one_of("--rule", rule, ("paper", "author"))
     matcher = ViewMatcher(whole.views, fusion=whole.fusion, descriptors=whole.descriptors)
     with progress() as step:
-        scenes = view.open_scenes(
-            data, whole, step, (kind, sequence, skip_gaps, gt, topic), jobs=opt.cores(jobs)
-        )
+        scenes = view.open_scenes(recording, whole, step, jobs=opt.cores(jobs))
         scenes = scenes.without_empty() if skip_empty else scenes
         if scenes.poses is not None and not no_report:
             needs_extra("report")

@@ -13,14 +13,9 @@ from fusionslam.cli.console import Step
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from fusionslam.pipelines.recording import Recording
     from fusionslam.views.scene_set import SceneSet
 
-Scenes = Annotated[
-    Path,
-    typer.Argument(
-        metavar="DATA", help="A scene set, a .npz recording, or what the other commands call DATA."
-    ),
-]
 SceneSets = Annotated[
     list[Path], typer.Argument(metavar="SCENES...", help="Scene sets or .npz recordings.")
 ]
@@ -55,25 +50,25 @@ def label_step(step: Step, label: str) -> Any:
     return lambda done, total: step(label, done, total)
 
 
-def open_data(data: Path, whole: Any, how: "Sequence[Any]" = ()) -> Any:
+def open_data(recording: "Recording", whole: Any) -> Any:
     """A stored set, a recording of ranges, or the dataset that the options name."""
     from fusionslam.datasets.range_recording import RangeRecording, is_recording
     from fusionslam.views.scene_set import SceneSet, is_scene_set
 
+    data = Path(recording.path)
     if data.is_file() and is_scene_set(data):
-        refuse_reading_options(data, "a scene set", how)
+        refuse_reading_options(recording, "a scene set")
         return SceneSet.load(data)
     if data.is_file() and is_recording(data):
-        refuse_reading_options(data, "a .npz recording", how)
+        refuse_reading_options(recording, "a .npz recording")
         return RangeRecording.open(data, whole.recording.shapes)
-    return opt.recording_of(data, *how).open(whole.fusion.source)
+    return recording.open(whole.fusion.source)
 
 
 def open_scenes(
-    data: Path,
+    recording: "Recording",
     whole: Any,
     step: Step,
-    how: "Sequence[Any]" = (),
     *,
     jobs: int = 1,
     features: "Sequence[str]" = (),
@@ -83,7 +78,7 @@ def open_scenes(
     from fusionslam.pipelines.scenes import record_scenes
     from fusionslam.views.scene_set import SceneSet
 
-    found = open_data(data, whole, how)
+    found = open_data(recording, whole)
     if isinstance(found, SceneSet):
         return found
     from_ranges = isinstance(found, RangeRecording)
@@ -95,29 +90,25 @@ def open_scenes(
         features=features,
         descriptors=whole.descriptors,
         jobs=jobs,
-        source={"path": str(data), "config": settings.model_dump(mode="json")},
+        source={"path": recording.path, "config": settings.model_dump(mode="json")},
         progress=label_step(step, "reading" if from_ranges else "fusing"),
     )
 
 
-_READING = [
-    "--kind",
-    "--sequence",
-    "--skip-gaps",
-    "--gt",
-    "--topic",
-    "--stamps",
-    "--sync",
-    "--calib",
-]
-"""Options that say how other data are read, in the order of ``opt.recording_of``."""
-
-
-def refuse_reading_options(data: Path, what: str, how: "Sequence[Any]") -> None:
-    """Raise ConfigError rather than leave unheard what somebody said of true poses, say."""
+def refuse_reading_options(recording: "Recording", what: str) -> None:
+    """Raise ConfigError for options that data which say all about themselves would ignore."""
     from fusionslam.errors import ConfigError
 
-    defaults = {"--stamps": "header"}
-    for name, value in zip(_READING, how, strict=False):
-        if value and value != defaults.get(name):
-            raise ConfigError(f"{name}: {data} is {what}, which says all about itself")
+    given = {
+        "--kind": recording.kind,
+        "--sequence": recording.sequence,
+        "--skip-gaps": recording.gaps == "skip",
+        "--gt": recording.poses,
+        "--topic": recording.topics,
+        "--stamps": recording.stamps != "header",
+        "--sync": recording.sync,
+        "--calib": recording.calibration,
+    }
+    for name, value in given.items():
+        if value:
+            raise ConfigError(f"{name}: {recording.path} is {what}, which says all about itself")

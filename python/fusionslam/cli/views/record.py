@@ -12,11 +12,13 @@ from fusionslam.cli.console import progress
 from fusionslam.cli.views import options as view
 
 if TYPE_CHECKING:
+    from fusionslam.pipelines.recording import Recording
     from fusionslam.views.scene_set import SceneSet
 
 
+@opt.reading_options()
 def record(
-    data: view.Scenes,
+    *,
     output: Annotated[Path, typer.Option("--output", "-o", help="The scene set, a .npz.")],
     features: Annotated[
         str, typer.Option("--features", metavar="NAMES", help="Descriptors to keep, too.")
@@ -24,14 +26,7 @@ def record(
     only_scenes: Annotated[
         bool, typer.Option("--only-scenes", help="Keep scenes as configured, no clouds: small.")
     ] = False,
-    kind: opt.KindOption = None,
-    sequence: opt.Sequence = None,
-    topic: opt.Topics = None,
-    stamps: opt.StampsOption = "header",
-    sync: opt.SyncOption = None,
-    calib: opt.Calibration = None,
-    skip_gaps: opt.SkipGaps = False,
-    gt: opt.Truth = None,
+    recording: "Recording",
     tuned: view.Tuned = None,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
@@ -45,12 +40,9 @@ def record(
 
     whole = view.build_config(tuned, config, settings)
     names = opt.names_of(features) if features else []
-    recording = (kind, sequence, skip_gaps, gt, topic, stamps, sync, calib)
     target = output if output.suffix == ".npz" else output.with_name(f"{output.name}.npz")
     with progress() as step:
-        scenes = view.open_scenes(
-            data, whole, step, recording, jobs=opt.cores(jobs), features=names
-        )
+        scenes = view.open_scenes(recording, whole, step, jobs=opt.cores(jobs), features=names)
         if only_scenes:
             made = scene_config(whole.views)
             scenes = scenes.with_scenes(made, view.label_step(step, "building")).without_clouds()

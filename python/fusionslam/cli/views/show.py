@@ -3,7 +3,7 @@
 """The command views show: a scan as a scene, or two scenes and what joins them, as a picture."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,9 +11,13 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.failures import needs_extra
 from fusionslam.cli.views import options as view
 
+if TYPE_CHECKING:
+    from fusionslam.pipelines.recording import Recording
 
+
+@opt.reading_options(gt=None)
 def show(
-    data: view.Scenes,
+    *,
     frame: Annotated[
         int, typer.Option("--frame", metavar="N", help="Number of the scan, as in matches.csv.")
     ],
@@ -22,10 +26,7 @@ def show(
         int | None,
         typer.Option("--against", metavar="M", help="Number of a scan to compare it with."),
     ] = None,
-    kind: opt.KindOption = None,
-    sequence: opt.Sequence = None,
-    topic: opt.Topics = None,
-    skip_gaps: opt.SkipGaps = False,
+    recording: "Recording",
     tuned: view.Tuned = None,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
@@ -42,11 +43,11 @@ def show(
         raise ConfigError(f"--output is {output}, expected the name of a .png")
     needs_extra("report")
     whole = view.build_config(tuned, config, settings)
-    recording = view.open_data(data, whole, (kind, sequence, skip_gaps, None, topic))
+    dataset = view.open_data(recording, whole)
 
     def scan(number: int) -> ClusteredScan:
         cloud = scenes.recorded_cloud(
-            recording, number, fusion=whole.fusion, recording=whole.recording
+            dataset, number, fusion=whole.fusion, recording=whole.recording
         )
         return clustered(number, cloud, matcher.scene_config(whole.views))
 
