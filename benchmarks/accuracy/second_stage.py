@@ -80,9 +80,9 @@ def read(folder: Path, world: str) -> Drive:
         stage = SecondStage(model)
         rows = np.stack([stage.features(clouds[number]) for number in kept])
         likely[model] = np.stack([stage.probabilities(row, rows) for row in rows]).astype(float)
-    assert recording.poses is not None
+    assert recording.places is not None
     similar = np.stack([index.similarities(scenes[number]) for number in kept])
-    return Drive(recording.poses[kept], recording.seconds[kept], similar, likely)
+    return Drive(recording.places[kept], recording.seconds[kept], similar, likely)
 
 
 def pair_rows(world: str, drive: Drive) -> list[list[str]]:

@@ -7,6 +7,7 @@ between them (Perdomo 2019, section 3.3; Stastny 2022, section 4.3).
 """
 
 import logging
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -71,7 +72,13 @@ else:
 logger = logging.getLogger(__name__)
 
 Source = Literal["lidar", "stereo", "cloud"]
-SOURCES: tuple[Source, ...] = ("lidar", "stereo", "cloud")
+SENSORS_OF: Mapping[str, tuple[str, ...]] = {
+    "lidar": ("points", "left"),
+    "stereo": ("left", "right"),
+    "cloud": ("points",),
+}
+"""What each source of clouds needs of a frame."""
+SOURCES = tuple(SENSORS_OF)
 
 
 class FusionConfig(Section):

@@ -12,7 +12,6 @@ import typer
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import Step, progress
 from fusionslam.cli.failures import INTERRUPTED, needs_extra
-from fusionslam.cli.views.options import build_config, refuse_reading_options
 from fusionslam.storage.files import made_folder
 
 if TYPE_CHECKING:
@@ -179,9 +178,10 @@ def _open_tour(data: str, recording: "Recording", whole: Any, step: Step, jobs: 
     from fusionslam.pipelines.tours import DatasetTour, open_tour
 
     path = Path(data).expanduser()
-    if path.exists() and not is_recording(path):
-        return DatasetTour(recording.open())
-    refuse_reading_options(recording, "a .npz recording" if path.exists() else "a simulated world")
+    if path.exists():
+        dataset = recording.open()
+        if not is_recording(path):
+            return DatasetTour(dataset)
     return open_tour(data, recording=whole.recording, jobs=jobs, progress=step)
 
 

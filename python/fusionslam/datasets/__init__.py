@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings on disk as frames: KITTI odometry, raw and object, plain folders, and bags.
+"""Recordings on disk as frames: KITTI, plain folders, bags and range recordings.
 
 >>> dataset = open_dataset("kitti/dataset", sequence="06")  # doctest: +SKIP
 >>> dataset[0].points.shape, dataset[0].images["left"].shape  # doctest: +SKIP
@@ -38,7 +38,8 @@ from fusionslam.datasets.pose_files import (
     read_timestamps,
     write_poses_tum,
 )
-from fusionslam.datasets.streams import SENSORS, Request
+from fusionslam.datasets.range_recording import RANGES, is_recording
+from fusionslam.datasets.streams import SENSORS, Request, check_self_contained
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.synchronizer import SyncConfig
 
@@ -69,7 +70,7 @@ __all__ = [
 
 # In the order in which they are tried: an object folder has a velodyne/ too, any of them may
 # hold a folder of images.
-_KINDS = (KITTI_OBJECT, KITTI_ODOMETRY, KITTI_RAW, FOLDER, *BAGS)
+_KINDS = (KITTI_OBJECT, KITTI_ODOMETRY, KITTI_RAW, FOLDER, RANGES, *BAGS)
 KINDS = tuple(kind.name for kind in _KINDS)
 GAPS = ("error", "skip")
 
@@ -86,11 +87,12 @@ def open_dataset(
     stamps: str = "header",
     sync: SyncConfig | None = None,
     calibration: str | os.PathLike[str] | None = None,
+    shapes: str | None = None,
 ) -> Dataset:
     """Open a recording; scans and images are read only when they are asked for.
 
     Args:
-        path: folder of one sequence, or one that holds several; or a bag.
+        path: folder of one sequence, or one that holds several; a bag; or a range recording.
         kind: one of ``KINDS``; None recognises it by what is in it.
         sequence: which one, where the folder holds several: "06" (or 6), a drive, "testing".
         sensors: those that every frame needs, of "points", "left", "right"; None for all of
@@ -105,6 +107,8 @@ def open_dataset(
         sync: which image of a bag belongs to which scan.
         calibration: a calib.yaml to use instead of the one of a plain folder, or of what a bag
             says of its cameras (CameraInfo and TF) or fails to say.
+        shapes: what the scanner of a range recording met, "visual" or "collision"; None for
+            visual, where there is both.
 
     Raises:
         DataError: nothing there, nothing recognised, no frames, or a file that is missing, too
@@ -124,6 +128,7 @@ def open_dataset(
         stamps,
         sync or SyncConfig(),
         Path(calibration).expanduser().resolve() if calibration else None,
+        shapes,
     )
     try:
         found = _kind(root, kind)
@@ -147,12 +152,9 @@ def _root(path: str | os.PathLike[str]) -> Path:
         raise DataError(f"{root} does not exist: expected a recording") from error
     except OSError as error:
         raise DataError(f"{root} cannot be read: {error.strerror}") from error
-    if not stat.S_ISDIR(mode) and bag_kind(root) is None:
+    if not stat.S_ISDIR(mode) and bag_kind(root) is None and not is_recording(root):
         if root.suffix == ".npz":
-            raise DataError(
-                f"{root} is no scene set and no .npz recording, or it is cut short (only the "
-                "commands about views read these)"
-            )
+            raise DataError(f"{root} is no scene set and no range recording, or it is cut short")
         raise DataError(f"{root} is a file: expected the folder of a recording, or a bag")
     return root
 
@@ -160,6 +162,8 @@ def _root(path: str | os.PathLike[str]) -> Path:
 def _kind(root: Path, name: str | None) -> Kind:
     if name is not None:
         _one_of("kind", name, KINDS)
+        if name != RANGES.name and is_recording(root):
+            check_self_contained(root, "a range recording", {"--kind": name})
         return next(kind for kind in _KINDS if kind.name == name)
     recognised = next((kind for kind in _KINDS if kind.recognises(root)), None)
     if recognised is None:

@@ -7,6 +7,7 @@ import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -17,9 +18,26 @@ from fusionslam.datasets.cloud_files import image_size, read_cloud, read_image
 from fusionslam.datasets.pose_files import read_timestamps
 from fusionslam.datasets.streams import Request, Stream
 from fusionslam.errors import DataError
-from fusionslam.sensors.frame import Camera, Frame
+from fusionslam.sensors.frame import Camera, Cloud, Frame
 
 Image = NDArray[np.uint8]
+
+
+class PosesOrigin(Enum):
+    """Where the poses of a dataset come from."""
+
+    NONE = "none"
+    FILE = "file"
+    TRUTH = "truth topic"
+    ODOMETRY = "odometry"
+
+
+class OdometryOrigin(Enum):
+    """Where the odometry of a dataset's frames comes from."""
+
+    NONE = "none"
+    TOPIC = "topic"
+    TF = "TF"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -30,8 +48,8 @@ class Dataset(ABC):
     ``dataset.numbers[i]``); iterating yields all of them.
 
     Attributes:
-        kind: "kitti-odometry", "kitti-raw", "kitti-object", "folder", "rosbag1", "rosbag2" or
-            "mcap".
+        kind: "kitti-odometry", "kitti-raw", "kitti-object", "folder", "ranges", "rosbag1",
+            "rosbag2", "mcap" or "scenes".
         name: for people, such as "KITTI odometry 06".
         root: the folder or file of the recording.
         numbers: int64 (N), frame numbers as in the file names; there may be gaps.
@@ -53,6 +71,31 @@ class Dataset(ABC):
     poses: NDArray[np.float64] | None = None
     cameras: Mapping[str, Camera] = field(default_factory=dict)
     gaps: Sequence[int] = ()
+
+    @property
+    def short_name(self) -> str:
+        """The name without what tells uses of the same recording apart."""
+        return self.name
+
+    @property
+    def poses_origin(self) -> PosesOrigin:
+        """Where the poses come from."""
+        return PosesOrigin.NONE if self.poses is None else PosesOrigin.FILE
+
+    @property
+    def truth_topic(self) -> str | None:
+        """The topic of true poses, whether or not ``poses`` come from it; None without one."""
+        return None
+
+    @property
+    def odometry_origin(self) -> OdometryOrigin:
+        """Where the odometry of the frames comes from."""
+        return OdometryOrigin.NONE
+
+    @property
+    def odometry_topic(self) -> str | None:
+        """The topic of odometry messages; None without one."""
+        return None
 
     @property
     @abstractmethod
@@ -188,8 +231,35 @@ class FileDataset(Dataset):
         return image
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CloudDataset(Dataset):
+    """Scans that are coloured clouds already, in the robot's frame: nothing has to be fused."""
+
+    @abstractmethod
+    def whole_cloud(self, index: int) -> Cloud:
+        """A scan's cloud with all that is stored of it, ground included."""
+
+    def files(self) -> list[Path]:
+        """The one file."""
+        return [self.root]
+
+    def sensor_stamps(self, sensor: str) -> None:
+        """None: scans have the times of their frames."""
+
+    def _frame(self, index: int) -> Frame:
+        cloud = functools.cache(functools.partial(self.whole_cloud, index))
+        return Frame(
+            index=index,
+            stamp_ns=int(self.stamps_ns[index]),
+            points=(lambda: cloud().points) if self.has_points else None,
+            colors=(lambda: cloud().colors) if self.has_points else None,
+            pose=None if self.poses is None else self.poses[index],
+            robot_from_points=self.body_from_points,
+        )
+
+
 class Kind(NamedTuple):
-    """A layout of folders: its name, its marks in a few words, how to recognise and to open it."""
+    """A layout of files: its name, its marks in a few words, how to recognise and to open it."""
 
     name: str
     layout: str

@@ -19,10 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
+from fusionslam.datasets.base import CloudDataset, Kind
+from fusionslam.datasets.streams import Request, check_scans, check_self_contained
 from fusionslam.errors import DataError
 from fusionslam.geometry.odometry_noise import OdometryConfig, measured_places
+from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.frame import Cloud
+from fusionslam.sensors.synchronizer import SyncConfig
 
+KIND = "ranges"
 SHAPES = ("visual", "collision")
 
 Array = NDArray[np.float64]
@@ -43,32 +48,47 @@ class RecordingConfig(Section):
     )
 
 
-@dataclass(frozen=True, eq=False)
-class RangeRecording:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RangeRecording(CloudDataset):
     """Scans of a recording, read whole; ``cloud(i)`` is one of them.
 
     Attributes:
-        name: for people.
+        shapes: what the scanner met, one of ``SHAPES``.
         seconds: float64 (n), increasing.
-        poses: float64 (n, 3), x, y in metres and yaw in radians; None where there is no truth.
+        places: float64 (n, 3), x, y in metres and yaw in radians; None where there is no truth.
         points: float32 (m, 3), metres in the robot's frame, ground and all.
         colors: uint8 (m, 3) RGB.
         offsets: int64 (n + 1) into the points.
     """
 
-    name: str
+    shapes: str
     seconds: Array
-    poses: Array | None
+    places: Array | None
     points: NDArray[np.float32]
     colors: NDArray[np.uint8]
     offsets: NDArray[np.int64]
 
-    def __len__(self) -> int:
-        return len(self.seconds)
+    @property
+    def counts(self) -> dict[str, int]:
+        """The number of scans."""
+        return {"points": len(self)}
+
+    def content(self, sensor: str) -> str:
+        """Number of scans and of coloured points, and what the rays met."""
+        count = len(self.points)
+        return f"{len(self)} scans, {count} coloured points on {self.shapes} shapes"
+
+    def whole_cloud(self, index: int) -> Cloud:
+        """A scan with its ground, in the robot's frame."""
+        return self.cloud(index, RecordingConfig(ground_height=None))
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], shapes: str | None = None) -> "RangeRecording":
         """Read a file.
+
+        Args:
+            path: of the file.
+            shapes: what the scanner met; None for visual where there is both.
 
         Raises:
             DataError: no such file, no recording, shapes that it lacks, or arrays that do not fit
@@ -79,8 +99,23 @@ class RangeRecording:
         shapes = _chosen_shapes(source, arrays, shapes)
         seconds, offsets = _scans(source, arrays, shapes)
         points, colors = _points(source, arrays, shapes, int(offsets[-1]))
-        poses = _poses(source, arrays, len(seconds))
-        return cls(source.stem, seconds, poses, points, colors, offsets)
+        places = _places(source, arrays, len(seconds))
+        return cls(
+            kind=KIND,
+            name=source.stem,
+            root=source,
+            numbers=np.arange(len(seconds)),
+            stamps_ns=np.round(seconds * 1e9).astype(np.int64),
+            pose_frame="the robot",
+            body_from_points=np.eye(4),
+            poses=None if places is None else ground_poses(*places.T),
+            shapes=shapes,
+            seconds=seconds,
+            places=places,
+            points=points,
+            colors=colors,
+            offsets=offsets,
+        )
 
     def cloud(self, index: int, config: RecordingConfig, measured: Array | None = None) -> Cloud:
         """A scan without ground, in the frame that the configuration names.
@@ -112,18 +147,46 @@ class RangeRecording:
         """
         if config.frame == "robot":
             return None
-        if self.poses is None:
+        if self.places is None:
             raise DataError(f"{self.name} has no poses, which the frame of odometry needs")
-        return measured_places(self.poses, self.seconds, config.odometry)
+        return measured_places(self.places, self.seconds, config.odometry)
 
 
 def is_recording(path: str | os.PathLike[str]) -> bool:
     """Whether a path is an ``.npz`` of this layout."""
+    return {"rays", "lidar_xyz", "stamps"} <= _names(path)
+
+
+def shapes_in(path: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Those of ``SHAPES`` that a range recording has, without reading its scans."""
+    names = _names(path)
+    return tuple(shapes for shapes in SHAPES if f"{shapes}_offsets" in names)
+
+
+def _names(path: str | os.PathLike[str]) -> set[str]:
+    """The arrays of an ``.npz``; none of anything else."""
     if Path(path).suffix.lower() != ".npz" or not zipfile.is_zipfile(path):
-        return False
+        return set()
     with zipfile.ZipFile(path) as archive:
-        names = set(archive.namelist())
-    return {"rays.npy", "lidar_xyz.npy", "stamps.npy"} <= names
+        return {name.removesuffix(".npy") for name in archive.namelist()}
+
+
+def _open(root: Path, request: Request) -> RangeRecording:
+    given = {
+        "--sequence": request.sequence,
+        "--skip-gaps": request.gaps == "skip",
+        "--gt": request.poses,
+        "--topic": request.topics,
+        "--stamps": request.stamps != "header",
+        "--sync": request.sync != SyncConfig(),
+        "--calib": request.calibration,
+    }
+    check_self_contained(root, "a range recording", given)
+    check_scans(root, "a range recording", request.sensors)
+    return RangeRecording.open(root, request.shapes)
+
+
+RANGES = Kind(KIND, "a .npz with stamps, rays and lidar_xyz", is_recording, _open)
 
 
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:
@@ -192,7 +255,7 @@ def _points(
     return (rays[ray] * metres[:, None] + origin).astype(np.float32), colors
 
 
-def _poses(path: Path, arrays: dict[str, NDArray[Any]], count: int) -> Array | None:
+def _places(path: Path, arrays: dict[str, NDArray[Any]], count: int) -> Array | None:
     if "poses" not in arrays:
         return None
     return _finite(path, "poses", _get(path, arrays, "poses", (count, 3)))

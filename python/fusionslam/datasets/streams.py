@@ -7,12 +7,12 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import DataError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.synchronizer import SyncConfig
 
 logger = logging.getLogger(__name__)
@@ -25,6 +25,14 @@ MAX_SPAN = 1_000_000
 PERIOD_NS = 100_000_000
 
 Key = TypeVar("Key", int, str)
+
+
+class MissingSensorError(DataError):
+    """The recording has no data of a sensor that was asked for."""
+
+
+class GapsError(DataError):
+    """Frames between the first and the last lack a file, and nobody asked to leave them out."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +73,7 @@ class Request:
         stamps: when the messages of a bag were measured: "header" or "bag".
         sync: which image of a bag belongs to which scan.
         calibration: calib.yaml in the place of what the recording says of its cameras.
+        shapes: what the scanner of a range recording met; None for the first that it has.
     """
 
     sequence: str | None = None
@@ -75,6 +84,37 @@ class Request:
     stamps: str = "header"
     sync: SyncConfig = field(default_factory=SyncConfig)
     calibration: Path | None = None
+    shapes: str | None = None
+
+
+def check_self_contained(root: Path, what: str, options: Mapping[str, Any]) -> None:
+    """Check that no option says how to read a file that says everything itself.
+
+    Args:
+        root: the file.
+        what: its kind in words.
+        options: value of each option by its name; what is empty was not given.
+
+    Raises:
+        ConfigError: one was given.
+    """
+    for name, value in options.items():
+        if value:
+            raise ConfigError(f"{name}: {root} is {what}, which says all about itself")
+
+
+def check_scans(root: Path, what: str, sensors: Sequence[str] | None) -> None:
+    """Raise MissingSensorError if other sensors than scans are asked of a file that has no others.
+
+    Args:
+        root: the file.
+        what: its kind in words.
+        sensors: those asked for; None for any.
+    """
+    if missing := [name for name in sensors or () if name != "points"]:
+        raise MissingSensorError(
+            f"{root} is {what}: it has coloured clouds, but no {' and '.join(missing)} images"
+        )
 
 
 def scan(folder: Path, suffixes: Sequence[str]) -> Stream | None:
@@ -131,7 +171,7 @@ def choose(streams: Mapping[str, Stream | None], request: Request, root: Path) -
     for sensor in wanted:
         if sensor not in found:
             others = f", only of {', '.join(found)}" if found else ""
-            raise DataError(f"{root} has no files of sensor '{sensor}'{others}")
+            raise MissingSensorError(f"{root} has no files of sensor '{sensor}'{others}")
     return {sensor: found[sensor] for sensor in SENSORS if sensor in wanted}
 
 
@@ -172,7 +212,8 @@ def _report(streams: Mapping[str, Stream], gaps: list[int], complete: int, polic
     path = next(s.expected(first) for s in streams.values() if first not in s.files)
     message = f"{path} is missing; {len(gaps)} of {len(gaps) + complete} frames lack a file"
     if policy == "error":
-        raise DataError(f'{message}: gaps="skip" (command line: --skip-gaps) leaves them out')
+        kind = GapsError if complete else DataError
+        raise kind(f'{message}: gaps="skip" (command line: --skip-gaps) leaves them out')
     logger.warning("%s and are left out", message)
 
 

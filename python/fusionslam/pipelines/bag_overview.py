@@ -17,7 +17,7 @@ from fusionslam.datasets.bags.pairing import open_indexed
 from fusionslam.datasets.bags.reader import Topic
 from fusionslam.datasets.bags.topics import ROLES
 from fusionslam.errors import DataError, one_line
-from fusionslam.pipelines.first_frame import first_cloud
+from fusionslam.pipelines.first_frame import FirstCloud, first_cloud
 
 if TYPE_CHECKING:
     from fusionslam.datasets.base import Dataset
@@ -62,7 +62,7 @@ class Inspection:
         for reason, count in self.source.index.refused.items():
             yield "refused", f"{_counted(count, 'message')}: {reason}"
 
-    def fusion(self, dataset: "Dataset | None") -> str:
+    def fusion(self, dataset: "Dataset | None") -> FirstCloud:
         """Whether the bag can be fused, and if not, all that is known to be missing."""
         missing = [
             f"no {kind}" + (" of the camera" * (role == "camera_info"))
@@ -73,7 +73,7 @@ class Inspection:
             missing += self._missing_link()
         has_pairs = dataset is not None and dataset.has_stereo and not dataset.has_points
         if dataset is None or (missing and not has_pairs):
-            return f"not possible: {'; '.join(missing) or 'no frames'}"
+            return FirstCloud("not possible", problem="; ".join(missing) or "no frames")
         return first_cloud(dataset)
 
     def cameras(self) -> str:

@@ -26,7 +26,7 @@ from fusionslam.descriptors import (
 )
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
-from fusionslam.fusion import FusionConfig, fuse
+from fusionslam.fusion import SENSORS_OF, FusionConfig, fuse
 from fusionslam.loop_closure.detector import LoopConfig
 from fusionslam.pipelines.checkpoints import (
     Arrays,
@@ -298,8 +298,8 @@ class _Clock:
 
 def _load(frame: Any, source: str) -> None:
     """Read what the source needs now, so that reading is timed apart from fusing."""
-    if source != "stereo":
-        _ = frame.points
-    for camera in {"lidar": ("left",), "stereo": ("left", "right")}.get(source, ()):
-        if camera in frame.images:
-            _ = frame.images[camera]
+    for sensor in SENSORS_OF[source]:
+        if sensor == "points":
+            _ = frame.points
+        elif sensor in frame.images:
+            _ = frame.images[sensor]

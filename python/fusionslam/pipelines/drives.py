@@ -173,9 +173,9 @@ def _of_recording(path: Path, shapes: str) -> Drive:
 
     def images(bottom: int | None) -> Images | None:
         world = world_beside(path)
-        if world is None or data.poses is None:
+        if world is None or data.places is None:
             return None
-        return rendered_images(world, data.seconds, data.poses, bottom=bottom)
+        return rendered_images(world, data.seconds, data.places, bottom=bottom)
 
     return _drive(
         record_scenes(data),

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.pipelines.export_folder import refuse_input
@@ -38,8 +39,6 @@ BAG_SUFFIXES = (".bag", ".db3", ".mcap")
 CLOUDS, ODOMETRY, TRUTH = "/rgb_cloud", "/odom", "/ground_truth"
 WORLD, ODOM, ROBOT, SCAN = "world", "odom", "base_footprint", "lidar"
 _FRAME_IDS = {"scan": SCAN, "camera": "camera", "robot": ROBOT, "odometry": ODOM}
-# How ``Dataset.pose_frame`` of a bag says that odometry is all that is known of its poses.
-_BY_ODOMETRY = "by odometry in"
 
 Matrix = NDArray[np.float64]
 
@@ -206,7 +205,7 @@ class _Maker:
             return None
         # Whether odometry is all that is known is the recording's matter, not that of a frame, in
         # which the truth may happen to be the same.
-        if frame.odometry is not None and _BY_ODOMETRY in self.dataset.pose_frame:
+        if frame.odometry is not None and self.dataset.poses_origin is PosesOrigin.ODOMETRY:
             return None
         body_from_points = self.dataset.body_from_points
         return frame.pose if body_from_points is None else frame.pose @ body_from_points

@@ -3,37 +3,52 @@
 """Whether a recording or a robot's messages can be fused, tried on the first frame."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
-from fusionslam.errors import FusionSlamError
+from fusionslam.datasets.base import CloudDataset
+from fusionslam.errors import FusionSlamError, one_line
 from fusionslam.fusion import FusionConfig, fuse
 
 if TYPE_CHECKING:
     from fusionslam.datasets.base import Dataset
     from fusionslam.sensors.frame import Frame
-from fusionslam.errors import one_line
 
 
 @dataclass(frozen=True)
 class FirstCloud:
-    """What came of fusing a first frame: the number of points, and that in words."""
+    """What comes of fusing a first frame.
 
-    points: int
-    words: str
+    Attributes:
+        status: "possible"; "doubtful" where the cloud has no points; "not possible"; or "not
+            needed" where the recording holds coloured clouds.
+        points: of the cloud.
+        problem: what is wrong; empty where fusing is possible or not needed.
+        detail: for people, what there is where nothing is wrong.
+    """
+
+    status: Literal["possible", "doubtful", "not possible", "not needed"]
+    points: int = 0
+    problem: str = ""
+    detail: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.status}: {self.problem or self.detail}"
 
 
-def first_cloud(dataset: "Dataset") -> str:
-    """What fusing the first frame gives, in words, or why it cannot be fused."""
+def first_cloud(dataset: "Dataset") -> FirstCloud:
+    """What fusing the first frame gives, or why it cannot be fused."""
+    if isinstance(dataset, CloudDataset):
+        return FirstCloud("not needed", detail="the clouds have their colours")
     if dataset.sensors == ("points",):
-        return "not possible: no images to colour the scans with"
+        return FirstCloud("not possible", problem="no images to colour the scans with")
     is_pair = dataset.has_stereo and not (dataset.has_points and dataset.cameras)
     if not is_pair and not dataset.has_points:
-        return "not possible: no scans and no pairs of images"
+        return FirstCloud("not possible", problem="no scans and no pairs of images")
     config = FusionConfig(source="stereo" if is_pair else "lidar")
     try:
-        return try_frame(dataset[0], config).words
+        return try_frame(dataset[0], config)
     except FusionSlamError as error:
-        return f"not possible: {one_line(error)}"
+        return FirstCloud("not possible", problem=one_line(error))
 
 
 def try_frame(frame: "Frame", config: FusionConfig) -> FirstCloud:
@@ -42,10 +57,10 @@ def try_frame(frame: "Frame", config: FusionConfig) -> FirstCloud:
     first = "first stereo pair" if config.source == "stereo" else "first scan"
     if count:
         colored = " get a colour" if config.source == "lidar" else ""
-        return FirstCloud(count, f"possible: {count} points of the {first}{colored}")
-    why = {
+        return FirstCloud("possible", count, detail=f"{count} points of the {first}{colored}")
+    problem = {
         "lidar": f"no point of the {first} falls into its image",
         "stereo": f"the images of the {first} have nothing in common",
         "cloud": f"the {first} has no points",
     }
-    return FirstCloud(0, f"doubtful: {why[config.source]}")
+    return FirstCloud("doubtful", problem=problem[config.source])

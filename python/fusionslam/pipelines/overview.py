@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.datasets.base import FileDataset
+from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
 from fusionslam.errors import DataError
 from fusionslam.pipelines.first_frame import first_cloud
+from fusionslam.pipelines.scene_recording import SceneRecording
 from fusionslam.sensors.frame import Camera
 
 if TYPE_CHECKING:
@@ -61,18 +62,19 @@ def look_at(recording: "Recording") -> Overview:
     if (recording.kind or bag_kind(path)) not in BAG_KINDS:
         dataset = recording.open()
         whole = overview(dataset)
-        return Overview([*whole.rows, ("fusion", first_cloud(dataset))], whole.gaps)
+        return Overview([*whole.rows, ("fusion", str(first_cloud(dataset)))], whole.gaps)
     calibration = Path(recording.calibration) if recording.calibration else None
     bag = Inspection.of(path, recording.topics, recording.stamps, calibration)
     rows = [*bag.rows()]
     try:
         dataset = recording.open()
     except DataError as error:
-        return Overview([*rows, ("frames", f"none: {error}"), ("fusion", bag.fusion(None))], [])
+        rows += [("frames", f"none: {error}"), ("fusion", str(bag.fusion(None)))]
+        return Overview(rows, [])
     if not dataset.cameras:
         rows.append(("cameras", bag.cameras()))
     rows += [row for row in _rows(dataset) if row[0] not in dict(rows)]
-    return Overview([*rows, ("fusion", bag.fusion(dataset))], list(dataset.gaps))
+    return Overview([*rows, ("fusion", str(bag.fusion(dataset)))], list(dataset.gaps))
 
 
 def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:
@@ -83,6 +85,8 @@ def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:
     yield "time", _time(dataset.stamps_ns)
     for sensor in dataset.sensors:
         yield f"sensor {sensor}", dataset.content(sensor)
+    if isinstance(dataset, SceneRecording):
+        yield from dataset.rows()
     for name, camera in dataset.cameras.items():
         yield f"camera {name}", calibration_words(camera)
     if not dataset.cameras:
@@ -130,10 +134,21 @@ def _path(dataset: "Dataset") -> str:
     metres = steps[known].sum()
     # Of a metre or two, the digits matter.
     path = f"path of {metres:.{0 if metres >= 100 else 1}f} m{gaps}"
-    return f"{len(dataset.poses)} of {dataset.pose_frame}, {path}"
+    return f"{len(dataset.poses)} of {dataset.pose_frame} {_origin(dataset)}, {path}"
+
+
+def _origin(dataset: "Dataset") -> str:
+    """Where the poses come from, in words."""
+    if dataset.poses_origin is PosesOrigin.TRUTH:
+        return f"from true poses in {dataset.truth_topic}"
+    if dataset.poses_origin is PosesOrigin.ODOMETRY:
+        return f"from odometry in {dataset.odometry_topic or 'TF'}"
+    return "from a file"
 
 
 def _no_cameras(dataset: "Dataset") -> str:
+    if isinstance(dataset, CloudDataset):
+        return "no images; the points have their colours"
     if dataset.body_from_points is not None and dataset.kind.startswith("kitti"):
         return "no images; the calibration is there and places the scanner"
     return "no calibration" if {*dataset.sensors} - {"points"} else "no images, no calibration"

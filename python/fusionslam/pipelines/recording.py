@@ -1,33 +1,32 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where data come from and where results lie, so that a later command can go on with them.
+"""The one way to open what a command calls DATA, as a value that results keep."""
 
-A folder of results has ``run.json``, which says what was worked on, how and by which command, and
-the descriptor runs, in ``descriptors/`` or beside it.
-"""
-
-import logging
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fusionslam.datasets.base import CloudDataset
+from fusionslam.datasets.streams import GapsError, check_scans, check_self_contained
 from fusionslam.errors import DataError
+from fusionslam.fusion import SENSORS_OF
 from fusionslam.sensors.synchronizer import SyncConfig
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
 
-SENSORS_OF = {"lidar": ("points", "left"), "stereo": ("left", "right"), "cloud": ("points",)}
-"""What each source of clouds needs of a frame."""
-
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording and how it is opened; the arguments are those of ``open_dataset``.
+    """A recording and how it is opened: what ``open_dataset`` reads, or a scene set.
 
-    ``sync`` holds the values of ``SyncConfig`` that are not its defaults.
+    The other arguments are those of ``open_dataset``; ``sync`` holds the values of ``SyncConfig``
+    that are not its defaults.
+
+    Attributes:
+        simulated: name of the simulated world that the recording was made in; None for any other.
     """
 
     path: str
@@ -39,6 +38,8 @@ class Recording:
     stamps: str = "header"
     sync: Mapping[str, Any] = field(default_factory=dict)
     calibration: str | None = None
+    shapes: str | None = None
+    simulated: str | None = None
 
     @classmethod
     def at(cls, path: str | os.PathLike[str], **how: Any) -> "Recording":
@@ -54,7 +55,7 @@ class Recording:
         Raises:
             DataError, ConfigError: as ``open_dataset``.
         """
-        return self._open(None if source is None else SENSORS_OF[source], self.gaps)
+        return self._open(None if source is None else SENSORS_OF[source])
 
     def sources(self) -> tuple[str, ...]:
         """The sources of clouds that the data allow, at least one.
@@ -63,7 +64,9 @@ class Recording:
             DataError: there is none, or a file is missing in the middle of one.
         """
         everything, problem = self._everything()
-        if everything is not None and everything.sensors == ("points",):
+        if everything is not None and (
+            everything.sensors == ("points",) or isinstance(everything, CloudDataset)
+        ):
             return ("cloud",)
         usable = tuple(source for source in ("lidar", "stereo") if self._allows(source))
         if not usable:
@@ -73,21 +76,43 @@ class Recording:
             )
         return usable
 
-    def _open(self, sensors: Sequence[str] | None, gaps: str) -> "Dataset":
+    def _open(self, sensors: Sequence[str] | None) -> "Dataset":
         from fusionslam.datasets import open_dataset
+        from fusionslam.views.scene_set import is_scene_set
 
+        if Path(self.path).is_file() and is_scene_set(self.path):
+            return self._open_scenes(sensors)
         return open_dataset(
             self.path,
             kind=self.kind,
             sequence=self.sequence,
             sensors=sensors,
-            gaps=gaps,
+            gaps=self.gaps,
             poses=self.poses,
             topics=self.topics,
             stamps=self.stamps,
             sync=SyncConfig(**self.sync),
             calibration=self.calibration,
+            shapes=self.shapes,
         )
+
+    def _open_scenes(self, sensors: Sequence[str] | None) -> "Dataset":
+        from fusionslam.pipelines.scene_recording import SceneRecording
+
+        path, what = Path(self.path), "a scene set"
+        given = {
+            "--kind": self.kind not in (None, "scenes"),
+            "--sequence": self.sequence,
+            "--skip-gaps": self.gaps == "skip",
+            "--gt": self.poses,
+            "--topic": self.topics,
+            "--stamps": self.stamps != "header",
+            "--sync": self.sync,
+            "--calib": self.calibration,
+        }
+        check_self_contained(path, what, given)
+        check_scans(path, what, sensors)
+        return SceneRecording.open(path)
 
     def _everything(self) -> "tuple[Dataset | None, DataError | None]":
         try:
@@ -99,29 +124,12 @@ class Recording:
         """Whether there are frames for a source; frames missing in between are an error."""
         try:
             self.open(source)
-        except DataError:
-            if self._has_gaps(source):
-                raise
-            return False
-        return True
-
-    def _has_gaps(self, source: str) -> bool:
-        """Whether the data could be opened if frames were left out."""
-        # The reader would say that frames are left out, which is not what happens next.
-        reader = logging.getLogger("fusionslam.datasets.streams")
-        reader.addFilter(_nothing)
-        try:
-            self._open(SENSORS_OF[source], "skip")
+        except GapsError:
+            raise
         except DataError:
             return False
-        finally:
-            reader.removeFilter(_nothing)
         return True
 
 
 def _absolute(path: str | os.PathLike[str]) -> str:
     return str(Path(path).expanduser().resolve())
-
-
-def _nothing(record: logging.LogRecord) -> bool:
-    return False

@@ -21,6 +21,7 @@ from fusionslam.descriptors import (
 from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.pipelines.export_folder import cloud_poses
+from fusionslam.pipelines.scene_recording import SceneRecording
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.parallel import in_order
 from fusionslam.views.scene_set import CloudArray, Progress, SceneSet
@@ -34,7 +35,7 @@ logger = logging.getLogger(__name__)
 
 
 def record_scenes(
-    data: "Dataset | RangeRecording",
+    data: "Dataset",
     *,
     fusion: FusionConfig = ROBOT_FUSION,
     recording: RecordingConfig | None = None,
@@ -49,7 +50,7 @@ def record_scenes(
     Scans of which nothing is left are kept, and marked as empty.
 
     Args:
-        data: what ``open_dataset`` or ``RangeRecording.open`` gives.
+        data: what ``Recording.open`` gives; of a scene set the set itself.
         fusion: how frames of a dataset become clouds.
         recording: how scans of a ``RangeRecording`` become clouds.
         features: names of descriptors to compute, too.
@@ -64,6 +65,8 @@ def record_scenes(
     """
     for name in features:
         descriptor_named(name)
+    if isinstance(data, SceneRecording):
+        return data.scenes
     if isinstance(data, RangeRecording):
         scenes = _of_recording(data, recording or RecordingConfig(), progress)
     else:
@@ -73,7 +76,7 @@ def record_scenes(
 
 
 def recorded_cloud(
-    data: "Dataset | RangeRecording | SceneSet",
+    data: "Dataset",
     number: int,
     *,
     fusion: FusionConfig = ROBOT_FUSION,
@@ -82,26 +85,23 @@ def recorded_cloud(
     """One scan's coloured cloud, as ``record_scenes`` makes it, without making the others.
 
     Args:
-        data: what ``record_scenes`` takes, or what it gave.
+        data: what ``record_scenes`` takes.
         number: of the scan, as the data number it.
         fusion, recording: as for ``record_scenes``.
 
     Raises:
         DataError: no such scan, no clouds, or a frame that cannot be read or fused.
     """
-    numbers = np.arange(len(data)) if isinstance(data, RangeRecording) else data.numbers
-    found = np.flatnonzero(numbers == number)
+    found = np.flatnonzero(data.numbers == number)
     if not len(found):
-        known = f"numbered {numbers[0]} to {numbers[-1]}" if len(numbers) else "none"
+        known = f"numbered {data.numbers[0]} to {data.numbers[-1]}"
         raise DataError(f"{data.name} has no scan {number}; its scans are {known}")
     row = int(found[0])
     if isinstance(data, RangeRecording):
         config = recording or RecordingConfig()
         return data.cloud(row, config, data.odometry(config))
-    if isinstance(data, SceneSet):
-        if data.clouds is None:
-            raise DataError(f"{data.name} holds no clouds: record it without --only-scenes")
-        return data.clouds[row]
+    if isinstance(data, SceneRecording):
+        return data.whole_cloud(row)
     return fuse(data[row], fusion)
 
 
@@ -113,8 +113,7 @@ def _of_recording(
         clouds.append(data.cloud(index, config, measured))
         if progress is not None:
             progress(index + 1, len(data))
-    stamps = np.round(data.seconds * 1e9).astype(np.int64)
-    return _fields(data.name, stamps, np.arange(len(data)), clouds, config.frame, data.poses)
+    return _fields(data, clouds, config.frame, data.places)
 
 
 def _of_dataset(
@@ -138,22 +137,17 @@ def _of_dataset(
             pool.shutdown(wait=True, cancel_futures=True)
             raise
     poses = _true_places(data, config)
-    return _fields(data.name, data.stamps_ns, data.numbers, clouds, config.frame, poses)
+    return _fields(data, clouds, config.frame, poses)
 
 
 def _fields(
-    name: str,
-    stamps_ns: NDArray[np.int64],
-    numbers: NDArray[np.int64],
-    clouds: list[Cloud],
-    frame: str,
-    poses: NDArray[np.float64] | None,
+    data: "Dataset", clouds: list[Cloud], frame: str, poses: NDArray[np.float64] | None
 ) -> dict[str, Any]:
     stored = CloudArray.of(clouds)
     return {
-        "name": name,
-        "stamps_ns": stamps_ns,
-        "numbers": numbers,
+        "name": data.name,
+        "stamps_ns": data.stamps_ns,
+        "numbers": data.numbers,
         "empty": stored.sizes == 0,
         "frame": frame,
         "poses": poses,

@@ -97,13 +97,13 @@ class RecordedTour(Tour):
     def images(self, bottom: int | None = None) -> Images | None:
         """As ``Tour``."""
         world = world_beside(self._path)
-        if world is None or self._data.poses is None:
+        if world is None or self._data.places is None:
             return None
-        return rendered_images(world, self._data.seconds, self._data.poses, bottom=bottom)
+        return rendered_images(world, self._data.seconds, self._data.places, bottom=bottom)
 
     def _way(self) -> Trajectory | None:
         """The drive that was recorded, else straight lines between the poses of the scans."""
-        world, poses = world_beside(self._path), self._data.poses
+        world, poses = world_beside(self._path), self._data.places
         beside = None if world is None else world.with_suffix(".trajectory.csv")
         if poses is None:
             return None

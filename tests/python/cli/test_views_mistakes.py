@@ -24,7 +24,7 @@ def test_a_set_that_is_cut_is_said_to_be(
 ) -> None:
     scenes.write_bytes(scenes.read_bytes()[:size])
     line = fails(1, *words, scenes, "-o", tmp_path / "out")
-    assert "scenes.npz is no scene set and no .npz recording, or it is cut short" in line
+    assert "scenes.npz is no scene set and no range recording, or it is cut short" in line
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ def test_what_would_not_be_heard_is_refused(
 ) -> None:
     ranges = tmp_path / "ranges.npz"
     write_recording(ranges, LAPS)
-    for data, what in ((scenes, "a scene set"), (ranges, "a .npz recording")):
+    for data, what in ((scenes, "a scene set"), (ranges, "a range recording")):
         for command in ("match", "curve", "record"):
             line = fails(2, "views", command, data, "-o", tmp_path / "out", option, value)
             assert f"{option}: {data} is {what}" in line

@@ -32,6 +32,7 @@ from bag_maker import (
 from command_line import fails, succeeds
 from fusionslam import fuse, open_dataset
 from fusionslam.datasets import write_poses_tum
+from fusionslam.datasets.base import OdometryOrigin, PosesOrigin
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.messages import Event, FrameTransforms
 from fusionslam.sensors.synchronizer import SyncConfig
@@ -54,7 +55,8 @@ def test_each_scan_becomes_a_frame_with_its_image_camera_and_pose(
     assert dataset.sensors == ("points", "left") and dataset.counts == {"points": 5, "left": 21}
     assert ((dataset.stamps_ns - START) / SECOND).tolist() == [0, 0.5, 1, 1.5, 2]
     assert dataset.numbers.tolist() == [0, 1, 2, 3, 4] and dataset.gaps == []
-    assert dataset.pose_frame == "base by odometry in /odom"
+    assert dataset.pose_frame == "base" and dataset.poses_origin is PosesOrigin.ODOMETRY
+    assert dataset.odometry_topic == "/odom" and dataset.odometry_origin is OdometryOrigin.TOPIC
     np.testing.assert_allclose(dataset.body_from_points, BASE_FROM_SCANNER)
     frame = dataset[3]
     pose = translation(1.5 * SPEED)
@@ -146,10 +148,11 @@ def test_topics_are_guessed_by_a_rule_that_is_logged_and_can_be_named(
         "points is /a_points, chosen of /a_points, /points; name one with --topic points=..."
         in caplog.text
     )
-    assert dataset.pose_frame == "base by the truth in /truth"
+    assert dataset.pose_frame == "base" and dataset.poses_origin is PosesOrigin.TRUTH
+    assert dataset.truth_topic == "/truth"
     named = open_dataset(path, topics={"points": "/points", "truth": ""})
     assert named.source.roles["points"] == "/points" and named.name != dataset.name
-    assert named.pose_frame == "base by odometry in /odom"
+    assert named.poses_origin is PosesOrigin.ODOMETRY
     with pytest.raises(DataError, match="has no topic /lidar for points; that could be: /a_points"):
         open_dataset(path, topics={"points": "/lidar"})
     with pytest.raises(DataError, match="/odom is of type nav_msgs/Odometry, expected sensor_msgs"):

@@ -89,8 +89,8 @@ def test_places_of_a_world_never_trained_on_are_told_apart(
     recording = RangeRecording.open(test_data / "recordings" / "small_house.npz", "collision")
     stage, chosen = SecondStage(model), np.arange(0, len(recording), 6)
     rows = np.stack([stage.features(recording.cloud(int(k), RecordingConfig())) for k in chosen])
-    assert recording.poses is not None
-    poses = recording.poses[chosen]
+    assert recording.places is not None
+    poses = recording.places[chosen]
     first, second = np.triu_indices(len(chosen), 1)
     distance, angle = apart(poses[first], poses[second])
     scores = np.stack([stage.probabilities(row, rows) for row in rows])[first, second]

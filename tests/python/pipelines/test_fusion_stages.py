@@ -14,6 +14,7 @@ from command_line import fails, succeeds
 from fusionslam import Camera, Frame, FusionConfig
 from fusionslam.datasets import open_dataset
 from fusionslam.datasets.bags import open_bag
+from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import DataError
 from fusionslam.pipelines.export_bag import write_cloud_bag
 from fusionslam.pipelines.recording import Recording
@@ -148,7 +149,7 @@ def test_odometry_and_the_robots_frame_are_written_where_they_are_known() -> Non
         stamps_ns = np.array([5])
         numbers = np.array([0])
         body_from_points = None
-        pose_frame = "base_footprint by the truth in /ground_truth"
+        poses_origin = PosesOrigin.TRUTH
 
         def __getitem__(self, index: int) -> Frame:
             return frame

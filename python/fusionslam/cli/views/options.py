@@ -13,6 +13,7 @@ from fusionslam.cli.console import Step
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from fusionslam.datasets import Dataset
     from fusionslam.pipelines.recording import Recording
     from fusionslam.views.scene_set import SceneSet
 
@@ -50,19 +51,19 @@ def label_step(step: Step, label: str) -> Any:
     return lambda done, total: step(label, done, total)
 
 
-def open_data(recording: "Recording", whole: Any) -> Any:
-    """A stored set, a recording of ranges, or the dataset that the options name."""
-    from fusionslam.datasets.range_recording import RangeRecording, is_recording
-    from fusionslam.views.scene_set import SceneSet, is_scene_set
+def open_data(recording: "Recording", whole: Any) -> "tuple[Dataset, Any]":
+    """The recording, and the configuration with the source of its clouds."""
+    from dataclasses import replace
 
-    data = Path(recording.path)
-    if data.is_file() and is_scene_set(data):
-        refuse_reading_options(recording, "a scene set")
-        return SceneSet.load(data)
-    if data.is_file() and is_recording(data):
-        refuse_reading_options(recording, "a .npz recording")
-        return RangeRecording.open(data, whole.recording.shapes)
-    return recording.open(whole.fusion.source)
+    from fusionslam.config import merged
+    from fusionslam.datasets.base import CloudDataset
+
+    recording = replace(recording, shapes=whole.recording.shapes)
+    whole = merged(whole, {"fusion": {"source": opt.source_of(None, whole, recording)}})
+    dataset = recording.open()
+    if isinstance(dataset, CloudDataset):
+        return dataset, whole
+    return recording.open(whole.fusion.source), whole
 
 
 def open_scenes(
@@ -76,15 +77,12 @@ def open_scenes(
     """A stored set, or one made of a recording."""
     from fusionslam.datasets.range_recording import RangeRecording
     from fusionslam.pipelines.scenes import record_scenes
-    from fusionslam.views.scene_set import SceneSet
 
-    found = open_data(recording, whole)
-    if isinstance(found, SceneSet):
-        return found
-    from_ranges = isinstance(found, RangeRecording)
+    dataset, whole = open_data(recording, whole)
+    from_ranges = isinstance(dataset, RangeRecording)
     settings = whole.recording if from_ranges else whole.fusion
     return record_scenes(
-        found,
+        dataset,
         fusion=whole.fusion,
         recording=whole.recording,
         features=features,
@@ -93,22 +91,3 @@ def open_scenes(
         source={"path": recording.path, "config": settings.model_dump(mode="json")},
         progress=label_step(step, "reading" if from_ranges else "fusing"),
     )
-
-
-def refuse_reading_options(recording: "Recording", what: str) -> None:
-    """Raise ConfigError for options that data which say all about themselves would ignore."""
-    from fusionslam.errors import ConfigError
-
-    given = {
-        "--kind": recording.kind,
-        "--sequence": recording.sequence,
-        "--skip-gaps": recording.gaps == "skip",
-        "--gt": recording.poses,
-        "--topic": recording.topics,
-        "--stamps": recording.stamps != "header",
-        "--sync": recording.sync,
-        "--calib": recording.calibration,
-    }
-    for name, value in given.items():
-        if value:
-            raise ConfigError(f"{name}: {recording.path} is {what}, which says all about itself")

@@ -43,7 +43,7 @@ def show(
         raise ConfigError(f"--output is {output}, expected the name of a .png")
     needs_extra("report")
     whole = view.build_config(tuned, config, settings)
-    dataset = view.open_data(recording, whole)
+    dataset, whole = view.open_data(recording, whole)
 
     def scan(number: int) -> ClusteredScan:
         cloud = scenes.recorded_cloud(

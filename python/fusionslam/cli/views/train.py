@@ -152,13 +152,10 @@ def _configured(
 
 
 def _scene_set(path: Path, shapes: str | None) -> "SceneSet":
-    from fusionslam.datasets.range_recording import RangeRecording, is_recording
+    from fusionslam.pipelines.recording import Recording
     from fusionslam.pipelines.scenes import record_scenes
-    from fusionslam.views.scene_set import SceneSet
 
-    if path.is_file() and is_recording(path):
-        return record_scenes(RangeRecording.open(path, shapes))
-    return SceneSet.load(path)
+    return record_scenes(Recording.at(path, shapes=shapes).open())
 
 
 def _origin(words: str) -> "Origin":

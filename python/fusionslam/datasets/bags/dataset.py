@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from fusionslam.datasets.bags.indexed_bag import IndexedBag
 from fusionslam.datasets.bags.pairing import Matched, match, motion, open_indexed, with_poses
 from fusionslam.datasets.bags.topics import INFO_ROLES
-from fusionslam.datasets.base import Dataset
+from fusionslam.datasets.base import Dataset, OdometryOrigin, PosesOrigin
 from fusionslam.datasets.pose_files import match_poses
-from fusionslam.datasets.streams import SENSORS, Request, itself
+from fusionslam.datasets.streams import SENSORS, MissingSensorError, Request, itself
 from fusionslam.errors import DataError
 from fusionslam.sensors.camera_info import cameras_from, check_pair, rectified
 from fusionslam.sensors.frame import Camera, Frame
@@ -36,10 +36,40 @@ class BagDataset(Dataset):
     Attributes:
         source: the open bag and what is known of it.
         matched: which messages make which frame.
+        origin: where the poses come from.
     """
 
     source: IndexedBag
     matched: Matched
+    origin: PosesOrigin
+
+    @property
+    def short_name(self) -> str:
+        """The name of the file, whichever topics are used."""
+        return self.source.bag.path.name
+
+    @property
+    def poses_origin(self) -> PosesOrigin:
+        """A file that was given, or the topic of true poses or odometry that knows most."""
+        return self.origin
+
+    @property
+    def truth_topic(self) -> str | None:
+        """The topic of true poses, whether or not ``poses`` come from it; None without one."""
+        return self.source.roles.get("truth")
+
+    @property
+    def odometry_origin(self) -> OdometryOrigin:
+        """Messages of a topic, else transforms."""
+        if self.odometry_topic is not None:
+            return OdometryOrigin.TOPIC
+        frames = self.source.index.frames
+        return OdometryOrigin.NONE if frames.odometry is None else OdometryOrigin.TF
+
+    @property
+    def odometry_topic(self) -> str | None:
+        """The topic of odometry messages; None without one."""
+        return self.source.roles.get("odometry")
 
     @property
     def counts(self) -> dict[str, int]:
@@ -122,7 +152,7 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
         matched = with_poses(source, matched, moved)
     stamps_ns = _stamps(source, matched, sensors[0])
     if request.poses is not None:
-        poses, origin = match_poses(request.poses, matched.numbers, stamps_ns), "by a file"
+        poses, origin = match_poses(request.poses, matched.numbers, stamps_ns), PosesOrigin.FILE
     has_points = moved.body and ("points" in sensors or matched.cameras_from_points is not None)
     return BagDataset(
         kind=source.bag.kind,
@@ -130,7 +160,8 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
         root=path,
         numbers=matched.numbers,
         stamps_ns=stamps_ns,
-        pose_frame=f"{moved.body or 'the robot'} {origin}".strip(),
+        pose_frame=moved.body or "the robot",
+        origin=origin,
         body_from_points=source.placed_in(moved.body, matched.points_frame, int(stamps_ns[0]))
         if has_points
         else None,
@@ -156,7 +187,7 @@ def _sensors(source: IndexedBag, wanted: Sequence[str] | None) -> tuple[str, ...
         return _usable(source, found)
     for sensor in wanted:
         if sensor not in roles:
-            raise DataError(
+            raise MissingSensorError(
                 f"{path} has no messages for '{sensor}' with which to make frames: "
                 f"{_topics(source)}"
             )

@@ -17,6 +17,7 @@ from fusionslam.datasets.bags.index import STAMPS, index_bag
 from fusionslam.datasets.bags.indexed_bag import IndexedBag, _known
 from fusionslam.datasets.bags.reader import open_bag
 from fusionslam.datasets.bags.topics import choose_topics
+from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.messages import NANOSECONDS
 from fusionslam.sensors.synchronizer import Pair, SyncConfig, Synchronizer, stereo_synchronizer
@@ -229,13 +230,13 @@ class Motion(NamedTuple):
         body: the frame that moved.
         poses: float64 (K, 4, 4), or None where nothing tells them.
         known: bool (N), the times that have a pose: K of them.
-        origin: where they are from, for people.
+        origin: where they come from.
     """
 
     body: str
     poses: Matrix | None
     known: NDArray[np.bool_]
-    origin: str
+    origin: PosesOrigin
 
 
 def motion(source: IndexedBag, stamps_ns: NDArray[np.int64]) -> Motion:
@@ -246,22 +247,22 @@ def motion(source: IndexedBag, stamps_ns: NDArray[np.int64]) -> Motion:
     index, found = source.index, []
     if index.truth_frames is not None:
         world, body = index.truth_frames
-        truth, origin = index.truth, f"by the truth in {source.roles['truth']}"
+        truth, origin = index.truth, PosesOrigin.TRUTH
         found.append(
             _motion(body, origin, stamps_ns, lambda stamp: truth.lookup(world, body, stamp))
         )
     robot = index.frames.robot or ""
     if index.frames.odometry is not None:
-        origin = f"by odometry in {source.roles.get('odometry', 'TF')}"
+        origin = PosesOrigin.ODOMETRY
         found.append(_motion(robot, origin, stamps_ns, index.frames.odometry_from_robot))
-    found.append(Motion(robot, None, np.ones(len(stamps_ns), dtype=bool), ""))
+    found.append(Motion(robot, None, np.ones(len(stamps_ns), dtype=bool), PosesOrigin.NONE))
     # Of those that know as much, the first.
     return max(found, key=lambda moved: 0 if moved.poses is None else len(moved.poses))
 
 
 def _motion(
     body: str,
-    origin: str,
+    origin: PosesOrigin,
     stamps_ns: NDArray[np.int64],
     lookup: Callable[[int], Matrix | None],
 ) -> Motion:
@@ -277,11 +278,11 @@ def with_poses(source: IndexedBag, matched: Matched, moved: Motion) -> Matched:
         return matched
     lost = matched.numbers[~moved.known]
     logger.warning(
-        "%s: %d of %d frames left out, which have no pose %s: numbers %d to %d",
+        "%s: %d of %d frames left out, which have no pose by %s: numbers %d to %d",
         source.bag.path,
         len(lost),
         len(matched.numbers),
-        moved.origin,
+        "the truth" if moved.origin is PosesOrigin.TRUTH else "odometry",
         lost[0],
         lost[-1],
     )

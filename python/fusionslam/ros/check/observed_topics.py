@@ -9,7 +9,8 @@ import numpy as np
 
 from fusionslam.datasets.bags.index import Series
 from fusionslam.datasets.bags.reader import Topic
-from fusionslam.datasets.bags.topics import ROLES, candidates
+from fusionslam.datasets.bags.topics import INFO_ROLES, ROLES, candidates
+from fusionslam.fusion import SENSORS_OF
 from fusionslam.ros.nodes import NODES
 from fusionslam.ros.nodes.data_fusion import LEFT, ODOM, RIGHT, SCANS
 from fusionslam.ros.nodes.lv_dataset_creator import TRUTH
@@ -25,22 +26,18 @@ INPUTS = {
     "truth": TRUTH,
 }
 """What the nodes call the topic of each role."""
-_OF_SOURCE = {
-    "lidar": ("points", "left", "camera_info"),
-    "stereo": ("left", "camera_info", "right", "right_camera_info"),
-    "cloud": ("points",),
-}
 _OF_MOTION = ("odometry", "truth")
 
 
 def needed_roles(source: str) -> Sequence[str]:
-    """What clouds of a source are made of."""
-    return _OF_SOURCE[source]
+    """What clouds of a source are made of: sensors, each camera with its CameraInfo."""
+    roles = ((sensor, INFO_ROLES.get(sensor)) for sensor in SENSORS_OF[source])
+    return [role for pair in roles for role in pair if role is not None]
 
 
 def roles_of(source: str) -> Sequence[str]:
     """All that nodes may listen to, if clouds are made of this source."""
-    return (*_OF_SOURCE[source], *_OF_MOTION)
+    return (*needed_roles(source), *_OF_MOTION)
 
 
 @dataclass(frozen=True)

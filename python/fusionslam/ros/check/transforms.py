@@ -99,7 +99,7 @@ def cloud_finding(trial: Trial, lacking: str) -> Finding:
     if trial.first is None:
         reason = trial.reason() or "no scan found its image, listen longer (--seconds)"
         return Finding("fusing", False, f"not possible: {lacking or reason}")
-    words = trial.first.words
+    words = str(trial.first)
     if trial.config.fusion.ground != "none":
         words += f", {trial.above} of them are above the ground"
     return Finding("fusing", bool(trial.above), words, optional=True)

@@ -122,7 +122,7 @@ class Trial:
         config = self.config.fusion
         found = try_frame(frame, config.model_copy(update={"ground": "none"}))
         if not found.points:
-            self._why = found.words.partition(": ")[2] + _ASK[config.source]
+            self._why = found.problem + _ASK[config.source]
             return
         self.above, self.first = len(fuse(frame, config)), found
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from fusionslam.config import option
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
+from fusionslam.fusion import ROBOT_FUSION, SENSORS_OF, FusionConfig, fuse
 from fusionslam.ros.messages.types import CAMERA_INFO, CLOUD, IMAGES, ODOMETRY, TRANSFORMS, builder
 from fusionslam.ros.runtime.config import CommonConfig
 from fusionslam.ros.runtime.node import Input, Node, Outlet
@@ -57,9 +57,9 @@ class DataFusionConfig(CommonConfig):
 
 def frame_builder(config: DataFusionConfig) -> FrameBuilder:
     """What makes frames of messages, with the cameras that the source of clouds needs."""
-    source = config.fusion.source
-    cameras = {"lidar": ("left",), "stereo": ("left", "right"), "cloud": ()}
-    return FrameBuilder(config.online, cameras=cameras[source], scans=source != "stereo")
+    sensors = SENSORS_OF[config.fusion.source]
+    cameras = tuple(sensor for sensor in sensors if sensor != "points")
+    return FrameBuilder(config.online, cameras=cameras, scans="points" in sensors)
 
 
 class DataFusion(Node[DataFusionConfig]):
@@ -71,8 +71,8 @@ class DataFusion(Node[DataFusionConfig]):
 
     def __init__(self, config: DataFusionConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
-        self._source = config.fusion.source
-        self._lead = LEFT[0] if self._source == "stereo" else SCANS
+        self._sensors = SENSORS_OF[config.fusion.source]
+        self._lead = SCANS if "points" in self._sensors else LEFT[0]
         self._said: set[tuple[str, str]] = set()
         self._frames = frame_builder(config)
 
@@ -84,12 +84,11 @@ class DataFusion(Node[DataFusionConfig]):
             Input("/tf", [TRANSFORMS], self._take, shared=True, optional=True),
             Input("/tf_static", [TRANSFORMS], self._take, shared=True, optional=True),
         ]
-        if self._source != "stereo":
+        if "points" in self._sensors:
             found.append(Input(SCANS, [CLOUD], self._take))
-        if self._source != "cloud":
-            found += self._camera("left", *LEFT)
-        if self._source == "stereo":
-            found += self._camera("right", *RIGHT)
+        for camera, topics in (("left", LEFT), ("right", RIGHT)):
+            if camera in self._sensors:
+                found += self._camera(camera, *topics)
         return found
 
     def _camera(self, camera: str, images: str, info: str) -> list[Input]:
