@@ -12,6 +12,7 @@ import typer
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import Step, progress
 from fusionslam.cli.failures import INTERRUPTED, needs_extra
+from fusionslam.cli.views.options import build_config
 from fusionslam.storage.files import made_folder
 
 if TYPE_CHECKING:
