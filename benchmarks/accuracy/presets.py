@@ -4,7 +4,7 @@
 
 python -m benchmarks.accuracy.presets            # six towns that nothing was fitted to
 python -m benchmarks.accuracy.presets DRIVE ...  # other recordings of the simulator
-python -m benchmarks.accuracy.presets --write    # and put the tables into docs and README
+python -m benchmarks.accuracy.presets --write    # and put the tables into the docs
 
 The embedded drive's town, on which ``robust`` was developed, is not among the six. They are
 recorded into the user's cache, about two minutes of processor time each, where they are missing.
@@ -30,7 +30,7 @@ from fusionslam.storage.cache import cache_folder
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "stages" / "descriptors.md"
-README = ROOT / "README.md"
+SUMMARY = ROOT / "docs" / "results" / "index.md"
 SEEDS = (11, 12, 13, 14, 15, 16)
 PRESETS = ("author", "paper", "robust")
 SOURCES = {"lidar": ["m2dp", "cm2dp"], "stereo": ["m2dp", "cm2dp"], "cloud": ["m2dp"]}
@@ -176,7 +176,7 @@ def main() -> None:
     print(f"{describe_drives(found)}\n\n{full_table(found)}\n\n{short_table(found)}")
     if arguments.write:
         command = "`python -m benchmarks.accuracy.presets`"
-        write_between(README, "readme", short_table(found))
+        write_between(SUMMARY, "presets", short_table(found))
         write_between(
             PAGE, "presets", f"{command}: {describe_drives(found)}\n\n{full_table(found)}"
         )

@@ -25,7 +25,7 @@ from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
 from fusionslam.ratslam import RatSlamConfig
 from fusionslam.report.maps.map_figures import map_figure
 
-PAGE = ROOT / "docs" / "stages" / "ratslam.md"
+PAGE = ROOT / "docs" / "results" / "maps.md"
 PICTURES = ROOT / "docs" / "images"
 ODOMETRY: Mapping[str, OdometryConfig] = {
     "odometry that drifts: 2 % too far, turns 1 % too wide": DRIFT,

@@ -30,7 +30,7 @@ from fusionslam.pipelines.visual_odometry import image_stamps_ns, visual_motions
 from fusionslam.ratslam import RatSlam, RatSlamConfig, TemplateSource
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualSpeed, fit_speed
 
-PAGE = ROOT / "docs" / "stages" / "ratslam.md"
+PAGE = ROOT / "docs" / "guides" / "visual_odometry.md"
 CAMERA = Path(__file__).with_name("quarter_camera.yaml")
 MADE = ("warehouse", "house", "hospital")
 HEADER = ["drive", "images", "preset", "turn rate off by", "in 90 % by less than", "heading off by"]

@@ -40,6 +40,10 @@ def beside(tmp_path: Path, kitti: Path, monkeypatch: pytest.MonkeyPatch) -> Path
         "stages/views/index",
         "stages/views/scenes",
         "stages/ratslam",
+        "start/first_loops",
+        "start/first_map",
+        "start/own_robot",
+        "guides/visual_odometry",
         "../README",
     ],
 )
