@@ -1,8 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-.PHONY: demo test bench bench-quick bench-ros reproduce reproduce-quick sanitize lint format stub setup ros clean
+.PHONY: demo test bench bench-quick bench-ros reproduce reproduce-quick sanitize lint docs nightly release format stub setup ros clean
 
-BIN := .venv/bin
+# Another Python: make test PYTHON=python3.13 VENV=.venv-3.13
+export PYTHON ?= python3
+export VENV ?= .venv
+BIN := $(VENV)/bin
 SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/src/*/*.?pp cpp/src/*/*.inc bindings/*.?pp tests/cpp/*.?pp examples/cpp/*.cpp benchmarks/peers/*.?pp)
 
 demo: setup
@@ -40,6 +43,20 @@ lint: setup
 	$(BIN)/clang-format --dry-run --Werror $(SOURCES)
 	scripts/stub.sh --check
 
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo out/site/index.html
+
+# What takes too long for every change. Tests run with Python 3.13, too, where it is installed.
+nightly: lint docs sanitize
+	$(MAKE) --no-print-directory test
+	! command -v python3.13 || $(MAKE) --no-print-directory test PYTHON=python3.13 VENV=.venv-3.13
+	scripts/bench.sh
+	test -z "$$FUSIONSLAM_TEST_DATA" || $(BIN)/python -m benchmarks.accuracy.checks
+
+release: setup
+	scripts/release.sh
+
 format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
@@ -57,4 +74,4 @@ ros:
 	@$(MAKE) --no-print-directory setup
 
 clean:
-	rm -rf build .venv out
+	rm -rf build .venv .venv-* out

@@ -65,17 +65,15 @@ def _describe_parameter(parameter: Any) -> str:
 
 def describe_configuration() -> Iterator[str]:
     """Yield the lines of one section for each stage's configuration, with a table of its keys."""
+    from fusionslam.cli.config import list_values
     from fusionslam.cli.options import everything
-    from fusionslam.config import walk
 
-    stage = ""
-    for key, value, definition in walk(everything()):
-        first = key.partition(".")[0]
-        if first != stage:
-            stage = first
-            yield f"\n## {stage}\n\n| key | default | unit | meaning |\n|---|---|---|---|"
-        unit = str((definition.json_schema_extra or {}).get("unit", ""))
-        yield _row(f"`{key}`", f"`{value}`", unit, _escape(definition.description or ""))
+    whole = everything()
+    for stage, definition in type(whole).model_fields.items():
+        yield f"\n## {stage}\n\n{definition.description}\n"
+        yield "| key | default | unit | range | meaning |\n|---|---|---|---|---|"
+        for key, value, unit, limits, meaning in list_values(whole, [stage]):
+            yield _row(f"`{key}`", f"`{value}`", unit, _escape(limits), _escape(meaning))
 
 
 def list_public_names(package: str) -> Iterator[str]:

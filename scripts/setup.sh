@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-# Installs the Debian packages, makes .venv and installs fusionslam into it with what demo and
-# tests need. Does only what is still to be done, so it can be run at any time.
+# Installs the Debian packages, makes .venv (VENV) with Python (PYTHON) and installs fusionslam into
+# it with what demo and tests need. Does only what is still to be done, so it can be run at any time.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -14,26 +14,27 @@ packages=(
 
 scripts/debian.sh "${packages[@]}"
 
-if [ ! -x .venv/bin/python ]; then
-  python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))' ||
-    { echo "fusionslam needs Python 3.11 or newer, found $(python3 --version)" >&2; exit 1; }
-  python3 -m venv .venv
+python=${PYTHON:-python3} venv=${VENV:-.venv}
+if [ ! -x "$venv/bin/python" ]; then
+  "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' ||
+    { echo "fusionslam needs Python 3.11 or newer, found $("$python" --version)" >&2; exit 1; }
+  "$python" -m venv "$venv"
 fi
 
 # Whether ROS came after the last build, which now can make the messages of the nodes.
 lacks_messages() {
   [ -e /usr/lib/genpy/genmsg_py.py ] && [ -d /usr/share/std_msgs/msg ] &&
     [ -d /usr/share/geometry_msgs/msg ] &&
-    [ ! -d "$(.venv/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/fusionslam_ros" ]
+    [ ! -d "$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/fusionslam_ros" ]
 }
 
-stamp=.venv/.fusionslam-installed
+stamp=$venv/.fusionslam-installed
 if [ ! -e "$stamp" ] || [ pyproject.toml -nt "$stamp" ]; then
-  echo "Installing Python packages into .venv"
-  # Build tools stay in .venv, so that a second build compiles only what changed.
-  .venv/bin/python -m pip install --quiet --disable-pip-version-check \
+  echo "Installing Python packages into $venv"
+  # Build tools stay there, so that a second build compiles only what changed.
+  "$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
     "scikit-build-core==1.1.2" "pybind11==3.1.0" "torch==2.13.0"
-  extras=".[all,dev]"
+  extras=".[all,dev,docs]"
   rm -f "$stamp"
 fi
 if [ ! -e "$stamp" ] || lacks_messages ||
@@ -41,7 +42,7 @@ if [ ! -e "$stamp" ] || lacks_messages ||
     -not -name '*.pyc' -print -quit)" ]; then
   echo "Building fusionslam"
   touch "$stamp.new"  # what is edited during the build is built again next time
-  .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation \
+  "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-build-isolation \
     "${extras:-.}"
   mv "$stamp.new" "$stamp"
 fi

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command config: every value of the configuration."""
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
 
 import typer
@@ -27,7 +28,7 @@ def config(
 
     Each with its unit, range and help.
     """
-    from fusionslam.config import as_yaml, walk, with_file, with_settings
+    from fusionslam.config import as_yaml, with_file, with_settings
 
     whole = opt.everything()
     whole = with_settings(whole if file is None else with_file(whole, file), settings or [])
@@ -35,12 +36,18 @@ def config(
     if yaml:
         print(as_yaml(whole, stages), end="")
         return
-    rows = [
+    print_table(["key", "value", "unit", "range", "help"], list_values(whole, stages))
+
+
+def list_values(whole: "Section", stages: Collection[str]) -> list[list[str]]:
+    """List key, value, unit, range and help of every value of some stages."""
+    from fusionslam.config import walk
+
+    return [
         [key, _value(value), _unit(definition), _range(definition), definition.description or ""]
         for key, value, definition in walk(whole)
         if key.partition(".")[0] in stages
     ]
-    print_table(["key", "value", "unit", "range", "help"], rows)
 
 
 def _stages(whole: "Section", stage: str | None) -> list[str]:

@@ -4,7 +4,6 @@
 
 import csv
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -15,11 +14,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import typer.main
 
 import fusionslam
 from command_line import FRAMES, NO_WINDOW, fails, fusionslam_descriptors, run, succeeds
-from fusionslam.cli import app
 from fusionslam.datasets import write_cloud
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
 from fusionslam.pipelines.compare_descriptors import stored_evaluations
@@ -251,24 +248,6 @@ def test_doctor_fails_where_something_is_broken(monkeypatch: pytest.MonkeyPatch)
     assert result.exit_code == 0
     line = next(line for line in result.stdout.splitlines() if "extra bags" in line)
     assert "missing" in line and "pip install 'fusionslam[bags]'" in " ".join(result.stdout.split())
-
-
-def test_the_page_of_the_command_line_names_every_option_of_every_command() -> None:
-    page = (Path(__file__).parents[3] / "docs/reference/cli.md").read_text()
-    rows = re.findall(r"^\| `(--[a-z-]+)` \| ([a-z, -]+) \|", page, flags=re.MULTILINE)
-    documented = {(name, command) for name, of in rows for command in of.split(", ")}
-    commands = dict(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
-    for group in ("views", "views train", "ros"):
-        inner = commands.pop(group).commands
-        commands |= {f"{group} {name}": command for name, command in inner.items()}
-    existing = {
-        (option, name)
-        for name, command in commands.items()
-        for parameter in command.params
-        for option in parameter.opts
-        if option.startswith("--") and option != "--help"
-    }
-    assert documented == existing
 
 
 def test_a_report_leaves_the_loops_of_another_command_alone(kitti: Path, tmp_path: Path) -> None:
