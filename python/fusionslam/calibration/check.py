@@ -6,7 +6,6 @@ The score is the edge alignment of ``calibration.edges``. A recording is checked
 the answer is meant for people who wonder whether their extrinsics or clocks are wrong.
 """
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,7 +26,7 @@ from fusionslam.calibration.search import (
     sensed,
 )
 from fusionslam.errors import DataError
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.archive import save_json
 
 FORMAT = "fusionslam.calib_check.1"
 _FEWEST_POINTS = 100
@@ -131,8 +130,7 @@ class CalibrationCheck:
         for curve in whole["curves"].values():
             curve["values"] = curve["values"].round(6).tolist()
             curve["scores"] = curve["scores"].round(6).tolist()
-        with atomic_path(path) as temporary:
-            temporary.write_text(json.dumps({"format": FORMAT, **whole}, indent=1) + "\n")
+        save_json(path, FORMAT, whole, indent=1)
 
 
 def check_calibration(

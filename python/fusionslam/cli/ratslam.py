@@ -156,8 +156,7 @@ def _mapper(
 ) -> "tuple[RatSlam, RatSlamRun | None]":
     """A new map, or one that goes on and what was done for it."""
     from fusionslam.errors import ConfigError
-    from fusionslam.ratslam.map_file import load_ratslam, stored_run
-    from fusionslam.ratslam.slam import RatSlam
+    from fusionslam.ratslam.slam import RatSlam, load_run
     from fusionslam.ratslam.view_sources import SOURCES, SourceOptions, source_named
 
     opt.one_of("--views", views or "alignment", tuple(SOURCES))
@@ -170,7 +169,7 @@ def _mapper(
     given += [text for text in settings if text.startswith(_OF_THE_STATE)]
     if given:
         raise ConfigError(f"{given[0]}: {resume} says how its map is made; leave the option out")
-    return load_ratslam(resume), stored_run(resume)
+    return RatSlam.load(resume), load_run(resume)
 
 
 def _open_tour(data: str, recording: "Recording", whole: Any, step: Step, jobs: int) -> "Tour":
@@ -201,12 +200,11 @@ def _interrupted(recorder: "RunRecorder", step: Step, watch: "Watch | None") -> 
 
 def _write(run: "RatSlamRun", slam: "RatSlam", output: Path, save: Path | None) -> None:
     from fusionslam.ratslam.map_export import export_run
-    from fusionslam.ratslam.map_file import save_ratslam
 
     run.save(output / "run.npz")
     export_run(output, run)
     if save is not None:
-        save_ratslam(slam, save, run=run)
+        slam.save(save, run=run)
 
 
 def _page(run: "RatSlamRun", output: Path, no_report: bool) -> Path:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.sensors.frame import Camera
-from fusionslam.storage.files import PathLike, reading_file
+from fusionslam.storage.files import PathLike, reading
 
 CAMERA_KEYS = ("projection", "rectified_from_points", "size")
 
@@ -33,7 +33,7 @@ class Calibration:
         if key not in self.entries:
             present = ", ".join(self.entries) or "nothing"
             raise DataError(f"{self.path} lacks {key} ({count} numbers): it has {present}")
-        with reading_file(self.path, f"{count} numbers behind {key}"):
+        with reading(self.path, f"{count} numbers behind {key}"):
             values = np.array(self.entries[key].split(), dtype=np.float64)
         if len(values) != count:
             raise DataError(f"{self.path}: {key} has {len(values)} numbers, expected {count}")
@@ -66,7 +66,7 @@ def read_calibration(path: PathLike) -> Calibration:
         DataError: the file is missing or no text.
     """
     path = Path(path)
-    with reading_file(path, "KITTI calibration, lines of 'key: numbers'"):
+    with reading(path, "KITTI calibration, lines of 'key: numbers'"):
         lines = path.read_text(encoding="utf-8").splitlines()
     pairs = (line.partition(":") for line in lines)
     return Calibration(path, {key.strip(): text for key, colon, text in pairs if colon})
@@ -109,7 +109,7 @@ def read_calib_yaml(path: PathLike) -> dict[str, Camera]:
     import yaml
 
     path = Path(path)
-    with reading_file(path, "YAML with a camera 'left' and, for stereo, 'right'"):
+    with reading(path, "YAML with a camera 'left' and, for stereo, 'right'"):
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     entries = _mapping(path, "the file", content, ("left", "right"))
     return {name: _yaml_camera(path, name, entry) for name, entry in entries.items()}
@@ -144,5 +144,5 @@ def _mapping(path: Path, name: str, value: Any, keys: tuple[str, ...]) -> dict[s
 
 def _array(path: Path, key: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     expected = f"{key} to be {' x '.join(map(str, shape))} numbers"
-    with reading_file(path, expected):
+    with reading(path, expected):
         return np.asarray(value, dtype=np.float64).reshape(shape)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.files import PathLike, atomic_path, reading_file
+from fusionslam.storage.files import PathLike, atomic_path, reading
 
 CLOUD_SUFFIXES = (".bin", ".pcd", ".ply")
 _LONGEST_HEADER = 200
@@ -38,7 +38,7 @@ def read_bin(path: PathLike) -> Cloud:
         DataError: missing, or the size is no multiple of 16 bytes.
     """
     path = Path(path)
-    with reading_file(path, "float32 x y z reflectance"):
+    with reading(path, "float32 x y z reflectance"):
         data = path.read_bytes()
     if len(data) % BIN_RECORD.itemsize:
         raise DataError(
@@ -59,7 +59,7 @@ def read_pcd(path: PathLike) -> Cloud:
     from pypcd4.pypcd4 import PointCloud
 
     path = Path(path)
-    with reading_file(path, "a PCD file with fields x, y and z"):
+    with reading(path, "a PCD file with fields x, y and z"):
         _check_header(path, b"DATA ", b"")
         cloud = PointCloud.from_path(path)
         rows = np.atleast_1d(cloud.pc_data)
@@ -80,7 +80,7 @@ def read_ply(path: PathLike) -> Cloud:
     from trimesh.exchange.ply import load_ply
 
     path = Path(path)
-    with reading_file(path, "a PLY file with vertices x y z"), path.open("rb") as file:
+    with reading(path, "a PLY file with vertices x y z"), path.open("rb") as file:
         _check_header(path, b"end_header", b"ply")
         ply = load_ply(file, fix_texture=False, skip_materials=True)
         declared = ply["metadata"]["_ply_raw"]["vertex"]["length"]
@@ -97,10 +97,10 @@ def _check_header(path: Path, last: bytes, first: bytes) -> None:
     with path.open("rb") as file:
         lines = list(islice(file, _LONGEST_HEADER))
     if not lines or not lines[0].startswith(first):
-        raise DataError(f"{path} does not begin like a {path.suffix[1:].upper()} file")
+        raise DataError(f"does not begin like a {path.suffix[1:].upper()} file")
     if not any(line.startswith(last) for line in lines):
         name = last.decode().strip()
-        raise DataError(f"{path} is cut short in its header: there is no line {name}")
+        raise DataError(f"is cut short in its header: there is no line {name}")
 
 
 def write_cloud(path: PathLike, cloud: Cloud) -> None:
@@ -177,9 +177,9 @@ def read_image(path: PathLike) -> NDArray[np.uint8]:
     from PIL import Image
 
     path = Path(path)
-    with reading_file(path, "an 8-bit grey or RGB image"), Image.open(path) as image:
+    with reading(path, "an 8-bit grey or RGB image"), Image.open(path) as image:
         if image.mode[0] in "IF":
-            raise DataError(f"{path} has pixels of mode {image.mode}, expected 8 bits a channel")
+            raise DataError(f"pixels of mode {image.mode}, expected 8 bits a channel")
         return np.array(image.convert("L" if image.mode in ("1", "L", "LA") else "RGB"))
 
 
@@ -192,5 +192,5 @@ def image_size(path: PathLike) -> tuple[int, int]:
     from PIL import Image
 
     path = Path(path)
-    with reading_file(path, "an image"), Image.open(path) as image:
+    with reading(path, "an image"), Image.open(path) as image:
         return image.size

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.storage.files import PathLike, atomic_path, reading_file
+from fusionslam.storage.files import PathLike, atomic_path, reading
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -116,7 +116,7 @@ def read_timestamps(path: PathLike) -> NDArray[np.int64]:
         DataError: missing, empty, a line that is no date and time, or a time before the last.
     """
     path = Path(path)
-    with reading_file(path, "dates and times such as 2011-09-26 13:02:25.964389445, one a line"):
+    with reading(path, "dates and times such as 2011-09-26 13:02:25.964389445, one a line"):
         lines = path.read_text(encoding="ascii").strip().splitlines()
         stamps = np.array([line.strip() for line in lines], dtype="datetime64[ns]")
     if not len(stamps) or np.isnat(stamps).any():
@@ -178,7 +178,7 @@ def _nearest(stamps: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np
 
 def _table(path: Path, columns: tuple[int, ...], expected: str) -> NDArray[np.float64]:
     """A file of numbers separated by blanks, float64 (N, columns), N > 0, all finite."""
-    with reading_file(path, expected), warnings.catch_warnings():
+    with reading(path, expected), warnings.catch_warnings():
         # An empty file is an error below.
         warnings.filterwarnings("ignore", "loadtxt: input contained no data", UserWarning)
         rows = np.loadtxt(path, dtype=np.float64, ndmin=2, encoding="utf-8")
@@ -216,7 +216,7 @@ def _check_order(path: Path, stamps: NDArray[np.int64]) -> None:
 
 def _exact_stamps(path: Path) -> NDArray[np.int64]:
     """int64 (N) nanoseconds of the first column, seconds; float64 would lose digits of them."""
-    with reading_file(path, "times in seconds that fit 64 bits as nanoseconds"):
+    with reading(path, "times in seconds that fit 64 bits as nanoseconds"):
         stamps = np.loadtxt(
             path, dtype=object, usecols=0, ndmin=1, encoding="utf-8", converters=_nanoseconds
         )

@@ -26,6 +26,7 @@ from fusionslam.geometry.odometry_noise import OdometryConfig, measured_places
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.synchronizer import SyncConfig
+from fusionslam.storage.archive import load_arrays
 
 KIND = "ranges"
 SHAPES = ("visual", "collision")
@@ -190,13 +191,8 @@ RANGES = Kind(KIND, "a .npz with stamps, rays and lidar_xyz", is_recording, _ope
 
 
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
-    except OSError as error:
-        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-        raise DataError(f"{path}: no recording, or cut short: {error}") from error
+    with load_arrays(path, "a recording of ranges") as arrays:
+        return arrays
 
 
 def _chosen_shapes(path: Path, arrays: dict[str, NDArray[Any]], shapes: str | None) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.storage.files import PathLike, atomic_path, reading_file
+from fusionslam.storage.files import PathLike, atomic_path, reading
 
 Array = NDArray[np.float64]
 
@@ -112,7 +112,7 @@ def read_trajectory(path: PathLike) -> Trajectory:
             that is not later than the one before; the message names the line.
     """
     path = Path(path)
-    with reading_file(path, _EXPECTED):
+    with reading(path, _EXPECTED):
         text = path.read_text(encoding="utf-8-sig")
         lines = list(_filled(text))
     if not lines or tuple(name.strip() for name in lines[0][1]) != _COLUMNS:

@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where training data come from: shapes, what was recorded, and simulated places on disk."""
 
-import json
 import os
-import zipfile
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -19,7 +17,7 @@ from fusionslam.learning.places import Array, Places
 from fusionslam.learning.shape_sets import ProceduralConfig, ShapeSet, joined, procedural_shapes
 from fusionslam.learning.simulated_places import Progress, SimulatedPlacesConfig, simulate_places
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.archive import load_archive, save_archive
 
 
 class Clouds(Protocol):
@@ -150,24 +148,19 @@ def simulated_places(
         ConfigError: the file holds places of another configuration.
         DataError: the file is damaged or cannot be written.
     """
-    about = json.dumps({"format": FORMAT, "config": config.model_dump(mode="json")})
+    about = {"config": config.model_dump(mode="json")}
     if Path(path).exists():
         return _load(Path(path), about)
     places = Places.of(simulate_places(config, progress), least=LEAST_POINTS)
     arrays = {field.name: np.asarray(getattr(places, field.name)) for field in fields(places)}
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, about=np.array(about), **arrays)  # type: ignore[arg-type]
+    save_archive(path, FORMAT, about, arrays)
     return places
 
 
-def _load(path: Path, about: str) -> Places:
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            found = str(stored["about"])
-            arrays = {f.name: stored[f.name] for f in fields(Places) if f.name != "names"}
-            names = tuple(stored["names"].tolist())
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise DataError(f"{path}: no simulated places, or cut short: {error}") from error
+def _load(path: Path, about: dict[str, Any]) -> Places:
+    with load_archive(path, FORMAT, "simulated places") as (found, stored):
+        arrays = {f.name: stored[f.name] for f in fields(Places) if f.name != "names"}
+        places = Places(**arrays, names=tuple(stored["names"].tolist()))
     if found != about:
         raise ConfigError(f"{path} holds places of another configuration; take another folder")
-    return Places(**arrays, names=names)
+    return places

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Loops by descriptors, and where the robot came back: the clouds of a loop are aligned."""
 
-import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 from fusionslam.errors import DataError
 from fusionslam.loop_closure.detector import Loop, LoopDetector
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.files import atomic_path, reading
+from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.views.alignment_comparison import AlignmentConfig, align_scenes
 from fusionslam.views.scene_set import packed, unpacked
 from fusionslam.views.scenes import Scene, SceneConfig, build_scene
@@ -101,9 +100,8 @@ class AlignedLoopDetector:
         joined, offsets = packed(self._stored)
         stamps = np.array(self._stamps_ns, np.int64)
         # Before the detector: a folder may hold more scenes than descriptors, never fewer.
-        with atomic_path(Path(folder) / _SCENES) as temporary, temporary.open("wb") as stream:
-            about = np.array(json.dumps({"format": FORMAT}))
-            np.savez(stream, about=about, scenes=joined, offsets=offsets, stamps_ns=stamps)
+        arrays = {"scenes": joined, "offsets": offsets, "stamps_ns": stamps}
+        save_archive(Path(folder) / _SCENES, FORMAT, {}, arrays)
         self.detector.save(folder)
 
     @classmethod
@@ -117,13 +115,7 @@ class AlignedLoopDetector:
         """Go on from what ``save`` wrote. Raises DataError naming the file."""
         loops = cls(LoopDetector.load(folder), scene=scene, alignment=alignment)
         path = Path(folder) / _SCENES
-        with (
-            reading(path, "no stored loops"),
-            path.open("rb") as stream,
-            np.load(stream, allow_pickle=False) as stored,
-        ):
-            if json.loads(str(stored["about"]))["format"] != FORMAT:
-                raise DataError(f"expected format {FORMAT}")
+        with load_archive(path, FORMAT, "scenes of stored loops") as (_, stored):
             loops._stored = unpacked(stored["scenes"], stored["offsets"])[: len(loops)]
             loops._stamps_ns = stored["stamps_ns"].tolist()[: len(loops)]
         if not len(loops._stored) == len(loops._stamps_ns) == len(loops):

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Loops found online: one ``add`` a frame answers whether the place was seen before."""
 
-import json
 import os
 import uuid
 from dataclasses import dataclass
@@ -22,9 +21,10 @@ from fusionslam.descriptors import (
     for_sequence,
     length_of,
 )
-from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.errors import DataError, ShapeError
 from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.storage.archive import load_json, save_json
 from fusionslam.storage.files import atomic_path
 
 FORMAT = "fusionslam.loop_detector.2"
@@ -176,7 +176,6 @@ class LoopDetector:
         target = Path(folder)
         descriptors = f"descriptors-{uuid.uuid4().hex[:12]}.index"
         about = {
-            "format": FORMAT,
             "descriptor": self.descriptor,
             "frames": len(self),
             "index": descriptors,
@@ -186,8 +185,7 @@ class LoopDetector:
         }
         with atomic_path(target / descriptors) as temporary:
             self._index.save(temporary)
-        with atomic_path(target / ABOUT) as temporary:
-            temporary.write_text(json.dumps(about, indent=1), encoding="utf-8")
+        save_json(target / ABOUT, FORMAT, about, indent=1)
         for old in target.glob("descriptors-*.index"):
             if old.name != descriptors:
                 old.unlink(missing_ok=True)
@@ -196,29 +194,16 @@ class LoopDetector:
     def load(cls, folder: str | os.PathLike[str]) -> "LoopDetector":
         """Continue from what ``save`` wrote. Raises DataError naming the file."""
         source = Path(folder)
-        about = _read_about(source / ABOUT)
-        try:
+        with load_json(source / ABOUT, FORMAT, "a stored loop detector") as about:
             detector = cls(
                 about["descriptor"],
                 config=merged(LoopConfig(), about["loop_closure"]),
                 describe=merged(DescriptorConfig(), about["descriptors"]),
                 fusion=merged(FusionConfig(), about["fusion"]),
             )
-        except (KeyError, TypeError, AttributeError, ConfigError) as error:
-            raise DataError(f"{source / ABOUT}: {error}") from error
         detector._index = DescriptorIndex.load(source / Path(str(about.get("index"))).name)
         if len(detector) != about.get("frames"):
             raise DataError(
                 f"{source}: {len(detector)} descriptors, detector.json says {about.get('frames')}"
             )
         return detector
-
-
-def _read_about(path: Path) -> dict[str, Any]:
-    try:
-        about = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path}: cannot be read: {error}") from error
-    if not isinstance(about, dict) or about.get("format") != FORMAT:
-        raise DataError(f"{path}: not a loop detector of this version ({FORMAT})")
-    return about

@@ -3,7 +3,6 @@
 """What a run that is not finished keeps on disk: chunks of described frames."""
 
 import shutil
-import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import DataError
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.archive import load_arrays, save_arrays
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -43,8 +41,7 @@ def save_chunk(path: Path, frames: Sequence[Described]) -> None:
             arrays[f"vectors.{name}"] = np.array([f.vectors[name] for f in good], np.float32)
         for stage in first.seconds:
             arrays[f"seconds.{stage}"] = np.array([f.seconds[stage] for f in good])
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, **arrays)  # type: ignore[arg-type]
+    save_arrays(path, arrays)
 
 
 def joined_chunks(paths: Sequence[Path]) -> Arrays:
@@ -53,17 +50,12 @@ def joined_chunks(paths: Sequence[Path]) -> Arrays:
     Raises:
         DataError: a chunk cannot be read; the message names it.
     """
-    chunks = [_load_chunk(path) for path in paths]
+    chunks = []
+    for path in paths:
+        with load_arrays(path, "described frames; delete it and run again") as arrays:
+            chunks.append(arrays)
     keys = dict.fromkeys(key for chunk in chunks for key in chunk)
     return {key: np.concatenate([c[key] for c in chunks if key in c]) for key in keys}
-
-
-def _load_chunk(path: Path) -> Arrays:
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise DataError(f"{path}: cannot be read ({error}); delete it and run again") from error
 
 
 def partial_folder(folder: Path, source: str, names: Sequence[str], key: str) -> Path:

@@ -6,7 +6,6 @@ import hashlib
 import json
 import threading
 import time
-import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -17,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.config import merged
+from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.archive import load_arrays, save_arrays
 from fusionslam.storage.parallel import in_order
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 
@@ -253,8 +253,7 @@ def template_views(
         return kept
     made = _made(images, config, jobs, progress)
     if path is not None:
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
-            np.savez(file, views=made.views, build_ms=np.array(made.build_ms))
+        save_arrays(path, {"views": made.views, "build_ms": np.array(made.build_ms)})
     return made
 
 
@@ -290,9 +289,9 @@ def _cache_path(key: str, config: VisualTemplatesConfig) -> Path:
 def _kept(path: Path, images: Images, config: VisualTemplatesConfig) -> TemplateViews | None:
     """What the cache has; None for nothing, or for a file that is none of ours."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with load_arrays(path, "template views") as stored:
             views, build_ms = stored["views"], float(stored["build_ms"])
-    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile):
+    except DataError:
         return None
     fits = views.dtype == np.float32 and views.shape == (len(images), config.columns * config.rows)
     return TemplateViews(views, build_ms) if fits else None

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Folders of results: what ``run.json`` says of them, so that a later command can go on."""
 
-import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fusionslam.errors import DataError
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.archive import load_json, save_json
 
 if TYPE_CHECKING:
     pass
@@ -45,9 +44,7 @@ class Work:
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write ``run.json``, whole or not at all. Raises DataError."""
-        with atomic_path(Path(folder) / FILE) as temporary:
-            content = {"format": FORMAT, **asdict(self)}
-            temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        save_json(Path(folder) / FILE, FORMAT, asdict(self), indent=1)
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> "Work | None":
@@ -55,13 +52,8 @@ class Work:
         path = Path(folder) / FILE
         if not path.exists():
             return None
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-            if content.pop("format", None) != FORMAT:
-                raise DataError(f"{path}: expected format {FORMAT}")
+        with load_json(path, FORMAT, "the description of stored work") as content:
             return cls(**content | {"recording": Recording(**content["recording"])})
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            raise DataError(f"{path}: not the description of stored work: {error}") from error
 
 
 def claim(folder: str | os.PathLike[str], work: Work) -> Work:

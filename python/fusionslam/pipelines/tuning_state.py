@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
-from fusionslam.storage.files import DAMAGED, atomic_path
+from fusionslam.storage.archive import load_archive, save_archive
 
 FORMAT = "fusionslam.tuning.1"
 
@@ -60,34 +60,19 @@ class TuningState:
         if self.path is None:
             return
         sizes = np.array([len(each.values) for each in self.generations], np.int64)
-        about = json.dumps({"format": FORMAT, "identity": self._identity})
-        with atomic_path(self.path) as temporary, temporary.open("wb") as stream:
-            np.savez(
-                stream,
-                about=np.array(about),
-                sizes=sizes,
-                numbers=np.concatenate([each.numbers for each in self.generations]),
-                values=np.concatenate([each.values for each in self.generations]),
-            )
+        arrays = {
+            "sizes": sizes,
+            "numbers": np.concatenate([each.numbers for each in self.generations]),
+            "values": np.concatenate([each.values for each in self.generations]),
+        }
+        save_archive(self.path, FORMAT, {"identity": self._identity}, arrays)
 
 
 def _read(path: Path) -> tuple[str, list[Generation]]:
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            about = json.loads(str(stored["about"]))
-            if about.get("format") != FORMAT:
-                raise DataError(f"{path} is of format {about.get('format')}, expected {FORMAT}")
-            edges = np.cumsum(stored["sizes"])[:-1]
-            pairs = zip(
-                np.split(stored["numbers"], edges), np.split(stored["values"], edges), strict=True
-            )
-            return str(about["identity"]), [Generation(*pair) for pair in pairs]
-    except DataError:
-        raise
-    except OSError as error:
-        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-    except DAMAGED as error:
-        raise DataError(f"{path}: no state of a tuning, or cut short: {error}") from error
+    with load_archive(path, FORMAT, "the state of a tuning") as (about, stored):
+        edges = np.cumsum(stored["sizes"])[:-1]
+        parts = (np.split(stored[name], edges) for name in ("numbers", "values"))
+        return str(about["identity"]), [Generation(*pair) for pair in zip(*parts, strict=True)]
 
 
 def _differences(before: dict[str, Any], now: dict[str, Any]) -> str:

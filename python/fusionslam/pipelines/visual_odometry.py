@@ -5,7 +5,6 @@
 import hashlib
 import json
 import logging
-import zipfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -26,7 +25,7 @@ from fusionslam.ratslam.visual_odometry import (
     VisualSpeed,
 )
 from fusionslam.sensors.messages import Odometry
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.archive import load_arrays, save_arrays
 from fusionslam.storage.parallel import in_order
 
 logger = logging.getLogger(__name__)
@@ -124,9 +123,8 @@ def all_sights(
         return kept
     made = [*_made(images, odometry, jobs, progress)]
     if path is not None and made:
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
-            turns, speeds = (np.stack([getattr(s, n) for s in made]) for n in ("turn", "speed"))
-            np.savez(file, shape=made[0].shape, turns=turns, speeds=speeds)
+        turns, speeds = (np.stack([getattr(s, n) for s in made]) for n in ("turn", "speed"))
+        save_arrays(path, {"shape": made[0].shape, "turns": turns, "speeds": speeds})
     return made
 
 
@@ -155,9 +153,9 @@ def _cache_path(key: str, odometry: VisualOdometry) -> Path:
 def _kept(path: Path, count: int) -> list[Sight] | None:
     """What the cache has; None for nothing, or for a file that is none of ours."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with load_arrays(path, "profiles of images") as stored:
             (height, width), turns, speeds = stored["shape"], stored["turns"], stored["speeds"]
-    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile):
+    except DataError:
         return None
     if not turns.shape == speeds.shape == (count, width) or turns.dtype != np.float64:
         return None

@@ -9,7 +9,6 @@ itself says otherwise. Poses are on the map, whose frame begins where the robot 
 true ones are in the world's frame. Every file is written whole or not at all.
 """
 
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from fusionslam.datasets.pose_files import write_poses_tum
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.ratslam.map_snapshot import MapRecord
+from fusionslam.storage.archive import save_json
 from fusionslam.storage.files import atomic_path
 
 PathLike = str | os.PathLike[str]
@@ -87,7 +87,6 @@ def write_map_json(path: PathLike, run: MapRecord) -> None:
     """
     _check(run)
     content = {
-        "format": MAP_FORMAT,
         **_about(run),
         "config": dict(run.config),
         "units": UNITS,
@@ -100,9 +99,7 @@ def write_map_json(path: PathLike, run: MapRecord) -> None:
             **{which: _listed(_poses(run, which)) for which in TRAJECTORIES},
         },
     }
-    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-        json.dump(content, file, allow_nan=False)
-        file.write("\n")
+    save_json(path, MAP_FORMAT, content)
 
 
 def write_trajectory(path: PathLike, run: MapRecord, which: str = "final") -> None:

@@ -10,16 +10,17 @@
 'node 0 made of view 0'
 """
 
-import os
+import io
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
-from fusionslam.evaluation.maps.run import ActionKind
+from fusionslam.evaluation.maps.run import ActionKind, RatSlamRun
 from fusionslam.ratslam.actions import Action
 from fusionslam.ratslam.events import Event, Look, Sighting, is_looking, stamp_of
 from fusionslam.ratslam.experience_map import (
@@ -38,9 +39,15 @@ from fusionslam.ratslam.odometry import (
     stride_between,
 )
 from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
-from fusionslam.ratslam.view_sources import ViewSource
+from fusionslam.ratslam.view_sources import KINDS, ViewSource
+from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.files import PathLike
 from fusionslam.storage.timer import Stopwatch
 from fusionslam.views.match import NO_VIEW
+
+FORMAT = "fusionslam.ratslam.1"
+_PARTS = ("cells", "map", "alone")
+_RUN, _VIEWS = "run", "views"
 
 NOTHING = Action(ActionKind.NONE)
 
@@ -199,31 +206,64 @@ class RatSlam:
         self.memory.odometry = known and known._replace(stamp_ns=FORGOTTEN_NS)
         self.memory.newest_ns = self.memory.looked_ns = None
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write one file, whole or not at all: ``load`` goes on exactly from here.
-
-        Raises:
-            DataError: it cannot be written.
-        """
-        from fusionslam.ratslam.map_file import save_ratslam
-
-        save_ratslam(self, path)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str], *, views: ViewSource | None = None) -> "RatSlam":
-        """Go on from what ``save`` wrote.
+    def save(self, path: PathLike, *, run: RatSlamRun | None = None) -> None:
+        """Write one file, whole or not at all: ``load`` continues exactly from here.
 
         Args:
-            path: the file.
-            views: where it was made with a source of its own: the like of it, without views.
+            path: of the file.
+            run: what was done so far, to be kept with it for ``load_run``.
+
+        Raises:
+            DataError: the file cannot be written.
+        """
+        about = {
+            "config": self.config.model_dump(mode="json"),
+            "views": None if self.views is None else self.views.kind,
+            "memory": asdict(self.memory),
+        }
+        arrays: dict[str, NDArray[Any]] = {}
+        for part in _PARTS:
+            state = getattr(self, part).state()
+            arrays |= {f"{part}.{key}": np.asarray(value) for key, value in state.items()}
+        if self.views is not None:
+            arrays[_VIEWS] = np.frombuffer(self.views.to_bytes(), np.uint8)
+        if run is not None:
+            stream = io.BytesIO()
+            run.save(stream)
+            arrays[_RUN] = np.frombuffer(stream.getvalue(), np.uint8)
+        save_archive(path, FORMAT, about, arrays)
+
+    @classmethod
+    def load(cls, path: PathLike, *, views: ViewSource | None = None) -> "RatSlam":
+        """Continue from what ``save`` wrote.
+
+        Args:
+            path: of the file.
+            views: for a source of views that is none of ``KINDS``: another of its kind, without
+                views.
 
         Raises:
             DataError: missing, cut short, damaged, of another version or with another source of
                 views; the message names the file.
         """
-        from fusionslam.ratslam.map_file import load_ratslam
+        with load_archive(path, FORMAT, "a stored RatSLAM") as (about, arrays):
+            views = _empty_source(about["views"], views)
+            slam = cls(merged(RatSlamConfig(), about["config"]), views=views)
+            for part in _PARTS:
+                start = f"{part}."
+                state = {k.removeprefix(start): v for k, v in arrays.items() if k.startswith(start)}
+                getattr(slam, part).restore(state)
+            if slam.views is not None:
+                slam.views.restore(arrays[_VIEWS].tobytes())
+            slam.memory = Memory.of(about["memory"])
+            slam._check_memory()
+        return slam
 
-        return load_ratslam(path, views=views)
+    def _check_memory(self) -> None:
+        nodes = len(self.map.nodes)
+        found = (len(self.memory.node_stamps_ns), len(self.memory.node_views))
+        if found != (nodes, nodes):
+            raise DataError(f"{nodes} nodes, but stamps and views of {found}")
 
     def _check(self, event: Event) -> tuple[Odometry2D | None, Stride | None]:
         stamp_ns, known = stamp_of(event), self.memory
@@ -361,6 +401,29 @@ class RatSlam:
             yield f"node {done.action.target} made of view {self.memory.view}"
         elif done.action.kind == ActionKind.CREATE_EDGE:
             yield f"back at node {done.action.target}, from node {done.action.source}"
+
+
+def load_run(path: PathLike) -> RatSlamRun | None:
+    """The run that ``RatSlam.save`` stored with a map; None where there is none.
+
+    Raises:
+        DataError: as ``RatSlam.load``.
+    """
+    with load_archive(path, FORMAT, "a stored RatSLAM") as (_, arrays):
+        return RatSlamRun.load(io.BytesIO(arrays[_RUN].tobytes())) if _RUN in arrays else None
+
+
+def _empty_source(kind: str | None, given: ViewSource | None) -> ViewSource | None:
+    """A source of views of a stored kind, without views. Raises DataError for an unknown one."""
+    if given is not None:
+        if given.kind != kind:
+            raise DataError(f"it recognises by {kind or 'nothing'}, expected {given.kind}")
+        return given
+    if kind is None:
+        return None
+    if kind not in KINDS:
+        raise DataError(f"it recognises by {kind}: name a source like that (views=...)")
+    return KINDS[kind]()
 
 
 class _Done(NamedTuple):

@@ -8,12 +8,10 @@
 0
 """
 
+import io
 import json
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -108,11 +106,11 @@ class TemplateSource:
 
     def to_bytes(self) -> bytes:
         """As ``ViewSource``."""
-        return _written(self.templates.save)
+        return _bytes_of(self.templates)
 
     def restore(self, content: bytes) -> None:
         """As ``ViewSource``."""
-        self.templates = _read(content, VisualTemplates.load)
+        self.templates = VisualTemplates.load(io.BytesIO(content))
 
 
 class MatcherSource:
@@ -170,12 +168,12 @@ class MatcherSource:
     def to_bytes(self) -> bytes:
         """As ``ViewSource``."""
         places = json.dumps([[number, *pose] for number, pose in self._places.items()]).encode()
-        return len(places).to_bytes(8, "little") + places + _written(self.matcher.save)
+        return len(places).to_bytes(8, "little") + places + _bytes_of(self.matcher)
 
     def restore(self, content: bytes) -> None:
         """As ``ViewSource``."""
         start = 8 + int.from_bytes(content[:8], "little")
-        matcher = _read(content[start:], ViewMatcher.load)
+        matcher = ViewMatcher.load(io.BytesIO(content[start:]))
         rows = json.loads(content[8:start])
         self.matcher, self._places = matcher, {row[0]: tuple(row[1:]) for row in rows}
 
@@ -269,26 +267,7 @@ def _image_of(item: Any) -> NDArray[Any]:
     return item
 
 
-def _written(save: Callable[[Path], None]) -> bytes:
-    """What a function writes to a file."""
-    with _temporary() as path:
-        save(path)
-        return path.read_bytes()
-
-
-def _read(content: bytes, load: Callable[[Path], Any]) -> Any:
-    """What a function reads from a file."""
-    with _temporary() as path:
-        path.write_bytes(content)
-        return load(path)
-
-
-@contextmanager
-def _temporary() -> Iterator[Path]:
-    """A file that is gone afterwards. Raises DataError where there is no room for it."""
-    try:
-        with tempfile.TemporaryDirectory() as folder:
-            yield Path(folder) / "views.npz"
-    except OSError as error:
-        where = tempfile.gettempdir()
-        raise DataError(f"cannot write into {where}: {error.strerror or error}") from error
+def _bytes_of(stored: VisualTemplates | ViewMatcher) -> bytes:
+    stream = io.BytesIO()
+    stored.save(stream)
+    return stream.getvalue()

@@ -6,8 +6,6 @@ import os
 import signal
 import tempfile
 import threading
-import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,62 +14,33 @@ from fusionslam.errors import DataError, FusionSlamError
 
 PathLike = str | os.PathLike[str]
 
-DAMAGED = (
-    ValueError,
-    KeyError,
-    IndexError,
-    TypeError,
-    AttributeError,
-    EOFError,
-    RuntimeError,
-    MemoryError,
-    zlib.error,
-    zipfile.BadZipFile,
-)
-"""What numpy, zipfile and json raise, besides OSError, where a .npz is damaged or another's: single
-wrong bits say that it is encrypted (RuntimeError), or of a newer kind (NotImplementedError)."""
-
 
 @contextmanager
-def reading(path: str | os.PathLike[str], what: str) -> Iterator[None]:
-    """Whatever is wrong with a stored file that is read becomes a DataError that names the file.
+def reading(path: PathLike | None, expected: str) -> Iterator[None]:
+    """Turn whatever goes wrong inside the block into a ``DataError`` that names the file.
 
     Args:
-        path: of the file.
-        what: it is none of, where it is damaged: "no stored views".
+        path: of the file that is read; None for bytes, whose errors the reader of the file around
+            them completes.
+        expected: what the file should be, such as "a stored view run".
     """
     try:
         yield
-    except OSError as error:
-        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
     except FusionSlamError as error:
+        if path is None:
+            raise
         raise DataError(f"{path}: {error}") from error
-    except DAMAGED as error:
-        # numpy takes whatever it does not know for a pickle, and advises to trust it.
-        why = "it is no .npz" if "pickle" in str(error) else error
-        raise DataError(f"{path}: {what}, or cut short: {why}") from error
-
-
-@contextmanager
-def reading_file(path: PathLike, expected: str) -> Iterator[None]:
-    """Turn whatever a reader raises on a bad file into a ``DataError`` that names the file.
-
-    Args:
-        path: the file that is read.
-        expected: what the file should be.
-    """
-    try:
-        yield
-    except FusionSlamError:
-        raise
     except FileNotFoundError as error:
         raise DataError(f"{path} is missing: expected {expected}") from error
-    except Exception as error:  # readers of other people raise anything on a corrupt file
-        raise DataError(f"{path} cannot be read: expected {expected} ({error})") from error
+    except Exception as error:  # numpy, zipfile and others raise anything on a damaged file
+        subject = "" if path is None else f"{path} cannot be read: "
+        why = f"no {error}" if isinstance(error, KeyError) else error
+        why = getattr(error, "strerror", None) or why
+        raise DataError(f"{subject}expected {expected} ({why})") from error
 
 
 @contextmanager
-def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+def atomic_path(path: PathLike) -> Iterator[Path]:
     """Yield a temporary path beside ``path``; on success it replaces ``path``, else it vanishes.
 
     Raises:

@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """``ViewMatcher``: which view is this? One ``process`` a scan (Stastny 2022, 4.4)."""
 
-import json
-import os
 from dataclasses import asdict, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +14,8 @@ from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
 from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
 from fusionslam.sensors.frame import Frame
-from fusionslam.storage.files import atomic_path, reading
+from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.files import PathLike
 from fusionslam.views.alignment_comparison import AlignmentComparison, AlignmentConfig
 from fusionslam.views.comparison import Candidate, Comparison, Item, View
 from fusionslam.views.descriptor_comparison import DescriptorComparison
@@ -267,14 +265,16 @@ class ViewMatcher:
         counts = self._stats
         self._stats = replace(counts, bytes=counts.bytes - size, dropped=counts.dropped + 1)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write one file, whole or not at all: ``load`` goes on exactly from here.
+    def save(self, target: PathLike | BinaryIO) -> None:
+        """Write all that ``load`` needs to continue exactly from here.
+
+        Args:
+            target: path of a file, which is written whole or not at all, or a binary stream.
 
         Raises:
-            DataError: it cannot be written.
+            DataError: the file cannot be written.
         """
         about = {
-            "format": FORMAT,
             "comparison": self.comparison.kind,
             "threshold": self.threshold,
             "views": self.config.model_dump(mode="json"),
@@ -284,43 +284,40 @@ class ViewMatcher:
         }
         slots = np.array([(s.id, s.number, s.used) for s in self._slots], np.int64).reshape(-1, 3)
         state = {_STATE + name: array for name, array in self.comparison.state().items()}
-        with atomic_path(path) as temporary, temporary.open("wb") as stream:
-            np.savez(stream, about=np.array(json.dumps(about)), slots=slots, **state)  # type: ignore[arg-type]
+        save_archive(target, FORMAT, about, {"slots": slots, **state})
 
     @classmethod
     def load(
-        cls, path: str | os.PathLike[str], *, comparison: Comparison | None = None
+        cls, source: PathLike | BinaryIO, *, comparison: Comparison | None = None
     ) -> "ViewMatcher":
-        """Go on from what ``save`` wrote.
+        """Continue from what ``save`` wrote.
 
         Args:
-            path: the file.
-            comparison: where the matcher was made with one: the like of it, without views.
+            source: path of the file, or a binary stream.
+            comparison: for a matcher that was given one: another of its kind, without views.
 
         Raises:
             DataError: missing, cut short, damaged, of another version or of another comparison;
                 the message names the file.
         """
-        with reading(path, "no stored view matcher"):
-            about, slots, state = _read(Path(path))
+        with load_archive(source, FORMAT, "a stored view matcher") as (about, arrays):
             matcher = cls(
                 merged(ViewMatcherConfig(), about["views"]),
                 fusion=merged(FusionConfig(), about["fusion"]),
                 descriptors=merged(DescriptorConfig(), about["descriptors"]),
                 comparison=comparison,
             )
-            matcher._restore(about, slots, state)
+            matcher._restore(about, arrays)
         return matcher
 
-    def _restore(
-        self, about: dict[str, Any], slots: NDArray[np.int64], state: dict[str, NDArray[Any]]
-    ) -> None:
+    def _restore(self, about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
         if about["comparison"] != self.comparison.kind:
             raise DataError(
                 f"it compares {about['comparison']}, expected {self.comparison.kind}: name the "
                 "comparison it was made with (comparison=...)"
             )
-        self.comparison.restore(state)
+        slots = arrays.pop("slots")
+        self.comparison.restore({name.removeprefix(_STATE): rows for name, rows in arrays.items()})
         if slots.ndim != 2 or slots.shape[1] != 3 or len(slots) != len(self.comparison):
             raise DataError(f"{len(self.comparison)} views, but slots {slots.shape}")
         self.threshold = about["threshold"]
@@ -376,13 +373,3 @@ def scene_config(config: ViewMatcherConfig) -> SceneConfig:
 def similarity_config(config: ViewMatcherConfig) -> SimilarityConfig:
     """How scenes are compared: the preset, and what is changed of it."""
     return SimilarityConfig(preset=config.preset, **config.similarity.model_dump(exclude_none=True))
-
-
-def _read(path: Path) -> tuple[dict[str, Any], NDArray[np.int64], dict[str, NDArray[Any]]]:
-    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-        about = json.loads(str(stored["about"]))
-        if about.get("format") != FORMAT:
-            raise DataError(f"is of format {about.get('format')}, expected {FORMAT}")
-        names = [name for name in stored.files if name.startswith(_STATE)]
-        state = {name.removeprefix(_STATE): stored[name] for name in names}
-        return about, stored["slots"], state

@@ -7,12 +7,10 @@ if there is truth, poses. Matching, tuning, training and threshold sweeps start 
 """
 
 import hashlib
-import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +18,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.files import DAMAGED, atomic_path, reading
+from fusionslam.storage.archive import format_of, load_archive, save_archive
 from fusionslam.views.scenes import Scene, SceneConfig, build_scene
 
 FORMAT = "fusionslam.scene_set.1"
@@ -188,19 +186,17 @@ class SceneSet:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one ``.npz``, whole or not at all. Raises DataError where that is impossible."""
         about = {
-            "format": FORMAT,
             "name": self.name,
             "frame": self.frame,
             "scene_config": self.scene_config,
             "source": self.source,
         }
-        arrays: dict[str, NDArray[Any]] = {
+        arrays: dict[str, NDArray[Any] | None] = {
             "stamps_ns": self.stamps_ns,
             "numbers": self.numbers,
             "empty": self.empty,
+            "poses": self.poses,
         }
-        if self.poses is not None:
-            arrays["poses"] = self.poses
         if self.clouds is not None:
             arrays |= {name: getattr(self.clouds, name) for name in _CLOUDS}
         if self.scenes is not None:
@@ -208,8 +204,7 @@ class SceneSet:
                 [scene.to_bytes() for scene in self.scenes]
             )
         arrays |= {_FEATURE + name: rows for name, rows in self.features.items()}
-        with atomic_path(path) as temporary, temporary.open("wb") as stream:
-            np.savez_compressed(stream, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
+        save_archive(path, FORMAT, about, arrays, compress=True)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "SceneSet":
@@ -219,8 +214,8 @@ class SceneSet:
             DataError: the file is missing, cut short, of another version or something else; the
                 message names it.
         """
-        with reading(path, "not a scene set"):
-            return cls(**_read(Path(path)))
+        with load_archive(path, FORMAT, "a scene set") as (about, arrays):
+            return cls(**about, **_restored(arrays))
 
 
 def scene_values(config: SceneConfig) -> dict[str, Any]:
@@ -245,21 +240,11 @@ def unpacked(array: NDArray[np.uint8], offsets: NDArray[np.int64]) -> list[bytes
 
 def is_scene_set(path: str | os.PathLike[str]) -> bool:
     """Whether a file says that it is a scene set, of whatever version."""
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            about = json.loads(str(stored["about"]))
-        return str(about.get("format", "")).startswith("fusionslam.scene_set.")
-    except (OSError, *DAMAGED):
-        return False
+    return (format_of(path) or "").startswith("fusionslam.scene_set.")
 
 
-def _read(path: Path) -> dict[str, Any]:
-    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-        about = json.loads(str(stored["about"]))
-        found = about.pop("format", None)
-        if found != FORMAT:
-            raise DataError(f"is of format {found}, expected {FORMAT}")
-        arrays = {name: stored[name] for name in stored.files if name != "about"}
+def _restored(arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    """The arguments of a set from its arrays. Raises DataError where they do not fit."""
     clouds = CloudArray(*(arrays.pop(name) for name in _CLOUDS)) if "points" in arrays else None
     if clouds is not None:
         _check_clouds(clouds)
@@ -269,7 +254,7 @@ def _read(path: Path) -> dict[str, Any]:
         scenes = [Scene.from_bytes(text) for text in texts]
     names = [name for name in arrays if name.startswith(_FEATURE)]
     features = {name.removeprefix(_FEATURE): arrays.pop(name) for name in names}
-    return {**about, **arrays, "clouds": clouds, "scenes": scenes, "features": features}
+    return {**arrays, "clouds": clouds, "scenes": scenes, "features": features}
 
 
 def _check_clouds(clouds: CloudArray) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, FusionSlamError
-from fusionslam.storage.files import DAMAGED
+from fusionslam.storage.archive import load_arrays, save_arrays
 from fusionslam.views.comparison import Comparison, View
 
 FORMAT = b"fusionslam.view.1\n"
@@ -31,8 +31,7 @@ def view_to_bytes(comparison: Comparison, view: View) -> bytes:
     """A view that ``comparison`` made: format, check sum (CRC-32, little endian), and a .npz."""
     stream = io.BytesIO()
     text = json.dumps(_about(comparison)).encode()
-    arrays: dict[str, Any] = {_ABOUT: np.frombuffer(text, np.uint8), **comparison.arrays_of(view)}
-    np.savez(stream, **arrays)
+    save_arrays(stream, {_ABOUT: np.frombuffer(text, np.uint8), **comparison.arrays_of(view)})
     content = stream.getvalue()
     return FORMAT + zlib.crc32(content).to_bytes(_SUM, "little") + content
 
@@ -50,11 +49,9 @@ def view_from_bytes(comparison: Comparison, data: bytes) -> View:
     """
     content = _content(data)
     try:
-        arrays = _arrays(content)
-        _check_about(arrays[_ABOUT], _about(comparison))
-        return comparison.view_of(arrays)
-    except KeyError as error:
-        raise DataError(f"view: no array {error}; {_ADVICE}") from error
+        with load_arrays(io.BytesIO(content), "a view") as arrays:
+            _check_about(arrays[_ABOUT], _about(comparison))
+            return comparison.view_of(arrays)
     except FusionSlamError as error:
         raise DataError(f"view: {error}; {_ADVICE}") from error
 
@@ -86,12 +83,3 @@ def _content(data: bytes) -> bytes:
     if zlib.crc32(content) != int.from_bytes(data[len(FORMAT) : start], "little"):
         raise DataError(f"view: {len(data)} bytes that are cut short or damaged")
     return content
-
-
-def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
-    """Arrays by name. Raises DataError."""
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
-    except (OSError, *DAMAGED) as error:
-        raise DataError(f"no arrays: {error}") from error

@@ -8,18 +8,16 @@
 TemplateMatch(id=0, relative_rotation=0.0, is_new=True, error=inf)
 """
 
-import json
-import os
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
 from fusionslam.config import Section, merged, option
-from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.storage.files import DAMAGED, atomic_path
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.files import PathLike
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.intp]
@@ -154,56 +152,41 @@ class VisualTemplates:
         self._append(view)
         return TemplateMatch(len(self) - 1, 0.0, is_new=True, error=error)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write configuration and templates, whole or not at all. Raises DataError."""
-        about = {
-            "format": FORMAT,
-            "config": self.config.model_dump(mode="json"),
-            "image_shape": self._image_shape,
-        }
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
-            np.savez(file, about=np.array(json.dumps(about)), templates=self._stored[: len(self)])
+    def save(self, target: PathLike | BinaryIO) -> None:
+        """Write configuration and templates to a path, whole or not at all, or to a stream.
+
+        Raises:
+            DataError: the file cannot be written.
+        """
+        about = {"config": self.config.model_dump(mode="json"), "image_shape": self._image_shape}
+        save_archive(target, FORMAT, about, {"templates": self._stored[: len(self)]})
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> "VisualTemplates":
-        """Read what ``save`` wrote.
+    def load(cls, source: PathLike | BinaryIO) -> "VisualTemplates":
+        """Read what ``save`` wrote, from a path or a stream.
 
         Raises:
             DataError: the file is missing, cut short, of another version or something else.
         """
-        try:
-            with np.load(Path(path), allow_pickle=False) as content:
-                about, stored = json.loads(content["about"].item()), content["templates"]
-        except OSError as error:
-            raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-        except DAMAGED as error:
-            raise DataError(f"{path}: no saved visual templates: {error}") from error
-        if not isinstance(about, dict) or about.get("format") != FORMAT:
-            raise DataError(f"{path}: expected visual templates of the format {FORMAT}")
-        return cls._restored(path, about, stored)
-
-    @classmethod
-    def _restored(
-        cls, path: str | os.PathLike[str], about: dict[str, Any], stored: NDArray[Any]
-    ) -> "VisualTemplates":
-        try:
+        with load_archive(source, FORMAT, "stored visual templates") as (about, arrays):
             templates = cls(merged(VisualTemplatesConfig(), about["config"]))
             shape = about["image_shape"]
             templates._image_shape = None if shape is None else (int(shape[0]), int(shape[1]))
-        except (ConfigError, KeyError, TypeError, ValueError, AttributeError) as error:
-            raise DataError(f"{path}: no saved visual templates: {error}") from error
-        size = templates._stored.shape[1]
+            templates._restore(arrays["templates"])
+        return templates
+
+    def _restore(self, stored: NDArray[Any]) -> None:
+        size = self._stored.shape[1]
         if stored.dtype != np.float32 or stored.ndim != 2 or stored.shape[1] != size:
             raise DataError(
-                f"{path}: templates {stored.dtype} {stored.shape}, expected float32 (n, {size})"
+                f"templates {stored.dtype} {stored.shape}, expected float32 (n, {size})"
             )
         if not np.isfinite(stored).all():
-            raise DataError(f"{path}: a template is not finite")
-        templates._stored, templates._count = np.ascontiguousarray(stored), len(stored)
-        templates._means = stored.mean(axis=1)
-        shape = (len(stored), templates.config.columns, templates.config.rows)
-        templates._column_means = stored.reshape(shape).mean(axis=2)
-        return templates
+            raise DataError("a template is not finite")
+        self._stored, self._count = np.ascontiguousarray(stored), len(stored)
+        self._means = stored.mean(axis=1)
+        shape = (len(stored), self.config.columns, self.config.rows)
+        self._column_means = stored.reshape(shape).mean(axis=2)
 
     def _nearest(self, view: Floats) -> tuple[int, float, int]:
         """Id, error and shift of the template that comes nearest; of equal ones the first.

@@ -205,7 +205,7 @@ def test_ctrl_c_before_the_first_step_writes_nothing(
         (1, ("--odometry", "topic"), "drive has no odometry messages"),
         (1, ("--odometry", "visual"), "drive: no images, which visual odometry looks at"),
         (1, ("--views", "visual"), "drive: no images, which visual templates look at"),
-        (1, ("--resume", "nowhere.npz"), "cannot read nowhere.npz"),
+        (1, ("--resume", "nowhere.npz"), "nowhere.npz is missing"),
     ],
 )
 def test_mistakes_are_one_line_that_names_them(

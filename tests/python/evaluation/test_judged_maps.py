@@ -311,5 +311,5 @@ def test_other_files_are_no_report(tmp_path: Path, content: str) -> None:
     path.write_text(content)
     with pytest.raises(DataError, match=r"map\.json"):
         MapReport.load(path)
-    with pytest.raises(DataError, match="cannot read"):
+    with pytest.raises(DataError, match="is missing"):
         MapReport.load(tmp_path / "none.json")

@@ -369,10 +369,10 @@ def test_the_protocols_are_those_that_the_configuration_allows() -> None:
 def test_bytes_at_random_are_no_run_and_nothing_is_said_of_pickles(tmp_path: Path) -> None:
     path = tmp_path / "lidar-m2dp.npz"
     path.write_bytes(np.random.default_rng(0).bytes(500))
-    with pytest.raises(DataError, match=r"lidar-m2dp\.npz: not a stored descriptor run") as caught:
+    with pytest.raises(DataError, match=r"lidar-m2dp\.npz cannot be read: expected") as caught:
         DescriptorRun.load(path)
     assert "pickle" not in str(caught.value)
     np.save(tmp_path / "array.npy", np.zeros(3))
     (tmp_path / "array.npy").rename(path)
-    with pytest.raises(DataError, match="not a stored descriptor run"):
+    with pytest.raises(DataError, match="expected a stored descriptor run"):
         DescriptorRun.load(path)

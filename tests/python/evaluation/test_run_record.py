@@ -127,7 +127,7 @@ def test_a_run_that_is_cut_short_is_refused(tmp_path: Path, share: float) -> Non
 
 
 def test_a_missing_run_is_named(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"cannot read .*none\.npz"):
+    with pytest.raises(DataError, match=r"none\.npz is missing"):
         RatSlamRun.load(tmp_path / "none.npz")
 
 

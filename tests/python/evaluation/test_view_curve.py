@@ -112,7 +112,7 @@ def test_a_curve_is_saved_whole(tmp_path: Path) -> None:
     (tmp_path / "curve.json").write_text('{"format": "fusionslam.view_curve.1", "rule": "paper"}')
     with pytest.raises(DataError, match=r"curve\.json"):
         ViewCurve.load(tmp_path / "curve.json")
-    with pytest.raises(DataError, match="cannot read"):
+    with pytest.raises(DataError, match="is missing"):
         ViewCurve.load(tmp_path / "none.json")
 
 

@@ -203,7 +203,7 @@ def test_a_save_that_is_cut_off_between_its_files_leaves_the_old_pair(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("fusionslam.loop_closure.detector.json.dumps", cut_off)
+        patch.setattr("fusionslam.storage.archive.json.dumps", cut_off)
         with pytest.raises(KeyboardInterrupt):
             before.save(folder)
     after = LoopDetector.load(folder)
@@ -232,7 +232,7 @@ def test_a_folder_that_is_no_detector_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"nowhere.*detector\.json"):
         LoopDetector.load(tmp_path / "nowhere")
     (tmp_path / "detector.json").write_text("[1, 2]")
-    with pytest.raises(DataError, match=r"detector\.json: not a loop detector"):
+    with pytest.raises(DataError, match=r"detector\.json cannot be read: expected"):
         LoopDetector.load(tmp_path)
 
 

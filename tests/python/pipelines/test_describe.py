@@ -175,7 +175,7 @@ def test_a_damaged_remainder_is_named(recording: Path, tmp_path: Path) -> None:
     interrupted(dataset, out, 1)
     (chunk,) = out.glob(".partial-*/000000.npz")
     chunk.write_bytes(chunk.read_bytes()[: chunk.stat().st_size // 2])
-    with pytest.raises(DataError, match=r"000000\.npz: cannot be read .*delete it"):
+    with pytest.raises(DataError, match=r"000000\.npz cannot be read: .*delete it"):
         describe_dataset(dataset, ("m2dp", "cm2dp"), out)
 
 

@@ -167,7 +167,7 @@ def test_a_state_of_another_search_or_that_is_cut_is_refused(tmp_path: Path) -> 
     with pytest.raises(DataError, match=r"other views\.threshold"):
         tune([DRIVE], AUTHOR, quick(), state=TuningState(path))
     path.write_bytes(path.read_bytes()[:-50])
-    with pytest.raises(DataError, match="state: no state of a tuning, or cut short"):
+    with pytest.raises(DataError, match="state cannot be read: expected the state of a tuning"):
         tune([DRIVE], BAD, quick(), state=TuningState(path))
 
 

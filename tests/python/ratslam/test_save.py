@@ -159,8 +159,8 @@ CHANGES: dict[str, tuple[Callable[[dict[str, Any], dict[str, Any]], Any], str]] 
     "an unknown key": (lambda about, _: about["config"].update(colour=1), "colour"),
     "another size": (lambda about, _: about["config"]["cells"].update(size=30), ""),
     "another preset": (lambda about, _: about["config"].update(preset="openratslam"), ""),
-    "no memory": (lambda about, _: about.pop("memory"), "damaged"),
-    "an unknown memory": (lambda about, _: about["memory"].update(colour=1), "damaged"),
+    "no memory": (lambda about, _: about.pop("memory"), "no 'memory'"),
+    "an unknown memory": (lambda about, _: about["memory"].update(colour=1), "colour"),
     "nodes too many": (lambda about, _: about["memory"]["node_views"].append(0), "nodes"),
     "no cells": (without_cells, ""),
     "another source": (lambda about, _: about.update(views="smell"), "smell"),
@@ -172,7 +172,7 @@ CHANGES: dict[str, tuple[Callable[[dict[str, Any], dict[str, Any]], Any], str]] 
 def test_files_of_something_else_are_refused(saved: Path, change: str) -> None:
     how, said = CHANGES[change]
     rewritten(saved, how)
-    with pytest.raises(DataError, match=rf"state\.npz: .*{said}"):
+    with pytest.raises(DataError, match=rf"state\.npz.*: .*{said}"):
         RatSlam.load(saved)
 
 
@@ -246,14 +246,6 @@ def test_a_full_disk_is_an_error_that_leaves_the_old_file_and_nothing_else(
     assert same(everything(slam), before)
     slam.save(saved)
     assert same(everything(RatSlam.load(saved)), before)
-
-
-def test_no_room_to_unpack_views_is_an_error_too(
-    saved: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fill_disk(monkeypatch, 0)
-    with pytest.raises(DataError, match=r"state\.npz: cannot write into .*No space left on device"):
-        RatSlam.load(saved)
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:

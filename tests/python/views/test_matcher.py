@@ -223,7 +223,7 @@ def test_a_file_that_is_cut_foreign_or_missing_is_refused(tmp_path: Path) -> Non
     path.write_text("a text")
     with pytest.raises(DataError, match=str(path)):
         ViewMatcher.load(path)
-    with pytest.raises(DataError, match="No such file"):
+    with pytest.raises(DataError, match="is missing"):
         ViewMatcher.load(tmp_path / "none")
 
 

@@ -2,19 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What ``describe`` stores: one descriptor of one kind of cloud over one sequence."""
 
-import json
 import os
-import zipfile
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import DataError, ShapeError
+from fusionslam.errors import ShapeError
 from fusionslam.evaluation.loops.nearest_matches import checked_descriptors
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.archive import load_archive, save_archive
 
 FORMAT = "fusionslam.descriptor_run.2"
 _TEXTS = ("source", "descriptor", "dataset", "peak_memory_bytes", "config", "skipped")
@@ -81,13 +78,9 @@ class DescriptorRun:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one .npz, whole or not at all. Raises DataError where that is impossible."""
-        arrays = {name: getattr(self, name) for name in _ARRAYS}
-        if self.poses is not None:
-            arrays["poses"] = self.poses
+        arrays = {name: getattr(self, name) for name in (*_ARRAYS, "poses")}
         arrays |= {_STAGE + stage: seconds for stage, seconds in self.seconds.items()}
-        texts = json.dumps({name: getattr(self, name) for name in _TEXTS} | {"format": FORMAT})
-        with atomic_path(path) as temporary, temporary.open("wb") as stream:
-            np.savez(stream, about=np.array(texts), **arrays)
+        save_archive(path, FORMAT, {name: getattr(self, name) for name in _TEXTS}, arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "DescriptorRun":
@@ -96,16 +89,13 @@ class DescriptorRun:
         Raises:
             DataError: the file is missing, cut short or something else; the message names it.
         """
-        try:
-            if Path(path).is_file() and not zipfile.is_zipfile(path):
-                raise DataError(f"{path}: not a stored descriptor run: no .npz, or cut short")
-            return cls(**_read(Path(path)))
-        except DataError:
-            raise
-        except OSError as error:
-            raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            raise DataError(f"{path}: not a stored descriptor run: {error}") from error
+        with load_archive(path, FORMAT, "a stored descriptor run") as (about, stored):
+            about["skipped"] = {int(number): why for number, why in about["skipped"].items()}
+            arrays = {name: stored[name].astype(kind, copy=False) for name, kind in _ARRAYS.items()}
+            stages = [name for name in stored if name.startswith(_STAGE)]
+            seconds = {name.removeprefix(_STAGE): stored[name] for name in stages}
+            values = {**about, **arrays, "seconds": seconds, "poses": stored.get("poses")}
+            return cls(**values)
 
 
 _ARRAYS: dict[str, type[np.generic]] = {
@@ -115,19 +105,6 @@ _ARRAYS: dict[str, type[np.generic]] = {
     "points": np.int64,
     "numbers": np.int64,
 }
-
-
-def _read(path: Path) -> dict[str, Any]:
-    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-        about = json.loads(str(stored["about"]))
-        if about.pop("format", None) != FORMAT:
-            raise ValueError(f"expected format {FORMAT}")
-        about["skipped"] = {int(number): why for number, why in about["skipped"].items()}
-        arrays = {name: stored[name].astype(dtype, copy=False) for name, dtype in _ARRAYS.items()}
-        stages = [name for name in stored.files if name.startswith(_STAGE)]
-        seconds = {name.removeprefix(_STAGE): stored[name] for name in stages}
-        poses = stored["poses"] if "poses" in stored.files else None
-        return {**about, **arrays, "seconds": seconds, "poses": poses}
 
 
 def _check_shape(name: str, array: NDArray[Any], expected: tuple[int, ...]) -> None:

@@ -2,17 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Precision and recall of loop closing over all thresholds, as a value."""
 
-import json
 import os
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import DataError
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.archive import load_json, save_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -121,9 +118,7 @@ class PrecisionRecall:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write JSON, whole or not at all; undefined figures are null. Raises DataError."""
         arrays = {name: _plain(getattr(self, name)) for name in _ARRAYS}
-        with atomic_path(path) as temporary:
-            content = {"format": FORMAT, **self.metrics(), **arrays}
-            temporary.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
+        save_json(path, FORMAT, {**self.metrics(), **arrays})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "PrecisionRecall":
@@ -132,15 +127,8 @@ class PrecisionRecall:
         Raises:
             DataError: the file is missing, cut short or something else; the message names it.
         """
-        try:
-            content = json.loads(Path(path).read_text(encoding="utf-8"))
-            if content.pop("format", None) != FORMAT:
-                raise DataError(f"{path}: not a {FORMAT} file")
+        with load_json(path, FORMAT, "a stored precision-recall result") as content:
             return cls(**content | _restored(content))
-        except OSError as error:
-            raise DataError(f"cannot read {path}: {error.strerror}") from error
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise DataError(f"{path}: not a saved precision-recall result: {error}") from error
 
     def plot(self, axis: "Axes | None" = None, **style: Any) -> "Axes":
         """Draw the curve, marking recall at 100 % precision and maximal F1.

@@ -2,17 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well a map fits the world it was made in, as a value."""
 
-import json
 import os
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
-from fusionslam.errors import DataError
 from fusionslam.evaluation.views.report import percent, share
 from fusionslam.evaluation.views.rules import ViewRule
 from fusionslam.geometry.rigid import RigidMotion
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.archive import load_json, save_json
 
 FORMAT = "fusionslam.map_report.1"
 
@@ -130,9 +127,7 @@ class MapReport:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write JSON, whole or not at all. Raises DataError where that is impossible."""
-        content = json.dumps({"format": FORMAT, **self.metrics()}, indent=2, allow_nan=False)
-        with atomic_path(path) as temporary:
-            temporary.write_text(content + "\n", encoding="utf-8")
+        save_json(path, FORMAT, self.metrics(), indent=2)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "MapReport":
@@ -141,15 +136,8 @@ class MapReport:
         Raises:
             DataError: the file is missing, cut short or something else; the message names it.
         """
-        try:
-            content = json.loads(Path(path).read_text(encoding="utf-8"))
-            if content.pop("format", None) != FORMAT:
-                raise DataError(f"{path}: not a {FORMAT} file")
+        with load_json(path, FORMAT, "a stored map report") as content:
             return cls(**_restored(content))
-        except OSError as error:
-            raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise DataError(f"{path}: not a saved map report: {error}") from error
 
 
 _ERRORS = {

@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """``RatSlamRun``: everything that a run of RatSLAM did, as arrays; what is judged and drawn."""
 
-import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -15,7 +12,8 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.se2 import wrapped
-from fusionslam.storage.files import atomic_path, reading
+from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.files import PathLike
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -187,39 +185,28 @@ class RatSlamRun:
         """
         return placed(self.nodes, self.node_ids, self.offsets)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write one .npz, whole or not at all. Raises DataError where that is impossible."""
-        with atomic_path(path) as temporary, temporary.open("wb") as stream:
-            self.write(stream)
+    def save(self, target: PathLike | BinaryIO) -> None:
+        """Write one .npz to a path, whole or not at all, or to a stream.
 
-    def write(self, stream: BinaryIO) -> None:
-        """Write the .npz to a stream."""
-        arrays = {name: getattr(self, name) for name in _ARRAYS}
-        about = {name: getattr(self, name) for name in _texts()} | {"format": FORMAT}
+        Raises:
+            DataError: the file cannot be written.
+        """
+        about = {name: getattr(self, name) for name in _texts()}
         about |= {"config": dict(self.config), "why": list(self.why), "notes": list(self.notes)}
-        kept = {name: array for name, array in arrays.items() if array is not None}
-        np.savez_compressed(stream, about=np.array(json.dumps(about)), **kept)
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        save_archive(target, FORMAT, about, arrays, compress=True)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> "RatSlamRun":
-        """Read what ``save`` wrote.
+    def load(cls, source: PathLike | BinaryIO) -> "RatSlamRun":
+        """Read what ``save`` wrote, from a path or a stream.
 
         Raises:
             DataError: the file is missing, cut short, of another version or something else; the
                 message names it.
         """
-        with reading(path, "not a stored RatSLAM run"), Path(path).open("rb") as stream:
-            return cls.read(stream)
-
-    @classmethod
-    def read(cls, stream: BinaryIO) -> "RatSlamRun":
-        """Read what ``write`` wrote. Raises what ``load`` makes one DataError of."""
-        with np.load(stream, allow_pickle=False) as stored:
-            about = json.loads(str(stored["about"]))
-            found = about.pop("format", None)
-            if found != FORMAT:
-                raise DataError(f"is of format {found}, expected {FORMAT}")
-            return cls(**about, **{name: stored[name] for name in _ARRAYS if name in stored.files})
+        with load_archive(source, FORMAT, "a stored RatSLAM run") as (about, arrays):
+            kept = {name: array for name, array in arrays.items() if name in _ARRAYS}
+            return cls(**{**about, **kept})
 
 
 def placed(nodes: Floats, ids: Integers, offsets: Floats) -> Floats:

@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Views judged at every threshold, as a value (Stastny 2022, 5.4: steps of 0.01)."""
 
-import json
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.views.judge import ViewJudge, checked_ids
 from fusionslam.evaluation.views.report import ViewReport
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.archive import load_json, save_json
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -87,18 +85,13 @@ class ViewCurve:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write JSON, whole or not at all; undefined figures are null. Raises DataError."""
-        with atomic_path(path) as temporary:
-            temporary.write_text(json.dumps(self.as_json(), allow_nan=False), encoding="utf-8")
+        save_json(path, None, self.as_json())
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "ViewCurve":
         """Read what ``save`` wrote. Raises DataError that names the file."""
-        try:
-            return cls.from_json(json.loads(Path(path).read_text(encoding="utf-8")))
-        except OSError as error:
-            raise DataError(f"cannot read {path}: {error.strerror}") from error
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise DataError(f"{path}: not a saved view curve: {error}") from error
+        with load_json(path, None, "a stored view curve") as content:
+            return cls.from_json(content)
 
     def as_json(self) -> dict[str, Any]:
         """Everything, as JSON can hold it."""

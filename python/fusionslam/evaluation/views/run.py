@@ -2,18 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a place recognition by views gave on one drive: all that a report needs, as one value."""
 
-import json
 import os
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import DataError, ShapeError
+from fusionslam.errors import ShapeError
 from fusionslam.evaluation.views.curve import ViewCurve
 from fusionslam.evaluation.views.judge import (
     checked_ids,
@@ -24,7 +21,7 @@ from fusionslam.evaluation.views.judge import (
 from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.evaluation.views.rules import ViewRule
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.archive import load_archive, save_archive
 
 FORMAT = "fusionslam.view_run.1"
 _PER_SCAN = ("similarities", "build_seconds", "match_seconds")
@@ -114,11 +111,9 @@ class ViewRun:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one .npz, whole or not at all. Raises DataError where that is impossible."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
-        about = {name: getattr(self, name) for name in _TEXTS} | {"format": FORMAT}
+        about = {name: getattr(self, name) for name in _TEXTS}
         about["curve"] = self.curve.as_json() if self.curve else None
-        kept = {name: array for name, array in arrays.items() if array is not None}
-        with atomic_path(path) as temporary, temporary.open("wb") as stream:
-            np.savez_compressed(stream, about=np.array(json.dumps(about)), **kept)
+        save_archive(path, FORMAT, about, arrays, compress=True)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "ViewRun":
@@ -127,26 +122,11 @@ class ViewRun:
         Raises:
             DataError: the file is missing, cut short or something else; the message names it.
         """
-        try:
-            return cls(**_read(Path(path)))
-        except OSError as error:
-            raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            raise DataError(f"{path}: not a stored view run: {error}") from error
-
-
-def _read(path: Path) -> dict[str, Any]:
-    with path.open("rb") as stream:
-        if not zipfile.is_zipfile(stream):
-            raise ValueError("no .npz, or cut short")
-        stream.seek(0)
-        with np.load(stream, allow_pickle=False) as stored:
-            about = json.loads(str(stored["about"]))
-            if about.pop("format", None) != FORMAT:
-                raise ValueError(f"expected format {FORMAT}")
-            curve = about.pop("curve")
-            arrays = {name: stored[name] for name in _ARRAYS if name in stored.files}
-            return {**about, **arrays, "curve": ViewCurve.from_json(curve) if curve else None}
+        with load_archive(path, FORMAT, "a stored view run") as (about, arrays):
+            curve = about["curve"]
+            about["curve"] = ViewCurve.from_json(curve) if curve else None
+            kept = {name: array for name, array in arrays.items() if name in _ARRAYS}
+            return cls(**{**about, **kept})
 
 
 def _per_scan(name: str, values: Any, count: int) -> Floats:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of ways to recognise views: for terminals, as Markdown and as JSON."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -19,6 +18,7 @@ from fusionslam.evaluation import (
 from fusionslam.pipelines.compare_views import ViewResult
 from fusionslam.pipelines.drives import FRAMES
 from fusionslam.report.page.tables import Column, Table, filled
+from fusionslam.storage.archive import save_json
 from fusionslam.storage.files import atomic_path
 
 FORMAT = "fusionslam.view_bench.1"
@@ -97,13 +97,11 @@ def write_view_bench(
             "# Ways to recognise views\n\n" + markdown(results, dropped), encoding="utf-8"
         )
     content = {
-        "format": FORMAT,
         **about,
         "scans_left_out": dict(dropped),
         "results": [as_json(result) for result in results],
     }
-    with atomic_path(folder / "views_bench.json") as temporary:
-        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", "utf-8")
+    save_json(folder / "views_bench.json", FORMAT, content, indent=2)
 
 
 def as_json(result: ViewResult) -> dict[str, Any]:

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The previews of a drive: made where its data are at hand, kept beside the runs, read again."""
 
-import json
-import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -14,7 +12,7 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError
 from fusionslam.evaluation import ViewReport, ViewRun
 from fusionslam.report.views.thumbnails import Scale, cloud_preview, image_preview, scale_of
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.archive import load_archive, save_archive
 
 T = TypeVar("T")
 
@@ -116,26 +114,17 @@ def save_previews(path: Path, previews: dict[int, bytes]) -> None:
     """Write one .npz, whole or not at all."""
     keys = sorted(previews)
     sizes = [len(previews[key]) for key in keys]
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.savez(
-            stream,
-            about=np.array(json.dumps({"format": FORMAT})),
-            stamps_ns=np.array(keys, dtype=np.int64),
-            offsets=np.append(0, np.cumsum(sizes)).astype(np.int64),
-            jpegs=np.frombuffer(b"".join(previews[key] for key in keys), dtype=np.uint8),
-        )
+    arrays = {
+        "stamps_ns": np.array(keys, dtype=np.int64),
+        "offsets": np.append(0, np.cumsum(sizes)).astype(np.int64),
+        "jpegs": np.frombuffer(b"".join(previews[key] for key in keys), dtype=np.uint8),
+    }
+    save_archive(path, FORMAT, {}, arrays)
 
 
 def load_previews(path: Path) -> dict[int, bytes]:
     """Read what ``save_previews`` wrote. Raises DataError that names the file."""
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            if json.loads(str(stored["about"])).get("format") != FORMAT:
-                raise ValueError(f"expected format {FORMAT}")
-            data, ends = stored["jpegs"].tobytes(), stored["offsets"].tolist()
-            keys = stored["stamps_ns"].tolist()
-            return {key: data[ends[i] : ends[i + 1]] for i, key in enumerate(keys)}
-    except OSError as error:
-        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile) as error:
-        raise DataError(f"{path}: no stored previews, or cut short: {error}") from error
+    with load_archive(path, FORMAT, "stored previews") as (_, stored):
+        data, ends = stored["jpegs"].tobytes(), stored["offsets"].tolist()
+        keys = stored["stamps_ns"].tolist()
+        return {key: data[ends[i] : ends[i + 1]] for i, key in enumerate(keys)}

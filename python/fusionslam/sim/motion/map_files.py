@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fusionslam.datasets.cloud_files import read_image
 from fusionslam.errors import DataError
 from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part
-from fusionslam.storage.files import PathLike, atomic_path, reading_file
+from fusionslam.storage.files import PathLike, atomic_path, reading
 
 _OCCUPIED, _REACHABLE, _OTHER = 0, 254, 205
 _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196
@@ -79,7 +79,7 @@ def write_map(path: PathLike, grid: OccupancyMap) -> None:
 def _description(path: Path) -> Mapping[str, Any]:
     import yaml
 
-    with reading_file(path, _EXPECTED):
+    with reading(path, _EXPECTED):
         values = yaml.safe_load(path.read_text(encoding="utf-8"))
     if not isinstance(values, dict):
         raise DataError(f"{path} holds {type(values).__name__}: expected {_EXPECTED}")
