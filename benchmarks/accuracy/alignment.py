@@ -131,7 +131,7 @@ def fit(pairs: Sequence[Pairs]) -> Fit:
         rows.append(one.evidence[used])
         answers.append(same[used])
         weights.append(harm[used] * 1e4)
-    evidence, answer, weight = map(np.concatenate, (rows, answers, weights))
+    evidence, answer, weight = (np.concatenate(parts) for parts in (rows, answers, weights))
     mean, scale = evidence.mean(axis=0), evidence.std(axis=0)
     terms, sign = _terms((evidence - mean) / scale), np.where(answer, 1.0, -1.0)
 

@@ -44,7 +44,7 @@ def depth_misses(frame: Frame, caster: RayCaster) -> NDArray[np.float32]:
     The odometry of this recording is the true place in the world.
     """
     camera = frame.cameras["left"]
-    assert frame.odometry is not None
+    assert frame.odometry is not None and frame.points is not None
     assert frame.robot_from_points is not None
     points, _, _ = fusionslam.colorize(
         frame.points, frame.images["left"], camera.projection_from_points

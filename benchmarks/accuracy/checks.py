@@ -10,11 +10,12 @@ Exits with 1 if a check came out beyond its bound. What lies in the folder: docs
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
 import fusionslam
@@ -78,7 +79,7 @@ def m2dp_rows(data: Path) -> Iterator[Row]:
         yield largest(f"M2DP `{preset}`, L2 to He's descriptor up to sign", distance)
 
 
-def largest(what: str, value: float, bound: float = 1e-4) -> Row:
+def largest(what: str, value: float | np.floating[Any], bound: float = 1e-4) -> Row:
     """A value that must not exceed its bound."""
     exponent = int(np.floor(np.log10(bound)))
     return Row(what, f"1e{exponent}", f"{value:.1e}", bool(value <= bound))
@@ -153,6 +154,7 @@ def fusion_rows(data: Path) -> Iterator[Row]:
     for name, folder in (("raw", "kitti/raw_2011_09_26"), ("object", "kitti/object/training")):
         frame = open_dataset(data / folder)[0]
         image, matrix = frame.images["left"], frame.cameras["left"].projection_from_points
+        assert frame.points is not None
         _, colors, kept = fusionslam.colorize(frame.points, image, matrix)
         u, v, w = matrix @ np.c_[frame.points.astype(np.float64), np.ones(len(frame.points))].T
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -178,7 +180,7 @@ def matching_rows(data: Path) -> Iterator[Row]:
         "5 nearest of KITTI 06's 1101 descriptors that differ from NumPy's", "0", f"{differ}"
     )
     points, colors = colored_cloud(data)
-    calls = {
+    calls: dict[str, Callable[[int], NDArray[np.float32]]] = {
         "m2dp": lambda threads: fusionslam.m2dp(points, threads=threads),
         "cm2dp": lambda threads: fusionslam.cm2dp(points, colors, threads=threads),
         "shot": lambda threads: fusionslam.shot(points, threads=threads),
@@ -201,6 +203,7 @@ def bag_rows(data: Path) -> Iterator[Row]:
 def stereo_rows(data: Path) -> Iterator[Row]:
     dataset = open_dataset(data / "kitti/sequences/00", gaps="skip")
     frame = dataset[0]
+    assert frame.points is not None
     left, right = frame.images["left"], frame.images["right"]
     height, width = left.shape[:2]
     matrices = [

@@ -70,8 +70,10 @@ def record_towns(seeds: Sequence[int] = SEEDS) -> list[Path]:
 def evaluate_preset(drive: Path, source: str, preset: str) -> list[Evaluation]:
     """The descriptors of one source under one preset, judged with 10 m and 50 frames."""
     config = PipelineConfig(
-        fusion=FusionConfig(source=source, voxel=0.2 if source == "stereo" else 0),
-        descriptors=DescriptorConfig(preset=preset),
+        fusion=FusionConfig.model_validate(
+            {"source": source, "voxel": 0.2 if source == "stereo" else 0}
+        ),
+        descriptors=DescriptorConfig.model_validate({"preset": preset}),
     )
     with tempfile.TemporaryDirectory() as folder:
         runs = describe_dataset(
@@ -80,7 +82,7 @@ def evaluate_preset(drive: Path, source: str, preset: str) -> list[Evaluation]:
     return [evaluate(run) for run in runs]
 
 
-def figures_of(evaluation: Evaluation) -> list[float]:
+def figures_of(evaluation: Evaluation) -> list[float | None]:
     """The values of ``FIGURES``."""
     curve = evaluation.curves["revisit"]
     by_direction = [evaluation.top1_by_direction[kind] for kind in ("same", "opposite")]
@@ -96,7 +98,7 @@ def figures_of(evaluation: Evaluation) -> list[float]:
 def compare(drives: Sequence[Path]) -> Comparison:
     """Every preset on every drive."""
     rows = [(CLOUDS[source], name) for source, names in SOURCES.items() for name in names]
-    values = []
+    values: list[NDArray[np.float64]] = []
     directions: Counter[str] = Counter()
     for drive in drives:
         poses = open_dataset(drive).poses
@@ -110,7 +112,7 @@ def compare(drives: Sequence[Path]) -> Comparison:
             ]
             for preset in PRESETS
         ]
-        values.append(np.transpose(by_preset, (1, 0, 2)))
+        values.append(np.array(by_preset, np.float64).transpose(1, 0, 2))
     return Comparison(rows, np.array(values, np.float64), directions)
 
 

@@ -6,6 +6,7 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -182,7 +183,7 @@ def test_the_robots_own_frame_does_not_know_of_drift(drive: Drive) -> None:
 def test_what_no_frame_changes_is_run_once(drive: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[str] = []
 
-    def counted(task: Task):
+    def counted(task: Task) -> Any:
         calls.append(task.frame)
         return entrants.by_counting("always new")(task)
 
@@ -196,7 +197,7 @@ def test_what_no_frame_changes_is_run_once(drive: Drive, monkeypatch: pytest.Mon
 @pytest.mark.parametrize(
     ("wrong", "message"), [({"methods": ["nobody"]}, "method is"), ({"frames": ["x"]}, "frame is")]
 )
-def test_unknown_names_are_refused(drive: Drive, wrong: dict, message: str) -> None:
+def test_unknown_names_are_refused(drive: Drive, wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         bench_views([drive], **wrong)
 

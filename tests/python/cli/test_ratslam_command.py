@@ -139,7 +139,7 @@ def test_a_run_that_is_interrupted_and_resumed_equals_the_uninterrupted_one(
     def impatient(recorder: RunRecorder, event: object) -> object:
         if next(taken) == 700:
             raise KeyboardInterrupt
-        return real(recorder, event)  # type: ignore[arg-type]
+        return real(recorder, event)
 
     with monkeypatch.context() as patch:
         patch.setattr(RunRecorder, "step", impatient)

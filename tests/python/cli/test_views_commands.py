@@ -156,7 +156,7 @@ def test_an_interrupted_tuning_says_where_it_goes_on_and_ends_alike(
         tried += 1
         if tried == 7:
             raise KeyboardInterrupt
-        return right(self, numbers)  # type: ignore[arg-type]
+        return right(self, numbers)
 
     with monkeypatch.context() as patch:
         patch.setattr(tuning.Trial, "value", stopped)

@@ -134,8 +134,8 @@ def check_partial(path: Path, message: str) -> None:
     with open_bag(partial) as bag:
         found = [event.message for event in bag.events()]
         assert 3 <= len(found) < 20 and len(found) == bag.topics["/image"].count
-    for k, message in enumerate(found):
-        assert same(message, picture(START + k, (640, 480)))
+    for k, event_message in enumerate(found):
+        assert same(event_message, picture(START + k, (640, 480)))
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

@@ -3,6 +3,7 @@
 """The readers of KITTI against real files, and against layouts that are made up."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -109,7 +110,7 @@ def test_ten_frames_of_kitti_raw_have_scan_image_and_calibration(
 
 def test_the_raw_calibration_agrees_with_an_independent_reader(test_data: Path) -> None:
     camera = open_dataset(test_data / "kitti/raw_2011_09_26").cameras["left"]
-    texts = {}
+    texts: dict[str, Any] = {}
     for name in ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt"):
         lines = (test_data / "kitti/raw_2011_09_26" / name).read_text().splitlines()
         texts |= dict(line.split(": ", 1) for line in lines if ": " in line)

@@ -30,7 +30,7 @@ def two_laps(count: int = 80) -> tuple[NDArray[np.float64], NDArray[np.float64]]
     """Poses and stamps of a robot that goes round a circle of 3 m twice."""
     angle = np.linspace(0, 4 * np.pi, count)
     poses = np.stack([3 * np.sin(angle), 3 * np.cos(angle), -angle], axis=1)
-    return poses, 1.0 * np.arange(count)
+    return poses, np.arange(count, dtype=np.float64)
 
 
 def nearest_earlier(noise: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -19,7 +19,7 @@ def frame(seed: int = 18, **changes: object) -> Frame:
         "images": {"left": image},
         "cameras": {"left": Camera(PROJECTION, size=(320, 240))},
     }
-    return Frame(index=7, **(parts | changes))  # type: ignore[arg-type]
+    return Frame(index=7, **(parts | changes))
 
 
 def test_fuse_colours_the_scan_of_a_frame() -> None:

@@ -118,7 +118,7 @@ def test_what_is_not_set_of_the_ground_is_a_cars_or_a_small_robots(ground: Any) 
     points[~is_floor, 2] = -0.17 + 0.13
     given = frame(points=points)
     for name, expected in (("scan", 0), ("camera", 0), ("robot", 1000), ("odometry", 1000)):
-        config = FusionConfig(source="cloud", frame=name, ground=ground)  # type: ignore[arg-type]
+        config = FusionConfig(source="cloud", frame=name, ground=ground)
         assert len(fusionslam.fuse(given, config)) == expected
         # What is set counts in every frame, and the rest still follows the frame.
         for distance, left in ((0.2, 0), (0.06, 1000)):
@@ -131,7 +131,7 @@ def test_values_of_the_ground_follow_the_frame_one_by_one() -> None:
     assert (plane_of(robots).distance, plane_of(robots).max_tilt) == (0.05, 5)
     assert (segments_of(robots).distance, segments_of(robots).seed_height) == (0.1, 0.2)
     for name in ("scan", "camera"):
-        config = FusionConfig(frame=name)  # type: ignore[arg-type]
+        config = FusionConfig(frame=name)
         core = fusionslam.GroundPlaneConfig(), fusionslam.GroundSegmentsConfig()
         assert (repr(plane_of(config)), repr(segments_of(config))) == tuple(map(repr, core))
     changed = merged(robots, {"plane": {"max_tilt": 9.0}, "segments": {"seed_height": 0.3}})

@@ -162,4 +162,4 @@ def test_demosaicing_refuses_what_is_no_mosaic() -> None:
     with pytest.raises(DataError, match="2x120"):
         fusionslam.demosaic(picture(1)[:, :2].copy(), "rggb")
     with pytest.raises(ShapeError, match="uint8"):
-        fusionslam.demosaic(picture(1).astype(np.uint16), "rggb")  # type: ignore[arg-type]
+        fusionslam.demosaic(picture(1).astype(np.uint16), "rggb")

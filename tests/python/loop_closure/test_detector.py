@@ -354,7 +354,7 @@ def test_options_out_of_range_are_refused(options: dict[str, Any], message: str)
 def test_what_is_neither_a_frame_nor_a_cloud_is_refused() -> None:
     detector = LoopDetector("m2dp")
     with pytest.raises(ShapeError, match="expected a Frame or a Cloud, got ndarray"):
-        detector.add(np.ones((9, 3), np.float32))  # type: ignore[arg-type]
+        detector.add(np.ones((9, 3), np.float32))
     assert len(detector) == 0
 
 

@@ -83,7 +83,7 @@ def test_a_long_batch_can_be_interrupted(
     alarms: Callable[[Callable[[], None]], None], threads: int
 ) -> None:
     table = np.random.default_rng(8).normal(size=(40_000, 128)).astype(np.float32)
-    calls = []
+    calls: list[None] = []
 
     def third_time() -> None:  # once would also be possible after the call
         calls.append(None)
@@ -130,7 +130,7 @@ def test_an_interrupted_save_leaves_the_old_file_as_it_was(
     index = DescriptorIndex(1000)
     for _ in range(20_000):
         index.add(np.ones(1000, np.float32))
-    calls = []
+    calls: list[None] = []
 
     def second_time() -> None:
         calls.append(None)

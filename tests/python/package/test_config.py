@@ -147,7 +147,7 @@ def test_the_sgbm_preset_follows_the_advice_of_opencv() -> None:
 
 def test_a_core_configuration_cannot_be_changed() -> None:
     with pytest.raises(AttributeError):
-        M2dpConfig().rings = 3  # type: ignore[misc]
+        M2dpConfig().rings = 3
 
 
 def test_unknown_presets_and_choices_name_those_there_are() -> None:

@@ -5,6 +5,7 @@
 import dataclasses
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,7 +63,7 @@ def test_the_python_of_a_page_runs_with_what_it_takes_for_granted(
     if page == "second_stage":
         pytest.importorskip("onnxruntime")
     cloud, later = place(1), place(1, visit=1)
-    names = {"points": cloud.points, "colors": cloud.colors, "cloud": cloud}
+    names: dict[str, Any] = {"points": cloud.points, "colors": cloud.colors, "cloud": cloud}
     names |= {"later_points": later.points, "later_colors": later.colors}
     names |= {"stored": build_scene(later.points, later.colors)}
     names |= {"image": np.zeros((240, 416, 3), np.uint8), "many": np.zeros((3, 256), np.float32)}
@@ -78,4 +79,4 @@ def test_the_python_of_the_page_of_worlds_runs_with_a_world(beside: Path, test_d
     (snippet,) = snippets("guides/world_files")
     names: dict[str, object] = {}
     exec(compile(snippet, "worlds.md", "exec"), names)
-    assert len(names["floor"]) == 360 and any(names["floor"])  # type: ignore[arg-type, call-overload]
+    assert len(names["floor"]) == 360 and any(names["floor"])

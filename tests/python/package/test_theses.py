@@ -176,7 +176,8 @@ def test_the_same_command_again_recomputes_nothing(
 def test_a_run_that_is_cut_goes_on_where_it_stopped(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config, done = config_of(data, views=("first_stage",), parts=("maps",)), []
+    config = config_of(data, views=("first_stage",), parts=("maps",))
+    done: list[Any] = []
     mapping = map_study.run_events
 
     def cut(*arguments: Any) -> None:
@@ -192,7 +193,7 @@ def test_a_run_that_is_cut_goes_on_where_it_stopped(
     assert sum("-map-" in name for name in kept) == 2
     assert not (tmp_path / "reproduce.html").exists()
     done.clear()
-    monkeypatch.setattr(map_study, "run_events", lambda *a: (done.append(a), mapping(*a)))
+    monkeypatch.setattr(map_study, "run_events", lambda *a: [done.append(a), mapping(*a)])
     reproduce(config, tmp_path)
     assert len(done) == 2
     assert kept.items() <= pieces_of(tmp_path).items()

@@ -99,7 +99,7 @@ def test_a_bag_that_is_replaced_is_named(tmp_path: Path, caplog: pytest.LogCaptu
 def truths(path: Path) -> list[Odometry]:
     with open_bag(path) as bag:
         events = list(bag.events())
-    return [e.message for e in events if e.topic == "/ground_truth"]  # type: ignore[misc]
+    return [e.message for e in events if e.topic == "/ground_truth"]
 
 
 def test_every_frame_has_its_truth_where_odometry_is_right_too(tmp_path: Path) -> None:
@@ -176,7 +176,7 @@ def test_a_format_of_clouds_is_none_of_bags(tmp_path: Path) -> None:
 
 def test_titles_of_pictures_name_what_is_drawn(tmp_path: Path) -> None:
     def titles(frame: object, **config: object) -> list[str]:
-        figure = draw_stages(frame, FusionConfig(**config))  # type: ignore[arg-type]
+        figure = draw_stages(frame, FusionConfig(**config))
         return [axis.get_title(loc="left") for axis in figure.axes]
 
     bag = open_dataset(write_bag(tmp_path / "d.bag", drive()), sensors=("points",))

@@ -62,7 +62,7 @@ def test_the_eye_sees_what_is_ahead_left_and_high_where_it_should(up: Any, drivi
     ahead = np.eye(3)["xyz".index(driving)]
     left = np.cross(above, ahead)
     points = np.stack([10 * ahead, 10 * ahead + left, 10 * ahead + above, -30 * ahead, 20 * ahead])
-    config = FusionConfig(up=up, segments={"driving": driving})  # type: ignore[arg-type]
+    config = FusionConfig(up=up, segments={"driving": driving})
     at, which = _Eye(points.astype(np.float32), config).look(points.astype(np.float32))
     assert sorted(which) == [0, 1, 2, 4]  # what lies behind is not seen
     assert which[0] == 4  # what is far is drawn first
@@ -155,7 +155,7 @@ def test_odometry_and_the_robots_frame_are_written_where_they_are_known() -> Non
             return frame
 
     config = FusionConfig(source="cloud", frame="odometry")
-    maker: Any = _Maker(One(), config)  # type: ignore[arg-type]
+    maker: Any = _Maker(One(), config)
     found = {event.topic: event.message for event in maker.events(0)}
     tree = found["/tf"]
     assert isinstance(tree, FrameTransforms)

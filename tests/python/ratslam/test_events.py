@@ -65,7 +65,7 @@ def test_a_stamp_that_is_no_number_is_refused_and_nothing_is_lost() -> None:
     order = StampOrder(wait=0.1)
     order.add(Motion(0, 0.0, 0.0))
     with pytest.raises(DataError, match="stamp nan: expected whole nanoseconds"):
-        order.add(Motion(float("nan"), 0.0, 0.0))  # type: ignore[arg-type]
+        order.add(Motion(float("nan"), 0.0, 0.0))
     assert [event.stamp_ns for event in order.flush()] == [0]
 
 

@@ -91,9 +91,9 @@ def test_without_restarts_the_map_is_that_of_sightings_to_the_last_bit(preset: s
         GivenView(-2, False),
         GivenView(1, True, np.nan),
         GivenView(1, True, 0.0, (np.inf, 0.0)),
-        GivenView(1, True, 0.0, (1.0,)),  # type: ignore[arg-type]
-        GivenView("1", True),  # type: ignore[arg-type]
-        GivenView(None, True),  # type: ignore[arg-type]
+        GivenView(1, True, 0.0, (1.0,)),
+        GivenView("1", True),
+        GivenView(None, True),
         "0",
     ],
 )

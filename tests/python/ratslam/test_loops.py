@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which loops the experience map believes, and what that prevents."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -20,7 +22,7 @@ CERTAIN = {
 """More than odometry is here."""
 
 
-def random_claims(seed: int):
+def random_claims(seed: int) -> Any:
     """A false loop on every frame: any node at all."""
     random = np.random.default_rng(seed)
     return lambda number, nodes, place: int(random.choice(list(nodes.values()))) if nodes else None
@@ -34,7 +36,7 @@ def test_true_loops_are_believed_and_take_drift_away() -> None:
 
 
 def test_a_wrong_match_is_refused_and_the_map_stays_as_it_would_have_been() -> None:
-    def once_wrong(number, nodes, place):
+    def once_wrong(number: int, nodes: Any, place: Any) -> Any:
         return nodes[10] if number == NODES_A_LAP + 45 else right(number, nodes, place)
 
     driven, without = drive(ExperienceMap(), laps(2), once_wrong), drive(ExperienceMap(), laps(2))
@@ -47,7 +49,7 @@ def test_a_wrong_match_is_refused_and_the_map_stays_as_it_would_have_been() -> N
 
 
 def test_the_reference_preset_folds_the_map_at_one_wrong_match() -> None:
-    def once_wrong(number, nodes, place):
+    def once_wrong(number: int, nodes: Any, place: Any) -> Any:
         return nodes[10] if number == NODES_A_LAP + 45 else right(number, nodes, place)
 
     folded = drive(ExperienceMap(preset="openratslam"), laps(2), once_wrong)
@@ -65,7 +67,7 @@ def test_a_false_loop_on_every_frame_does_not_fold_the_map(seed: int) -> None:
 
 
 def test_one_node_claimed_on_every_frame_does_not_fold_the_map() -> None:
-    def always_ten(number, nodes, place):
+    def always_ten(number: int, nodes: Any, place: Any) -> Any:
         return nodes.get(10)
 
     driven = drive(ExperienceMap(), laps(2), always_ten)
@@ -75,7 +77,7 @@ def test_one_node_claimed_on_every_frame_does_not_fold_the_map() -> None:
 
 
 def test_a_street_that_looks_like_another_is_not_taken_for_it_however_long() -> None:
-    def opposite(number, nodes, place):
+    def opposite(number: int, nodes: Any, place: Any) -> Any:
         # The north side in the second lap is taken for the south side, place by place.
         if number > NODES_A_LAP and 60 <= place < 100:
             return nodes[place - 60]

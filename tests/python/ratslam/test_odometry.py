@@ -159,8 +159,8 @@ def test_a_way_longer_than_the_sheet_of_cells_is_taken(preset: str) -> None:
         (Motion(TENTH, 0.1, 0.0), "expected a stamp later than 100000000 ns"),
         (Motion(2 * TENTH, np.nan, 0.0), "neither a finite pose nor velocity"),
         (Motion(2 * TENTH, 0.0, np.inf), "neither a finite pose nor velocity"),
-        (Motion(2 * TENTH, "fast", 0.0), "v 'fast', w 0.0: expected numbers"),  # type: ignore[arg-type]
-        (Motion(np.nan, 0.5, 0.0), "stamp nan: expected whole nanoseconds"),  # type: ignore[arg-type]
+        (Motion(2 * TENTH, "fast", 0.0), "v 'fast', w 0.0: expected numbers"),
+        (Motion(np.nan, 0.5, 0.0), "stamp nan: expected whole nanoseconds"),
         (Motion(2**63, 0.5, 0.0), "stamp 9223372036854775808 ns: expected no more"),
         (replace(at(0.2, np.nan), linear=np.full(3, np.nan)), "neither a finite pose nor velocity"),
     ],

@@ -152,7 +152,7 @@ def test_odometry_alone_is_bounded_and_makes_no_map() -> None:
 
 
 BAD: dict[str, tuple[Any, str, str]] = {
-    "no number as stamp": (Motion(np.nan, 0.5, 0), BAD_EVENT, "expected whole"),  # type: ignore[arg-type]
+    "no number as stamp": (Motion(np.nan, 0.5, 0), BAD_EVENT, "expected whole"),
     "a stamp beyond all": (Motion(2**63, 0.5, 0), BAD_EVENT, "expected no more"),
     "no event": ("odometry", BAD_EVENT, "str: expected Odometry"),
     "a sighting": (Sighting(20 * TENTH, 0), BAD_EVENT, "Sighting: expected Odometry"),
@@ -162,7 +162,7 @@ BAD: dict[str, tuple[Any, str, str]] = {
     "no velocity": (Motion(21 * TENTH, np.nan, 0), BAD_ODOMETRY, "neither a finite pose"),
     "a view twice": (Look(LAST, GivenView(0, False)), BAD_VIEW, "later than the last view"),
     "an id below -1": (Look(21 * TENTH, GivenView(-2, False)), BAD_VIEW, "view -2: expected -1"),
-    "half an id": (Look(21 * TENTH, GivenView(0.5, False)), BAD_VIEW, "a whole id"),  # type: ignore[arg-type]
+    "half an id": (Look(21 * TENTH, GivenView(0.5, False)), BAD_VIEW, "a whole id"),
     "nowhere": (Look(21 * TENTH, GivenView(0, False, 0.0, (np.nan, 0))), BAD_VIEW, "nan m and"),
     "turned": (Look(21 * TENTH, GivenView(0, False, np.inf)), BAD_VIEW, "and inf rad"),
     "afar": (Look(21 * TENTH, GivenView(1, True, 0.0, (2e3, 0))), BAD_VIEW, "2000 m"),

@@ -33,10 +33,10 @@ START = 1000
 UNUSED = 3
 
 
-def messages(laps: float, seed: int = 0, **delays: float) -> list[Message]:
+def messages(laps: float, seed: int = 0, **delays: Any) -> list[Message]:
     way = circles(laps)
-    both = odometry(way), given(sightings(way))
-    return arrived(*(later(one, START) for one in both), seed, **delays)
+    moves, views = later(odometry(way), START), later(given(sightings(way)), START)
+    return arrived(moves, views, seed, **delays)
 
 
 def truth(laps: float, stamps_ns: Any) -> Any:
@@ -48,7 +48,7 @@ def apart(one: Any, other: Any) -> Any:
     return np.linalg.norm(np.asarray(one)[:, :2] - np.asarray(other)[:, :2], axis=1)
 
 
-def split(stream: list[Message]) -> tuple[list[Message], list[Message]]:
+def split(stream: list[Message]) -> tuple[list[Message], list[Look]]:
     """Odometry and looks."""
     looks = [one for one in stream if isinstance(one, Look)]
     return [one for one in stream if not isinstance(one, Look)], looks
@@ -248,8 +248,8 @@ def test_a_matcher_that_starts_anew_gives_new_places(kept: int) -> None:
         values = (one.relative_rotation, one.relative_place)
         after.append(Look(one.stamp_ns, GivenView(name, is_new, *values)))
     online = OnlineRatSlam()
-    both = odometry(way), [*given(seen[:half]), *after]
-    steps = all_of(online, arrived(*(later(one, START) for one in both), 0))
+    views = [*given(seen[:half]), *after]
+    steps = all_of(online, arrived(later(odometry(way), START), later(views, START), 0))
     assert not online.refused and online.views.restarts == 1
     assert max(step.view_id or 0 for step in steps) == 16 + 16 - kept - 1
     # No loop leads to a place that the id meant before.
@@ -266,7 +266,7 @@ def test_a_map_that_starts_anew_takes_ids_from_the_middle() -> None:
     steps = all_of(online, stream[middle:])
     assert not online.refused and online.views.restarts == 16
     seen = [step.view_id for step in steps if step.looked]
-    assert sorted({*seen}) == list(range(16)) and seen[0] == 0
+    assert {*seen} == set(range(16)) and seen[0] == 0
 
 
 def test_a_file_of_another_source_is_refused(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import gzip
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ TENTH = 100_000_000
 ROOM_TEMPLATES = {"rows": 4, "bottom": None}
 
 
-def table(path: Path) -> NDArray:
+def table(path: Path) -> NDArray[Any]:
     with gzip.open(path, "rt") as file:
         return np.genfromtxt(file, delimiter=",", names=True)
 
@@ -42,7 +43,7 @@ def pictures_of_places(path: Path) -> NDArray[np.uint8]:
     return np.concatenate([first_lap, first_lap[:, :, ::-1], first_lap[:, :, :, ::-1]])
 
 
-def test_the_reference_run_out_of_images_gives_its_actions_and_its_map(test_data: Path):
+def test_the_reference_run_out_of_images_gives_its_actions_and_its_map(test_data: Path) -> None:
     folder = test_data / "reference" / "ratslam"
     rows, expected = table(folder / "pc_input.csv.gz"), table(folder / "pc_output.csv.gz")
     pictures = pictures_of_places(folder / "lv_images.npz")
@@ -69,7 +70,7 @@ def test_the_reference_run_out_of_images_gives_its_actions_and_its_map(test_data
     assert len(slam.map.links) == 136
 
 
-def test_the_references_images_get_its_templates_on_their_way_to_the_map(test_data: Path):
+def test_the_references_images_get_its_templates_on_their_way_to_the_map(test_data: Path) -> None:
     folder = test_data / "reference" / "ratslam"
     images = np.load(folder / "lv_images.npz")["images"]
     ids = np.loadtxt(folder / "lv_output.csv", delimiter=",", skiprows=1)[:, 1]
@@ -94,7 +95,7 @@ class PaintedRoom(Tour):
 
     name = "painted room"
 
-    def __init__(self, yaw: Callable[[NDArray], NDArray], seconds: float) -> None:
+    def __init__(self, yaw: Callable[[NDArray[Any]], NDArray[Any]], seconds: float) -> None:
         times = np.arange(round(seconds * 10) + 1) / 10
         self._yaw, self._times = yaw(times), times
         self.stamps_ns = np.round(times[::5] * 1e9).astype(np.int64)
@@ -108,7 +109,7 @@ class PaintedRoom(Tour):
 
 
 @pytest.mark.parametrize("preset", ["robust", "openratslam"])
-def test_a_camera_alone_maps_turns_on_the_spot(preset: str):
+def test_a_camera_alone_maps_turns_on_the_spot(preset: str) -> None:
     turns = 2.5
     tour = PaintedRoom(lambda seconds: 2 * np.pi * turns / 20 * seconds, seconds=20)
     source = TemplateSource(**ROOM_TEMPLATES)
@@ -128,7 +129,7 @@ def test_a_camera_alone_maps_turns_on_the_spot(preset: str):
     assert any(link["target"] < link["source"] for link in slam.map.links)
 
 
-def test_a_bags_images_tell_its_motion_and_its_places(test_data: Path):
+def test_a_bags_images_tell_its_motion_and_its_places(test_data: Path) -> None:
     tour = open_tour(test_data / "bags" / "small_house_20s.bag")
     source = TemplateSource()
     seen = events_of(tour, source, "visual", jobs=2)
@@ -151,14 +152,16 @@ def test_a_bags_images_tell_its_motion_and_its_places(test_data: Path):
     assert (slow[1:, 0] * np.diff(times)).sum() == pytest.approx(way[1] - way[0], rel=0.1)
 
 
-def test_a_tour_without_images_says_that_it_cannot_be_seen_how_it_moved():
+def test_a_tour_without_images_says_that_it_cannot_be_seen_how_it_moved() -> None:
     tour = PaintedRoom(lambda seconds: seconds, seconds=2)
-    tour.images = lambda bottom=None: None  # type: ignore[method-assign]
+    tour.images = lambda bottom=None: None  # type: ignore
     with pytest.raises(DataError, match="painted room: no images, which visual odometry looks at"):
         seen_motions(tour)
 
 
-def test_a_robot_that_cannot_see_stands_still_and_it_is_told(caplog: pytest.LogCaptureFixture):
+def test_a_robot_that_cannot_see_stands_still_and_it_is_told(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     blank = np.full((24, 320), 9, np.uint8)
     pictures = [room_image(yaw=0.05), room_image(yaw=0.1), blank, room_image(yaw=0.15)]
     images = Images(np.array([0.0, 0.1, 0.2, 2.0]), None, pictures.__getitem__, "made")
@@ -171,7 +174,7 @@ def test_a_robot_that_cannot_see_stands_still_and_it_is_told(caplog: pytest.LogC
 
 def test_profiles_of_rendered_images_are_kept_and_a_damaged_cache_is_made_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+) -> None:
     monkeypatch.setenv("FUSIONSLAM_CACHE", str(tmp_path))
     asked: list[int] = []
 

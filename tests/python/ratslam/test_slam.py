@@ -109,10 +109,10 @@ def test_what_nobody_recognises_is_no_view() -> None:
         Sighting(SECOND, 0, np.nan),
         Sighting(SECOND, 1, np.inf),
         Sighting(SECOND, 0, 0.0, (np.nan, 0.0)),
-        Sighting(SECOND, 0.5),  # type: ignore[arg-type]
+        Sighting(SECOND, 0.5),
         Sighting(0, 0),
         Sighting(-SECOND, 0),
-        Sighting(np.nan, 0),  # type: ignore[arg-type]
+        Sighting(np.nan, 0),
         Sighting(2**64, 0),
         Look(SECOND, image(0)),
     ],
@@ -129,8 +129,11 @@ def test_views_at_fault_are_refused_and_change_nothing(sighting: Event) -> None:
 
 def test_ids_and_stamps_may_be_numbers_of_numpy(tmp_path: Any) -> None:
     slam = RatSlam()
-    events = [Motion(np.int64(0), np.float64(0.5), 0.0), Sighting(np.int64(0), np.int64(0))]  # type: ignore[arg-type]
-    take(slam, [*events, Motion(np.int64(TENTH), np.float32(0.5), 0.0)])  # type: ignore[arg-type]
+    events: list[Any] = [
+        Motion(np.int64(0), np.float64(0.5), 0.0),
+        Sighting(np.int64(0), np.int64(0)),
+    ]
+    take(slam, [*events, Motion(np.int64(TENTH), np.float32(0.5), 0.0)])
     slam.save(tmp_path / "s.npz")
     assert same(everything(RatSlam.load(tmp_path / "s.npz")), everything(slam))
 

@@ -5,6 +5,7 @@
 import logging
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,14 +19,14 @@ from painted_room import HEIGHT, RADIUS_M, VIEW, WIDTH, room_image
 TENTH = 100_000_000
 
 
-def drive(odometry: VisualOdometry, images: list, gap_ns: int = TENTH) -> list[VisualSpeed]:
+def drive(odometry: VisualOdometry, images: list[Any], gap_ns: int = TENTH) -> list[Any]:
     found = [odometry.process(image, gap_ns * n) for n, image in enumerate(images)]
     assert found[0] is None
     return found[1:]
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.0011, 0.02, -0.047, 0.09, -0.17])
-def test_a_turn_is_found_to_a_fraction_of_a_pixel_whatever_its_size(turn):
+def test_a_turn_is_found_to_a_fraction_of_a_pixel_whatever_its_size(turn: Any) -> None:
     images = [room_image(yaw=turn * n) for n in range(6)]
     for seen in drive(VisualOdometry(), images):
         assert seen.w * seen.dt == pytest.approx(turn, abs=0.15 * VIEW / WIDTH)
@@ -33,26 +34,26 @@ def test_a_turn_is_found_to_a_fraction_of_a_pixel_whatever_its_size(turn):
         assert not seen.why
 
 
-def test_the_original_sees_no_turn_beyond_its_largest_shift():
+def test_the_original_sees_no_turn_beyond_its_largest_shift() -> None:
     images = [room_image(yaw=0.17 * n) for n in range(6)]
     found = drive(VisualOdometry(preset="openratslam"), images)
     assert all(abs(seen.w - 1.7) > 0.3 for seen in found)
 
 
-def test_a_turn_too_fast_to_be_looked_for_is_told():
+def test_a_turn_too_fast_to_be_looked_for_is_told() -> None:
     found = drive(VisualOdometry(max_turn=0.5), [room_image(), room_image(yaw=0.12)])
     assert re.fullmatch(r"the images differ by [\d.]+ deviations", found[0].why)
 
 
 @pytest.mark.parametrize("metres_a_second", [0.0, 0.2, 0.6, -0.4])
-def test_speed_is_right_once_the_distance_is(metres_a_second):
+def test_speed_is_right_once_the_distance_is(metres_a_second: Any) -> None:
     images = [room_image(x=metres_a_second * n / 10) for n in range(-4, 5)]
     found = drive(VisualOdometry(distance_m=RADIUS_M), images)
     assert np.mean([seen.v for seen in found]) == pytest.approx(metres_a_second, abs=0.04)
     assert max(abs(seen.w) for seen in found) < 0.02
 
 
-def test_fitting_to_a_metre_and_a_half_finds_how_far_the_walls_are():
+def test_fitting_to_a_metre_and_a_half_finds_how_far_the_walls_are() -> None:
     steps = np.r_[np.full(15, 0.05), np.full(25, 0.03)]
     ways = np.r_[0, np.cumsum(steps)] - 0.75
     odometry = VisualOdometry()
@@ -66,7 +67,7 @@ def test_fitting_to_a_metre_and_a_half_finds_how_far_the_walls_are():
     assert (scaled * changes).sum() / 10 == pytest.approx(ways[-1] - ways[0], rel=0.3)
 
 
-def test_what_cannot_be_fitted_to_is_refused():
+def test_what_cannot_be_fitted_to_is_refused() -> None:
     config = VisualOdometry().config
     still = [VisualSpeed(0, 0, 0.1, 0, 0)] * 30
     with pytest.raises(ShapeError, match=r"speeds: \(2,\), expected \(30,\)"):
@@ -79,7 +80,7 @@ def test_what_cannot_be_fitted_to_is_refused():
         fit_speed(config, still, [0.6] * 30)
 
 
-def test_the_stamps_count_and_not_a_fixed_rate():
+def test_the_stamps_count_and_not_a_fixed_rate() -> None:
     images = [room_image(), room_image(yaw=0.05)]
     for gap in (0.05, 0.1, 0.25):
         ours = drive(VisualOdometry(), images, int(gap * 1e9))[0]
@@ -88,7 +89,7 @@ def test_the_stamps_count_and_not_a_fixed_rate():
         assert theirs.w == pytest.approx(0.5, rel=0.1)  # as if a tenth of a second had passed
 
 
-def test_no_change_of_exposure_changes_what_is_seen():
+def test_no_change_of_exposure_changes_what_is_seen() -> None:
     first, second = room_image(), room_image(x=0.05, yaw=0.03)
     darker = (second * 0.7 + 12).round().astype(np.uint8)
     plain, exposed = (drive(VisualOdometry(), [first, image])[0] for image in (second, darker))
@@ -99,7 +100,7 @@ def test_no_change_of_exposure_changes_what_is_seen():
     assert lit.change > 3 * drive(VisualOdometry(preset="openratslam"), [first, second])[0].change
 
 
-def test_the_original_is_its_formula():
+def test_the_original_is_its_formula() -> None:
     rng = np.random.default_rng(1)
     wide = rng.integers(0, 256, (10, 140), np.uint8)
     left, right = np.ascontiguousarray(wide[:, 20:120]), np.ascontiguousarray(wide[:, 13:113])
@@ -118,7 +119,7 @@ def test_the_original_is_its_formula():
     assert (seen.change, seen.v) == (pytest.approx(least), pytest.approx(min(20 * least, 1.0)))
 
 
-def test_the_camera_says_how_wide_it_sees():
+def test_the_camera_says_how_wide_it_sees() -> None:
     view = 1.5
     focal = WIDTH / 2 / np.tan(view / 2)
     matrix = np.array([[focal, 0, (WIDTH - 1) / 2, 0], [0, focal, 12, 0], [0, 0, 1, 0]])
@@ -132,7 +133,7 @@ def test_the_camera_says_how_wide_it_sees():
         VisualOdometry(camera=Camera(-matrix))
 
 
-def test_rows_that_nobody_looks_at_may_be_missing_where_the_camera_says_its_size():
+def test_rows_that_nobody_looks_at_may_be_missing_where_the_camera_says_its_size() -> None:
     matrix = np.array([[290, 0, (WIDTH - 1) / 2, 0], [0, 290, 12, 0], [0, 0, 1, 0]], float)
     camera = Camera(matrix, size=(WIDTH, HEIGHT))
     images = [room_image(), room_image(x=0.03, yaw=0.05)]
@@ -147,14 +148,14 @@ def test_rows_that_nobody_looks_at_may_be_missing_where_the_camera_says_its_size
             VisualOdometry(camera=camera).process(image, 0)
 
 
-def test_images_without_contrast_say_so_and_give_no_nan():
+def test_images_without_contrast_say_so_and_give_no_nan() -> None:
     blank = np.full((HEIGHT, WIDTH), 77, np.uint8)
     for images in ([blank, blank], [room_image(), blank], [blank, room_image()]):
         seen = drive(VisualOdometry(), images)[0]
         assert (seen.v, seen.w, seen.why) == (0.0, 0.0, "an image without contrast")
 
 
-def test_after_a_gap_the_next_image_is_a_first_one_again(caplog):
+def test_after_a_gap_the_next_image_is_a_first_one_again(caplog: pytest.LogCaptureFixture) -> None:
     odometry = VisualOdometry()
     odometry.process(room_image(), 0)
     with caplog.at_level(logging.WARNING):
@@ -176,7 +177,9 @@ def test_after_a_gap_the_next_image_is_a_first_one_again(caplog):
         (np.zeros((24, 8), np.uint8), 2 * TENTH, ShapeError, "16 columns"),
     ],
 )
-def test_bad_input_is_refused_and_changes_nothing(image, stamp, error, message):
+def test_bad_input_is_refused_and_changes_nothing(
+    image: Any, stamp: Any, error: Any, message: Any
+) -> None:
     odometry, untouched = VisualOdometry(), VisualOdometry()
     for one in (odometry, untouched):
         drive(one, [room_image(), room_image(yaw=0.02)])
@@ -186,7 +189,7 @@ def test_bad_input_is_refused_and_changes_nothing(image, stamp, error, message):
     assert odometry.process(later, 3 * TENTH) == untouched.process(later, 3 * TENTH)
 
 
-def test_a_run_that_goes_on_from_its_state_is_the_same_bit_for_bit():
+def test_a_run_that_goes_on_from_its_state_is_the_same_bit_for_bit() -> None:
     images = [room_image(x=0.01 * n, yaw=0.02 * n) for n in range(8)]
     whole = drive(VisualOdometry(), images)
     first, second = VisualOdometry(), VisualOdometry()
@@ -197,7 +200,7 @@ def test_a_run_that_goes_on_from_its_state_is_the_same_bit_for_bit():
     assert rest == whole[3:]
 
 
-def test_a_broken_state_is_refused():
+def test_a_broken_state_is_refused() -> None:
     odometry = VisualOdometry()
     odometry.process(room_image(), 0)
     state = odometry.state()
@@ -223,12 +226,12 @@ def test_a_broken_state_is_refused():
         ({"distance": 3.0}, "did you mean 'distance_m'"),
     ],
 )
-def test_bad_configurations_name_the_key(changes, message):
+def test_bad_configurations_name_the_key(changes: Any, message: Any) -> None:
     with pytest.raises(ConfigError, match=message):
         VisualOdometry(**changes)
 
 
-def test_shifts_between_the_references_images_are_those_that_it_was_given(test_data: Path):
+def test_shifts_between_the_references_images_are_those_that_it_was_given(test_data: Path) -> None:
     folder = test_data / "reference" / "ratslam"
     images = np.load(folder / "lv_images.npz")["images"]
     _, lap, place, moved_px = np.loadtxt(folder / "lv_truth.csv", int, delimiter=",", skiprows=1).T
@@ -244,7 +247,7 @@ def test_shifts_between_the_references_images_are_those_that_it_was_given(test_d
     assert all("deviations" in seen.why for seen in others)
 
 
-def test_turns_and_speeds_of_a_simulated_drive_are_near_the_truth(test_data: Path):
+def test_turns_and_speeds_of_a_simulated_drive_are_near_the_truth(test_data: Path) -> None:
     from fusionslam.datasets import open_dataset
     from fusionslam.geometry.trajectory import read_trajectory
     from fusionslam.pipelines.drive_images import recorded_images

@@ -35,7 +35,8 @@ image = pytest.importorskip("PIL.Image")
 def laps(count: int = 60) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Poses and stamps of a robot that goes round a circle of 2 m twice, 1 s a scan."""
     angle = np.linspace(0, 4 * np.pi, count, endpoint=False)
-    return np.stack([2 * np.sin(angle), 2 * np.cos(angle), -angle], axis=1), 1.0 * np.arange(count)
+    poses = np.stack([2 * np.sin(angle), 2 * np.cos(angle), -angle], axis=1)
+    return poses, np.arange(count, dtype=np.float64)
 
 
 def ids_of_laps(count: int = 60) -> NDArray[np.int64]:
@@ -241,7 +242,7 @@ def test_a_long_run_shows_some_scans_and_all_false_positives() -> None:
     poses = np.stack([0.1 * np.arange(count), np.zeros(count), np.zeros(count)], axis=1)
     ids = np.arange(count)
     ids[[77, 1403]] = 0
-    report = ViewRun("w", "m", ids, poses, 1.0 * np.arange(count)).judged()
+    report = ViewRun("w", "m", ids, poses, np.arange(count, dtype=np.float64)).judged()
     rows = shown_rows(report)
     assert {0, 77, 1403} <= set(rows) and len(rows) <= 602
 

@@ -213,7 +213,7 @@ class Remembering:
 
 
 def answers(desk: Desk) -> list[tuple[int, ...]]:
-    found = [(loop.query, loop.match) for loop in desk.outlet.of(LOOPS)]
+    found: list[tuple[int, ...]] = [(loop.query, loop.match) for loop in desk.outlet.of(LOOPS)]
     return found or [(number,) for number in ids(desk)]
 
 

@@ -120,7 +120,7 @@ def test_scans_before_the_first_odometry_are_placed_as_if_standing() -> None:
 def test_frames_do_not_depend_on_the_order_of_arrival(rng: object, late: float) -> None:
     messages = drive()
     head, rest = messages[:2], messages[2:]
-    rest.sort(key=lambda m: m.stamp_ns + ns(rng.uniform(0, late)))  # type: ignore[union-attr]
+    rest.sort(key=lambda m: m.stamp_ns + ns(rng.uniform(0, late)))
     config = OnlineConfig(sync=SyncConfig(lateness=0.3), wait=5.0)
     frames = run(FrameBuilder(config), [*head, *rest])
     wanted = run(FrameBuilder(config), messages)

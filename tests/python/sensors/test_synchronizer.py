@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pairing scans with images: against brute force on sorted data, for any order of arrival."""
 
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 from hypothesis import given, settings
@@ -84,7 +84,9 @@ def run(sync: Synchronizer, messages: list[Message], *, flush: bool = True) -> l
 
 @settings(max_examples=300, deadline=None)
 @given(policies, stamps, stamps, stamps, st.integers(0, 300), st.integers(0, 300), st.randoms())
-def test_disorder_within_lateness_changes_nothing(policy, scans, left, right, reach, late, rng):
+def test_disorder_within_lateness_changes_nothing(
+    policy: Any, scans: Any, left: Any, right: Any, reach: Any, late: Any, rng: Any
+) -> None:
     images = {"left": left, "right": right}
     messages = [("points", stamp) for stamp in scans]
     messages += [(name, stamp) for name, own in images.items() for stamp in own]
@@ -100,7 +102,9 @@ def test_disorder_within_lateness_changes_nothing(policy, scans, left, right, re
 
 @settings(max_examples=300, deadline=None)
 @given(policies, stamps, stamps, st.integers(0, 300), st.randoms())
-def test_sensors_may_lag_behind_each_other_at_will(policy, scans, images, reach, rng):
+def test_sensors_may_lag_behind_each_other_at_will(
+    policy: Any, scans: Any, images: Any, reach: Any, rng: Any
+) -> None:
     """Each sensor in order, as over TCP; the two interleaved in any way."""
     waiting = {"points": sorted(scans), "left": sorted(images)}
     messages: list[Message] = []
@@ -118,7 +122,9 @@ def test_sensors_may_lag_behind_each_other_at_will(policy, scans, images, reach,
     st.integers(1, 5),
     st.integers(0, 500),
 )
-def test_counts_and_bounds_hold_for_any_input(policy, messages, buffer, late):
+def test_counts_and_bounds_hold_for_any_input(
+    policy: Any, messages: Any, buffer: Any, late: Any
+) -> None:
     config = SyncConfig(policy=policy, buffer=buffer, lateness=late / 1000, jump=3.0)
     sync = Synchronizer(config, cameras=("left", "right"))
     pairs = run(sync, messages)

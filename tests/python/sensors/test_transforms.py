@@ -233,7 +233,7 @@ def test_a_recorded_robots_tf_agrees_with_its_odometry(test_data: Path) -> None:
 
 
 def _time(message: object) -> float:
-    stamp = message.header.stamp  # type: ignore[attr-defined]
+    stamp = message.header.stamp
     return float(stamp.sec + stamp.nanosec * 1e-9)
 
 

@@ -194,12 +194,12 @@ def test_small_large_bare_and_full_worlds_are_reachable(
 )
 def test_a_house_whose_rooms_have_no_sensible_size_is_refused(values: dict[str, object]) -> None:
     with pytest.raises(ConfigError, match=r"house\.size_m is .* expected rooms of 2\.4 to"):
-        make_indoor(HouseConfig(**values))  # type: ignore[arg-type]
+        make_indoor(HouseConfig(**values))
 
 
 def test_an_unknown_key_is_an_error_that_names_it() -> None:
     with pytest.raises(ValidationError, match="wardz"):
-        HospitalConfig(wardz=3)  # type: ignore[call-arg]
+        HospitalConfig(wardz=3)
 
 
 def test_a_closed_box_has_six_faces_that_look_outwards() -> None:

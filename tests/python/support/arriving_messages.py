@@ -4,6 +4,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +58,7 @@ def fixed() -> FrameTransforms:
     )
 
 
-def info(**changes: object) -> CameraInfo:
+def info(**changes: Any) -> CameraInfo:
     whole = CameraInfo(
         stamp_ns=0,
         frame_id="camera",
@@ -75,7 +76,7 @@ def odometry(t: float) -> Odometry:
 
 def scan(t: float) -> Scan:
     seen = np.linalg.inv(odom_from_base(t) @ BASE_FROM_LIDAR) @ [*POINT, 1]
-    points = np.float32([seen[:3], [np.nan] * 3])
+    points = np.array([seen[:3], [np.nan] * 3], np.float32)
     return Scan(stamp_ns=ns(t), frame_id="lidar", points=points)
 
 
@@ -111,9 +112,9 @@ def check(builder: FrameBuilder, frames: list[fusionslam.Frame]) -> None:
 def pixel(frame: fusionslam.Frame) -> NDArray[np.float64]:
     assert frame.points is not None and len(frame.points) == 1
     seen = frame.cameras["left"].projection_from_points @ [*frame.points[0], 1]
-    return seen[:2] / seen[2]
+    return np.asarray(seen[:2] / seen[2])
 
 
 def true_pixel(t: float) -> NDArray[np.float64]:
     seen = np.linalg.inv(odom_from_base(t) @ BASE_FROM_CAMERA) @ [*POINT, 1]
-    return (CAMERA_MATRIX @ seen[:3] / seen[2])[:2]
+    return np.asarray((CAMERA_MATRIX @ seen[:3] / seen[2])[:2])

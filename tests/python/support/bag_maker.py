@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusionslam.datasets import open_writer
 from fusionslam.sensors.messages import (
@@ -61,7 +62,10 @@ def scan(stamp_ns: int = START, x: float = 4.0) -> Scan:
     """A wall x metres before the scanner, from left to right."""
     y = np.linspace(-1, 1, 41, dtype=np.float32)
     points = np.stack([np.full_like(y, x), y, np.zeros_like(y)], axis=1)
-    fields = {"intensity": np.arange(41, dtype=np.float32), "ring": np.arange(41, dtype=np.uint16)}
+    fields: dict[str, NDArray[Any]] = {
+        "intensity": np.arange(41, dtype=np.float32),
+        "ring": np.arange(41, dtype=np.uint16),
+    }
     return Scan(stamp_ns=stamp_ns, frame_id="velodyne", points=points, fields=fields)
 
 
@@ -91,7 +95,7 @@ def drive(seconds: float = 2.0, delay_ns: int = 0) -> list[Event]:
     events = [Event("/tf_static", START, extrinsics())]
     for k in range(round(50 * seconds) + 1):
         stamp_ns = START + k * SECOND // 50
-        messages = [("/odom", odometry(stamp_ns))]
+        messages: list[tuple[str, Any]] = [("/odom", odometry(stamp_ns))]
         if k % 5 == 0:
             messages += [("/camera/camera_info", camera_info(stamp_ns))]
             messages += [("/camera/image", picture(stamp_ns))]

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small worlds of boxes whose ranges and pictures can be worked out by hand."""
 
+from typing import Any
+
 import numpy as np
 
 from fusionslam.geometry.trajectory import Trajectory
@@ -23,7 +25,10 @@ def floor(half_m: float = 6.0) -> Part:
     return Part("floor", panels(corners, Paint(0, (0.5, 0.5, 0.5))), is_ground=True)
 
 
-def block(name: str, low: tuple, high: tuple, tint: tuple = (1.0, 1.0, 1.0)) -> Part:
+Triple = tuple[float, float, float]
+
+
+def block(name: str, low: Triple, high: Triple, tint: Triple = (1.0, 1.0, 1.0)) -> Part:
     return Part(name, box(low, high, Paint(0, tint)))
 
 
@@ -51,10 +56,15 @@ def straight(seconds: float = 4.0, speed: float = 0.5) -> Trajectory:
     return Trajectory(times, -4 + speed * times, np.zeros(2), np.zeros(2))
 
 
-def bare_robot(**lidar: object) -> RobotConfig:
+def bare_robot(**lidar: Any) -> RobotConfig:
     """One LiDAR without errors, 0.5 m above the ground and 0.1 m in front of the base."""
-    perfect = {"noise_m": 0.0, "dropout": 0.0, "grazing_dropout": 0.0, "far_dropout": 0.0}
-    mount = {"position_m": (0.1, 0.0, 0.2), "parent": "mast", "shapes": "collision"}
+    perfect: dict[str, Any] = {
+        "noise_m": 0.0,
+        "dropout": 0.0,
+        "grazing_dropout": 0.0,
+        "far_dropout": 0.0,
+    }
+    mount: dict[str, Any] = {"position_m": (0.1, 0.0, 0.2), "parent": "mast", "shapes": "collision"}
     return RobotConfig(
         frames={"mast": FrameConfig(position_m=(0.0, 0.0, 0.3))},
         lidars={"lidar": LidarMount(**(perfect | mount | lidar))},

@@ -5,7 +5,7 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 PROJECTION = np.array([[300.0, 0, 160, 12], [0, 310, 120, 3], [0, 0, 1, 0.05]])
 
@@ -17,7 +17,7 @@ def scene(seed: int, count: int = 5000) -> tuple[NDArray[np.float32], NDArray[np
     return points, rng.integers(0, 256, (240, 320, 3), dtype=np.uint8)
 
 
-def homogeneous(rotation: NDArray[np.float64], shift: object = (0, 0, 0)) -> NDArray[np.float64]:
+def homogeneous(rotation: NDArray[np.float64], shift: ArrayLike = (0, 0, 0)) -> NDArray[np.float64]:
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation.reshape(3, 3), shift
     return matrix

@@ -40,7 +40,9 @@ class LittleCourse:
 
     def misled(self, share: float, seed: int = 0) -> "LittleCourse":
         """Some known views are taken for others, at least twice the radius away."""
-        luck, told, first = np.random.default_rng(seed), [], []
+        luck = np.random.default_rng(seed)
+        told: list[Sighting] = []
+        first: list[NDArray[np.float64]] = []
         for sighting in self.sightings:
             here = self.pose_at(sighting)[:2]
             if sighting.view_id == len(first):
@@ -53,7 +55,7 @@ class LittleCourse:
         return replace(self, sightings=told)
 
     def pose_at(self, sighting: Sighting) -> NDArray[np.float64]:
-        return self.poses[sighting.stamp_ns * RATE // 10**9]
+        return np.asarray(self.poses[sighting.stamp_ns * RATE // 10**9])
 
     def run(self, config: RatSlamConfig) -> RatSlamRun:
         seconds = np.arange(len(self.poses)) / RATE

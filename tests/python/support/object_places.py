@@ -77,5 +77,5 @@ def write_recording(path: Path, places: Sequence[int], poses: bool = True) -> ND
     }
     if poses:
         arrays["poses"] = seen.true_poses()
-    np.savez(path, **arrays)  # type: ignore[arg-type]
-    return (rays * millimetres[:, None] / 1000 + origin).astype(np.float32)
+    np.savez(path, **arrays)
+    return np.asarray(rays * millimetres[:, None] / 1000 + origin, np.float32)

@@ -20,4 +20,4 @@ def room_image(x: float = 0.0, yaw: float = 0.0, view: float = VIEW, seed: int =
     waves, phases = np.arange(1, 90), rng.uniform(0, 2 * np.pi, 89)
     paint = (np.cos(np.outer(on_wall, waves) + phases) * rng.uniform(0.3, 1, 89)).sum(1)
     rows = rng.uniform(0.9, 1.1, (HEIGHT, 1))
-    return np.clip((120 + 9 * paint) * rows, 0, 255).round().astype(np.uint8)
+    return np.asarray(((120 + 9 * paint) * rows).clip(0, 255).round(), np.uint8)

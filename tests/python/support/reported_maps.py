@@ -34,7 +34,7 @@ def drifting_run(**changes: Any) -> RatSlamRun:
 def wrong_run(**changes: Any) -> RatSlamRun:
     """Takes the third corner for the first one."""
     actions = [(1, 0, 0), (1, 0, 1), (1, 1, 2), (2, 2, 0), (1, 0, 3)]
-    given = {"truth": [*CORNERS[:3], CORNERS[2], CORNERS[3]], "nodes": CORNERS}
+    given: dict[str, Any] = {"truth": [*CORNERS[:3], CORNERS[2], CORNERS[3]], "nodes": CORNERS}
     links = [(0, 1), (1, 2), (2, 0), (0, 3)]
     return little_run(**given | {"actions": actions, "links": links, "views": "eyes"} | changes)
 

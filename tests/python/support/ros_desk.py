@@ -47,7 +47,7 @@ class Desk:
             lambda topic, publisher: publisher not in self.gone,
         )
 
-    def put(self, topic: str, message: Any, lost: int = 0, **header: str) -> None:
+    def put(self, topic: str, message: Any, lost: int = 0, **header: Any) -> None:
         """A message arrives, but for its last bytes, and waits; ``header`` is of its publisher."""
         from rospy import AnyMsg
 
@@ -62,7 +62,7 @@ class Desk:
         }
         self.worker.arrived(line, topic)
 
-    def give(self, topic: str, *values: Any, **header: str) -> None:
+    def give(self, topic: str, *values: Any, **header: Any) -> None:
         """Messages, or values of ``fusionslam.sensors.messages``, arrive and are worked off."""
         from fusionslam.ros.messages.types import builder
 

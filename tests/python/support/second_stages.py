@@ -26,7 +26,7 @@ class MeanColor:
 
     def features(self, cloud: Cloud) -> Row:
         assert cloud.colors is not None
-        return cloud.colors.mean(axis=0).astype(np.float32)
+        return np.asarray(cloud.colors.mean(axis=0), np.float32)
 
     def probability(self, current: Row, stored: Row) -> float:
         self.asked += 1

@@ -182,7 +182,7 @@ def drive(visits: tuple[int, ...]) -> list[Cloud]:
         stored, current = two_poses(number)
         share = (visit % 3) / 2
         pose = tuple(a + share * (b - a) for a, b in zip(stored, current, strict=True))
-        clouds.append(scan(room(number), pose, seed=visit))  # type: ignore[arg-type]
+        clouds.append(scan(room(number), pose, seed=visit))
     return clouds
 
 

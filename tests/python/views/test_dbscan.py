@@ -192,7 +192,7 @@ def test_a_radius_that_is_none_is_refused(value: float) -> None:
 def test_other_values_out_of_range_are_refused(option: str, value: float) -> None:
     options = {"eps": 1, "min_points": 3, option: value}
     with pytest.raises(ConfigError, match=rf"dbscan\.{option}"):
-        dbscan(np.zeros((3, 3), np.float32), **options)  # type: ignore[arg-type]
+        dbscan(np.zeros((3, 3), np.float32), **options)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

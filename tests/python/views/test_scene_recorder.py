@@ -79,7 +79,7 @@ def test_so_do_scenes_alone(tmp_path: Path) -> None:
     recorded(whole, scene_config=SceneConfig()).save(tmp_path / "live.npz")
     live, written = (SceneSet.load(tmp_path / f"{name}.npz") for name in ("live", "set"))
     assert differing(live, written) == [] and live.empty.any()
-    assert live.fits(SceneConfig()) and live.scenes_with(SceneConfig())[0] == written.scenes[0]  # type: ignore[index]
+    assert live.fits(SceneConfig()) and live.scenes_with(SceneConfig())[0] == written.scenes[0]
 
 
 def test_a_bag_gives_its_set_frame_by_frame(test_data: Path) -> None:
@@ -161,7 +161,7 @@ def test_scenes_of_views_are_what_a_matcher_compares() -> None:
         recorder.add(number, scene, (0, 0, 0))
     cloud = place(2)
     expected = build_scene(cloud.points, cloud.colors, config=config)
-    assert recorder.scene_set().scenes[2] == Scene.from_bytes(expected.to_bytes())  # type: ignore[index]
+    assert recorder.scene_set().scenes[2] == Scene.from_bytes(expected.to_bytes())
 
 
 def test_a_clock_that_goes_back_is_refused_and_changes_nothing() -> None:
@@ -184,8 +184,8 @@ def broken(row: int) -> Cloud:
     [
         (Cloud(place(0).points), (0, 0, 0), DataError, "no colours"),
         (broken(3), (0, 0, 0), DataError, "NaN or infinity"),
-        (Cloud(np.zeros((2, 3)), np.zeros((2, 3), "u1")), (0, 0, 0), ShapeError, "float64"),  # type: ignore[arg-type]
-        (Cloud(place(0).points, place(1).colors[:4]), (0, 0, 0), ShapeError, r"colors .*\(4, 3\)"),  # type: ignore[index]
+        (Cloud(np.zeros((2, 3)), np.zeros((2, 3), "u1")), (0, 0, 0), ShapeError, "float64"),
+        (Cloud(place(0).points, place(1).colors[:4]), (0, 0, 0), ShapeError, r"colors .*\(4, 3\)"),
         (build_scene(NOTHING.points, NOTHING.colors), (0, 0, 0), ShapeError, "got Scene"),
         (place(0), (0, np.nan, 0), DataError, "poses: row 0"),
         (place(0), (0, 0), ShapeError, "poses"),

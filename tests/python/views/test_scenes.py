@@ -5,6 +5,7 @@
 import json
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,7 +47,7 @@ def author_scenes(test_data: Path) -> list[tuple[Scene, list[dict[str, object]]]
 def test_the_thesis_author_s_objects_are_found(test_data: Path) -> None:
     for scene, described in author_scenes(test_data):
         assert len(scene) == len(described)
-        theirs = {tuple(entry["center"]): entry for entry in described}  # type: ignore[arg-type]
+        theirs: dict[Any, Any] = {tuple(entry["center"]): entry for entry in described}
         for ours in scene.objects:
             entry = theirs[tuple(ours["center"].tolist())]
             assert bytes(ours["color"].astype(np.uint8)).hex() == str(entry["color"])[2:]

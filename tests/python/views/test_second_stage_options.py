@@ -93,7 +93,7 @@ def test_features_of_another_network_are_refused_when_loaded(tmp_path: Path) -> 
         (np.full((1, 256), np.nan, np.float32), "not finite"),
     ):
         with (tmp_path / "views").open("wb") as stream:
-            np.savez(stream, **{**content, "state.features": features})  # type: ignore[arg-type]
+            np.savez(stream, **{**content, "state.features": features})
         with pytest.raises(DataError, match=message):
             ViewMatcher.load(tmp_path / "views")
 

@@ -50,7 +50,7 @@ def sent(builder: Comparison, one: ViewMatcher, clouds: list[Cloud]) -> list[Vie
 def made_clouds() -> list[Cloud]:
     clouds = drive((*LAPS, -1, 3, 7, -1, 0)).clouds
     assert clouds is not None
-    few = Cloud(place(0).points[:3], place(0).colors[:3])  # type: ignore[index]
+    few = Cloud(place(0).points[:3], place(0).colors[:3])
     return [NOTHING, *(clouds[i] for i in range(len(clouds))), LINE, few, place(9, objects=1)]
 
 

@@ -4,6 +4,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,7 +61,7 @@ def original(test_data: Path) -> tuple[np.ndarray, list[int]]:
     return images, table[:, 1].astype(int).tolist()
 
 
-def test_every_image_gets_the_template_that_the_original_gave_it(original):
+def test_every_image_gets_the_template_that_the_original_gave_it(original: Any) -> None:
     images, expected = original
     templates = VisualTemplates()
     matches = [templates.process(image) for image in images]
@@ -69,7 +70,7 @@ def test_every_image_gets_the_template_that_the_original_gave_it(original):
     assert {match.relative_rotation for match in matches} == {0.0}
 
 
-def test_a_naive_version_agrees_with_and_without_the_filter_of_means(original):
+def test_a_naive_version_agrees_with_and_without_the_filter_of_means(original: Any) -> None:
     images, expected = original
     some = images[:40]
     assert naive_ids(some, mean_margin=0.005) == expected[:40]
@@ -78,14 +79,14 @@ def test_a_naive_version_agrees_with_and_without_the_filter_of_means(original):
     assert [open_filter.process(image).id for image in images] == expected
 
 
-def test_the_first_image_is_new_and_the_same_one_again_is_found():
+def test_the_first_image_is_new_and_the_same_one_again_is_found() -> None:
     templates = VisualTemplates(**SMALL)
     assert templates.process(picture(1)) == TemplateMatch(0, 0.0, True, np.inf)
     assert templates.process(picture(2)).is_new
     assert templates.process(picture(1)) == TemplateMatch(0, 0.0, False, 0.0)
 
 
-def test_an_image_moved_aside_by_whole_blocks_is_found_as_far_as_the_shift_reaches():
+def test_an_image_moved_aside_by_whole_blocks_is_found_as_far_as_the_shift_reaches() -> None:
     wide = np.hstack([picture(1), picture(2), picture(3)])
     for blocks, found in [(1, True), (-2, True), (2, True), (3, False), (-3, False)]:
         moved = np.ascontiguousarray(wide[:, 48 + 4 * blocks : 96 + 4 * blocks])
@@ -94,7 +95,7 @@ def test_an_image_moved_aside_by_whole_blocks_is_found_as_far_as_the_shift_reach
         assert fresh.process(moved).is_new is not found, blocks
 
 
-def test_steps_leave_out_the_shifts_between():
+def test_steps_leave_out_the_shifts_between() -> None:
     wide = np.hstack([picture(1), picture(2)])
     for step, found in [(1, True), (2, False)]:
         templates = VisualTemplates(**SMALL, step=step)
@@ -102,7 +103,7 @@ def test_steps_leave_out_the_shifts_between():
         assert templates.process(np.ascontiguousarray(wide[:, 4:52])).is_new is not found
 
 
-def test_of_equally_near_templates_the_first_is_taken():
+def test_of_equally_near_templates_the_first_is_taken() -> None:
     templates = VisualTemplates(**SMALL, threshold=0.01, mean_margin=1.0)
     for value in (100, 110, 105):
         match = templates.process(flat(value))
@@ -111,7 +112,7 @@ def test_of_equally_near_templates_the_first_is_taken():
     assert [between.process(flat(value)).id for value in (100, 110, 105)] == [0, 1, 0]
 
 
-def test_a_match_is_an_error_up_to_the_threshold_and_not_above():
+def test_a_match_is_an_error_up_to_the_threshold_and_not_above() -> None:
     error = float(np.float32(0.2))
     for threshold, found in [(error, True), (np.nextafter(error, 0), False)]:
         templates = VisualTemplates(**SMALL, threshold=float(threshold))
@@ -119,14 +120,14 @@ def test_a_match_is_an_error_up_to_the_threshold_and_not_above():
         assert templates.process(flat(51)).is_new is not found
 
 
-def test_a_template_of_another_mean_is_passed_over():
+def test_a_template_of_another_mean_is_passed_over() -> None:
     templates = VisualTemplates(**SMALL, mean_margin=0.0)
     templates.process(flat(0))
     assert templates.process(flat(51)).error == np.inf
     assert VisualTemplates(**SMALL, mean_margin=1.0).process(flat(0)).error == np.inf
 
 
-def test_only_the_crop_counts():
+def test_only_the_crop_counts() -> None:
     changed = picture(1)
     changed[20:], changed[:, 44:] = 0, 255
     templates = VisualTemplates(columns=11, rows=5, bottom=20, right=44, shift=1)
@@ -134,7 +135,7 @@ def test_only_the_crop_counts():
     assert templates.process(changed).error == 0
 
 
-def test_colours_count_by_their_luminance():
+def test_colours_count_by_their_luminance() -> None:
     red, grey = np.zeros((24, 48, 3), np.uint8), flat(76)
     red[..., 0] = 255
     templates = VisualTemplates(**SMALL)
@@ -143,7 +144,7 @@ def test_colours_count_by_their_luminance():
 
 
 @pytest.mark.parametrize(("blocks", "radians"), [(0, 0), (3, np.pi / 2), (-3, -np.pi / 2)])
-def test_a_panorama_tells_how_far_the_robot_turned_left(blocks, radians):
+def test_a_panorama_tells_how_far_the_robot_turned_left(blocks: Any, radians: Any) -> None:
     templates = VisualTemplates(**SMALL, panoramic=True)
     templates.process(picture(1))
     match = templates.process(np.roll(picture(1), 4 * blocks, axis=1))
@@ -151,7 +152,7 @@ def test_a_panorama_tells_how_far_the_robot_turned_left(blocks, radians):
     assert match.relative_rotation == pytest.approx(radians)
 
 
-def test_scaling_the_mean_takes_away_differences_of_exposure():
+def test_scaling_the_mean_takes_away_differences_of_exposure() -> None:
     dark = picture(1) // 2
     plain, scaled = VisualTemplates(**SMALL), VisualTemplates(**SMALL, mean=0.3)
     for templates, is_new in [(plain, True), (scaled, False)]:
@@ -161,7 +162,7 @@ def test_scaling_the_mean_takes_away_differences_of_exposure():
     assert not VisualTemplates(**SMALL, mean=0.3).process(flat(0)).relative_rotation
 
 
-def test_patches_are_normalised_as_in_plain_loops():
+def test_patches_are_normalised_as_in_plain_loops() -> None:
     templates = VisualTemplates(**SMALL, patch=3)
     templates.process(picture(1))
     blocks = picture(1).reshape(4, 6, 12, 4).mean(axis=(1, 3)) / 255
@@ -172,13 +173,13 @@ def test_patches_are_normalised_as_in_plain_loops():
             assert templates.templates[0, row, column] == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_patch_without_contrast_is_even():
+def test_a_patch_without_contrast_is_even() -> None:
     templates = VisualTemplates(**SMALL, patch=3)
     templates.process(flat(33))
     assert np.all(templates.templates == 0.5)
 
 
-def test_a_saved_run_goes_on_as_if_it_had_never_stopped(tmp_path):
+def test_a_saved_run_goes_on_as_if_it_had_never_stopped(tmp_path: Path) -> None:
     images = [picture(seed % 90) for seed in range(150)]
     whole, half = VisualTemplates(**SMALL), VisualTemplates(**SMALL)
     expected = [whole.process(image) for image in images]
@@ -191,7 +192,7 @@ def test_a_saved_run_goes_on_as_if_it_had_never_stopped(tmp_path):
     assert restored.bytes_per_view == 12 * 4 * 4
 
 
-def test_nothing_learnt_can_be_saved_too(tmp_path):
+def test_nothing_learnt_can_be_saved_too(tmp_path: Path) -> None:
     VisualTemplates(**SMALL).save(tmp_path / "templates.npz")
     assert VisualTemplates.load(tmp_path / "templates.npz").process(picture(1)).is_new
 
@@ -206,19 +207,19 @@ def test_nothing_learnt_can_be_saved_too(tmp_path):
         (np.zeros((0, 0), np.uint8), "0x0 after cropping"),
     ],
 )
-def test_images_that_cannot_become_templates_are_refused(image, message):
+def test_images_that_cannot_become_templates_are_refused(image: Any, message: Any) -> None:
     templates = VisualTemplates(**SMALL)
     with pytest.raises(ShapeError, match=message):
         templates.process(image)
     assert templates.process(picture(1)).id == 0
 
 
-def test_an_image_smaller_than_the_crop_is_refused():
+def test_an_image_smaller_than_the_crop_is_refused() -> None:
     with pytest.raises(ShapeError, match="48x24, expected 48x150 or more"):
         VisualTemplates().process(picture(1))
 
 
-def test_an_image_of_another_size_than_before_is_refused():
+def test_an_image_of_another_size_than_before_is_refused() -> None:
     templates = VisualTemplates(**SMALL)
     templates.process(picture(1))
     with pytest.raises(ShapeError, match="48x23, expected 48x24 as before"):
@@ -235,12 +236,12 @@ def test_an_image_of_another_size_than_before_is_refused():
         ({"treshold": 0.1}, "did you mean 'threshold'"),
     ],
 )
-def test_a_configuration_without_sense_is_refused(changes, message):
+def test_a_configuration_without_sense_is_refused(changes: Any, message: Any) -> None:
     with pytest.raises(ConfigError, match=message):
         VisualTemplates(**changes)
 
 
-def test_files_that_are_no_templates_are_refused_by_name(tmp_path):
+def test_files_that_are_no_templates_are_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "templates.npz"
     with pytest.raises(DataError, match=r"templates.npz is missing"):
         VisualTemplates.load(path)
@@ -264,8 +265,8 @@ def test_files_that_are_no_templates_are_refused_by_name(tmp_path):
     ],
 )
 def test_files_of_another_version_or_with_values_that_do_not_fit_are_refused(
-    tmp_path, change, message
-):
+    tmp_path: Path, change: Any, message: Any
+) -> None:
     path = tmp_path / "templates.npz"
     templates = VisualTemplates(**SMALL)
     templates.process(picture(1))
@@ -280,7 +281,7 @@ def test_files_of_another_version_or_with_values_that_do_not_fit_are_refused(
         VisualTemplates.load(path)
 
 
-def test_what_is_kept_of_an_image_can_be_recognised_later():
+def test_what_is_kept_of_an_image_can_be_recognised_later() -> None:
     whole, parts = VisualTemplates(**SMALL), VisualTemplates(**SMALL)
     images = [picture(seed % 3) for seed in range(6)]
     views = [parts.view(image) for image in images]
@@ -291,7 +292,9 @@ def test_what_is_kept_of_an_image_can_be_recognised_later():
 
 
 @pytest.mark.parametrize("panoramic", [False, True])
-def test_comparing_only_what_may_be_nearest_finds_what_comparing_everything_finds(panoramic):
+def test_comparing_only_what_may_be_nearest_finds_what_comparing_everything_finds(
+    panoramic: Any,
+) -> None:
     rng = np.random.default_rng(5)
     base = [picture(seed) for seed in range(6)]
     turned = [np.roll(base[rng.integers(6)], 4 * rng.integers(-3, 4), axis=1) for _ in range(60)]
