@@ -10,13 +10,14 @@ each, listed in train_files.txt and test_files.txt) and the meshes of Wu et al. 
 import gzip
 import os
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, FusionSlamError
-from fusionslam.learning.primitives import sample_surface
+from fusionslam.learning.procedural_shapes import sample_points
 from fusionslam.learning.shape_sets import ShapeSet
 
 Part = Literal["train", "test"]
@@ -107,23 +108,20 @@ def _read_off(base: Path, part: Part, points: int, rng: np.random.Generator) -> 
         )
     # Classes from both parts, so that train and test number them alike.
     names = tuple(sorted({path.parent.parent.name for path in base.glob("*/*/*.off")}))
-    clouds = [sample_surface(_mesh(path), points, rng) for path in files]
+    clouds = [sample_points(_mesh(path), points, rng) for path in files]
     labels = [names.index(path.parent.parent.name) for path in files]
     return ShapeSet(np.stack(clouds), np.asarray(labels, np.int64), names)
 
 
-def _mesh(path: Path) -> NDArray[np.float64]:
-    """The triangles, float64 (T, 3, 3)."""
-    import trimesh
-
+def _mesh(path: Path) -> trimesh.Trimesh:
     try:
-        mesh: Any = trimesh.load_mesh(path, process=False)
+        mesh = trimesh.load_mesh(path, process=False)
         triangles = np.asarray(mesh.triangles, np.float64)
     except Exception as error:  # trimesh raises whatever its parsers stumble over
         raise DataError(f"{path}: not a mesh in OFF: {error}") from error
     if not len(triangles) or not np.isfinite(triangles).all():
         raise DataError(f"{path}: expected finite triangles, found {len(triangles)}")
-    return triangles
+    return mesh
 
 
 def read_voxels(

@@ -1,84 +1,45 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Networks as ONNX, so that robots need no torch.
-
-The graph is written node by node with batch normalisation folded into the layers before it. Bias
-and ReLU of the layer that is pooled come after pooling: they keep the order of values.
-"""
+"""Networks as ONNX, so that robots need no torch."""
 
 import os
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+import warnings
+from collections.abc import Mapping
 
 from fusionslam.errors import FusionSlamError
 from fusionslam.learning.pointnet import Comparison, PointNet
-from fusionslam.learning.torch_extra import nn
+from fusionslam.learning.torch_extra import nn, torch
 from fusionslam.storage.files import atomic_path
 from fusionslam.views.second_stage.network_files import About
 
-Array = NDArray[np.float32]
-
-# Old enough for runtimes of 2022; ReduceMax takes its axes as an attribute.
-_OPSET, _IR = 17, 8
+# Old enough for runtimes of 2022.
+_OPSET = 17
 
 
-class _Graph:
-    """Nodes in order, and the constants that they use."""
+class _Features(nn.Module):
+    """One cloud (N, C) to its features (1, F)."""
 
-    def __init__(self) -> None:
-        try:
-            import onnx
-        except ImportError as error:
-            raise FusionSlamError(
-                "exporting needs onnx, which is not installed: pip install 'fusionslam[learn]'"
-            ) from error
-        self.onnx: Any = onnx
-        self.nodes: list[Any] = []
-        self.constants: list[Any] = []
+    def __init__(self, network: PointNet) -> None:
+        super().__init__()
+        self.network = network
+        self.train(network.training)  # the exporter restores the mode of the outer module
 
-    def constant(self, value: NDArray[Any]) -> str:
-        """A constant's name."""
-        name = f"c{len(self.constants)}"
-        array = np.ascontiguousarray(value)
-        self.constants.append(self.onnx.numpy_helper.from_array(array, name))
-        return name
+    def forward(self, points: torch.Tensor) -> torch.Tensor:
+        features: torch.Tensor = self.network(points[None])[0]
+        return features
 
-    def add(self, operator: str, *inputs: str, **attributes: Any) -> str:
-        """The name of what a new node gives."""
-        output = f"v{len(self.nodes)}"
-        node = self.onnx.helper.make_node(operator, list(inputs), [output], **attributes)
-        self.nodes.append(node)
-        return output
 
-    def write(
-        self,
-        path: str | os.PathLike[str],
-        inputs: dict[str, list[int | str]],
-        output: tuple[str, str, list[int | str]],
-        about: About,
-    ) -> None:
-        """The model, whole or not at all; ``output`` is a value, its new name and its shape."""
-        value, name, shape = output
-        self.nodes.append(self.onnx.helper.make_node("Identity", [value], [name]))
-        kind = self.onnx.TensorProto.FLOAT
-        describe = self.onnx.helper.make_tensor_value_info
-        graph = self.onnx.helper.make_graph(
-            self.nodes,
-            about.kind,
-            [describe(key, kind, size) for key, size in inputs.items()],
-            [describe(name, kind, shape)],
-            self.constants,
-        )
-        opset = self.onnx.helper.make_opsetid("", _OPSET)
-        model = self.onnx.helper.make_model(
-            graph, opset_imports=[opset], ir_version=_IR, producer_name="fusionslam"
-        )
-        self.onnx.helper.set_model_props(model, about.metadata())
-        self.onnx.checker.check_model(model)
-        with atomic_path(path) as temporary:
-            temporary.write_bytes(model.SerializeToString(deterministic=True))
+class _Probability(nn.Module):
+    """Pairs of features (M, F) to probabilities (M, 1)."""
+
+    def __init__(self, network: Comparison) -> None:
+        super().__init__()
+        self.network = network
+        self.train(network.training)  # the exporter restores the mode of the outer module
+
+    def forward(self, current: torch.Tensor, stored: torch.Tensor) -> torch.Tensor:
+        probability: torch.Tensor = self.network(current, stored)[:, None]
+        return probability
 
 
 def export_pointnet(path: str | os.PathLike[str], network: PointNet, about: About) -> None:
@@ -88,22 +49,8 @@ def export_pointnet(path: str | os.PathLike[str], network: PointNet, about: Abou
         DataError: the file cannot be written.
         FusionSlamError: onnx is not installed.
     """
-    graph, config = _Graph(), network.config
-    points = "points"
-    xyz = _columns(graph, points, 0, 3) if config.colors else points
-    matrix = _pooled(graph, xyz, network.transform.points.layers)
-    matrix = _dense(graph, matrix, network.transform.head)
-    matrix = _linear(graph, matrix, *_numbers(network.transform.matrix))
-    matrix = graph.add("Reshape", matrix, graph.constant(np.array([3, 3], np.int64)))
-    turned = graph.add("MatMul", xyz, matrix)
-    if config.colors:
-        turned = graph.add("Concat", turned, _columns(graph, points, 3, 6), axis=1)
-    features = _pooled(graph, turned, network.points.layers)
-    if network.embedding is not None:
-        features = _linear(graph, features, *_numbers(network.embedding))
-        features = graph.add("LpNormalization", features, axis=1, p=2)
-    inputs: dict[str, list[int | str]] = {"points": ["N", config.channels]}
-    graph.write(path, inputs, (features, "features", [1, config.features]), about)
+    inputs = {"points": (network.config.channels, "N")}
+    _export(path, _Features(network), inputs, "features", about)
 
 
 def export_comparison(path: str | os.PathLike[str], network: Comparison, about: About) -> None:
@@ -112,59 +59,42 @@ def export_comparison(path: str | os.PathLike[str], network: Comparison, about: 
     Raises:
         DataError, FusionSlamError: as ``export_pointnet``.
     """
-    graph, size = _Graph(), network.config.features
-    weight, bias = _numbers(network.hidden)
-    mean, scale = (np.tile(value.numpy(), 2) for value in (network.mean, network.scale))
-    # (x - mean) * scale is one more linear step before the first layer.
-    weight, bias = weight * scale, bias - (weight * scale) @ mean
-    hidden = _linear(graph, graph.add("Concat", "current", "stored", axis=1), weight, bias)
-    if network.config.activation == "relu":
-        hidden = graph.add("Relu", hidden)
-    found = graph.add("Sigmoid", _linear(graph, hidden, *_numbers(network.output)))
-    inputs: dict[str, list[int | str]] = {"current": ["M", size], "stored": ["M", size]}
-    graph.write(path, inputs, (found, "probability", ["M", 1]), about)
+    inputs = {name: (network.config.features, "M") for name in ("current", "stored")}
+    _export(path, _Probability(network), inputs, "probability", about)
 
 
-def _columns(graph: _Graph, value: str, first: int, last: int) -> str:
-    bounds = (graph.constant(np.array([n], np.int64)) for n in (first, last, 1))
-    return graph.add("Slice", value, *bounds)
-
-
-def _numbers(layer: nn.Linear) -> tuple[Array, Array]:
-    return layer.weight.detach().numpy(), layer.bias.detach().numpy()
-
-
-def _folded(layers: nn.Sequential) -> list[tuple[Array, Array]]:
-    """Weight and bias of each linear layer with its batch normalisation."""
-    linear = [layer for layer in layers if isinstance(layer, nn.Linear)]
-    normal = [layer for layer in layers if isinstance(layer, nn.BatchNorm1d)]
-    return [_without_normal(*pair) for pair in zip(linear, normal, strict=True)]
-
-
-def _without_normal(layer: nn.Linear, normal: nn.BatchNorm1d) -> tuple[Array, Array]:
-    assert normal.running_mean is not None and normal.running_var is not None
-    weight, bias = _numbers(layer)
-    spread = np.sqrt(normal.running_var.numpy() + np.float32(normal.eps))
-    gain = (normal.weight.detach().numpy() / spread).astype(np.float32)
-    shift = normal.bias.detach().numpy() - gain * normal.running_mean.numpy()
-    return weight * gain[:, None], bias * gain + shift
-
-
-def _linear(graph: _Graph, value: str, weight: Array, bias: Array) -> str:
-    constants = (graph.constant(weight.T), graph.constant(bias))
-    return graph.add("Gemm", value, *constants)
-
-
-def _dense(graph: _Graph, value: str, layers: nn.Sequential) -> str:
-    for weight, bias in _folded(layers):
-        value = graph.add("Relu", _linear(graph, value, weight, bias))
-    return value
-
-
-def _pooled(graph: _Graph, value: str, layers: nn.Sequential) -> str:
-    *before, (weight, bias) = _folded(layers)
-    for inner in before:
-        value = graph.add("Relu", _linear(graph, value, *inner))
-    largest = graph.add("MatMul", value, graph.constant(weight.T))
-    largest = graph.add("ReduceMax", largest, axes=[0], keepdims=1)
-    return graph.add("Relu", graph.add("Add", largest, graph.constant(bias)))
+def _export(
+    path: str | os.PathLike[str],
+    network: nn.Module,
+    inputs: Mapping[str, tuple[int, str]],
+    output: str,
+    about: About,
+) -> None:
+    """Write a network; ``inputs`` give columns and the name of the number of rows."""
+    try:
+        import onnx
+    except ImportError as error:
+        raise FusionSlamError(
+            "exporting needs onnx, which is not installed: pip install 'fusionslam[learn]'"
+        ) from error
+    axes = {name: {0: rows} for name, (_, rows) in inputs.items()}
+    if output == "probability":
+        axes[output] = axes["current"]
+    with atomic_path(path) as temporary:
+        with warnings.catch_warnings():
+            # The exporter that torch prefers needs onnxscript and writes opset 18 at least.
+            warnings.simplefilter("ignore")
+            torch.onnx.export(
+                network,
+                tuple(torch.zeros(5, columns) for columns, _ in inputs.values()),
+                temporary,
+                input_names=list(inputs),
+                output_names=[output],
+                dynamic_axes=axes,
+                opset_version=_OPSET,
+                dynamo=False,
+            )
+        model = onnx.load(temporary)
+        onnx.helper.set_model_props(model, about.metadata())
+        onnx.checker.check_model(model)
+        temporary.write_bytes(model.SerializeToString(deterministic=True))

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
-from fusionslam.learning.primitives import sample_surface
-from fusionslam.learning.procedural_shapes import SHAPES
+from fusionslam.learning.procedural_shapes import SHAPES, sample_points
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +43,14 @@ class ProceduralConfig(Section):
 def procedural_shapes(config: ProceduralConfig) -> tuple[ShapeSet, ShapeSet]:
     """To train on and to judge on: other shapes of the same classes."""
     rng = np.random.default_rng([config.seed, 0x5E])
-    return _made(config.train, config.points, rng), _made(config.test, config.points, rng)
+    return _sample_classes(config.train, config.points, rng), _sample_classes(
+        config.test, config.points, rng
+    )
 
 
-def _made(each: int, count: int, rng: np.random.Generator) -> ShapeSet:
+def _sample_classes(each: int, count: int, rng: np.random.Generator) -> ShapeSet:
     points = [
-        sample_surface(maker(rng), count, rng) for maker in SHAPES.values() for _ in range(each)
+        sample_points(maker(rng), count, rng) for maker in SHAPES.values() for _ in range(each)
     ]
     return ShapeSet(np.stack(points), np.repeat(np.arange(len(SHAPES)), each), tuple(SHAPES))
 

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from trimesh import Trimesh
 
 from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.learning import primitives
 from fusionslam.learning.modelnet import read_modelnet, read_voxels
-from fusionslam.learning.primitives import sample_surface
-from fusionslam.learning.procedural_shapes import SHAPES
+from fusionslam.learning.procedural_shapes import SHAPES, box, ellipsoid, sample_points, torus
 from fusionslam.learning.shape_sets import ProceduralConfig, joined, procedural_shapes
 from fusionslam.learning.training_data import shape_data
 from fusionslam.views.second_stage.inputs import (
@@ -73,33 +72,33 @@ def test_at_least_twenty_classes_of_shape_need_no_download() -> None:
 @pytest.mark.parametrize("name", SHAPES)
 def test_every_shape_stands_upright_varies_and_repeats_with_its_seed(name: str) -> None:
     first, again, other = (SHAPES[name](rng(seed)) for seed in (3, 3, 4))
-    assert np.isfinite(first).all()
-    np.testing.assert_array_equal(first, again)
-    assert first.shape != other.shape or not np.array_equal(first, other)
-    points = sample_surface(first, 200, rng())
+    assert np.isfinite(first.vertices).all()
+    np.testing.assert_array_equal(first.triangles, again.triangles)
+    assert not np.array_equal(first.bounds, other.bounds)
+    points = sample_points(first, 200, rng())
     assert points.shape == (200, 3)
     assert np.ptp(points, axis=0).min() > 0.01
 
 
 def test_points_are_spread_evenly_over_a_surface() -> None:
     # A box of 1 x 1 x 3: top and bottom have 2 of its 14 units of area.
-    points = sample_surface(primitives.box((1, 1, 3)), 20_000, rng())
+    points = sample_points(box((1, 1, 3)), 20_000, rng())
     flat = (points[:, 2] < 1e-6) | (points[:, 2] > 3 - 1e-6)
     assert abs(flat.mean() - 2 / 14) < 0.01
     assert abs(points[~flat, 2].mean() - 1.5) < 0.03
 
 
 def test_turned_bodies_lie_on_their_profile() -> None:
-    points = sample_surface(primitives.ball((1, 1)), 500, rng())
+    points = sample_points(ellipsoid((1, 1)), 500, rng())
     assert np.abs(np.linalg.norm(points, axis=1) - 1).max() < 0.05
-    torus = sample_surface(primitives.ring(1, 0.25), 500, rng())
-    tube = np.hypot(np.hypot(torus[:, 0], torus[:, 1]) - 1, torus[:, 2])
+    ring = sample_points(torus(1, 0.25), 500, rng())
+    tube = np.hypot(np.hypot(ring[:, 0], ring[:, 1]) - 1, ring[:, 2])
     assert np.abs(tube - 0.25).max() < 0.04
 
 
 def test_a_surface_without_area_is_refused() -> None:
     with pytest.raises(DataError, match="surface"):
-        sample_surface(np.zeros((2, 3, 3)), 5, rng())
+        sample_points(Trimesh(np.zeros((3, 3)), [[0, 1, 2]], process=False), 5, rng())
 
 
 def test_procedural_sets_are_the_same_for_a_seed_and_have_all_classes() -> None:
