@@ -53,10 +53,14 @@ def launch(
     Its nodes run with the Python that this command runs with.
     """
     from fusionslam.ros.environment import need_ros
-    from fusionslam.ros.launch.files import launch_file, roslaunch
+    from fusionslam.ros.launch.files import guess_bag_topics, launch_file, roslaunch
 
     need_ros()
-    roslaunch(launch_file(file), args or [])
+    path, arguments = launch_file(file), args or []
+    if path.name == "bag.launch" and (guessed := guess_bag_topics(arguments)):
+        print("topics of the bag, guessed by type:", shlex.join(guessed))
+        arguments = [*arguments, *guessed]
+    roslaunch(path, arguments)
 
 
 @app.command()

@@ -26,6 +26,14 @@ INPUTS = {
     "truth": TRUTH,
 }
 """What the nodes call the topic of each role."""
+LAUNCH_ARGUMENTS = {
+    "points": "scan",
+    "left": "image",
+    "camera_info": "camera_info",
+    "odometry": "odom",
+    "truth": "truth",
+}
+"""What launch files call it."""
 _OF_MOTION = ("odometry", "truth")
 
 

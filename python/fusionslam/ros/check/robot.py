@@ -11,7 +11,14 @@ from fusionslam.doctor import Finding
 from fusionslam.errors import ConfigError
 from fusionslam.ros.check import topics
 from fusionslam.ros.check.master import CLOCK, Graph, look_at_master, silent_nodes
-from fusionslam.ros.check.observed_topics import INPUTS, Choice, Heard, needed_roles, roles_of
+from fusionslam.ros.check.observed_topics import (
+    INPUTS,
+    LAUNCH_ARGUMENTS,
+    Choice,
+    Heard,
+    needed_roles,
+    roles_of,
+)
 from fusionslam.ros.check.transforms import cloud_finding, frame_findings
 from fusionslam.ros.check.trial_fusion import Trial
 from fusionslam.ros.environment import need_ros
@@ -24,13 +31,6 @@ _NAME = "fusionslam_check"
 _ON_CLOUDS = ("data_fusion", "lv_builder", "lv_matching", "loop_closure")
 _ON_TRUTH = ("lv_analyzer", "lv_dataset_creator")
 _OF_IMAGES = ("left", "odometry", "truth")
-_LAUNCH_ARGUMENTS = {
-    "points": "scan",
-    "left": "image",
-    "camera_info": "camera_info",
-    "odometry": "odom",
-    "truth": "truth",
-}
 _NOTHING = "This suffices for none of the nodes"
 
 
@@ -116,7 +116,7 @@ def check_robot(arguments: Sequence[str], seconds: float, progress: "Progress") 
 
 def _spelled_out(arguments: Sequence[str]) -> Sequence[str]:
     """Arguments of launch files as the remappings that they make of them."""
-    names = {short: INPUTS[role] for role, short in _LAUNCH_ARGUMENTS.items()}
+    names = {short: INPUTS[role] for role, short in LAUNCH_ARGUMENTS.items()}
     pairs = [argument.partition(":=") for argument in arguments]
     return [f"{names.get(name, name)}:={value}" for name, _, value in pairs]
 
@@ -291,7 +291,7 @@ def _launch_files(evidence: Evidence) -> Sequence[str]:
 
 def _launch_arguments(evidence: Evidence, file: str) -> Iterator[str]:
     """What a launch file has to be told: topics that are not where it looks by itself."""
-    for role, argument in _LAUNCH_ARGUMENTS.items():
+    for role, argument in LAUNCH_ARGUMENTS.items():
         topic = evidence.choices[role].topic
         is_known = file != "visual" or role in _OF_IMAGES
         # Without being told a topic, it expects no truth.

@@ -5,9 +5,12 @@
 import os
 import shutil
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
+from fusionslam.datasets.bags import open_bag
 from fusionslam.errors import ConfigError, FusionSlamError
+from fusionslam.ros.check.observed_topics import INPUTS, LAUNCH_ARGUMENTS, choose
 from fusionslam.ros.environment import PACKAGE
 
 _PLACES = (Path(__file__).parents[1] / "share" / PACKAGE, Path(__file__).parents[4] / "ros")
@@ -40,6 +43,39 @@ def launch_file(name: str) -> Path:
         names = ", ".join(sorted(each.stem for each in folder.glob("*.launch")))
         raise ConfigError(f"FILE is {name!r}, expected the path of a launch file or one of {names}")
     return path
+
+
+def guess_bag_topics(arguments: Sequence[str]) -> list[str]:
+    """The arguments of bag.launch that a bag needs whose topics have other names than expected.
+
+    Topics are guessed by type and name, as ``fusionslam info`` does. True poses are not guessed:
+    giving them starts another node.
+
+    Args:
+        arguments: those given to the launch file (``bag:=drive.bag``, ``scan:=/points``), which
+            are left as they are.
+
+    Returns:
+        One ``name:=/topic`` for each topic that is neither given nor called as the nodes expect.
+
+    Raises:
+        DataError: the bag cannot be read.
+    """
+    given = {name: value for name, sign, value in (a.partition(":=") for a in arguments) if sign}
+    if not given.get("bag"):
+        return []
+    with open_bag(Path(given["bag"]).expanduser()) as bag:
+        topics = bag.topics
+    asked = {
+        role: f"/{given.get(name, INPUTS[role]).lstrip('/')}"
+        for role, name in LAUNCH_ARGUMENTS.items()
+        if role != "truth"
+    }
+    return [
+        f"{name}:={choice.topic}"
+        for role, choice in choose(topics, {}, asked).items()
+        if choice.is_guess and (name := LAUNCH_ARGUMENTS[role]) not in given
+    ]
 
 
 def launch_environment() -> dict[str, str]:
