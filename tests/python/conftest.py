@@ -34,9 +34,15 @@ DATA = Path(os.environ.get("FUSIONSLAM_TEST_DATA", PROJECT / ".." / "shared" / "
 @pytest.fixture(scope="session")
 def test_data() -> Path:
     """The folder of real and simulated test data, which is not part of the project."""
-    if not DATA.is_dir():
+    if not DATA.is_dir() or not any(DATA.iterdir()):
         pytest.skip("no test data: set FUSIONSLAM_TEST_DATA to their folder")
     return DATA
+
+
+@pytest.fixture(scope="session")
+def ratslam_reference() -> Path:
+    """The drive through OpenRatSLAM and what the original programs gave, part of the project."""
+    return PROJECT / "tests" / "data" / "ratslam"
 
 
 @pytest.fixture(scope="session")

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The names that others rely on, and what importing the package costs."""
 
+import ast
 import inspect
 import re
 import subprocess
@@ -147,6 +148,21 @@ def test_importing_the_package_loads_next_to_nothing() -> None:
     loaded = modules_after("import fusionslam")
     assert "fusionslam" in loaded
     assert not loaded & (HEAVY | {"numpy", "PIL", "pydantic", "yaml", "typer", "rich"})
+
+
+def test_type_checkers_see_the_names_that_are_loaded_when_used() -> None:
+    tree = ast.parse((PROJECT / "python/fusionslam/__init__.py").read_text(encoding="utf-8"))
+    (block,) = (
+        node for node in tree.body if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node)
+    )
+    imported = {
+        (f"{node.module}.{alias.name}", alias.asname)
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    lazy = {(f"fusionslam.{home}.{name}", name) for name, home in fusionslam._HOME_OF.items()}
+    assert imported == lazy | {(f"fusionslam.{name}", name) for name in fusionslam._PACKAGES}
 
 
 def test_using_the_package_loads_nothing_heavy() -> None:

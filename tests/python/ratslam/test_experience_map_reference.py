@@ -73,8 +73,8 @@ class Reference:
 
 
 @pytest.fixture(scope="module")
-def reference(test_data: Path) -> Reference:
-    return Reference(test_data / "reference" / "ratslam")
+def reference(ratslam_reference: Path) -> Reference:
+    return Reference(ratslam_reference)
 
 
 def test_both_presets_are_as_good_as_published_with_the_odometry_of_the_run(

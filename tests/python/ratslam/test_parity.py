@@ -23,22 +23,17 @@ def table(path: Path) -> NDArray[Any]:
 
 
 @pytest.fixture(scope="module")
-def reference(test_data: Path) -> Path:
-    return test_data / "reference" / "ratslam"
-
-
-@pytest.fixture(scope="module")
-def cells_at(reference: Path) -> dict[int, NDArray[np.float64]]:
-    with gzip.open(reference / "pc_cells.csv.gz", "rt") as file:
+def cells_at(ratslam_reference: Path) -> dict[int, NDArray[np.float64]]:
+    with gzip.open(ratslam_reference / "pc_cells.csv.gz", "rt") as file:
         return {int(row[0]): np.array(row[1:], np.float64) for row in csv.reader(file)}
 
 
 @pytest.fixture(scope="module")
-def run(reference: Path, cells_at: dict[int, NDArray[np.float64]]) -> Run:
+def run(ratslam_reference: Path, cells_at: dict[int, NDArray[np.float64]]) -> Run:
     cells = PoseCells(preset="openratslam")
     graph = ExperienceMap(preset="openratslam", initial_heading=np.radians(140))
-    expected, actions, decoded = table(reference / "pc_output.csv.gz"), [], []
-    for step, row in enumerate(table(reference / "pc_input.csv.gz")):
+    expected, actions, decoded = table(ratslam_reference / "pc_output.csv.gz"), [], []
+    for step, row in enumerate(table(ratslam_reference / "pc_input.csv.gz")):
         cells.on_view(int(row["vt_id"]), row["vt_rad"])
         cells.on_odometry(row["vtrans"], row["vrot"], row["dt"])
         action = cells.action()
@@ -70,9 +65,9 @@ def test_every_decoded_pose_is_the_references(run: Run) -> None:
     assert np.abs(error).max() < 1e-9
 
 
-def test_the_map_is_the_references(run: Run, reference: Path) -> None:
+def test_the_map_is_the_references(run: Run, ratslam_reference: Path) -> None:
     graph = run[3]
-    wanted = json.loads((reference / "em_output.json").read_text())
+    wanted = json.loads((ratslam_reference / "em_output.json").read_text())
     assert (len(graph.nodes), len(graph.links)) == (136, 136)
     nodes = np.array([[node[name] for name in ("x", "y", "th")] for node in wanted["nodes"]])
     np.testing.assert_allclose(graph.nodes, nodes, rtol=0, atol=1e-9)

@@ -36,15 +36,14 @@ def seen_from(node: Any, pose: Any) -> list[float]:
 
 
 @pytest.fixture(scope="module")
-def run(test_data: Path) -> RatSlamRun:
-    folder = test_data / "reference" / "ratslam"
+def run(ratslam_reference: Path) -> RatSlamRun:
     cells, graph = (
         PoseCells(preset="openratslam"),
         ExperienceMap(preset="openratslam", initial_heading=np.radians(140)),
     )
     actions: list[tuple[int, int, int]] = []
     poses, offsets, reckoned, pose = [], [], [], np.zeros(3)
-    for row in table(folder / "pc_input.csv.gz"):
+    for row in table(ratslam_reference / "pc_input.csv.gz"):
         v, w, dt = (float(row[name]) for name in ("vtrans", "vrot", "dt"))
         cells.on_view(int(row["vt_id"]), float(row["vt_rad"]))
         cells.on_odometry(v, w, dt)
@@ -59,7 +58,7 @@ def run(test_data: Path) -> RatSlamRun:
         poses.append(graph.pose)
         offsets.append(seen_from(graph.nodes[graph.current], graph.pose))
         reckoned.append(pose)
-    rows = table(folder / "pc_groundtruth.csv.gz")
+    rows = table(ratslam_reference / "pc_groundtruth.csv.gz")
     truth = [(float(row["x"]), float(row["y"]), float(row["th"])) for row in rows]
     made = little_run(truth, actions, graph.nodes, [], seconds=np.arange(len(truth)) * 0.1)
     return replace(
