@@ -2,30 +2,76 @@
 # SPDX-License-Identifier: Apache-2.0
 """The errors that fusionslam raises on purpose.
 
-The C++ core throws the same kinds but ``ClockError``; the bindings turn them into these classes.
+The C++ core throws the same kinds except ``ClockError``; the bindings turn them into these classes.
+Messages are for people and may be reworded: programs decide by class, ``code`` and ``fields``.
 """
+
+from collections.abc import Sequence
 
 
 class FusionSlamError(Exception):
-    """Base of every error that fusionslam raises on purpose."""
+    """Base of every error that fusionslam raises on purpose.
+
+    Attributes:
+        code: kind of problem, in kebab-case; that of the class unless the raising line gives one.
+        fields: values that tell problems of the same code apart, such as names of frames.
+    """
+
+    code = "error"
+
+    def __init__(
+        self, message: str = "", *, code: str | None = None, fields: Sequence[str] = ()
+    ) -> None:
+        super().__init__(message)
+        self.code = code or type(self).code
+        self.fields = tuple(fields)
 
 
 class DataError(FusionSlamError, ValueError):
     """The data cannot be used: the message names the file, line, offset or point."""
 
+    code = "data"
+
 
 class ClockError(DataError):
-    """A stamp lies before the last one: the clock went back, or a recording started anew."""
+    """A stamp lies before the last one: the clock went back, or a recording started again."""
+
+    code = "clock"
 
 
 class ConfigError(FusionSlamError, ValueError):
     """A configuration value is wrong: the message names the key and what was expected."""
 
+    code = "config"
+
 
 class ShapeError(FusionSlamError, ValueError):
     """An array has the wrong shape, length or dtype: the message names the argument."""
 
+    code = "shape"
+
+
+def cause_of(error: BaseException) -> tuple[str, ...]:
+    """Identify what went wrong: two errors with equal causes are one problem.
+
+    Errors with a code of their own are identified by code and fields, others by their class and
+    the line that raised the first of them; never by the message, which holds numbers.
+    """
+    while True:
+        if isinstance(error, FusionSlamError) and error.code != type(error).code:
+            return error.code, *error.fields
+        if error.__cause__ is None:
+            break
+        error = error.__cause__
+    place, trace = "", error.__traceback__
+    while trace is not None:
+        place, trace = (
+            f"{trace.tb_frame.f_globals.get('__name__')}:{trace.tb_lineno}",
+            trace.tb_next,
+        )
+    return type(error).__name__, place
+
 
 def one_line(error: Exception) -> str:
-    """A message of several lines in one."""
+    """The error's message with its lines joined by semicolons."""
     return "; ".join(line.strip() for line in str(error).splitlines())

@@ -8,7 +8,6 @@ saw them.
 """
 
 import logging
-import re
 from collections import Counter, deque
 from functools import partial
 
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import ConfigError, DataError, cause_of
 from fusionslam.sensors.frame import CloudFrame, Frame
 from fusionslam.sensors.frame_assembly import frame_from_pair
 from fusionslam.sensors.messages import (
@@ -149,7 +148,7 @@ class FrameBuilder:
         self._newest_ns: int | None = None
         self._jump_ns = round(self.config.sync.jump * NANOSECONDS)
         self._scan_frame = ""
-        self._said: set[tuple[str, str]] = set()
+        self._logged: set[tuple[str, ...]] = set()
 
     @property
     def jumps(self) -> int:
@@ -240,7 +239,7 @@ class FrameBuilder:
             self.robot.add(message)
         except DataError as error:
             self.refused[type(message).__name__] += 1
-            self._say(type(message).__name__, str(error))
+            self._log(type(message).__name__, str(error), *cause_of(error))
         else:
             # Transforms may be dated ahead, as a localiser's are: they tell no time.
             if isinstance(message, Odometry):
@@ -280,16 +279,16 @@ class FrameBuilder:
         if missing and not late:
             raise _NotYetError
         if missing:
-            self._give_up(NO_CAMERA_INFO, f"none arrived for {', '.join(missing)}")
+            self._give_up(NO_CAMERA_INFO, f"none arrived for {', '.join(missing)}", *missing)
             return None
         try:
             return self._placed(pair, late)
         except TransformError as error:
             if error.may_come and not late:
                 raise _NotYetError from error
-            self._give_up(NO_TRANSFORM, str(error))
+            self._give_up(NO_TRANSFORM, str(error), *cause_of(error))
         except DataError as error:
-            self._give_up(BAD_CALIBRATION, str(error))
+            self._give_up(BAD_CALIBRATION, str(error), *cause_of(error))
         return None
 
     def _placed(self, pair: Pair, late: bool) -> Frame:
@@ -305,7 +304,7 @@ class FrameBuilder:
                 raise
             frame = make(still=True)
             self.still += 1
-            self._say("odometry", str(error))
+            self._log("odometry", str(error), *cause_of(error))
             return frame
 
     def _true_pose(self, stamp_ns: int, late: bool) -> Matrix | None:
@@ -317,17 +316,18 @@ class FrameBuilder:
                 raise
             return None
 
-    def _give_up(self, reason: str, why: str) -> None:
+    def _give_up(self, reason: str, problem: str, *cause: str) -> None:
         self._given_up[self.sync.scans, reason] += 1
-        self._say(reason, why)
+        self._log(reason, problem, *cause)
 
-    def _say(self, reason: str, why: str) -> None:
-        # Numbers differ from message to message, the cause does not; nor by what else is in TF.
-        cause = reason, re.sub(r"[-\d.]+", "#", re.split("; |\n", why)[0])
-        level = logging.DEBUG if cause in self._said else logging.WARNING
-        self._said.add(cause)
-        problem, line, more = why.partition("\n")
-        logger.log(level, "%s: %s; %s%s", reason, problem, _ADVICE[reason], line + more)
+    def _log(self, reason: str, problem: str, *cause: str) -> None:
+        """Warn of each cause once; later occurrences are debug messages."""
+        cause = (reason, *cause)
+        level = logging.DEBUG if cause in self._logged else logging.WARNING
+        self._logged.add(cause)
+        first, line, more = problem.partition("\n")
+        words = reason, first, _ADVICE[reason], line + more
+        logger.log(level, "%s: %s; %s%s", *words, extra={"cause": cause})
 
 
 class _NotYetError(Exception):

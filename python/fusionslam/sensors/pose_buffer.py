@@ -76,7 +76,7 @@ class PosesInTime:
             TransformError: not known; ``may_come`` says whether later odometry may tell.
         """
         if self._names is None:
-            raise TransformError("there was no odometry yet", may_come=True)
+            raise TransformError("there was no odometry yet", may_come=True, code="no-odometry")
         pose = self._tree.lookup(*self._names, stamp_ns)
         return float(pose[0, 3]), float(pose[1, 3]), atan2(pose[1, 0], pose[0, 0])
 

@@ -8,7 +8,7 @@ and rotations at constant angular velocity.
 
 import difflib
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,8 +31,10 @@ class TransformError(DataError):
         may_come: whether later messages may make it possible.
     """
 
-    def __init__(self, message: str, *, may_come: bool) -> None:
-        super().__init__(message)
+    def __init__(
+        self, message: str, *, may_come: bool, code: str, fields: Sequence[str] = ()
+    ) -> None:
+        super().__init__(message, code=code, fields=fields)
         self.may_come = may_come
 
 
@@ -197,6 +199,8 @@ class TransformTree:
             raise TransformError(
                 f"no transform links '{target}' and '{source}'; the trees are\n{self.drawn()}",
                 may_come=True,
+                code="frames-not-linked",
+                fields=(target, source),
             )
         return ups[: ups.index(common)], downs[: downs.index(common)]
 
@@ -207,7 +211,12 @@ class TransformTree:
         near = difflib.get_close_matches(bare, frames, n=1, cutoff=0.5)
         hint = f"did you mean '{near[0]}'? " if near else ""
         known = ", ".join(frames) or "none"
-        raise TransformError(f"no frame '{bare}'; {hint}known: {known}", may_come=True)
+        raise TransformError(
+            f"no frame '{bare}'; {hint}known: {known}",
+            may_come=True,
+            code="no-frame",
+            fields=(bare,),
+        )
 
     def _climb(self, way: list[str], stamp_ns: int) -> Matrix:
         """ancestor_from_frame, for the frames from the lowest to the one below the ancestor."""
@@ -230,6 +239,8 @@ class TransformTree:
             f"'{child}' in '{link.parent}' is known from {_seconds(first)} s to {_seconds(last)} s,"
             f" needed at {_seconds(stamp_ns)} s, {off}",
             may_come=late > 0,
+            code="too-late" if late > 0 else "too-early",
+            fields=(link.parent, child),
         )
 
     def _branch(self, name: str, indent: str) -> Iterator[str]:

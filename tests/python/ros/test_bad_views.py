@@ -100,7 +100,7 @@ def test_clouds_that_nothing_can_be_recognised_by(
     desk.give(CLOUDS, cloud(0), spoil(cloud(1)), spoil(cloud(2)), cloud(3))
     about = [text for text in caplog.messages if problem in text and advice in text]
     assert len(about) == 1
-    assert [count for cause, count in desk.complaints().items() if problem in cause] == [2]
+    assert [count for cause, count in desk.problems().items() if problem in cause] == [2]
     done = {"lv_builder": "views", "loop_closure": "clouds"}[node]
     is_view = node == "lv_builder" and spoil in (empty, of_nan)
     assert desk.node.report()[done] == 2 + 2 * is_view
@@ -130,7 +130,7 @@ def test_views_of_another_configuration_or_damaged_leave_the_memory_as_it_was(
     for problem, advice in said.items():
         (text,) = [text for text in caplog.messages if problem in text]
         assert advice in text
-    assert sorted(matcher.complaints().values()) == [1, 2, 2]
+    assert sorted(matcher.problems().values()) == [1, 2, 2]
 
 
 def test_views_without_stamps_are_refused_or_dated_by_their_arrival(
@@ -144,7 +144,7 @@ def test_views_without_stamps_are_refused_or_dated_by_their_arrival(
         message.header.stamp = ros_time(0)
         refusing.give(VIEWS, message)
         dating.give(VIEWS, message)
-    assert not ids(refusing) and list(refusing.complaints().values()) == [2]
+    assert not ids(refusing) and list(refusing.problems().values()) == [2]
     assert len([text for text in caplog.messages if "the stamp is zero" in text]) == 1
     assert [message.header.stamp.to_nsec() for message in dating.outlet.of(IDS)] == [7 * S] * 2
 
@@ -173,7 +173,7 @@ def test_images_that_do_not_decode_or_are_too_small(caplog: pytest.LogCaptureFix
     assert ids(matcher) == [0, 1, 0]
     for problem in ("no JPEG or PNG picture", "20x20, expected"):
         assert len([text for text in caplog.messages if problem in text]) == 1
-    assert sorted(matcher.complaints().values()) == [2, 2]
+    assert sorted(matcher.problems().values()) == [2, 2]
 
 
 def test_a_bag_that_is_played_again_is_recognised() -> None:
@@ -184,7 +184,7 @@ def test_a_bag_that_is_played_again_is_recognised() -> None:
     assert ids(matcher) == [0, 1, 2, 0, 1, 2]
     found = loops.outlet.of(LOOPS)[-3:]
     assert [(loop.query, loop.match) for loop in found] == [(3, 0), (4, 1), (5, 2)]
-    assert not matcher.complaints() and not loops.complaints()
+    assert not matcher.problems() and not loops.problems()
 
 
 MAKERS: dict[str, tuple[str, str, Callable[[int], list[Any]]]] = {
@@ -321,4 +321,4 @@ def test_a_file_that_is_no_memory_is_refused_with_what_to_do(node: str, tmp_path
 
 def test_an_empty_folder_is_a_memory_of_nothing(tmp_path: Path) -> None:
     (tmp_path / "memory").mkdir()
-    assert not Remembering("loop_closure", tmp_path).started().complaints()
+    assert not Remembering("loop_closure", tmp_path).started().problems()

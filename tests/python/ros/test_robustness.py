@@ -80,7 +80,7 @@ def test_transforms_that_come_after_the_first_scans_lose_none(usual: Desk) -> No
     assert not stamps(desk)
     play(desk, tf + after)
     desk.worker.idle()
-    assert same(desk, usual) and not desk.complaints()
+    assert same(desk, usual) and not desk.problems()
 
 
 def test_transforms_that_come_very_late_lose_the_scans_before_and_it_is_said(
@@ -164,7 +164,7 @@ def test_a_sensor_whose_driver_comes_back_under_another_name_is_heard_at_once() 
     for topic, value in sent(later=10):
         desk.give(topic, value, callerid="/again")
     desk.worker.idle()
-    assert len(stamps(desk)) == 2 * len(SCAN_STAMPS) and not desk.complaints()
+    assert len(stamps(desk)) == 2 * len(SCAN_STAMPS) and not desk.problems()
 
 
 def test_a_bag_played_twice_gives_the_same_twice_and_the_jump_is_said(
@@ -222,7 +222,7 @@ def test_sensors_that_do_not_stamp_are_dated_by_their_arrival() -> None:
             desk.now_ns = value.stamp_ns
         desk.give(topic, without_stamp(value))
     desk.worker.idle()
-    assert stamps(desk) == SCAN_STAMPS and not desk.complaints()
+    assert stamps(desk) == SCAN_STAMPS and not desk.problems()
 
 
 def test_arrival_without_a_clock_is_said(caplog: pytest.LogCaptureFixture) -> None:

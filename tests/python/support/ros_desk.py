@@ -76,9 +76,9 @@ class Desk:
         while self.worker.work(0.0):
             pass
 
-    def complaints(self) -> dict[str, int]:
+    def problems(self) -> dict[str, int]:
         """Counts by "topic: cause"."""
-        counts = self.worker.complaints.counts
+        counts = self.worker.problems.counts
         return {f"{topic}: {cause}": count for (topic, cause), count in counts.items()}
 
 

@@ -68,7 +68,7 @@ def _run(name: str, arguments: list[str]) -> None:
     except ConfigError:
         _forget_parameters(arguments)
         raise
-    to_rosout.complaints = shell.complaints
+    to_rosout.problems = shell.problems
     heard = ", ".join(rospy.resolve_name(topic) for topic in shell.inputs)
     rospy.loginfo("%s is ready: it listens to %s", kind.name, heard)
     shell.run()

@@ -8,7 +8,7 @@ from functools import partial
 from typing import ClassVar
 
 from fusionslam.config import option
-from fusionslam.errors import DataError, ShapeError
+from fusionslam.errors import DataError, ShapeError, cause_of
 from fusionslam.fusion import ROBOT_FUSION, SENSORS_OF, FusionConfig, fuse
 from fusionslam.ros.messages.types import CAMERA_INFO, CLOUD, IMAGES, ODOMETRY, TRANSFORMS, builder
 from fusionslam.ros.runtime.config import CommonConfig
@@ -111,14 +111,15 @@ class DataFusion(Node[DataFusionConfig]):
         jumps = self._frames.jumps
         self._publish(self._frames.process(message, camera))
         if self._frames.jumps > jumps:
-            self.complaints.add(self._lead, _WENT_BACK)
+            self.problems.add(self._lead, _WENT_BACK, "clock")
 
     def _publish(self, frames: list[Frame]) -> None:
         for frame in frames:
             try:
                 self._fuse(frame)
             except (DataError, ShapeError) as error:
-                self.complaints.add(self._lead, f"cannot be fused: {error}; {_ROBOT}")
+                problem = f"cannot be fused: {error}; {_ROBOT}"
+                self.problems.add(self._lead, problem, *cause_of(error))
         self._say_dropped()
 
     def _say_dropped(self) -> None:
@@ -132,7 +133,7 @@ class DataFusion(Node[DataFusionConfig]):
         cloud = fuse(frame, self.config.fusion)
         if not len(cloud):
             self.counts["empty clouds"] += 1
-            self.complaints.add(self._lead, _why_empty(frame))
+            self._report_empty(frame)
         name = self._frames.frame_of(self.config.fusion.frame)
         scan = Scan(
             stamp_ns=frame.stamp_ns, frame_id=name, points=cloud.points, colors=cloud.colors
@@ -140,13 +141,15 @@ class DataFusion(Node[DataFusionConfig]):
         self.outlet.publish(COLORED, builder.build(scan))
         self._show(frame)
 
+    def _report_empty(self, frame: Frame) -> None:
+        if frame.points is not None and not len(frame.points):
+            self.problems.add(self._lead, _NO_POINTS, "empty-scan")
+        else:
+            self.problems.add(self._lead, _NOTHING_SEEN, "nothing-seen")
+
     def _show(self, frame: Frame) -> None:
         """Debian's RViz decodes no images; and it shows when a cloud got the wrong one."""
         if "left" in frame.images and self.outlet.is_wanted(COLORING):
             name = self._frames.frame_of("camera")
             picture = Picture(stamp_ns=frame.stamp_ns, frame_id=name, image=frame.images["left"])
             self.outlet.publish(COLORING, builder.build(picture))
-
-
-def _why_empty(frame: Frame) -> str:
-    return _NO_POINTS if frame.points is not None and not len(frame.points) else _NOTHING_SEEN

@@ -77,7 +77,7 @@ class LoopClosure(Node[LoopClosureConfig]):
     def _take(self, scan: Scan) -> None:
         cloud = cloud_of(scan)
         if not len(cloud):
-            raise DataError(EMPTY)
+            raise DataError(EMPTY, code="empty-cloud")
         loop = self._loops.add(cloud, scan.stamp_ns)
         self.counts["clouds"] += 1
         if loop is not None:

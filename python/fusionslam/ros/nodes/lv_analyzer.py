@@ -164,7 +164,8 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
             write_false_positive(path, judged, image, self._first.get(judged.id))
         except DataError as error:
             advice = "make room, allow it, or give another folder"
-            self.complaints.add("~output", f"no picture can be written: {advice}\n{error}")
+            problem = f"no picture can be written: {advice}\n{error}"
+            self.problems.add("~output", problem, "cannot-write")
             return
         self.counts["pictures"] += 1
 

@@ -45,7 +45,7 @@ class ViewBuilder(Node[ViewsConfig]):
         cloud = cloud_of(scan)
         view = self._comparison.view(cloud)
         if not len(cloud):
-            self.complaints.add(COLORED, EMPTY)
+            self.problems.add(COLORED, EMPTY, "empty-cloud")
         self.counts["views"] += 1
         self.counts["views with nothing to recognise"] += not view.objects
         message = make(

@@ -186,10 +186,11 @@ class Mapper(Node[MapperConfig]):
         if place is None:
             return
         if odometry.frame_id.strip("/") == self.config.map_frame:
-            self.complaints.add(
+            self.problems.add(
                 TF,
                 f"odometry is in the frame '{odometry.frame_id}', which is the map's: nothing is "
                 "published; give the map another ~map_frame, or set ~tf to false",
+                "odometry-in-map-frame",
             )
             return
         link = FrameTransform(

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.ros.runtime.problem_log import Complaints
+from fusionslam.ros.runtime.problem_log import ProblemLog
 from fusionslam.storage.files import made_folder
 
 logger = logging.getLogger(__name__)
@@ -57,13 +57,13 @@ class Saver:
     Args:
         config: which file, how often.
         save: writes it, whole or not at all; raises DataError.
-        complaints: those of the node.
+        problems: those of the node.
     """
 
     def __init__(
-        self, config: SavingConfig, save: Callable[[Path], None], complaints: Complaints
+        self, config: SavingConfig, save: Callable[[Path], None], problems: ProblemLog
     ) -> None:
-        self._config, self._save, self._complaints = config, save, complaints
+        self._config, self._save, self._problems = config, save, problems
         self._saved, self._is_changed = time.monotonic(), False
         if self.path is not None:
             self._try(self.path)
@@ -122,4 +122,4 @@ class Saver:
 
     def _complain(self, path: Path, error: Exception) -> None:
         # The cause stands on a line of its own: it may name files that are made on the way.
-        self._complaints.add(_NAME, f"cannot write {path}: {_ADVICE}\n{error}")
+        self._problems.add(_NAME, f"cannot write {path}: {_ADVICE}\n{error}", "cannot-write")

@@ -20,7 +20,7 @@ def diagnostics(worker: "Worker") -> Any:
 
     values = dict(reported(worker))
     problems = [f"nothing has arrived on {entry.topic}" for entry in worker.silent]
-    problems += [f"{t}: {cause}" for (t, cause), _ in worker.complaints.counts.most_common(1)]
+    problems += [f"{t}: {cause}" for (t, cause), _ in worker.problems.counts.most_common(1)]
     status = make(
         "diagnostic_msgs/DiagnosticStatus",
         level=_WARN if problems else _OK,
@@ -42,7 +42,7 @@ def reported(worker: "Worker") -> Iterator[tuple[str, str]]:
         yield f"dropped {topic}: {reason}", str(count)
     for what, count in worker.node.report().items():
         yield what, str(count)
-    for (topic, cause), count in sorted(worker.complaints.counts.items()):
+    for (topic, cause), count in sorted(worker.problems.counts.items()):
         yield f"refused {topic}: {cause}", str(count)
     for share in (0.5, 0.95):
         milliseconds = worker.watch.quantile_ms(share)

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from fusionslam.errors import DataError
-from fusionslam.ros.runtime.problem_log import Complaints
+from fusionslam.ros.runtime.problem_log import ProblemLog
 from fusionslam.storage.files import made_folder
 
 _NO_FOLDER = os.path.join(os.devnull, "none")
@@ -17,12 +17,12 @@ class ToRosout(logging.Handler):
     """What is logged goes where ROS collects it; what the library warns of, once for each cause.
 
     Attributes:
-        complaints: those of the node, once there is one.
+        problems: those of the node, once there is one.
     """
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
-        self.complaints: Complaints | None = None
+        self.problems: ProblemLog | None = None
 
     def emit(self, record: logging.LogRecord) -> None:
         """Pass a record on."""
@@ -31,8 +31,11 @@ class ToRosout(logging.Handler):
         if record.levelno < logging.WARNING:
             rospy.loginfo("%s", self.format(record))
             return
-        if self.complaints is not None and not record.name.startswith(__package__):
-            self.complaints.add(record.name.removeprefix("fusionslam."), record.getMessage())
+        if self.problems is not None and not record.name.startswith(__package__):
+            # Loggers that report several problems with one template tell them apart by ``cause``.
+            cause = getattr(record, "cause", (str(record.msg),))
+            name = record.name.removeprefix("fusionslam.")
+            self.problems.add(name, record.getMessage(), *cause)
             return
         say = rospy.logwarn if record.levelno == logging.WARNING else rospy.logerr
         say("%s", self.format(record))

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from fusionslam.ros.runtime.checkpoints import Saver, SavingConfig
 from fusionslam.ros.runtime.config import CommonConfig
-from fusionslam.ros.runtime.problem_log import Complaints
+from fusionslam.ros.runtime.problem_log import ProblemLog
 
 C = TypeVar("C", bound=CommonConfig)
 
@@ -56,7 +56,7 @@ class Node(ABC, Generic[C]):
 
     Attributes:
         counts: what it did, in words, for /diagnostics.
-        complaints: what was wrong with what it got, said once for each cause.
+        problems: what was wrong with what it got, said once for each cause.
         saver: writes what the node goes on from at its next start; None where there is nothing.
     """
 
@@ -72,12 +72,12 @@ class Node(ABC, Generic[C]):
     def __init__(self, config: C, outlet: Outlet) -> None:
         self.config, self.outlet = config, outlet
         self.counts: Counter[str] = Counter()
-        self.complaints = Complaints()
+        self.problems = ProblemLog()
         self.saver: Saver | None = None
 
     def saved(self, config: SavingConfig, save: Callable[[Path], None]) -> Saver:
         """The ``saver``, made of the function that writes the file."""
-        self.saver = Saver(config, save, self.complaints)
+        self.saver = Saver(config, save, self.problems)
         return self.saver
 
     @property

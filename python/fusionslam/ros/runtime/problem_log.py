@@ -1,55 +1,59 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What goes wrong on a robot: counted always, said once for each cause."""
+"""Counts problems; logs each distinct cause once."""
 
 import logging
-import re
 import threading
 from collections import Counter
 
 logger = logging.getLogger(__name__)
 
-# What differs from message to message: bytes, sizes, addresses in memory, numbers; not the digits
-# of names, such as M2DP.
-_VARYING = re.compile(r"""b'[^']*'|b"[^"]*"|0x[0-9a-f]+|\d+x\d+|(?<![A-Za-z\d])-?\d[\d.e+-]*""")
 _CAUSES = 30
-_MORE = "more causes than are told apart"
+_MORE = "further causes (not listed)"
 
 
-class Complaints:
-    """Counts what was refused, and logs each cause once; from any thread.
+class ProblemLog:
+    """Counts the problems of each topic and logs each cause once; from any thread.
 
-    A cause is the first line of a problem, with "#" for its numbers. Of a topic, the first 30
-    causes are told apart, so that content made of chance neither fills memory nor the log.
+    Only the first 30 causes of a topic are listed, so that random content fills neither memory
+    nor the log.
     """
 
     def __init__(self) -> None:
-        self._counts: Counter[tuple[str, str]] = Counter()
+        self._counts: Counter[tuple[str, tuple[str, ...]]] = Counter()
+        self._texts: dict[tuple[str, tuple[str, ...]], str] = {}
         self._lock = threading.Lock()
 
     @property
     def counts(self) -> Counter[tuple[str, str]]:
-        """By (topic, cause), as of now."""
+        """By (topic, first line of the first problem of a cause), as of now."""
+        counts: Counter[tuple[str, str]] = Counter()
         with self._lock:
-            return self._counts.copy()
+            for (topic, cause), count in self._counts.items():
+                counts[topic, self._texts[topic, cause]] += count
+        return counts
 
-    def add(self, topic: str, problem: str) -> bool:
-        """Note a problem with a message of a topic: what is wrong and what to do.
+    def add(self, topic: str, problem: str, *cause: str) -> bool:
+        """Count a problem with a message of a topic.
+
+        Args:
+            problem: what is wrong and what to do.
+            cause: a code, and fields that tell its causes apart; see ``errors.cause_of``.
 
         Returns:
-            Whether this cause is new.
+            True if this cause is new.
         """
-        is_new = self._count(topic, _VARYING.sub("#", problem.partition("\n")[0]))
+        is_new = self._count(topic, cause, problem.partition("\n")[0])
         if is_new:
-            # Not under the lock: what is logged is published.
-            logger.warning("%s: %s (said once; /diagnostics counts on)", topic, problem)
+            # Outside the lock: logging publishes.
+            logger.warning("%s: %s (logged once; /diagnostics keeps counting)", topic, problem)
         return is_new
 
-    def _count(self, topic: str, cause: str) -> bool:
+    def _count(self, topic: str, cause: tuple[str, ...], text: str) -> bool:
         with self._lock:
-            known = (topic, cause) in self._counts
-            if not known and sum(name == topic for name, _ in self._counts) >= _CAUSES:
-                self._counts[topic, _MORE] += 1
-                return False
+            is_new = (topic, cause) not in self._counts
+            if is_new and sum(name == topic for name, _ in self._counts) >= _CAUSES:
+                cause, text, is_new = (), _MORE, False
             self._counts[topic, cause] += 1
-            return not known
+            self._texts.setdefault((topic, cause), text)
+            return is_new

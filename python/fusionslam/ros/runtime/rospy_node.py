@@ -13,7 +13,7 @@ from fusionslam.ros.runtime.config import from_parameters
 from fusionslam.ros.runtime.diagnostics import diagnostics
 from fusionslam.ros.runtime.master_watch import Registration
 from fusionslam.ros.runtime.node import Node
-from fusionslam.ros.runtime.problem_log import Complaints
+from fusionslam.ros.runtime.problem_log import ProblemLog
 from fusionslam.ros.runtime.stopwatch import Stopwatch
 from fusionslam.ros.runtime.worker import Worker
 
@@ -55,9 +55,9 @@ class Shell:
         return self._worker.inputs
 
     @property
-    def complaints(self) -> Complaints:
+    def problems(self) -> ProblemLog:
         """Those of the node."""
-        return self._worker.complaints
+        return self._worker.problems
 
     def publish(self, topic: str, message: Any) -> None:
         """As ``Outlet``."""

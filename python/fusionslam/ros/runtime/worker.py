@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from fusionslam.datasets.bags.messages import is_known, value_of
-from fusionslam.errors import DataError, FusionSlamError, ShapeError
+from fusionslam.errors import DataError, FusionSlamError, ShapeError, cause_of
 from fusionslam.ros.messages.types import deserialized, message_class, ros_time
 from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, Inbox
 from fusionslam.ros.runtime.node import Input, Node
@@ -32,7 +32,7 @@ class Worker:
     Attributes:
         inputs: those of the node by topic.
         inbox: what waits.
-        complaints: those of the node.
+        problems: those of the node.
         is_idle: whether nothing came since ``idle``.
     """
 
@@ -48,7 +48,7 @@ class Worker:
         self._common = node.config.node
         self.inputs = {each.topic: each for each in node.inputs}
         self.inbox = Inbox(self._common.queue, self._common.only_one, is_there)
-        self.complaints, self.watch = node.complaints, watch or Stopwatch()
+        self.problems, self.watch = node.problems, watch or Stopwatch()
         self.is_idle = True
 
     def arrived(self, message: Any, topic: str) -> None:
@@ -60,16 +60,18 @@ class Worker:
         lost = self.inbox.put(arrival, publisher, is_small=entry.small)
         if lost == SECOND_PUBLISHER:
             first = self.inbox.publisher_of(topic)
-            self._complain(
+            self.problems.add(
                 topic,
                 f"two publishers, {first} and {sender}: {sender} is not heard while the other one "
                 "is; stop one of them, or remap its topic",
+                SECOND_PUBLISHER,
             )
         elif lost == TOO_MANY:
-            self._complain(
+            self.problems.add(
                 topic,
                 "messages come faster than they are worked off: the oldest are dropped; publish "
                 "fewer, let the node do less (docs/guides/ros.md), or raise ~node/queue",
+                TOO_MANY,
             )
 
     def work(self, timeout_s: float) -> bool:
@@ -115,16 +117,16 @@ class Worker:
         try:
             action()
         except (DataError, ShapeError) as error:
-            self._complain(topic, str(error))
+            self._report(topic, str(error), error)
         except FusionSlamError as error:
-            self._complain(topic, f"{type(error).__name__}: {error}")
+            self._report(topic, f"{type(error).__name__}: {error}", error)
         except Exception as error:
-            if self._complain(topic, f"a defect of fusionslam, please report it: {error!r}"):
+            if self._report(topic, f"a defect of fusionslam, please report it: {error!r}", error):
                 logger.exception("%s", topic)
 
-    def _complain(self, topic: str, problem: str) -> bool:
+    def _report(self, topic: str, problem: str, error: Exception) -> bool:
         # What comes of reading a message names its topic already.
-        return self.complaints.add(topic, problem.removeprefix(topic).lstrip(": "))
+        return self.problems.add(topic, problem.removeprefix(topic).lstrip(": "), *cause_of(error))
 
     def _take(self, arrival: Arrival) -> None:
         entry = self.inputs[arrival.topic]
@@ -169,10 +171,12 @@ class Worker:
         kept = tuple(one for one in each if one.static or one.stamp_ns)
         if len(kept) < len(each):
             lost = next(one for one in each if not (one.static or one.stamp_ns))
-            self._complain(
+            self.problems.add(
                 arrival.topic,
                 f"the transform of '{lost.child}' has the stamp zero and is left out: its "
                 "publisher has to stamp it",
+                "no-stamp",
+                lost.child,
             )
         return FrameTransforms(transforms=kept) if kept else None
 

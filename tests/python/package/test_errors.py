@@ -1,0 +1,40 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Codes of errors: programs decide by them, never by messages."""
+
+import pickle
+
+from fusionslam.errors import ClockError, ConfigError, DataError, FusionSlamError, cause_of
+
+
+def raised(number: int, code: str | None = None, name: str = "left") -> FusionSlamError:
+    try:
+        raise DataError(f"{number} of 5 {name}", code=code, fields=(name,))
+    except DataError as error:
+        return error
+
+
+def test_an_error_has_the_code_of_its_class_unless_it_was_given_one() -> None:
+    assert [error("").code for error in (DataError, ClockError, ConfigError)] == [
+        "data",
+        "clock",
+        "config",
+    ]
+    again = pickle.loads(pickle.dumps(raised(1, "few-points")))
+    assert (again.code, again.fields, str(again)) == ("few-points", ("left",), "1 of 5 left")
+
+
+def test_causes_differ_by_code_fields_and_place_but_not_by_message() -> None:
+    assert cause_of(raised(1, "few")) == cause_of(raised(2, "few")) == ("few", "left")
+    assert cause_of(raised(1, "few")) != cause_of(raised(1, "few", "right"))
+    assert cause_of(raised(1)) == cause_of(raised(2)) != cause_of(DataError("1 of 5 left"))
+
+
+def test_an_error_that_names_the_file_has_the_cause_of_the_error_within() -> None:
+    try:
+        try:
+            raise DataError("3 points", code="few")
+        except DataError as error:
+            raise DataError(f"file: {error}") from error
+    except DataError as error:
+        assert cause_of(error) == ("few",)
