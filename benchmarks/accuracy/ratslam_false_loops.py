@@ -21,7 +21,7 @@ from fusionslam.config import merged
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.geometry.odometry_noise import DRIFT
 from fusionslam.ratslam import RatSlamConfig
-from fusionslam.report.loops.plots import CURVE_COLORS, new_figure, styled
+from fusionslam.report.page.figures import CURVE_COLORS, new_figure, styled
 
 SHARES = (0.0, 0.05, 0.1, 0.2, 0.5)
 SEEDS = range(3)

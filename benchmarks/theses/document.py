@@ -90,12 +90,5 @@ def as_markdown(chapters: Sequence[Chapter]) -> str:
             if block.text:
                 parts.append(f"**{block.text}**" if block.table else block.text)
             if block.table:
-                parts.append(_markdown_table(block.table, block.corner))
+                parts.append(block.table.markdown(block.corner))
     return "\n\n".join(parts) + "\n"
-
-
-def _markdown_table(table: Table, corner: str) -> str:
-    lines = [[corner, *(title for title, _ in table.heads)]]
-    lines += [[label, *(cell.text for cell in cells)] for label, cells in table.rows]
-    rows = [f"| {' | '.join(line)} |" for line in lines]
-    return "\n".join([rows[0], f"|---|{'--:|' * len(table.heads)}", *rows[1:]])

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One page, the same as Markdown, and every figure as JSON."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -14,7 +13,7 @@ from benchmarks.theses.differences import Difference, differences_table, met_sen
 from benchmarks.theses.document import Chapter, as_markdown
 from benchmarks.theses.view_study import ViewStudy
 from benchmarks.theses.work_cache import save_json
-from fusionslam.report.page.html import environment
+from fusionslam.report.page.html import write_page as write_html
 from fusionslam.storage.files import atomic_path
 
 FORMAT = "benchmarks.theses.1"
@@ -62,22 +61,11 @@ def write_page(
 ) -> Path:
     """Write ``reproduce.html``, which opens offline, and ``reproduce.md``. Raises DataError."""
     first = lead(config, about)
-    page = (
-        environment()
-        .from_string((Path(__file__).parent / "page.html.j2").read_text(encoding="utf-8"))
-        .render(
-            title=TITLE,
-            lead=first,
-            chapters=chapters,
-            about=about,
-            config=json.dumps(about["config"], indent=2),
-        )
-    )
     with atomic_path(folder / "reproduce.md") as temporary:
         head = f"# {TITLE}\n\n{first}\n\n```\n{about['command']}\n```\n\n"
         temporary.write_text(head + as_markdown(chapters), encoding="utf-8")
-    with atomic_path(folder / PAGE) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    template = (Path(__file__).parent / "page.html.j2").read_text(encoding="utf-8")
+    write_html(folder / PAGE, template, about, title=TITLE, lead=first, chapters=chapters)
     return folder / PAGE
 
 

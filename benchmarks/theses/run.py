@@ -36,7 +36,7 @@ from benchmarks.theses.page import (
 from benchmarks.theses.view_study import study_views
 from benchmarks.theses.work_cache import Pieces, save_json
 from fusionslam.pipelines.drives import Step
-from fusionslam.report.loops.plots import styled
+from fusionslam.report.page.figures import styled
 from fusionslam.report.page.html import about_report, check_extra
 
 

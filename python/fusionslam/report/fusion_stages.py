@@ -77,7 +77,7 @@ def draw_stages(frame: Frame, config: FusionConfig) -> "Figure":
         DataError: as ``fuse``. FusionSlamError: matplotlib is missing.
     """
     try:
-        from fusionslam.report.loops.plots import new_figure, styled
+        from fusionslam.report.page.figures import new_figure, styled
     except ImportError as error:
         raise FusionSlamError("pictures need: pip install 'fusionslam[report]'") from error
     cloud = colored(frame, config)

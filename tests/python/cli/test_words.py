@@ -148,7 +148,7 @@ def test_an_interrupted_report_does_not_claim_that_nothing_was_written(
         raise KeyboardInterrupt
 
     succeeds("describe", kitti, "-d", "m2dp", "-o", tmp_path, *NO_WINDOW)
-    monkeypatch.setattr("fusionslam.report.loops.page.write_metrics", interrupted)
+    monkeypatch.setattr("fusionslam.report.loops.page.write_figures", interrupted)
     result = run("report", tmp_path)
     assert result.exit_code == 130 and list(tmp_path.glob("distances_*"))
     assert f"some files in {tmp_path} may be new" in result.stderr

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import DescriptorRun, Evaluation, evaluate
 from fusionslam.report import write_report
-from fusionslam.report.loops.exports import quaternion
 from fusionslam.report.loops.outcomes import outcome, telling_pairs
-from fusionslam.report.loops.plots import widest_axes
+from fusionslam.report.page.figures import widest_axes
 from fusionslam.sensors.frame import Cloud
 from html_pages import Page
 
@@ -220,7 +219,7 @@ def test_a_protocol_that_was_not_evaluated_is_refused(tmp_path: Path) -> None:
         report([evaluation], tmp_path, protocol="perdomo2019")
     with pytest.raises(ConfigError, match="did you mean 'revisit'"):
         report([evaluation], tmp_path, protocol="revisits")
-    with pytest.raises(DataError, match="no evaluations"):
+    with pytest.raises(DataError, match="no runs"):
         report([], tmp_path)
 
 
@@ -246,14 +245,3 @@ def test_the_pairs_tell_the_best_the_worst_and_the_missed(evaluations: list[Eval
 def test_the_trajectory_is_drawn_in_the_plane_of_its_largest_extents() -> None:
     assert widest_axes(two_laps(50)[:, :3, 3]) == (0, 2)
     assert widest_axes(np.zeros((1, 3))) == (0, 1)
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.3, np.pi / 2, np.pi - 1e-9, np.pi])
-def test_a_quaternion_turns_as_its_matrix(angle: float) -> None:
-    axis = np.array([1.0, 2.0, -2.0]) / 3
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    found = quaternion(rotation)
-    expected = np.array([*(np.sin(angle / 2) * axis), np.cos(angle / 2)])
-    assert abs(found @ expected) == pytest.approx(1)
-    assert found[3] >= 0

@@ -250,7 +250,7 @@ def test_runs_that_cannot_be_reported_are_refused(tmp_path: Path) -> None:
     for runs, reports, words in (
         ([], None, "no runs"),
         ([wrong_run(), wrong_run()], None, "two runs are called by hand / eyes"),
-        (nothing, None, "no steps"),
+        (nothing, None, "is empty"),
         ([wrong_run()], [], "0 reports of 1 runs"),
     ):
         with pytest.raises(DataError, match=words):

@@ -262,9 +262,9 @@ def test_time_a_pair_is_that_of_the_stored_views() -> None:
 
 def test_runs_that_cannot_be_reported_are_refused(tmp_path: Path) -> None:
     for runs, words in (
-        ([], "no view runs"),
+        ([], "no runs"),
         ([some_run(), some_run()], "two runs are called"),
-        (ViewRun("w", "m", [], np.empty((0, 3)), []), "no scans"),
+        (ViewRun("w", "m", [], np.empty((0, 3)), []), "is empty"),
     ):
         with pytest.raises(DataError, match=words):
             write_view_report(runs, tmp_path)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.report.loops.outcomes import Pair
-from fusionslam.report.loops.plots import new_figure, widest_axes
+from fusionslam.report.page.figures import new_figure, widest_axes
 from fusionslam.sensors.frame import Cloud
 
 if TYPE_CHECKING:

@@ -2,26 +2,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes the report: the page, its pictures and the files beside it."""
 
-import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.datasets.pose_files import write_poses_tum
+from fusionslam.errors import ConfigError
 from fusionslam.evaluation import CITATION, COMMON_RULES, PROTOCOLS, Evaluation, protocol_named
 from fusionslam.evaluation.loops.protocols import DEFAULTS
-from fusionslam.report.loops.exports import write_matches, write_metrics, write_tum
+from fusionslam.report.loops.exports import metrics_of, write_matches
 from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader, forgiving
 from fusionslam.report.loops.labels import by_rank, winner
-from fusionslam.report.loops.plots import styled
-from fusionslam.report.loops.sections import Context, SourcePart, source_part
+from fusionslam.report.loops.sections import Context, source_part
 from fusionslam.report.loops.tables import summary_table
-from fusionslam.storage.files import atomic_path
-
-if TYPE_CHECKING:
-    pass
-from fusionslam.report.page.html import about_report, check_extra, environment
+from fusionslam.report.page.figures import styled
+from fusionslam.report.page.html import (
+    about_report,
+    check_extra,
+    check_runs,
+    write_figures,
+    write_page,
+)
 
 
 def write_report(
@@ -69,29 +71,33 @@ def write_report(
     about = about_report(dataset_name, command, config)
     with styled():
         sources = [source_part(context, name, group) for name, group in groups.items()]
-    write_metrics(target / "metrics.json", evaluations, about)
+    write_figures(target / "metrics.json", about, [metrics_of(e) for e in evaluations])
     write_matches(target / "matches.csv", evaluations, protocol)
-    write_tum(target / "poses_tum.txt", _with_poses(evaluations).run)
-    notes = [*notes, *_remarks(evaluations, [*missed])]
-    page = _page(
-        evaluations,
-        protocol,
+    judged_run = next((e.run for e in evaluations if e.run.poses is not None), None)
+    if judged_run is not None and judged_run.poses is not None:
+        write_poses_tum(target / "poses_tum.txt", judged_run.stamps_ns, judged_run.poses)
+    judged = (e.curves.get(protocol) for e in evaluations)
+    return write_page(
+        target / "report.html",
+        "loops.html.j2",
         about,
-        sources,
-        title or f"Place recognition on {dataset_name}",
-        notes,
+        title=title or f"Place recognition on {dataset_name}",
+        winner=winner(evaluations, protocol),
+        notes=[*notes, *_remarks(evaluations, [*missed])],
+        summary=summary_table(evaluations, protocol),
+        sources=sources,
+        judged=next((curve for curve in judged if curve), None),
+        rules=COMMON_RULES,
+        protocols=PROTOCOLS.values(),
+        citation=CITATION if any(e.published for e in evaluations) else None,
+        frames=max(len(e.run) for e in evaluations),
     )
-    with atomic_path(target / "report.html") as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return target / "report.html"
 
 
 def _check(evaluations: Sequence[Evaluation], protocol: str) -> None:
-    if not evaluations:
-        raise DataError("report: there are no evaluations to write about")
-    for run in (evaluation.run for evaluation in evaluations):
-        if not len(run):
-            raise DataError(f"report: the run {run.source} / {run.descriptor} has no frames")
+    runs = [evaluation.run for evaluation in evaluations]
+    labels = [f"{run.source} / {run.descriptor}" for run in runs]
+    check_runs(runs, labels, labels)
     protocol_named(protocol)
     known = {name for evaluation in evaluations for name in evaluation.curves}
     if known and protocol not in known:
@@ -107,37 +113,3 @@ def _remarks(evaluations: Sequence[Evaluation], missed: Sequence[str]) -> Iterat
         yield f"{len(skipped)} frames were left out because they cannot be described: {frames}."
     if missed:
         yield f"Pictures of frames are missing: {missed[0]}."
-
-
-def _with_poses(evaluations: Sequence[Evaluation]) -> Evaluation:
-    """The first evaluation that has ground truth, else the first."""
-    return next((e for e in evaluations if e.run.poses is not None), evaluations[0])
-
-
-def _page(
-    evaluations: Sequence[Evaluation],
-    protocol: str,
-    about: dict[str, Any],
-    sources: list[SourcePart],
-    title: str,
-    notes: Sequence[str],
-) -> str:
-    curves = (e.curves.get(protocol) for e in evaluations)
-    return (
-        environment()
-        .get_template("template.html.j2")
-        .render(
-            title=title,
-            winner=winner(evaluations, protocol),
-            notes=notes,
-            about=about,
-            config=json.dumps(about["config"], indent=2),
-            summary=summary_table(evaluations, protocol),
-            sources=sources,
-            judged=next((curve for curve in curves if curve), None),
-            rules=COMMON_RULES,
-            protocols=PROTOCOLS.values(),
-            citation=CITATION if any(e.published for e in evaluations) else None,
-            frames=max(len(e.run) for e in evaluations),
-        )
-    )

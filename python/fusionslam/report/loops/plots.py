@@ -4,7 +4,7 @@
 
 from collections.abc import Mapping
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,41 +16,18 @@ from fusionslam.report.loops.outcomes import Outcome, outcome
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+from fusionslam.report.page.figures import (
+    CURVE_COLORS,
+    FALSE,
+    MISSED,
+    PATH,
+    TRUE,
+    new_figure,
+    widest_axes,
+)
 
-# Okabe and Ito's colours, which colour-blind readers can tell apart.
-CURVE_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-TRUE, FALSE, MISSED = "#1a9850", "#d73027", "#f59a0b"
-PATH = "#b4b8bf"
-_STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#777777",
-    "axes.linewidth": 0.8,
-    "axes.titlesize": 10,
-    "axes.titlelocation": "left",
-    "legend.frameon": False,
-    "image.interpolation": "nearest",
-}
 _LARGEST_MATRIX = 800
 _LABELS = ("x", "y", "z")
-
-
-def styled() -> Any:
-    """A context in which matplotlib draws in the report's style."""
-    import matplotlib
-
-    return matplotlib.rc_context(_STYLE)
-
-
-def new_figure(width: float, height: float) -> "Figure":
-    """An empty figure, inches, that no global state knows."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained", dpi=120)
-    FigureCanvasAgg(figure)
-    return figure
 
 
 def draw_curves(curves: Mapping[str, PrecisionRecall]) -> "Figure":
@@ -76,13 +53,6 @@ def _iso_f1(axis: "Axes") -> None:
         recall = np.linspace(f1 / (2 - f1), 1, 100)
         axis.plot(recall, f1 * recall / (2 * recall - f1), color="#dddddd", lw=0.8, zorder=0)
         axis.text(1.0, f1 / (2 - f1) + 0.01, f"F1 {f1}", color="#aaaaaa", fontsize=7, ha="right")
-
-
-def widest_axes(points: NDArray[np.floating[Any]]) -> tuple[int, int]:
-    """The two axes along which points (N, 3) extend most, in ascending order."""
-    low, high = np.percentile(points, (1, 99), axis=0)
-    first, second = sorted(np.argsort(low - high, kind="stable")[:2].tolist())
-    return first, second
 
 
 def draw_trajectory(run: DescriptorRun, curve: PrecisionRecall) -> "Figure":

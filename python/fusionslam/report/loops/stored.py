@@ -30,13 +30,14 @@ def write_stored_metrics(
     folder: str | os.PathLike[str], evaluations: Sequence[Evaluation], *, command: str = ""
 ) -> Path:
     """Write ``folder/metrics.json``: every figure under every protocol. Raises DataError."""
-    from fusionslam.report.loops.exports import write_metrics
+    from fusionslam.report.loops.exports import metrics_of
+    from fusionslam.report.page.html import write_figures
     from fusionslam.storage.machine import machine, versions
 
     dataset = evaluations[0].run.dataset
     about = {"dataset": dataset, "command": command, "versions": versions(), "machine": machine()}
     path = Path(folder) / "metrics.json"
-    write_metrics(path, evaluations, about)
+    write_figures(path, about, [metrics_of(evaluation) for evaluation in evaluations])
     return path
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from fusionslam.evaluation import Costs, Evaluation, summarise_costs
 from fusionslam.report.loops.labels import run_label, source_name
-from fusionslam.report.page.tables import Column, Table, filled
+from fusionslam.report.page.tables import Column, Table, build_table
 
 Value = Callable[[Evaluation], float | None]
 
@@ -20,7 +20,7 @@ def summary_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
     accuracy = _accuracy_columns(protocol) if any(e.curves for e in evaluations) else []
     columns = accuracy + _published_columns(evaluations, protocol) + _cost_columns(evaluations)
     sources = {e.run.source for e in evaluations}
-    return filled(
+    return build_table(
         columns, evaluations, lambda e: f"{source_name(e.run.source, sources)}, {run_label(e.run)}"
     )
 
@@ -28,12 +28,12 @@ def summary_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
 def accuracy_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
     """One row per run: what decides between them, in few columns."""
     columns = [column for column in _accuracy_columns(protocol) if column.title != "recall@5"]
-    return filled(columns, evaluations, lambda e: run_label(e.run))
+    return build_table(columns, evaluations, lambda e: run_label(e.run))
 
 
 def published_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
     """One row per run: recall at 100 % precision beside the published one."""
-    return filled(
+    return build_table(
         _published_columns(evaluations, protocol), evaluations, lambda e: run_label(e.run)
     )
 
@@ -42,7 +42,7 @@ def cost_table(evaluations: Sequence[Evaluation]) -> Table:
     """One row per run: median times and memory, in few columns."""
     columns = [column for column in _cost_columns(evaluations) if column.title != "p95"]
     columns[0] = replace(columns[0], title="frame")
-    return filled(columns, evaluations, lambda e: run_label(e.run))
+    return build_table(columns, evaluations, lambda e: run_label(e.run))
 
 
 def time_table(evaluations: Sequence[Evaluation]) -> Table:
@@ -55,7 +55,7 @@ def time_table(evaluations: Sequence[Evaluation]) -> Table:
     columns.append(_cost_column("points", "median of a cloud", lambda c: c.median_points, ",.0f"))
     if any("describe_seconds" in (e.published or {}) for e in evaluations):
         columns.append(_published("describe_seconds", "published: describe", "{:.1f}", 1e3))
-    return filled(columns, evaluations, lambda e: run_label(e.run))
+    return build_table(columns, evaluations, lambda e: run_label(e.run))
 
 
 def _accuracy_columns(protocol: str) -> list[Column[Evaluation]]:

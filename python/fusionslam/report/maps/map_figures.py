@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
-from fusionslam.report.loops.plots import CURVE_COLORS, PATH, new_figure, styled
 from fusionslam.report.maps.aligned_run import Scene, denied, scene_of
+from fusionslam.report.page.figures import CURVE_COLORS, PATH, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,21 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes the report of maps: the page, its pictures, the figures, and the runs."""
 
-import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from fusionslam.errors import DataError
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
-from fusionslam.report.loops.plots import styled
 from fusionslam.report.maps.config_table import config_table
-from fusionslam.report.maps.sections import DrivePart, drive_part
+from fusionslam.report.maps.sections import drive_part
 from fusionslam.report.maps.tables import MOST
-from fusionslam.report.page.html import about_report, check_extra, environment, file_name
-from fusionslam.storage.files import atomic_path
+from fusionslam.report.page.figures import styled
+from fusionslam.report.page.html import (
+    about_report,
+    check_extra,
+    check_runs,
+    file_name,
+    group_by,
+    write_figures,
+    write_page,
+)
 
 RUNS = "ratslam"
 """Folder of the runs, beside the page."""
@@ -60,16 +65,26 @@ def write_ratslam_report(
     with styled():
         drives = [
             drive_part(target, f"{number}", name, group)
-            for number, (name, group) in enumerate(_by_drive(judged).items())
+            for number, (name, group) in enumerate(
+                group_by(judged, lambda pair: pair[0].name).items()
+            )
         ]
     config = {_label(run): dict(run.config) for run, _ in judged if run.config}
     about = about_report(", ".join(drive.name for drive in drives), command, config)
     about |= {"title": title, "notes": list(notes)}
-    _write_figures(target / "ratslam.json", judged, about)
-    page = _page(drives, about, judged)
-    with atomic_path(target / "ratslam.html") as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return target / "ratslam.html"
+    write_figures(target / "ratslam.json", about, [report.metrics() for _, report in judged])
+    return write_page(
+        target / "ratslam.html",
+        "maps.html.j2",
+        about,
+        title=title or f"Maps of {about['dataset']}",
+        notes=notes,
+        drives=drives,
+        runs=len(judged),
+        rule=judged[0][1].rule,
+        most=MOST,
+        config=config_table([_label(run) for run, _ in judged], [run for run, _ in judged]),
+    )
 
 
 def _judged(
@@ -77,14 +92,7 @@ def _judged(
 ) -> Judged:
     """Runs with their reports; raises DataError if nothing can be written of them."""
     runs = [runs] if isinstance(runs, RatSlamRun) else list(runs)
-    if not runs:
-        raise DataError("report: there are no runs to write about")
-    names = [_name(run) for run in runs]
-    for run, name in zip(runs, names, strict=True):
-        if not len(run):
-            raise DataError(f"report: the run {_label(run)} has no steps")
-        if names.count(name) > 1:
-            raise DataError(f"report: two runs are called {_label(run)}")
+    check_runs(runs, [_label(run) for run in runs], [_name(run) for run in runs])
     given = [reports] if isinstance(reports, MapReport) else reports
     judged = [judge_map(run) for run in runs] if given is None else list(given)
     if len(judged) != len(runs):
@@ -98,34 +106,3 @@ def _name(run: RatSlamRun) -> str:
 
 def _label(run: RatSlamRun) -> str:
     return " / ".join((run.name, run.views, run.odometry, run.preset))
-
-
-def _by_drive(judged: Judged) -> dict[str, Judged]:
-    groups: dict[str, Judged] = {}
-    for run, report in judged:
-        groups.setdefault(run.name, []).append((run, report))
-    return groups
-
-
-def _write_figures(path: Path, judged: Judged, about: Mapping[str, Any]) -> None:
-    """Write what is known about the report, and under "runs" the figures of each run."""
-    content = {**about, "runs": [report.metrics() for _, report in judged]}
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", "utf-8")
-
-
-def _page(drives: Sequence[DrivePart], about: Mapping[str, Any], judged: Judged) -> str:
-    runs = [run for run, _ in judged]
-    return (
-        environment()
-        .get_template("ratslam.html.j2")
-        .render(
-            title=about["title"] or f"Maps of {about['dataset']}",
-            drives=drives,
-            runs=len(runs),
-            about=about,
-            rule=judged[0][1].rule,
-            most=MOST,
-            config=config_table([_label(run) for run in runs], runs),
-        )
-    )

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam.experience_map import Route, quickest_route
-from fusionslam.report.loops.plots import CURVE_COLORS, styled
 from fusionslam.report.maps.aligned_run import Scene, scene_of
 from fusionslam.report.maps.map_figures import (
     INK,
@@ -20,6 +19,7 @@ from fusionslam.report.maps.map_figures import (
     pairs_of,
     single_map,
 )
+from fusionslam.report.page.figures import CURVE_COLORS, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

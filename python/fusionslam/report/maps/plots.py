@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.evaluation.maps.run import ActionKind, RatSlamRun
-from fusionslam.report.loops.plots import CURVE_COLORS, PATH, new_figure
 from fusionslam.report.maps.aligned_run import Scene, moved
 from fusionslam.report.maps.map_figures import DENIED, MAP, RECKONED, RIGHT, WRONG
+from fusionslam.report.page.figures import CURVE_COLORS, PATH, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,7 +13,7 @@ import numpy as np
 from fusionslam.evaluation import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import ActionKind, RatSlamRun
 from fusionslam.report.maps.aligned_run import Scene, denied, link_misfits, near, offs, steps_at
-from fusionslam.report.page.tables import Cell, Column, Table, filled
+from fusionslam.report.page.tables import Cell, Column, Table, build_table
 
 MOST = 100
 """Rows of a table of single events that a page shows."""
@@ -42,7 +42,7 @@ def error_table(labels: Sequence[str], reports: Sequence[MapReport]) -> Table | 
         rows.append(MapRow(label, one.nodes, one.trajectory, one.live))
     if not any(row.path for row in rows):
         return None
-    return filled(_error_columns(), rows, lambda row: row.label)
+    return build_table(_error_columns(), rows, lambda row: row.label)
 
 
 def _odometry(
@@ -85,7 +85,7 @@ def joins_table(labels: Sequence[str], scenes: Sequence[Scene]) -> Table:
     columns = _map_columns()
     if any(scene.report.near_links is not None for scene in scenes):
         columns = [*_truth_columns(), *columns]
-    return filled(columns, list(zip(labels, scenes, strict=True)), lambda pair: pair[0])
+    return build_table(columns, list(zip(labels, scenes, strict=True)), lambda pair: pair[0])
 
 
 def _truth_columns() -> list[Column[Named]]:

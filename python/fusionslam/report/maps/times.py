@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.evaluation.maps.run import ActionKind, RatSlamRun
-from fusionslam.report.loops.plots import CURVE_COLORS, new_figure
-from fusionslam.report.page.tables import Column, Table, filled
+from fusionslam.report.page.figures import CURVE_COLORS, new_figure
+from fusionslam.report.page.tables import Column, Table, build_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,7 +47,7 @@ def cost_table(labels: Sequence[str], runs: Sequence[RatSlamRun]) -> Table | Non
     columns += [_column("step", None, 50, "all steps"), _column("step", None, 95, "all steps")]
     hint = "how much faster than the data come in"
     columns.append(Column("times real time", hint, lambda pair: _speed(pair[1]), "{:.3g}"))
-    return filled(columns, list(zip(labels, runs, strict=True)), lambda pair: pair[0])
+    return build_table(columns, list(zip(labels, runs, strict=True)), lambda pair: pair[0])
 
 
 def _column(name: str, stage: int | None, share: int, busy: str) -> Column[Named]:

@@ -2,17 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page around every report: templates, file names, and what it says about its origin."""
 
+import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
 from datetime import UTC, datetime
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from fusionslam.errors import FusionSlamError
+from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.storage.files import atomic_path
 from fusionslam.storage.machine import machine, versions
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+
+
+T = TypeVar("T")
 
 
 def file_name(*parts: str) -> str:
@@ -39,7 +45,7 @@ def about_report(dataset: str, command: str, config: Mapping[str, Any]) -> dict[
     }
 
 
-def environment() -> "Environment":
+def _environment() -> "Environment":
     """The templates of reports; an unknown name in one is an error."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -50,3 +56,60 @@ def environment() -> "Environment":
         trim_blocks=True,
         lstrip_blocks=True,
     )
+
+
+def write_page(path: Path, template: str, about: Mapping[str, Any], **parts: Any) -> Path:
+    """Write an HTML page that opens offline, whole or not at all.
+
+    Args:
+        path: of the page.
+        template: name of one of the templates here, or the text of one that extends them.
+        about: as ``about_report`` makes it.
+        parts: what the template's blocks show; ``title`` and ``notes`` are in all of them.
+
+    Raises:
+        DataError: the folder cannot be written.
+    """
+    pages = _environment()
+    is_name = template.endswith(".j2")
+    page = pages.get_template(template) if is_name else pages.from_string(template)
+    common = {"about": about, "notes": (), "config": json.dumps(about["config"], indent=2)}
+    with atomic_path(path) as temporary:
+        temporary.write_text(page.render(common | parts), encoding="utf-8")
+    return path
+
+
+def write_figures(path: Path, about: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]) -> None:
+    """Write the JSON beside a page: what the page says of itself and, under "runs", the figures.
+
+    Raises:
+        DataError: the folder cannot be written.
+    """
+    with atomic_path(path) as temporary:
+        text = json.dumps({**about, "runs": list(runs)}, indent=2, allow_nan=False)
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def check_runs(runs: Sequence[Sized], labels: Sequence[str], files: Sequence[str]) -> None:
+    """Raise DataError if there are no runs, one is empty, or two have the same file.
+
+    Args:
+        runs: what a page is to be written about.
+        labels: of each, for messages.
+        files: names of the files that they are stored in.
+    """
+    if not runs:
+        raise DataError("report: there are no runs to write about")
+    for run, label, file in zip(runs, labels, files, strict=True):
+        if not len(run):
+            raise DataError(f"report: the run {label} is empty")
+        if files.count(file) > 1:
+            raise DataError(f"report: two runs are called {label}")
+
+
+def group_by(items: Iterable[T], key: Callable[[T], str]) -> dict[str, list[T]]:
+    """The items by key, keys in the order of their first item."""
+    groups: dict[str, list[T]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups

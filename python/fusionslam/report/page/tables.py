@@ -42,8 +42,21 @@ class Table:
     heads: list[tuple[str, str]]
     rows: list[tuple[str, list[Cell]]]
 
+    def markdown(self, corner: str = "") -> str:
+        """The table as Markdown, the best of each column in bold; ``corner`` heads the labels."""
+        lines = [
+            f"| {' | '.join([corner, *(title for title, _ in self.heads)])} |",
+            f"|---|{'--:|' * len(self.heads)}",
+        ]
+        for label, cells in self.rows:
+            texts = (f"**{cell.text}**" if cell.best else cell.text for cell in cells)
+            lines.append(f"| {' | '.join([label, *texts])} |")
+        return "\n".join(lines)
 
-def filled(columns: Sequence[Column[T]], things: Sequence[T], label: Callable[[T], str]) -> Table:
+
+def build_table(
+    columns: Sequence[Column[T]], things: Sequence[T], label: Callable[[T], str]
+) -> Table:
     """One row a thing, with what each column says of it."""
     cells = [_cells(column, [column.value(thing) for thing in things]) for column in columns]
     rows = [(label(thing), [column[row] for column in cells]) for row, thing in enumerate(things)]

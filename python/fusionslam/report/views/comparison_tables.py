@@ -17,7 +17,7 @@ from fusionslam.evaluation import (
 )
 from fusionslam.pipelines.compare_views import ViewResult
 from fusionslam.pipelines.drives import FRAMES
-from fusionslam.report.page.tables import Column, Table, filled
+from fusionslam.report.page.tables import Column, Table, build_table
 from fusionslam.storage.archive import save_json
 from fusionslam.storage.files import atomic_path
 
@@ -44,12 +44,12 @@ def groups(results: Sequence[ViewResult]) -> list[Group]:
 
 def accuracy_table(results: Sequence[ViewResult]) -> Table:
     """One row a way: how well it recognised, and what others say of it; fits 80 columns."""
-    return filled(_accuracy_columns(), results, _label)
+    return build_table(_accuracy_columns(), results, _label)
 
 
 def cost_table(results: Sequence[ViewResult]) -> Table:
     """One row a way: bytes and milliseconds, and what was published."""
-    return filled(_cost_columns(), results, _label)
+    return build_table(_cost_columns(), results, _label)
 
 
 def notes(results: Sequence[ViewResult]) -> list[str]:
@@ -70,7 +70,7 @@ def markdown(results: Sequence[ViewResult], dropped: Mapping[str, int]) -> str:
         frame, drive = rows[0].frame, rows[0].drive
         parts.append(f"## {heading}")
         parts.append(f"{FRAMES[frame].capitalize()}. {_dropped(dropped[drive])}")
-        parts += [_as_markdown(accuracy_table(rows)), _as_markdown(cost_table(rows))]
+        parts += [accuracy_table(rows).markdown(), cost_table(rows).markdown()]
         parts += _elsewhere(rows)
     lines = notes(results)
     if lines:
@@ -195,15 +195,6 @@ def _ms(name: str) -> Value:
         return float(known.mean() * 1e3) if known.size else None
 
     return value
-
-
-def _as_markdown(table: Table) -> str:
-    heads = ["", *(title for title, _ in table.heads)]
-    lines = [f"| {' | '.join(heads)} |", f"|---|{'--:|' * len(table.heads)}"]
-    for label, cells in table.rows:
-        texts = (f"**{cell.text}**" if cell.best else cell.text for cell in cells)
-        lines.append(f"| {label} | {' | '.join(texts)} |")
-    return "\n".join(lines)
 
 
 def _elsewhere(rows: Sequence[ViewResult]) -> list[str]:

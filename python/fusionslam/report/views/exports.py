@@ -3,7 +3,6 @@
 """The files beside the report of views, and the data of the page's scrubbing view."""
 
 import csv
-import json
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -51,15 +50,7 @@ def loop_word(report: ViewReport, row: int) -> str:
     return "missed revisit" if report.revisit[row] else ""
 
 
-def write_view_metrics(path: Path, judged: Judged, about: Mapping[str, Any]) -> None:
-    """Write what is known about the report, and under "runs" the figures of each run."""
-    runs = [_metrics(run, report) for run, report in judged]
-    with atomic_path(path) as temporary:
-        content = {**about, "runs": runs}
-        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", "utf-8")
-
-
-def _metrics(run: ViewRun, report: ViewReport) -> dict[str, Any]:
+def metrics_of(run: ViewRun, report: ViewReport) -> dict[str, Any]:
     without = {
         name: judge_views(ids, run.poses, run.stamps, rule=report.rule).metrics()
         for name, ids in baselines(len(run)).items()

@@ -13,15 +13,22 @@ from fusionslam.errors import DataError
 from fusionslam.evaluation import (
     RERUN_CITATION,
     VIEW_CITATION,
-    ViewReport,
     ViewRule,
     ViewRun,
 )
 from fusionslam.evaluation.views.rules import view_rule
-from fusionslam.report.loops.plots import styled
-from fusionslam.report.page.html import about_report, check_extra, environment, file_name
-from fusionslam.report.views.exports import write_view_metrics, write_view_rows
-from fusionslam.report.views.sections import WorldPart, world_part
+from fusionslam.report.page.figures import styled
+from fusionslam.report.page.html import (
+    about_report,
+    check_extra,
+    check_runs,
+    file_name,
+    group_by,
+    write_figures,
+    write_page,
+)
+from fusionslam.report.views.exports import metrics_of, write_view_rows
+from fusionslam.report.views.sections import world_part
 from fusionslam.storage.files import atomic_path
 
 RUNS = "views"
@@ -60,29 +67,40 @@ def write_view_report(
     """
     check_extra()
     runs = [runs] if isinstance(runs, ViewRun) else list(runs)
-    _check(runs)
+    files = [file_name(run.world, run.method) for run in runs]
+    check_runs(runs, [f"{run.world} / {run.method}" for run in runs], files)
     target = Path(folder)
     name, limits = view_rule(rule)
-    for run in runs:
-        run.save(target / RUNS / f"{file_name(run.world, run.method)}.npz")
+    for run, file in zip(runs, files, strict=True):
+        run.save(target / RUNS / f"{file}.npz")
     reports = {id(run): run.judged(limits) for run in runs}
     judged = [(run, reports[id(run)]) for run in runs]
     missed: dict[str, None] = {}
     with styled():
         worlds = [
             world_part(target, target / RUNS, f"{number}", world, group, missed)
-            for number, (world, group) in enumerate(_by_world(judged).items())
+            for number, (world, group) in enumerate(
+                group_by(judged, lambda pair: pair[0].world).items()
+            )
         ]
     about = about_report(", ".join(part.name for part in worlds), command, _configs(runs))
     about |= {"title": title, "notes": list(notes), "rule": name}
     about["limits"] = limits.model_dump(mode="json")
-    write_view_metrics(target / "views.json", judged, about)
+    write_figures(target / "views.json", about, [metrics_of(*pair) for pair in judged])
     write_view_rows(target / "views.csv", judged)
-    lines = [*notes, *(f"Pictures of scans are missing: {why}." for why in [*missed][:1])]
-    page = _page(worlds, about, limits, len(runs), lines)
-    with atomic_path(target / "views.html") as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return target / "views.html"
+    return write_page(
+        target / "views.html",
+        "views.html.j2",
+        about,
+        title=title or f"Views recognised in {about['dataset']}",
+        notes=[*notes, *(f"Pictures of scans are missing: {why}." for why in [*missed][:1])],
+        runs=len(runs),
+        worlds=worlds,
+        rule_name=name,
+        citation=VIEW_CITATION,
+        rerun=RERUN_CITATION,
+        limits=[_limit(key, value, field) for key, value, field in walk(limits)],
+    )
 
 
 def has_view_runs(folder: str | os.PathLike[str]) -> bool:
@@ -159,53 +177,8 @@ def _run_files(folder: Path) -> list[Path]:
     return sorted((folder / RUNS).glob("*.npz"))
 
 
-def _check(runs: Sequence[ViewRun]) -> None:
-    if not runs:
-        raise DataError("report: there are no view runs to write about")
-    names = [file_name(run.world, run.method) for run in runs]
-    for run, name in zip(runs, names, strict=True):
-        if not len(run):
-            raise DataError(f"report: the run {run.world} / {run.method} has no scans")
-        if names.count(name) > 1:
-            raise DataError(f"report: two runs are called {run.world} / {run.method}")
-
-
-def _by_world(
-    judged: Sequence[tuple[ViewRun, ViewReport]],
-) -> dict[str, list[tuple[ViewRun, ViewReport]]]:
-    groups: dict[str, list[tuple[ViewRun, ViewReport]]] = {}
-    for run, report in judged:
-        groups.setdefault(run.world, []).append((run, report))
-    return groups
-
-
 def _configs(runs: Sequence[ViewRun]) -> dict[str, Any]:
     return {f"{run.world} / {run.method}": run.config for run in runs if run.config}
-
-
-def _page(
-    worlds: Sequence[WorldPart],
-    about: Mapping[str, Any],
-    limits: ViewRule,
-    count: int,
-    notes: Sequence[str],
-) -> str:
-    return (
-        environment()
-        .get_template("views.html.j2")
-        .render(
-            title=about["title"] or f"Views recognised in {about['dataset']}",
-            runs=count,
-            worlds=worlds,
-            rule_name=about["rule"],
-            about=about,
-            notes=notes,
-            citation=VIEW_CITATION,
-            rerun=RERUN_CITATION,
-            limits=[_limit(name, value, field) for name, value, field in walk(limits)],
-            config=json.dumps(about["config"], indent=2),
-        )
-    )
 
 
 def _limit(name: str, value: float, field: Any) -> tuple[str, str, str]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.evaluation import ViewCurve, ViewReport, ViewRun, baselines, judge_views
-from fusionslam.report.loops.plots import CURVE_COLORS, FALSE, MISSED, PATH, TRUE, new_figure
+from fusionslam.report.page.figures import CURVE_COLORS, FALSE, MISSED, PATH, TRUE, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

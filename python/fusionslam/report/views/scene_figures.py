@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import FusionSlamError
-from fusionslam.report.loops.plots import new_figure, styled
+from fusionslam.report.page.figures import new_figure, styled
 from fusionslam.report.page.images import write_png
 from fusionslam.views.alignment_comparison import Alignment, AlignmentConfig, align_scenes
 from fusionslam.views.clusters import ClusteredScan, object_similarities

@@ -18,7 +18,7 @@ from fusionslam.evaluation import (
     published_views,
     rerun_views,
 )
-from fusionslam.report.page.tables import Cell, Column, Table, filled
+from fusionslam.report.page.tables import Cell, Column, Table, build_table
 
 _SHARES = ("accuracy", "loop_recall", "loop_precision", "precision", "recall")
 _FAULTS = ("false_positives", "false_negatives", "mean_error")
@@ -97,8 +97,8 @@ def _beside(
     columns: list[Column[ViewRow]], own: Sequence[ViewRow], others: Sequence[ViewRow]
 ) -> Table:
     """What was measured elsewhere is not in the race for the best of a column."""
-    table = filled(columns, own, lambda row: row.label)
-    beside = filled(columns, others, lambda row: row.label)
+    table = build_table(columns, own, lambda row: row.label)
+    beside = build_table(columns, others, lambda row: row.label)
     plain = [(label, [Cell(cell.text) for cell in cells]) for label, cells in beside.rows]
     return Table(table.heads, table.rows + plain)
 
@@ -114,7 +114,7 @@ def _baselines(run: ViewRun, rule: ViewRule) -> list[ViewRow]:
 def sweep_table(run: ViewRun, curve: ViewCurve, rule: ViewRule) -> Table:
     """What becomes of a run at some thresholds, with the baselines."""
     rows = [_curve_row(curve, index, run.threshold) for index in _telling_rows(curve, run)]
-    return filled(_columns(_SWEPT), [*rows, *_baselines(run, rule)], lambda row: row.label)
+    return build_table(_columns(_SWEPT), [*rows, *_baselines(run, rule)], lambda row: row.label)
 
 
 def _telling_rows(curve: ViewCurve, run: ViewRun) -> list[int]:
