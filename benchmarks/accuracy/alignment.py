@@ -26,7 +26,7 @@ from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.evaluation import judge_views
 from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.views import AlignmentConfig, AlignmentIndex, build_scene
-from fusionslam.views.matcher import PROBABILITY
+from fusionslam.views.recognisers import PROBABILITY
 
 ROOT = Path(__file__).parents[2]
 WEIGHTS = ROOT / "cpp" / "src" / "views" / "alignment_weights.inc"

@@ -23,9 +23,11 @@ from fusionslam.pipelines.map_events import RunEvents, during, events_of, motion
 from fusionslam.pipelines.maps import RunRecorder, truth_at
 from fusionslam.pipelines.tours import Tour, open_tour
 from fusionslam.ratslam import RatSlam, RatSlamConfig, Sighting, ViewSource
-from fusionslam.ratslam.view_sources import SOURCES, source_named
+from fusionslam.ratslam.view_sources import build_view_source
 from fusionslam.views.match import NO_VIEW
 
+VIEWS = ("alignment", "objects", "two_stages", "cm2dp", "visual_templates")
+"""Recognisers that are compared."""
 MADE = ("warehouse", "house", "hospital")
 """Procedural worlds."""
 
@@ -36,7 +38,7 @@ class Course:
 
     Attributes:
         tour: the drive.
-        views: name of the source, one of ``SOURCES``.
+        views: name of the recogniser.
     """
 
     tour: Tour
@@ -45,7 +47,7 @@ class Course:
     @cached_property
     def source(self) -> ViewSource:
         """What recognised the places; it has looked at everything once ``sightings`` is there."""
-        return source_named(self.views)
+        return build_view_source(self.views)
 
     @cached_property
     def _looks(self) -> RunEvents:
@@ -101,7 +103,7 @@ def courses(worlds: Sequence[str] = (), views: Sequence[str] = ()) -> Iterator[C
     """
     for place in [*known_recordings(), *MADE]:
         tour = open_tour(place, jobs=os.cpu_count() or 1)
-        for name in views or SOURCES:
+        for name in views or VIEWS:
             if not worlds or tour.name in worlds:
                 yield Course(tour, name)
 

@@ -22,9 +22,9 @@ from fusionslam.datasets.range_recording import RangeRecording, RecordingConfig
 from fusionslam.evaluation import judge_views
 from fusionslam.learning.places import apart
 from fusionslam.views import build_scene
+from fusionslam.views.scenes import SceneIndex
 from fusionslam.views.second_stage import MODELS, SecondStage
 from fusionslam.views.second_stage.scores import area_under_curve
-from fusionslam.views.similarity import SceneIndex
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "stages" / "views" / "second_stage.md"

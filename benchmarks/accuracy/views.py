@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compares ways to recognise views in every frame, as fusionslam bench views does.
+"""Compares recognisers of places in every frame, as fusionslam bench views does.
 
 python -m benchmarks.accuracy.views                # recordings below FUSIONSLAM_TEST_DATA
 python -m benchmarks.accuracy.views DATA ...       # others
 python -m benchmarks.accuracy.views --write        # and put the tables into docs/results/views.md
-python -m benchmarks.accuracy.views -m robust,cm2dp
+python -m benchmarks.accuracy.views -m objects,cm2dp
 """
 
 import argparse
@@ -15,7 +15,7 @@ from pathlib import Path
 from benchmarks.accuracy.markdown import write_between
 from fusionslam.pipelines.compare_views import bench_views, known_recordings
 from fusionslam.pipelines.drives import FRAMES, open_drive
-from fusionslam.pipelines.methods import ENTRANTS
+from fusionslam.pipelines.methods import METHODS
 from fusionslam.report.views.comparison_tables import markdown
 
 PAGE = Path(__file__).parents[2] / "docs" / "results" / "views.md"
@@ -24,7 +24,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "results" / "views.md"
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", nargs="*")
-    parser.add_argument("-m", "--methods", default=",".join(ENTRANTS))
+    parser.add_argument("-m", "--methods", default=",".join(METHODS))
     parser.add_argument("--write", action="store_true")
     arguments = parser.parse_args()
     drives = [open_drive(source) for source in arguments.data or known_recordings()]

@@ -87,8 +87,8 @@ _CLAIMS: tuple[tuple[str, str, Measured, Measured], ...] = (
         (
             f"The first stage is more accurate than the original's templates ({words})",
             "accuracy",
-            (frame, "first_stage"),
-            (frame, "templates"),
+            (frame, "objects:author"),
+            (frame, "visual_templates"),
         )
         for frame, words in _FRAMES
     ),
@@ -97,47 +97,47 @@ _CLAIMS: tuple[tuple[str, str, Measured, Measured], ...] = (
             "False positives of the templates are farther off, on average, than those of the "
             f"first stage ({words})",
             "mean_error",
-            (frame, "templates"),
-            (frame, "first_stage"),
+            (frame, "visual_templates"),
+            (frame, "objects:author"),
         )
         for frame, words in _FRAMES
     ),
     (
         "The templates store more views than the first stage (thesis's set-up)",
         "views",
-        ("odometry", "templates"),
-        ("odometry", "first_stage"),
+        ("odometry", "visual_templates"),
+        ("odometry", "objects:author"),
     ),
     (
         "A view of the first stage takes fewer bytes than a template",
         "view_bytes",
-        ("robot", "templates"),
-        ("robot", "first_stage"),
+        ("robot", "visual_templates"),
+        ("robot", "objects:author"),
     ),
     (
         "A second stage costs more to build than the first alone",
         "build_ms",
-        ("robot", "both_stages"),
-        ("robot", "first_stage"),
+        ("robot", "two_stages:author"),
+        ("robot", "objects:author"),
     ),
     (
         "Ours, not the thesis's: alignment is more accurate than the first stage is in the "
         "thesis's set-up, without looking at odometry, and judged strictly",
         "accuracy",
         ("robot", "alignment"),
-        ("odometry", "first_stage"),
+        ("odometry", "objects:author"),
     ),
     (
         "Ours, not the thesis's: alignment finds more loops than the first stage (robot's frame)",
         "loop_recall",
         ("robot", "alignment"),
-        ("robot", "first_stage"),
+        ("robot", "objects:author"),
     ),
     (
         "Not in the thesis: the first stage is more accurate than what looks at nothing "
         "(thesis's set-up)",
         "accuracy",
-        ("odometry", "first_stage"),
+        ("odometry", "objects:author"),
         ("odometry", "every_3rd"),
     ),
 )
@@ -154,10 +154,10 @@ def view_claims(study: ViewStudy) -> list[Claim]:
         return lambda world: scaled(study.figure(world, frame, method, name), scale)
 
     def thesis(world: str) -> float | None:
-        return scaled(published(world, "first_stage", "accuracy"), _PERCENT[1])
+        return scaled(published(world, "objects:author", "accuracy"), _PERCENT[1])
 
-    first = of("accuracy", ("odometry", "first_stage"))
-    both = of("accuracy", ("odometry", "both_stages"))
+    first = of("accuracy", ("odometry", "objects:author"))
+    both = of("accuracy", ("odometry", "two_stages:author"))
     as_published = (
         "The first stage is as accurate as published, or more (thesis's set-up; published second)"
     )

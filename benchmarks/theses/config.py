@@ -5,11 +5,11 @@
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
 from fusionslam.evaluation.views.published import WORLDS
-from fusionslam.pipelines.methods import ENTRANTS
+from fusionslam.pipelines.methods import find_method, method_names
 
 PARTS = ("views", "maps", "descriptors")
 """Views and maps are chapter 5 of Stastny 2022, descriptors chapter 4 of Perdomo 2019."""
-VIEWS = ("first_stage", "both_stages", "templates", "alignment")
+VIEWS = ("objects:author", "two_stages:author", "visual_templates", "alignment")
 """The thesis's two approaches, its rival (the original RatSLAM's templates), and ours."""
 OURS = "alignment"
 """Of these, ours."""
@@ -48,12 +48,14 @@ def checked(config: ReproduceConfig) -> ReproduceConfig:
     Raises:
         ConfigError: an unknown name, or none at all.
     """
-    known = {"worlds": WORLDS, "views": tuple(ENTRANTS), "parts": PARTS}
+    known = {"worlds": WORLDS, "views": None, "parts": PARTS}
     for key, names in known.items():
         given = getattr(config, key)
         if not given:
-            raise ConfigError(f"{key}: expected some of {', '.join(names)}")
+            raise ConfigError(f"{key}: expected some of {', '.join(names or method_names())}")
         for name in given:
-            if name not in names:
+            if names is None:
+                find_method(name, key)
+            elif name not in names:
                 raise ConfigError(f"{key} is {name!r}, expected some of {', '.join(names)}")
     return config

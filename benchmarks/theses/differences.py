@@ -138,17 +138,17 @@ def _where(made: Sequence[str]) -> str:
 
 def _view_reason(method: str, name: str, where: str) -> str:
     if name in ("build_ms", "pair_ms"):
-        objects = "compiled here and Python there; " if method != "templates" else ""
+        objects = "compiled here and Python there; " if method != "visual_templates" else ""
         return f"{objects}another machine"
     if name == "view_bytes":
-        if method == "templates":
+        if method == "visual_templates":
             return "60 x 20 blocks of 4 bytes each; the thesis does not say what its 600 bytes hold"
         return "follows from the number of objects in a view, so from the world and the drive"
-    if method == "templates":
+    if method == "visual_templates":
         return f"{where}; images rendered without the simulator's lights, fewer a second"
-    if method == "both_stages":
+    if method == "two_stages:author":
         return f"{where}; the network is trained anew, its weights were not published"
-    if name == "accuracy" and method == "first_stage":
+    if name == "accuracy" and method == "objects:author":
         return f"{where}; {_RERUN}"
     return where
 

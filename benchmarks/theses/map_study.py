@@ -20,7 +20,7 @@ from fusionslam.geometry.odometry_noise import DRIFT
 from fusionslam.pipelines.drives import FrameName, Step
 from fusionslam.pipelines.map_events import RunEvents, Unreadable, during, motions_of
 from fusionslam.pipelines.maps import RunRecorder, run_events
-from fusionslam.pipelines.methods import ENTRANTS
+from fusionslam.pipelines.methods import find_method
 from fusionslam.ratslam import RatSlam, RatSlamConfig
 from fusionslam.ratslam.events import Event, Look, Sighting
 from fusionslam.ratslam.view_sources import MatcherSource
@@ -40,7 +40,7 @@ class Mapped:
     Attributes:
         world: of the thesis.
         odometry: of ``ODOMETRIES``.
-        method: what recognised the views, a name in ``ENTRANTS``.
+        method: what recognised the views, as ``find_method`` takes it.
         preset: of the cells and the map, of ``PRESETS``.
         run: None where the views could not be had.
         note: why there is no run.
@@ -83,7 +83,7 @@ class MapStudy:
 
     def notes(self) -> list[str]:
         """Why maps are missing, a line each."""
-        found = (f"{m.world}: {ENTRANTS[m.method].title}: {m.note}" for m in self.maps if m.note)
+        found = (f"{m.world}: {find_method(m.method).title}: {m.note}" for m in self.maps if m.note)
         return list(dict.fromkeys(found))
 
 
@@ -153,9 +153,9 @@ def _maker(
     step: Step | None,
 ) -> Callable[[], RatSlamRun]:
     def make() -> RatSlamRun:
-        title = ENTRANTS[method].title
+        title = find_method(method).title
         if method == OURS:
-            slam = RatSlam(config, views=MatcherSource(ENTRANTS[OURS].matcher()))  # type: ignore[misc]
+            slam = RatSlam(config, views=MatcherSource(find_method(OURS).matcher()))  # type: ignore[misc]
             events = _looks(source, odometry)
         else:
             slam, events = RatSlam(config), _sightings(source, odometry, views)

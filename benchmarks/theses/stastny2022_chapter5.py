@@ -11,7 +11,7 @@ from benchmarks.theses.document import Chapter, Head, shown, table_of
 from benchmarks.theses.view_study import DriveFacts, ViewStudy
 from fusionslam.evaluation import VIEW_CITATION, published_views
 from fusionslam.pipelines.drives import FrameName
-from fusionslam.pipelines.methods import ENTRANTS
+from fusionslam.pipelines.methods import find_method
 from fusionslam.report.page.images import Picture, keep
 from fusionslam.report.page.tables import Table
 from fusionslam.report.views.plots import Judged, draw_errors, draw_times, draw_view_curves
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TITLES = {
-    "first_stage": "1st stage",
-    "both_stages": "both stages",
-    "templates": "original RatSLAM",
+    "objects:author": "1st stage",
+    "two_stages:author": "both stages",
+    "visual_templates": "original RatSLAM",
     "alignment": "ours",
     WITHOUT_SENSOR: "no sensor",
 }
@@ -41,12 +41,12 @@ _FIGURES = {"warehouse": ("5.7", "5.10"), "house": ("5.8", "5.11"), "hospital": 
 
 def title_of(method: str) -> str:
     """The heading of a way's column."""
-    return TITLES.get(method, ENTRANTS[method].title)
+    return TITLES.get(method, find_method(method).title)
 
 
 def published(world: str, method: str, name: str) -> float | None:
     """A figure of tables 5.2 to 5.5; None where the thesis has none."""
-    rows = (f for f in published_views(world) if f.method == ENTRANTS[method].published)
+    rows = (f for f in published_views(world) if f.method == find_method(method).published)
     found = next(rows, None)
     return None if found is None else float(getattr(found, name))
 
@@ -179,7 +179,7 @@ def _beside(
     heads = []
     for method in methods:
         heads.append(_measured(study, frame, method, name, show, scale))
-        if ENTRANTS[method].published:
+        if find_method(method).published:
             heads.append(_thesis(method, known, show, scale))
     return table_of([drive.world for drive in study.drives], heads)
 
@@ -190,14 +190,14 @@ def _measured(
     def text(world: str) -> str:
         return shown(study.figure(world, frame, method, name), show, scale)
 
-    return Head(title_of(method), ENTRANTS[method].help, text)
+    return Head(title_of(method), find_method(method).help, text)
 
 
 def _thesis(method: str, known: str, show: str, scale: float) -> Head:
     def text(world: str) -> str:
         return shown(published(world, method, known), show, scale)
 
-    return Head("thesis", f"as published for {ENTRANTS[method].published}", text)
+    return Head("thesis", f"as published for {find_method(method).published}", text)
 
 
 def _loops(study: ViewStudy, frame: FrameName, methods: Sequence[str]) -> Table:

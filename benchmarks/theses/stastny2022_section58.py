@@ -12,7 +12,7 @@ from benchmarks.theses.document import Chapter, Head, shown, table_of
 from benchmarks.theses.map_study import MapStudy
 from benchmarks.theses.stastny2022_chapter5 import title_of
 from fusionslam.evaluation import MapReport
-from fusionslam.pipelines.methods import ENTRANTS
+from fusionslam.pipelines.methods import find_method
 from fusionslam.report.maps.map_figures import map_figure
 from fusionslam.report.page.images import Picture, keep
 from fusionslam.report.page.tables import Table
@@ -98,7 +98,7 @@ def _errors(study: MapStudy, odometry: str, preset: str) -> Table:
     for method in study.methods:
         used = "robust" if method == OURS else preset
         heads.append(_head(study, odometry, method, used, _rmse, "{:.2f}"))
-        if odometry == "truth" and preset == "openratslam" and ENTRANTS[method].published:
+        if odometry == "truth" and preset == "openratslam" and find_method(method).published:
             heads.append(_said(method))
     return table_of(list(study.words), heads)
 
@@ -119,11 +119,11 @@ def _head(
     def text(world: str) -> str:
         return shown(figure(study, world, odometry, method, preset, value), show)
 
-    return Head(title_of(method), f"{ENTRANTS[method].help}; preset {preset}", text)
+    return Head(title_of(method), f"{find_method(method).help}; preset {preset}", text)
 
 
 def _said(method: str) -> Head:
-    words = SAID[ENTRANTS[method].published or ""]
+    words = SAID[find_method(method).published or ""]
     return Head("thesis", "what section 5.8 says", lambda world: words.get(world, ""))
 
 
@@ -216,10 +216,10 @@ def map_claims(study: MapStudy) -> list[Claim]:
 
     worlds, show = list(study.words), "{:.2f} m"
     first, second = (
-        of("truth", "first_stage", "openratslam"),
-        of("truth", "both_stages", "openratslam"),
+        of("truth", "objects:author", "openratslam"),
+        of("truth", "two_stages:author", "openratslam"),
     )
-    original = of("truth", "templates", "openratslam")
+    original = of("truth", "visual_templates", "openratslam")
     return [
         compared(
             f"Maps of the first stage are satisfactory: nodes off by less than {_SATISFACTORY_M} "
@@ -241,7 +241,7 @@ def map_claims(study: MapStudy) -> list[Claim]:
             "Ours, not the thesis's: with drifting odometry the first stage's map is farther off "
             "than ours",
             worlds,
-            of("truth+noise", "first_stage", "openratslam"),
+            of("truth+noise", "objects:author", "openratslam"),
             of("truth+noise", OURS, "robust"),
             show,
         ),
@@ -256,8 +256,8 @@ def map_claims(study: MapStudy) -> list[Claim]:
             "Ours, not the thesis's: the templates' map is farther off as the original makes it "
             "than as ours makes it of the same views (drifting odometry)",
             worlds,
-            of("truth+noise", "templates", "openratslam"),
-            of("truth+noise", "templates", "robust"),
+            of("truth+noise", "visual_templates", "openratslam"),
+            of("truth+noise", "visual_templates", "robust"),
             show,
         ),
     ]

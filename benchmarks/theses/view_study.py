@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.theses.config import OURS, WITHOUT_SENSOR, ReproduceConfig
+from benchmarks.theses.config import WITHOUT_SENSOR, ReproduceConfig
 from benchmarks.theses.drives import Source
 from benchmarks.theses.work_cache import Pieces, load_json, save_json
 from fusionslam.errors import FusionSlamError
 from fusionslam.evaluation import ViewCurve, ViewReport, ViewRun
-from fusionslam.pipelines.compare_views import run_entrant
+from fusionslam.pipelines.compare_views import run_method
 from fusionslam.pipelines.drives import FRAMES, FrameName, Step, moved
-from fusionslam.pipelines.methods import ENTRANTS, Entrant, Task
+from fusionslam.pipelines.methods import Method, Task, find_method
 from fusionslam.pipelines.views import sweep_thresholds
 from fusionslam.report.views.tables import ViewRow, view_row
 
@@ -33,7 +33,7 @@ class Outcome:
     Attributes:
         world: of the thesis.
         frame: of the clouds.
-        method: name in ``ENTRANTS``.
+        method: its name, as ``find_method`` takes it.
         run: with its curve, if other thresholds were tried; None where there was none.
         note: why there is no run.
     """
@@ -103,7 +103,7 @@ class ViewStudy:
     def notes(self) -> list[str]:
         """Why runs are missing, a line each."""
         found = (
-            f"{o.world}: {ENTRANTS[o.method].title}: {o.note}" for o in self.outcomes if o.note
+            f"{o.world}: {find_method(o.method).title}: {o.note}" for o in self.outcomes if o.note
         )
         return list(dict.fromkeys(found))
 
@@ -158,7 +158,7 @@ def recognised(
         run = pieces.kept(
             f"{source.world}-{method}-{own_frame(frame, method)}",
             _known(source, frame, method),
-            lambda: _ran(ENTRANTS[method], task()),
+            lambda: _ran(find_method(method), task()),
             ViewRun.save,
             ViewRun.load,
         )
@@ -169,7 +169,7 @@ def recognised(
 
 def own_frame(frame: FrameName, method: str) -> FrameName:
     """The frame in which a way is run: the robot's for one that no frame changes."""
-    return "robot" if ENTRANTS[method].any_frame else frame
+    return "robot" if find_method(method).any_frame else frame
 
 
 def _known(source: Source, frame: FrameName, method: str) -> dict[str, Any]:
@@ -177,7 +177,7 @@ def _known(source: Source, frame: FrameName, method: str) -> dict[str, Any]:
 
 
 def _task(source: Source, frame: FrameName, method: str, step: Step | None) -> Callable[[], Task]:
-    own, title = own_frame(frame, method), ENTRANTS[method].title
+    own, title = own_frame(frame, method), find_method(method).title
     return lambda: Task(title, source.drive, own, source.jobs, step)
 
 
@@ -186,8 +186,9 @@ def _outcome(
 ) -> Outcome:
     """With the curve, where there is one and the frame is not that of drifting odometry."""
     outcome, own = recognised(source, frame, method, pieces, step), own_frame(frame, method)
-    # Ours compares scans for longer than objects are compared, and the thesis has no curve of it.
-    compared = ENTRANTS[method].matcher is not None and method != OURS
+    # The thesis has curves of its own methods.
+    known = find_method(method)
+    compared = known.matcher is not None and known.published is not None
     swept = compared and frame != "drift" and own == frame
     if outcome.run is None or not swept:
         return outcome
@@ -203,8 +204,8 @@ def _outcome(
     return replace(outcome, run=replace(outcome.run, curve=curve))
 
 
-def _ran(entrant: Entrant, task: Task) -> ViewRun:
-    run, note = run_entrant(entrant, task)
+def _ran(entry: Method, task: Task) -> ViewRun:
+    run, note = run_method(entry, task)
     if run is None:
         raise _NotHad(note)
     return run
@@ -212,7 +213,7 @@ def _ran(entrant: Entrant, task: Task) -> ViewRun:
 
 def _swept(method: str, task: Task, rule: Rule) -> ViewCurve:
     """Precision and recall at other thresholds of the first stage."""
-    make: Callable[[], Any] | None = ENTRANTS[method].matcher
+    make: Callable[[], Any] | None = find_method(method).matcher
     assert make is not None  # the caller has seen to it
     scenes = moved(task.drive.scenes, task.frame)
     return sweep_thresholds(

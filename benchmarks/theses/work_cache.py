@@ -52,6 +52,7 @@ class Pieces:
         Raises:
             DataError: the folder cannot be written; or from ``make``.
         """
+        name = name.replace(":", "-")  # which not every file system takes
         path = self.path(name, made_with, suffix)
         if path.exists():
             try:

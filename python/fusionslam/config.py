@@ -11,7 +11,7 @@ import difflib
 import re
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeVar, get_args
+from typing import Any, ClassVar, Literal, Protocol, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 from pydantic.fields import FieldInfo
@@ -20,7 +20,13 @@ from fusionslam.errors import ConfigError
 
 
 class Section(BaseModel):
-    """A stage's configuration: immutable, no unknown keys, no types but the stated."""
+    """A stage's configuration: immutable, no unknown keys, no types but the stated.
+
+    Attributes:
+        former_keys: what has taken the place of a key of former versions, for messages.
+    """
+
+    former_keys: ClassVar[Mapping[str, str]] = {}
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, validate_default=True)
 
@@ -102,6 +108,8 @@ def merged(
     values = {name: getattr(section, name) for name in section.model_fields_set}
     for key, value in changes.items():
         path = f"{where}{key}"
+        if key in section.former_keys:
+            raise ConfigError(f"unknown configuration key {path!r}: {section.former_keys[key]}")
         if key not in known:
             raise ConfigError(_unknown(path, key, known))
         current, kind = getattr(section, key), _named_sections(section, key)
@@ -261,6 +269,23 @@ def _yaml_text(value: Any) -> str:
 
     text = yaml.safe_dump(value, default_flow_style=True, width=10**6)
     return text.removesuffix("...\n").strip()
+
+
+def explain_choice(
+    value: str, choices: Collection[str], renamed: Mapping[str, str] | None = None
+) -> str:
+    """Why a value is none of the choices: its new name, or what is expected and what is nearest.
+
+    Args:
+        value: not among the choices.
+        choices: valid values.
+        renamed: today's value by a former one.
+    """
+    if renamed and value in renamed:
+        return f"called {renamed[value]} now"
+    near = difflib.get_close_matches(value, choices, n=1, cutoff=0.5)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"expected one of {', '.join(choices)}{hint}"
 
 
 def _names(section: Section) -> str:

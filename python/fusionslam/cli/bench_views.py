@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command that compares ways to recognise views: bench views."""
+"""The command that compares recognisers of places: bench views."""
 
 import textwrap
 from collections.abc import Sequence
@@ -33,7 +33,10 @@ def bench_views(
         "out/bench-views"
     ),
     methods: Annotated[
-        str, typer.Option("--methods", "-m", help="With commas; or all; or list, to see them.")
+        str,
+        typer.Option(
+            "--methods", "-m", help="With commas; all: those of the tables; list: print the names."
+        ),
     ] = "all",
     frame: Annotated[
         str,
@@ -46,7 +49,7 @@ def bench_views(
     jobs: opt.Jobs = None,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Compare ways to recognise views on DATA: accuracy, loops, bytes, time.
+    """Compare recognisers of places on DATA: accuracy, loops, bytes, time.
 
     Beside each stand the figures of the thesis and of its program run again. Without DATA the
     recordings below FUSIONSLAM_TEST_DATA are compared, or else drives through made worlds.
@@ -55,18 +58,18 @@ def bench_views(
     from fusionslam.pipelines.compare_views import bench_views as bench
     from fusionslam.pipelines.compare_views import known_recordings
     from fusionslam.pipelines.drives import FRAMES, open_drive
-    from fusionslam.pipelines.methods import ENTRANTS, WITHOUT_SENSOR
+    from fusionslam.pipelines.methods import BASELINES, METHODS, find_method
 
     if methods == "list":
         print_methods()
         return
     opt.one_of("--frame", frame, (*FRAMES, "all"))
     opt.one_of("--shapes", shapes, SHAPES)
-    wanted = list(ENTRANTS) if methods == "all" else [name.strip() for name in methods.split(",")]
+    wanted = list(METHODS) if methods == "all" else [name.strip() for name in methods.split(",")]
     for name in wanted:
-        opt.one_of("--methods", name, tuple(ENTRANTS))
+        find_method(name, "--methods")
     # Accuracy alone says little: what scores without a sensor stands in every table.
-    wanted += [name for name in WITHOUT_SENSOR if name not in wanted]
+    wanted += [name for name in BASELINES if name not in wanted]
     needs_extra("report")
     keep_parts(ctx, output)
     with progress() as step:
@@ -83,11 +86,12 @@ def bench_views(
 
 
 def print_methods() -> None:
-    """What can be compared, a line each."""
+    """Print the name of every method and what it does."""
     from fusionslam.cli.console import print_table
-    from fusionslam.pipelines.methods import ENTRANTS
+    from fusionslam.pipelines.methods import METHODS, method_names
+    from fusionslam.views.recognisers import RECOGNISERS
 
-    rows = [(name, entrant.help) for name, entrant in ENTRANTS.items()]
+    rows = [(name, (METHODS.get(name) or RECOGNISERS[name]).help) for name in method_names()]
     print_table(("method", "what it is"), rows)
 
 

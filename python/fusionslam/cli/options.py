@@ -245,7 +245,7 @@ def everything() -> "Section":
     from fusionslam.ratslam.slam import RatSlamConfig
     from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
     from fusionslam.sim import SimConfig
-    from fusionslam.views.matcher import ViewMatcherConfig
+    from fusionslam.views.recognisers import ViewMatcherConfig
     from fusionslam.views.visual_templates import VisualTemplatesConfig
 
     class SystemConfig(PipelineConfig):
@@ -262,7 +262,7 @@ def everything() -> "Section":
         tuning: TuningConfig = option(TuningConfig(), "how parameters of views are looked for")
         ratslam: RatSlamConfig = option(RatSlamConfig(), "views and odometry to a map")
         visual_templates: VisualTemplatesConfig = option(
-            VisualTemplatesConfig(), "ratslam: views of images, --views visual"
+            VisualTemplatesConfig(), "ratslam: views of images, --views visual_templates"
         )
         visual_odometry: VisualOdometryConfig = option(
             VisualOdometryConfig(), "ratslam: speed out of images, --odometry visual"
@@ -334,14 +334,11 @@ def names_of(text: str) -> list[str]:
 
 def one_of(key: str, value: str, values: tuple[str, ...]) -> None:
     """Raise ConfigError unless the value is one of these."""
-    from difflib import get_close_matches
-
+    from fusionslam.config import explain_choice
     from fusionslam.errors import ConfigError
 
     if value not in values:
-        near = get_close_matches(value, values, n=1, cutoff=0.5)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise ConfigError(f"{key} is {value!r}, expected one of {', '.join(values)}{hint}")
+        raise ConfigError(f"{key} is {value!r}, {explain_choice(value, values)}")
 
 
 def check_protocol(protocol: str | None) -> None:

@@ -41,7 +41,8 @@ def ratslam(
         str | None,
         typer.Option(
             "--views",
-            help="What recognises places: alignment (default), objects, two-stage, cm2dp, visual.",
+            help="What recognises places: alignment (default), objects, two_stages, cm2dp, "
+            "visual_templates, ...",
         ),
     ] = None,
     odometry: Annotated[
@@ -157,14 +158,17 @@ def _mapper(
     """A new map, or one that goes on and what was done for it."""
     from fusionslam.errors import ConfigError
     from fusionslam.ratslam.slam import RatSlam, load_run
-    from fusionslam.ratslam.view_sources import SOURCES, SourceOptions, source_named
+    from fusionslam.ratslam.view_sources import SourceOptions, build_view_source
+    from fusionslam.views.recognisers import find_recogniser, method_of
 
-    opt.one_of("--views", views or "alignment", tuple(SOURCES))
+    if views is not None:
+        find_recogniser(views, "--views")
     if resume is None:
         options = SourceOptions(
             whole.views, whole.fusion, whole.descriptors, whole.visual_templates
         )
-        return RatSlam(whole.ratslam, views=source_named(views or "alignment", options)), None
+        name = views or method_of(whole.views)
+        return RatSlam(whole.ratslam, views=build_view_source(name, options)), None
     given = ["--views"] * (views is not None)
     given += [text for text in settings if text.startswith(_OF_THE_STATE)]
     if given:

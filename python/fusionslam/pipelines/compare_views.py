@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Ways to recognise views side by side: the thesis's tables 5.2 to 5.5 for any drive.
+"""Recognisers of places side by side: tables 5.2 to 5.5 of Stastny 2022 for any drive.
 
 drive = open_drive("recordings/warehouse.npz")
-for result in bench_views([drive], ["first_stage", "templates"], frames=["robot"]):
+for result in bench_views([drive], ["objects:author", "visual_templates"], frames=["robot"]):
     print(result.title, result.paper.accuracy, result.paper.loop_recall)
 """
 
@@ -23,7 +23,7 @@ from fusionslam.evaluation import (
     rerun_views,
 )
 from fusionslam.pipelines.drives import FRAMES, Drive, FrameName, Step
-from fusionslam.pipelines.methods import ENTRANTS, Entrant, Task
+from fusionslam.pipelines.methods import METHODS, Method, Task, find_method
 
 logger = logging.getLogger(__name__)
 
@@ -32,12 +32,12 @@ DATA_VARIABLE = "FUSIONSLAM_TEST_DATA"
 
 @dataclass(frozen=True, eq=False)
 class ViewResult:
-    """What one way to recognise views gave on one drive, with what others say of it.
+    """The result of one method on one drive, beside the figures of others.
 
     Attributes:
         drive: its name.
         frame: of the clouds.
-        method: name in ``ENTRANTS``.
+        method: its name, as ``find_method`` takes it.
         title: of the row.
         scans: of the drive, empty ones left out.
         run: ids and costs; None where there was none.
@@ -62,23 +62,24 @@ class ViewResult:
 
 def bench_views(
     drives: Sequence[Drive],
-    methods: Sequence[str] = tuple(ENTRANTS),
+    methods: Sequence[str] = tuple(METHODS),
     *,
     frames: Sequence[FrameName] = ("robot",),
     jobs: int = 1,
     step: Step | None = None,
 ) -> list[ViewResult]:
-    """Give every drive to every way, in every frame, and judge the ids.
+    """Run every method on every drive, in every frame, and judge the ids.
 
-    A way that cannot be had (an extra that is missing, a drive without images) has a result with
-    a note and no run.
+    A method that cannot run (an extra is missing, a drive has no images) has a result with a note
+    and no run.
 
     Args:
         drives: with true poses.
-        methods: of ``ENTRANTS``.
+        methods: names that ``find_method`` takes.
         frames: of ``FRAMES``.
-        jobs: images rendered at a time; matching is timed, and done one scan at a time.
-        step: told about progress.
+        jobs: number of images that are rendered at a time; matching is timed and takes one scan at
+            a time.
+        step: called with the progress.
 
     Raises:
         ConfigError: an unknown method or frame.
@@ -87,48 +88,43 @@ def bench_views(
     names = [drive.name for drive in drives]
     if twice := {name for name in names if names.count(name) > 1}:
         raise DataError(f"two drives are named {min(twice)}: copy or link one to another name")
-    _check("method", methods, tuple(ENTRANTS))
-    _check("frame", frames, tuple(FRAMES))
+    found = {name: find_method(name) for name in methods}
+    for frame in frames:
+        if frame not in FRAMES:
+            raise ConfigError(f"frame is {frame!r}, expected one of {', '.join(FRAMES)}")
     results = []
     for drive in drives:
-        still: dict[str, tuple[ViewRun | None, str]] = {}
+        of_any_frame: dict[str, tuple[ViewRun | None, str]] = {}
         for frame in frames:
-            for method in methods:
-                entrant = ENTRANTS[method]
-                task = Task(entrant.title, drive, frame, jobs, step)
-                found = still.get(method) or run_entrant(entrant, task)
-                if entrant.any_frame:
-                    still[method] = found
-                results.append(_result(method, task, *found))
+            for name, method in found.items():
+                task = Task(method.title, drive, frame, jobs, step)
+                outcome = of_any_frame.get(name) or run_method(method, task)
+                if method.any_frame:
+                    of_any_frame[name] = outcome
+                results.append(_result(name, method, task, *outcome))
     return results
 
 
-def _check(what: str, names: Sequence[str], known: Sequence[str]) -> None:
-    for name in names:
-        if name not in known:
-            raise ConfigError(f"{what} is {name!r}, expected one of {', '.join(known)}")
-
-
-def run_entrant(entrant: Entrant, task: Task) -> tuple[ViewRun | None, str]:
-    """What a way gave; or None, and why there is nothing."""
+def run_method(method: Method, task: Task) -> tuple[ViewRun | None, str]:
+    """The run of a method; or None, and why it cannot run."""
     try:
-        return entrant.run(task), ""
+        return method.run(task), ""
     except FusionSlamError as error:
-        # One way that cannot be had must not cost the others: the table says why.
+        # One method that cannot run must not cost the others: the table says why.
         logger.warning("%s: no %s: %s", task.drive.name, task.title, error)
         return None, str(error)
 
 
-def _result(method: str, task: Task, run: ViewRun | None, note: str) -> ViewResult:
-    entrant, drive = ENTRANTS[method], task.drive
+def _result(name: str, method: Method, task: Task, run: ViewRun | None, note: str) -> ViewResult:
+    drive = task.drive
     world = drive.world or ""
-    published = [f for f in published_views(world) if f.method == entrant.published]
-    rerun = [f for f in rerun_views(world) if f.input == entrant.rerun.get(task.frame)]
+    published = [f for f in published_views(world) if f.method == method.published]
+    rerun = [f for f in rerun_views(world) if f.input == method.rerun.get(task.frame)]
     return ViewResult(
         drive=drive.name,
         frame=task.frame,
-        method=method,
-        title=run.method if run else entrant.title,
+        method=name,
+        title=run.method if run else method.title,
         scans=len(drive.scenes),
         run=run,
         paper=run.judged("paper") if run else None,
@@ -140,7 +136,7 @@ def _result(method: str, task: Task, run: ViewRun | None, note: str) -> ViewResu
 
 
 def known_recordings() -> list[str]:
-    """What is compared when nobody says what: recordings, where there are, else made worlds.
+    """The default data: recordings where there are some, else simulated worlds.
 
     Recordings are those in ``recordings`` below the folder that FUSIONSLAM_TEST_DATA names.
     """

@@ -20,7 +20,7 @@ from fusionslam.pipelines.map_events import RunEvents, Unreadable, events_of, ex
 from fusionslam.pipelines.tours import Progress, open_tour
 from fusionslam.ratslam.events import Event
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
-from fusionslam.ratslam.view_sources import SourceOptions, source_named
+from fusionslam.ratslam.view_sources import SourceOptions, build_view_source
 from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
 from fusionslam.storage.files import uninterrupted
 from fusionslam.views.match import NO_VIEW
@@ -144,7 +144,7 @@ def run_ratslam(
 
     Args:
         source: as ``open_tour`` takes it.
-        views: what recognises places, one of ``SOURCES``.
+        views: what recognises places, one of ``RECOGNISERS``.
         odometry: what tells the motion, one of ``ODOMETRY``; None for the topic where there is one,
             else the truth.
         config: of the cells and the map; None for the defaults, with the drift that is to be
@@ -160,7 +160,7 @@ def run_ratslam(
         DataError: the recording cannot be read, or lacks what is asked for. ConfigError: an unknown
             name.
     """
-    chosen = source_named(views, options)
+    chosen = build_view_source(views, options)
     opened = open_tour(source, jobs=jobs, progress=progress)
     events = events_of(opened, chosen, odometry, errors, seen=seen, jobs=jobs, progress=progress)
     config = config or RatSlamConfig.model_validate({"map": expected_drift(odometry)})

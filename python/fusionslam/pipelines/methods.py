@@ -1,28 +1,30 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The ways to recognise views that are compared: one registry, ``ENTRANTS``.
+"""Methods that are compared: recognisers with a preset, and baselines without a sensor.
 
-A new way is one more entry: a function that makes its ``ViewMatcher``.
+A method has the name of its recogniser (``fusionslam.views.recognisers``) and of a preset that is
+not the default: "objects", "objects:author". ``METHODS`` holds those of the published tables.
 """
 
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import DataError
+from fusionslam.config import explain_choice, merged
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import ViewRun, baselines
 from fusionslam.pipelines.drive_images import Images, TemplateViews, template_views
 from fusionslam.pipelines.drives import Drive, FrameName, Step, moved
 from fusionslam.pipelines.views import run_views
-from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import RECOGNISERS, RENAMED, ViewMatcherConfig
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 
 Floats = NDArray[np.float64]
-Preset = Literal["robust", "paper", "author"]
 
 _FIRST_STAGE: Mapping[FrameName, str] = {
     "robot": "first stage, robot's frame",
@@ -33,14 +35,14 @@ _FIRST_STAGE: Mapping[FrameName, str] = {
 
 @dataclass(frozen=True)
 class Task:
-    """One way on one drive.
+    """One method on one drive.
 
     Attributes:
         title: of the row.
         drive: scans and images.
         frame: of the clouds.
-        jobs: images rendered at a time.
-        step: told about progress.
+        jobs: number of images that are rendered at a time.
+        step: called with the progress.
     """
 
     title: str
@@ -50,7 +52,7 @@ class Task:
     step: Step | None = None
 
     def progress(self, what: str) -> Callable[[int, int], None] | None:
-        """Tells ``step`` how far something is."""
+        """A callback that reports how much of something is done to ``step``."""
         if self.step is None:
             return None
         step, label = self.step, f"{self.drive.name}, {self.title}: {what}"
@@ -58,17 +60,17 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Entrant:
-    """A way to recognise views.
+class Method:
+    """A recogniser with its values, or a baseline.
 
     Attributes:
         title: of its row.
-        help: what it is, in a sentence.
+        help: what it does, in one line.
         run: gives every scan of a drive an id.
-        any_frame: whether the frame of the clouds makes no difference to it.
-        published: what the thesis calls it, if it is in its tables.
-        rerun: what it is called, by frame, among the figures that were measured again.
-        matcher: makes what it compares with, to try other thresholds; None where there is none.
+        any_frame: whether its result is the same in every frame of the clouds.
+        published: its name in the tables of the thesis; None if it is not there.
+        rerun: its name, by frame, among the figures that were measured again.
+        matcher: builds its ``ViewMatcher``, to try other thresholds; None where it has none.
     """
 
     title: str
@@ -80,58 +82,60 @@ class Entrant:
     matcher: Callable[[], ViewMatcher] | None = None
 
 
-def by_matcher(
-    make: Callable[[], ViewMatcher], *, with_ground: bool = False, frame: FrameName | None = None
+def run_matcher(
+    build: Callable[[], ViewMatcher], *, with_ground: bool = False, frame: FrameName | None = None
 ) -> Callable[[Task], ViewRun]:
-    """A run of what a ``ViewMatcher`` recognises.
+    """A run of a ``ViewMatcher``.
 
     Args:
-        make: a new matcher.
-        with_ground: whether its clouds keep the ground, where it is still there.
-        frame: the only one that its clouds can be in; None for any.
+        build: builds an empty one.
+        with_ground: whether clouds keep the ground, where the drive still has it.
+        frame: the frame of its clouds, whatever the task says; None for that of the task.
     """
 
-    def run(task: Task) -> ViewRun:
-        matcher, drive = make(), task.drive
+    def run_task(task: Task) -> ViewRun:
+        matcher, drive = build(), task.drive
         scenes = (drive.with_ground if with_ground else None) or drive.scenes
-        found = run_views(moved(scenes, frame or task.frame), matcher, task.progress("matching"))
-        known = found.with_truth(task.title, matcher.config.model_dump(mode="json"))
-        return replace(known, world=drive.name, images=drive.picture, clouds=drive.cloud)
+        matches = run_views(moved(scenes, frame or task.frame), matcher, task.progress("matching"))
+        run = matches.with_truth(task.title, matcher.config.model_dump(mode="json"))
+        return replace(run, world=drive.name, images=drive.picture, clouds=drive.cloud)
 
-    return run
+    return run_task
 
 
-def by_templates(
+def run_templates(
     config: VisualTemplatesConfig, *, every_image: bool = False
 ) -> Callable[[Task], ViewRun]:
-    """A run of visual templates, which are fed with every image.
+    """A run of visual templates, which process every image.
 
     Args:
         config: of the templates.
-        every_image: whether every image is judged; else the latest one whenever there is a scan.
+        every_image: whether every image is judged; else only the latest one of each scan.
     """
 
-    def run(task: Task) -> ViewRun:
+    def run_task(task: Task) -> ViewRun:
         drive, images = task.drive, task.drive.find_images(config.bottom)
         if images is None or not len(images):
             raise DataError("no images")
-        made = template_views(images, config, jobs=task.jobs, progress=task.progress(images.origin))
-        fed = _fed(VisualTemplates(config), made)
+        views = template_views(
+            images, config, jobs=task.jobs, progress=task.progress(images.origin)
+        )
+        matches = _match_templates(VisualTemplates(config), views)
         return ViewRun(
             world=drive.name,
             method=f"{task.title}, {images.rate_hz:.3g} Hz" if every_image else task.title,
-            **(_at_images(images, fed) if every_image else _at_scans(drive, images, fed)),
+            **(_at_images(images, matches) if every_image else _at_scans(drive, images, matches)),
             threshold=1 - config.threshold,
             bytes_per_view=4 * config.columns * config.rows,
             config=config.model_dump(mode="json"),
         )
 
-    return run
+    return run_task
 
 
 @dataclass(frozen=True, eq=False)
-class _Fed:
-    """What templates made of each image: arrays (n,)."""
+class _TemplateMatches:
+    """The match of each image: arrays (n,)."""
 
     ids: NDArray[np.int64]
     similarities: Floats
@@ -139,29 +143,32 @@ class _Fed:
     match_seconds: Floats
 
     def at(self, rows: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
-        """Those of some images."""
+        """The columns of a ``ViewRun``, for some images."""
         return {name: values[rows] for name, values in vars(self).items()}
 
 
-def _fed(templates: VisualTemplates, made: TemplateViews) -> _Fed:
-    count = len(made.views)
+def _match_templates(templates: VisualTemplates, built: TemplateViews) -> _TemplateMatches:
+    count = len(built.views)
     ids, similarities, spent = np.empty(count, np.int64), np.empty(count), np.empty(count)
-    for row, view in enumerate(made.views):
+    for row, view in enumerate(built.views):
         begin = time.perf_counter()
         match = templates.recognise(view)
         spent[row] = time.perf_counter() - begin
         ids[row], similarities[row] = match.id, 1 - min(match.error, 1)
-    return _Fed(ids, similarities, np.full(count, made.build_ms / 1e3), spent)
+    return _TemplateMatches(ids, similarities, np.full(count, built.build_ms / 1e3), spent)
 
 
-def _at_images(images: Images, fed: _Fed) -> dict[str, Any]:
+def _at_images(images: Images, matches: _TemplateMatches) -> dict[str, Any]:
     if images.poses is None:
         raise DataError("the images have no true poses")
-    known = fed.at(np.arange(len(images)))
-    return {"poses": images.poses, "stamps": images.seconds, **known}
+    return {
+        "poses": images.poses,
+        "stamps": images.seconds,
+        **matches.at(np.arange(len(images))),
+    }
 
 
-def _at_scans(drive: Drive, images: Images, fed: _Fed) -> dict[str, Any]:
+def _at_scans(drive: Drive, images: Images, matches: _TemplateMatches) -> dict[str, Any]:
     scenes = drive.scenes
     return {
         "poses": scenes.true_poses(),
@@ -169,21 +176,21 @@ def _at_scans(drive: Drive, images: Images, fed: _Fed) -> dict[str, Any]:
         "numbers": scenes.numbers,
         "images": drive.picture,
         "clouds": drive.cloud,
-        **fed.at(latest(images.seconds, scenes.seconds)),
+        **matches.at(latest(images.seconds, scenes.seconds)),
     }
 
 
 def latest(times: NDArray[np.float64], asked: NDArray[np.float64]) -> NDArray[np.intp]:
-    """For each time that is asked for the last of the others up to it; the first if none is."""
+    """For each asked time the row of the last of ``times`` up to it; row 0 if there is none."""
     # Stamps of the same instant may differ by rounding.
     rows = np.searchsorted(times, asked + 1e-6, side="right") - 1
     return np.maximum(rows, 0)
 
 
-def by_counting(name: str) -> Callable[[Task], ViewRun]:
-    """A run of a program without a sensor: one of ``baselines``."""
+def run_baseline(name: str) -> Callable[[Task], ViewRun]:
+    """A run without a sensor: one of ``baselines``."""
 
-    def run(task: Task) -> ViewRun:
+    def run_task(task: Task) -> ViewRun:
         scenes = task.drive.scenes
         return ViewRun(
             world=task.drive.name,
@@ -194,100 +201,119 @@ def by_counting(name: str) -> Callable[[Task], ViewRun]:
             numbers=scenes.numbers,
         )
 
-    return run
+    return run_task
 
 
-def _author() -> ViewMatcher:
-    return ViewMatcher(ViewMatcherConfig(preset="author"))
+def _by_recogniser(name: str, preset: str, title: str, **known: Any) -> Method:
+    """The method of one recogniser of clouds. Raises ConfigError for an unknown preset."""
+    recogniser = RECOGNISERS[name]
+    config = merged(ViewMatcherConfig(), {"method": name, "preset": preset})
+
+    def build() -> ViewMatcher:
+        return ViewMatcher(config)
+
+    return Method(
+        title,
+        known.pop("help", recogniser.help),
+        run_matcher(build, with_ground=recogniser.keeps_ground, frame=known.pop("frame", None)),
+        matcher=build,
+        **known,
+    )
 
 
-def _two_stages(preset: Preset, model: str) -> ViewMatcher:
-    """Objects, then a network that may reject them.
+_ALL_FRAMES: tuple[FrameName, ...] = ("robot", "odometry", "drift")
 
-    The thesis's thresholds (0.84, 0.00134) belong to its own weights; 0.5 is the even chance.
-    """
-    return ViewMatcher(ViewMatcherConfig(method="scenes", preset=preset, second_stage=model))
-
-
-def _both() -> ViewMatcher:
-    return _two_stages("author", "thesis")
-
-
-def _cm2dp() -> ViewMatcher:
-    return ViewMatcher(ViewMatcherConfig(method="descriptor", descriptor="cm2dp"))
-
-
-ENTRANTS: dict[str, Entrant] = {
-    "alignment": Entrant(
-        "alignment (ours)",
-        "our default: scans laid over each other, in the robot's frame",
-        by_matcher(ViewMatcher, frame="robot"),
-        any_frame=True,
-        matcher=ViewMatcher,
+METHODS: dict[str, Method] = {
+    "alignment": _by_recogniser(
+        "alignment", "robust", "alignment (ours)", frame="robot", any_frame=True
     ),
-    "first_stage": Entrant(
+    "objects:author": _by_recogniser(
+        "objects",
+        "author",
         "first stage",
-        "objects as the thesis's program compares them, published parameters, threshold 0.737",
-        by_matcher(_author),
+        help="objects as the thesis's program compares them, published parameters, threshold 0.737",
         published="first stage",
         rerun=_FIRST_STAGE,
-        matcher=_author,
     ),
-    "both_stages": Entrant(
+    # The thresholds of the thesis (0.84, 0.00134) belong to its own weights; 0.5 is even chance.
+    "two_stages:author": _by_recogniser(
+        "two_stages",
+        "author",
         "both stages",
-        "the same, and the thesis's network, trained anew, has to agree with every match",
-        by_matcher(_both),
+        help="the same, and the thesis's network, trained anew, has to agree with every match",
         published="both stages",
-        matcher=_both,
     ),
-    "templates": Entrant(
+    "visual_templates": Method(
         "templates",
-        "grey pictures of 60x20 blocks, as the original RatSLAM compares them; every image judged",
-        by_templates(VisualTemplatesConfig(), every_image=True),
+        "grey images of 60x20 blocks, as the original RatSLAM compares them; every image judged",
+        run_templates(VisualTemplatesConfig(), every_image=True),
         any_frame=True,
         published="RatSLAM",
-        rerun=dict.fromkeys(("robot", "odometry", "drift"), "visual templates of RatSLAM, 10 Hz"),
+        rerun=dict.fromkeys(_ALL_FRAMES, "visual templates of RatSLAM, 10 Hz"),
     ),
-    "templates_at_scans": Entrant(
+    "visual_templates:at_scans": Method(
         "templates, at scans",
         "the same templates, judged at the scans as all others",
-        by_templates(VisualTemplatesConfig()),
+        run_templates(VisualTemplatesConfig()),
         any_frame=True,
         published="RatSLAM",
     ),
-    "cm2dp": Entrant(
-        "c-M2DP",
-        "the first thesis's descriptor as the view: nearest stored one within a distance",
-        by_matcher(_cm2dp, with_ground=True),
-    ),
-    "robust": Entrant(
-        "objects, robust",
-        "our objects and similarity",
-        by_matcher(lambda: ViewMatcher(ViewMatcherConfig(method="scenes"))),
-    ),
-    "robust_two_stages": Entrant(
+    "cm2dp": _by_recogniser("cm2dp", "robust", "c-M2DP"),
+    "objects": _by_recogniser("objects", "robust", "objects, robust", help="our objects"),
+    "two_stages": _by_recogniser(
+        "two_stages",
+        "robust",
         "robust, two stages",
-        "our objects, then our network, which has to agree with every match",
-        by_matcher(lambda: _two_stages("robust", "places")),
+        help="our objects, then our network, which has to agree with every match",
     ),
-    "always_new": Entrant(
-        "no sensor: all new", "every scan is new", by_counting("always new"), any_frame=True
+    "always_new": Method(
+        "no sensor: all new", "every scan is new", run_baseline("always new"), any_frame=True
     ),
-    "every_2nd": Entrant(
+    "every_2nd": Method(
         "no sensor: every 2nd",
         "every second scan is new",
-        by_counting("new every 2nd"),
+        run_baseline("new every 2nd"),
         any_frame=True,
     ),
-    "every_3rd": Entrant(
+    "every_3rd": Method(
         "no sensor: every 3rd",
         "every third scan is new",
-        by_counting("new every 3rd"),
+        run_baseline("new every 3rd"),
         any_frame=True,
-        rerun=dict.fromkeys(("robot", "odometry", "drift"), "no sensor: new every 3rd"),
+        rerun=dict.fromkeys(_ALL_FRAMES, "no sensor: new every 3rd"),
     ),
 }
-"""The ways that ``fusionslam bench views`` compares, by what its --methods calls them."""
+"""The methods of the published tables, our own and baselines: ``bench views`` compares these."""
 
-WITHOUT_SENSOR = ("always_new", "every_2nd", "every_3rd")
-"""Those of them that count scans and look at nothing."""
+BASELINES = ("always_new", "every_2nd", "every_3rd")
+"""Those of them that look at nothing."""
+
+RENAMED_METHODS: Mapping[str, str] = {
+    **RENAMED,
+    "first_stage": "objects:author",
+    "both_stages": "two_stages:author",
+    "templates_at_scans": "visual_templates:at_scans",
+    "robust": "objects",
+    "robust_two_stages": "two_stages",
+}
+"""Today's name of a method by a former one."""
+
+
+def method_names() -> tuple[str, ...]:
+    """All methods: those of ``METHODS``, then every other recogniser."""
+    return tuple(dict.fromkeys([*METHODS, *RECOGNISERS]))
+
+
+def find_method(name: str, key: str = "method") -> Method:
+    """One of ``METHODS``, or any recogniser with a preset, such as "objects:paper".
+
+    Raises:
+        ConfigError: an unknown method or preset; the message begins with ``key``.
+    """
+    if name in METHODS:
+        return METHODS[name]
+    recogniser, _, preset = name.partition(":")
+    if recogniser not in RECOGNISERS or RECOGNISERS[recogniser].build is None:
+        problem = explain_choice(name, method_names(), RENAMED_METHODS)
+        raise ConfigError(f"{key} is {name!r}, {problem}")
+    return _by_recogniser(recogniser, preset or "robust", name.replace(":", ", "))

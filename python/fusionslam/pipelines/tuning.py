@@ -20,7 +20,8 @@ from fusionslam.evaluation import ViewJudge, ViewReport
 from fusionslam.pipelines.tuning_state import Generation, TuningState
 from fusionslam.pipelines.views import views_of
 from fusionslam.views.comparison import View
-from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig, similarity_config
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import ViewMatcherConfig, similarity_config
 from fusionslam.views.scene_set import SceneSet
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ from typing import TYPE_CHECKING
 from fusionslam.storage.files import atomic_path
 
 if TYPE_CHECKING:
-    from fusionslam.views.matcher import ViewMatcherConfig
+    from fusionslam.views.recognisers import ViewMatcherConfig
     from fusionslam.views.scene_set import SceneSet
 
 Array = NDArray[np.float64]
@@ -141,9 +142,9 @@ def tune(
         ConfigError: a matcher that does not compare scenes. FusionSlamError: pymoo is missing.
     """
     config = config or TuningConfig()
-    if base.method not in (None, "scenes"):
-        raise ConfigError(f"views.method is {base.method!r}: tuning needs 'scenes'")
-    base = merged(base, {"method": "scenes"})
+    if base.method not in (None, "objects"):
+        raise ConfigError(f"views.method is {base.method!r}: tuning needs 'objects'")
+    base = merged(base, {"method": "objects"})
     if not sets:
         raise DataError("there is no scene set to tune on")
     search = _Search(base, config)
@@ -382,7 +383,7 @@ def write_tuned(
 
 def _values(config: "ViewMatcherConfig") -> dict[str, Any]:
     """Everything that decides the ids: a later preset with other values does not change them."""
-    from fusionslam.views.matcher import scene_config, similarity_config
+    from fusionslam.views.recognisers import scene_config, similarity_config
 
     values = config.model_dump(mode="json", exclude_unset=True)
     for name, core in (("scene", scene_config(config)), ("similarity", similarity_config(config))):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.descriptors import DescriptorConfig
+from fusionslam.descriptors import DESCRIPTORS, DescriptorConfig
 from fusionslam.errors import DataError
 from fusionslam.evaluation import ViewJudge, ViewRun
 from fusionslam.evaluation.views.curve import THRESHOLDS, ViewCurve, sweep_views
@@ -20,7 +20,8 @@ from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.files import atomic_path
 from fusionslam.views.comparison import Comparison, View
 from fusionslam.views.match import ViewMatch, ViewStats
-from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig, scene_config
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import ViewMatcherConfig, scene_config
 from fusionslam.views.scene_set import Progress, SceneSet
 from fusionslam.views.two_stage_comparison import TWO_STAGES
 
@@ -156,29 +157,31 @@ def _timed(scenes: SceneSet, matcher: ViewMatcher, seconds: NDArray[np.float64])
 
 def _items(scenes: SceneSet, matcher: ViewMatcher) -> Callable[[int], Any]:
     """What to give the matcher of each scan: what is stored if it fits, else its cloud."""
-    config, kind = matcher.config, matcher.comparison.kind
+    kind = matcher.comparison.kind
     if kind.endswith("alignment") and scenes.frame == "odometry":
         raise DataError(
             f"{scenes.name}: alignment needs clouds in the robot's frame, these are in that of "
-            "odometry: record them in frame robot, or compare objects (views.method=scenes)"
+            "odometry: record them in frame robot, or compare objects (views.method=objects)"
         )
-    if kind in ("scenes", "alignment") and scenes.fits(scene_config(config)):
+    if kind in ("objects", "alignment") and scenes.fits(scene_config(matcher.config)):
         return lambda index: (scenes.scenes or ())[index]
-    if kind == "descriptor" and config.descriptor in scenes.features:
-        rows = scenes.features[config.descriptor]
+    if kind in scenes.features:
+        rows = scenes.features[kind]
         nothing = Cloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
         return lambda index: nothing if np.isnan(rows[index]).any() else rows[index]
     if scenes.clouds is None:
-        raise DataError(f"{scenes.name} holds no clouds, and {_lacking(scenes, config, kind)}")
+        raise DataError(f"{scenes.name} holds no clouds, and {_explain_lack(scenes, kind)}")
     return scenes.clouds.__getitem__
 
 
-def _lacking(scenes: SceneSet, config: ViewMatcherConfig, kind: str) -> str:
+def _explain_lack(scenes: SceneSet, kind: str) -> str:
     """What else a set without clouds would have to hold."""
-    if kind == "descriptor":
-        return f"no {config.descriptor}: record it with --features {config.descriptor}"
+    if kind in DESCRIPTORS:
+        return f"no {kind}: record it with --features {kind}"
     if kind.startswith(TWO_STAGES):
         return "two stages need them: record it without --only-scenes"
+    if kind not in ("objects", "alignment"):
+        return f"{kind} needs them: record it without --only-scenes"
     other = "scenes of another configuration" if scenes.scenes else "no scenes"
     return f"{other}: record it with these views.scene, or without --only-scenes"
 
@@ -200,7 +203,7 @@ def sweep_thresholds(
     Args:
         scenes: with true poses.
         config: of the matcher, whose threshold is not used.
-        descriptors: how clouds are described, for method "descriptor".
+        descriptors: how clouds are described, where the method is a descriptor.
         rule: of the judge.
         comparison: makes a new one for each run; None for the configured one.
         progress: called with (runs done, runs in all).
@@ -218,7 +221,7 @@ def sweep_thresholds(
     first = matcher(1.0)
     views = views_of(scenes, first)
     kind = first.comparison.kind.removeprefix(TWO_STAGES)
-    known = {"scenes": THRESHOLDS, "alignment": _PROBABILITIES}.get(kind)
+    known = {"objects": THRESHOLDS, "alignment": _PROBABILITIES}.get(kind)
     thresholds = list(known or _quantiles(views, first, len(THRESHOLDS)))
     done = 0
 

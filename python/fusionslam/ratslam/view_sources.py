@@ -10,7 +10,7 @@
 
 import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -19,14 +19,15 @@ from numpy.typing import NDArray
 
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import DataError
 from fusionslam.fusion import ROBOT_FUSION, FusionConfig
 from fusionslam.ratslam.events import Sighting
 from fusionslam.ratslam.external_views import GivenViews
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Picture
 from fusionslam.views.match import ViewMatch
-from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig, method_of
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import ViewMatcherConfig, describe_method, find_recogniser
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 
 Pose = tuple[float, float, float]
@@ -135,10 +136,7 @@ class MatcherSource:
     @property
     def title(self) -> str:
         """For people."""
-        config = self.matcher.config
-        names = {"descriptor": config.descriptor, "scenes": f"objects {config.preset}"}
-        first = names.get(method_of(config), method_of(config))
-        return first if config.second_stage is None else f"{first}, then {config.second_stage}"
+        return describe_method(self.matcher.config)
 
     @property
     def known(self) -> int:
@@ -188,7 +186,7 @@ KINDS: Mapping[str, type[TemplateSource] | type[MatcherSource] | type[GivenViews
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """What the sources that have names are made with."""
+    """Configurations that ``build_view_source`` passes on."""
 
     views: ViewMatcherConfig = field(default_factory=ViewMatcherConfig)
     fusion: FusionConfig = ROBOT_FUSION
@@ -196,63 +194,22 @@ class SourceOptions:
     templates: VisualTemplatesConfig = field(default_factory=VisualTemplatesConfig)
 
 
-@dataclass(frozen=True)
-class NamedSource:
-    """A source that the command line knows by name.
+def build_view_source(name: str, options: SourceOptions | None = None) -> ViewSource:
+    """A new source of views, of one of ``RECOGNISERS``.
 
-    Attributes:
-        help: what it is.
-        make: makes one.
+    Raises:
+        ConfigError: an unknown name, or a value out of range.
     """
-
-    help: str
-    make: Callable[[SourceOptions], ViewSource]
-
-
-def _by_matcher(*, ground: bool = False, **changes: Any) -> Callable[[SourceOptions], ViewSource]:
-    """A matcher as configured, but for some values; ``ground``: clouds keep theirs."""
-
-    def make(options: SourceOptions) -> ViewSource:
-        fusion = merged(options.fusion, {"ground": "none"}) if ground else options.fusion
-        config = merged(options.views, changes)
-        return MatcherSource(ViewMatcher(config, fusion=fusion, descriptors=options.descriptors))
-
-    return make
-
-
-def _two_stages(options: SourceOptions) -> ViewSource:
-    # The thesis's parameters go with its network, trained anew; ours with ours.
-    named = options.views.second_stage
-    usual = "places" if options.views.preset == "robust" else "thesis"
-    return _by_matcher(method="scenes", second_stage=named or usual)(options)
-
-
-SOURCES: Mapping[str, NamedSource] = {
-    "alignment": NamedSource(
-        "our default: scans laid over each other", _by_matcher(method="alignment")
-    ),
-    "objects": NamedSource(
-        "the second thesis's first stage: objects", _by_matcher(method="scenes", second_stage=None)
-    ),
-    "two-stage": NamedSource("objects, then a network that has to agree", _two_stages),
-    "cm2dp": NamedSource(
-        "the first thesis's descriptor",
-        # The ground helps it: docs/results/views.md.
-        _by_matcher(method="descriptor", descriptor="cm2dp", ground=True),
-    ),
-    "visual": NamedSource(
-        "visual templates, as in the original RatSLAM",
-        lambda options: TemplateSource(options.templates),
-    ),
-}
-"""What ``fusionslam ratslam --views`` takes."""
-
-
-def source_named(name: str, options: SourceOptions | None = None) -> ViewSource:
-    """A new source of views. Raises ConfigError for a name that is none of ``SOURCES``."""
-    if name not in SOURCES:
-        raise ConfigError(f"views is {name!r}, expected one of {', '.join(SOURCES)}")
-    return SOURCES[name].make(options or SourceOptions())
+    recogniser, options = find_recogniser(name), options or SourceOptions()
+    if recogniser.build is None:
+        return TemplateSource(options.templates)
+    keeps_ground = {"ground": "none"} if recogniser.keeps_ground else {}
+    matcher = ViewMatcher(
+        merged(options.views, {"method": name}),
+        fusion=merged(options.fusion, keeps_ground),
+        descriptors=options.descriptors,
+    )
+    return MatcherSource(matcher)
 
 
 def _image_of(item: Any) -> NDArray[Any]:

@@ -19,14 +19,19 @@ from fusionslam.views.alignment_comparison import (
     RangeImage,
     align_scenes,
 )
-from fusionslam.views.matcher import ViewMatch, ViewMatcher, ViewMatcherConfig
+from fusionslam.views.match import ViewMatch
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scene_set import SceneSet
-from fusionslam.views.scenes import Scene, SceneConfig, build_scene, dbscan
-from fusionslam.views.similarity import (
+from fusionslam.views.scenes import (
+    Scene,
+    SceneConfig,
     SceneIndex,
     SimilarityConfig,
+    build_scene,
     ciede2000,
     color_difference,
+    dbscan,
     scene_similarity,
 )
 

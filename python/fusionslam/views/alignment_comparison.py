@@ -72,7 +72,7 @@ class AlignmentComparison(SceneComparison):
         if isinstance(item, Scene) and not len(scene.image) and self._has_objects_in_range(scene):
             raise DataError(
                 "the scene has objects but no range image: build it with image=True, as the "
-                "robust preset does, or compare scenes (method scenes)"
+                "robust preset does, or compare objects (views.method=objects)"
             )
         return View(scene, self._recognisable(scene))
 

@@ -9,8 +9,14 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Cloud
-from fusionslam.views.scenes import Scene, SceneConfig, build_scene, dbscan
-from fusionslam.views.similarity import SimilarityConfig, scene_similarity
+from fusionslam.views.scenes import (
+    Scene,
+    SceneConfig,
+    SimilarityConfig,
+    build_scene,
+    dbscan,
+    scene_similarity,
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,10 +27,9 @@ class DescriptorComparison:
         max_distance: the largest distance of a match.
     """
 
-    kind = "descriptor"
-
     def __init__(self, name: str, config: DescriptorConfig, max_distance: float) -> None:
         self._descriptor, self._config = descriptor_named(name), config
+        self.kind = name
         self.threshold = similarity_at(max_distance)
         self._rows: list[NDArray[np.float32]] = []
         self._length = length_of(name, config)

@@ -3,131 +3,29 @@
 """``ViewMatcher``: which view is this? One ``process`` a scan (Stastny 2022, 4.4)."""
 
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import model_validator
 
-from fusionslam.config import Section, core_section, merged, option
+from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
 from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
 from fusionslam.sensors.frame import Frame
 from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.files import PathLike
-from fusionslam.views.alignment_comparison import AlignmentComparison, AlignmentConfig
 from fusionslam.views.comparison import Candidate, Comparison, Item, View
-from fusionslam.views.descriptor_comparison import DescriptorComparison
 from fusionslam.views.match import NO_VIEW, Slot, ViewMatch, ViewStats
-from fusionslam.views.object_comparison import ObjectComparison
-from fusionslam.views.scenes import SceneConfig
-from fusionslam.views.similarity import SimilarityConfig
-from fusionslam.views.two_stage_comparison import TwoStageComparison
-
-__all__ = [
-    "NO_VIEW",
-    "ViewMatch",
-    "ViewMatcher",
-    "ViewMatcherConfig",
-    "ViewStats",
-    "comparison_of",
-    "method_of",
-    "scene_config",
-    "similarity_config",
-]
-
-if TYPE_CHECKING:
-
-    class SceneSection(Section): ...
-
-    class SimilaritySection(Section): ...
-
-    class AlignmentSection(Section): ...
-
-else:
-    SceneSection = core_section("SceneSection", SceneConfig, optional=True)
-    SimilaritySection = core_section("SimilaritySection", SimilarityConfig, optional=True)
-    AlignmentSection = core_section("AlignmentSection", AlignmentConfig)
+from fusionslam.views.recognisers import (
+    ViewMatcherConfig,
+    build_comparison,
+    update_stored_config,
+    update_stored_kind,
+)
 
 FORMAT = "fusionslam.view_matcher.1"
-THRESHOLDS = {"robust": 0.74, "paper": 0.737, "author": 0.737}
-"""From what similarity scenes match: as published; ours, where accuracy and precision meet."""
-PROBABILITY = 0.96
-"""Probability from which aligned views match; see docs/stages/views/alignment.md."""
 _STATE = "state."
-
-
-class ViewMatcherConfig(Section):
-    """How views are compared, which of them are stored, and when two match."""
-
-    method: Literal["alignment", "scenes", "descriptor"] | None = option(
-        None,
-        "how views are compared: alignment lays one over the other, scenes compares objects, "
-        "descriptor vectors; null is alignment for the robust preset, scenes for the others",
-    )
-    preset: Literal["robust", "paper", "author"] = option(
-        "robust", "scenes: robust (ours), paper (Stastny 2022) or author (his program)"
-    )
-    threshold: float | None = option(
-        None,
-        "similarity, of alignments the probability, from which two views match; null: the "
-        "method's and preset's, or max_distance",
-        ge=0,
-        le=1,
-    )
-    scene: SceneSection = option(SceneSection(), "scenes: single values instead of the preset's")
-    similarity: SimilaritySection = option(
-        SimilaritySection(), "scenes: single values instead of the preset's"
-    )
-    alignment: AlignmentSection = option(AlignmentSection(), "alignment: how")
-    descriptor: Literal["m2dp", "cm2dp", "shot", "cshot"] = option("cm2dp", "descriptor: which one")
-    max_distance: float = option(
-        0.24, "descriptor: the largest distance of a match", ge=0, allow_inf_nan=False
-    )
-    second_stage: str | None = option(
-        None,
-        "a network that may reject matches: places (ours, looks at colours), thesis (Stastny 2022, "
-        "trained anew), or the path of features in ONNX; null is none",
-    )
-    second_comparison: str | None = option(
-        None, "second_stage: path of the comparison in ONNX, for features without calibration"
-    )
-    second_threshold: float = option(
-        0.5, "second_stage: the probability from which it agrees", ge=0, le=1
-    )
-    second_start: float | None = option(
-        None,
-        "second_stage: from what similarity it is asked, below which a match needs no second "
-        "opinion; null is threshold: every match has to pass both",
-        ge=0,
-        le=1,
-    )
-    min_objects: int = option(
-        1,
-        "a scan with fewer objects has nothing to recognise: its id is -1, it is not stored",
-        ge=0,
-    )
-    policy: Literal["first", "several"] = option(
-        "first", "what is stored of a place: its first view, or several that differ"
-    )
-    store_below: float = option(
-        0.85,
-        "several: a match less similar than this is stored as another view of the place",
-        ge=0,
-        le=1,
-    )
-    per_place: int = option(5, "several: views of one place at most", ge=1)
-    threads: int = option(1, "that compare scenes; 0 is one a core; ids stay the same", ge=0)
-    max_views: int = option(
-        0, "views stored at most; the one not matched for longest makes room; 0 is no bound", ge=0
-    )
-
-    @model_validator(mode="after")
-    def _two_stages_need_objects(self) -> "ViewMatcherConfig":
-        if self.second_stage is not None and self.min_objects < 1:
-            raise ValueError("second_stage needs min_objects of at least 1, not 0")
-        return self
 
 
 class ViewMatcher:
@@ -136,7 +34,7 @@ class ViewMatcher:
     Args:
         config: what is compared and stored.
         fusion: how frames become clouds; without it in the robot's frame, without the ground.
-        descriptors: how clouds are described, for method "descriptor".
+        descriptors: how clouds are described, where the method is a descriptor.
         comparison: instead of the configured method, such as one with a second stage.
 
     Raises:
@@ -155,7 +53,7 @@ class ViewMatcher:
         self.fusion_config = fusion or ROBOT_FUSION
         self.descriptor_config = descriptors or DescriptorConfig()
         if comparison is None:  # one without views is false
-            comparison = comparison_of(self.config, self.descriptor_config)
+            comparison = build_comparison(self.config, self.descriptor_config)
         self.comparison = comparison
         given = self.config.threshold
         self.threshold = self.comparison.threshold if given is None else given
@@ -302,7 +200,7 @@ class ViewMatcher:
         """
         with load_archive(source, FORMAT, "a stored view matcher") as (about, arrays):
             matcher = cls(
-                merged(ViewMatcherConfig(), about["views"]),
+                merged(ViewMatcherConfig(), update_stored_config(about["views"])),
                 fusion=merged(FusionConfig(), about["fusion"]),
                 descriptors=merged(DescriptorConfig(), about["descriptors"]),
                 comparison=comparison,
@@ -311,9 +209,10 @@ class ViewMatcher:
         return matcher
 
     def _restore(self, about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
-        if about["comparison"] != self.comparison.kind:
+        kind = update_stored_kind(about["comparison"], about["views"].get("descriptor"))
+        if kind != self.comparison.kind:
             raise DataError(
-                f"it compares {about['comparison']}, expected {self.comparison.kind}: name the "
+                f"it compares {kind}, expected {self.comparison.kind}: name the "
                 "comparison it was made with (comparison=...)"
             )
         slots = arrays.pop("slots")
@@ -323,53 +222,3 @@ class ViewMatcher:
         self.threshold = about["threshold"]
         self._slots = [Slot(*row) for row in slots.tolist()]
         self._stats = ViewStats(**about["stats"])
-
-
-def comparison_of(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
-    """The comparison that a configuration names.
-
-    Raises:
-        ConfigError: a value out of range. DataError, FusionSlamError: as ``SecondStage``.
-    """
-    first = _first_stage(config, descriptors)
-    if config.second_stage is None:
-        return first
-    from fusionslam.views.second_stage import SecondStage
-
-    return TwoStageComparison(
-        first,
-        SecondStage(config.second_stage, config.second_comparison),
-        threshold=config.second_threshold,
-        start=config.threshold if config.second_start is None else config.second_start,
-    )
-
-
-def _first_stage(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
-    if config.method == "descriptor":
-        return DescriptorComparison(config.descriptor, descriptors, config.max_distance)
-    scene, alignment = scene_config(config), alignment_config(config)
-    if alignment is not None:
-        return AlignmentComparison(scene, alignment, PROBABILITY, threads=config.threads)
-    limit = THRESHOLDS[config.preset]
-    return ObjectComparison(scene, similarity_config(config), limit, threads=config.threads)
-
-
-def method_of(config: ViewMatcherConfig) -> str:
-    """How views are compared."""
-    return config.method or ("alignment" if config.preset == "robust" else "scenes")
-
-
-def alignment_config(config: ViewMatcherConfig) -> AlignmentConfig | None:
-    """How scenes are aligned; None where something else is compared."""
-    values = config.alignment.model_dump()
-    return AlignmentConfig(**values) if method_of(config) == "alignment" else None
-
-
-def scene_config(config: ViewMatcherConfig) -> SceneConfig:
-    """How clouds become scenes: the preset, and what is changed of it."""
-    return SceneConfig(preset=config.preset, **config.scene.model_dump(exclude_none=True))
-
-
-def similarity_config(config: ViewMatcherConfig) -> SimilarityConfig:
-    """How scenes are compared: the preset, and what is changed of it."""
-    return SimilarityConfig(preset=config.preset, **config.similarity.model_dump(exclude_none=True))

@@ -8,8 +8,9 @@ from fusionslam.views.comparison import Candidate, SceneComparison, View, in_wor
 from fusionslam.views.scenes import (
     Scene,
     SceneConfig,
+    SceneIndex,
+    SimilarityConfig,
 )
-from fusionslam.views.similarity import SceneIndex, SimilarityConfig
 
 
 class ObjectComparison(SceneComparison):
@@ -21,7 +22,7 @@ class ObjectComparison(SceneComparison):
         threads: that compare; 0 is one a core.
     """
 
-    kind = "scenes"
+    kind = "objects"
 
     def __init__(
         self,

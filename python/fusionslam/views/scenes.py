@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""From coloured clouds to scenes, which the core does, and from scenes to exact arrays."""
+"""Scenes: built from coloured clouds and compared by the core; stored as exact arrays."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,15 +8,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam._core import RangeImage, Scene, SceneConfig, build_scene, dbscan
+from fusionslam._core import (
+    RangeImage,
+    Scene,
+    SceneConfig,
+    SceneIndex,
+    SimilarityConfig,
+    build_scene,
+    ciede2000,
+    color_difference,
+    dbscan,
+    scene_similarity,
+)
 from fusionslam.errors import DataError
 
 __all__ = [
     "Scene",
     "SceneConfig",
+    "SceneIndex",
+    "SimilarityConfig",
     "build_scene",
+    "ciede2000",
+    "color_difference",
     "dbscan",
     "scene_from_arrays",
+    "scene_similarity",
     "scene_to_arrays",
 ]
 

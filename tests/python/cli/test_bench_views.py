@@ -15,17 +15,17 @@ from command_line import fails, run, succeeds
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import judge_views, published_views, rerun_views
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, measured_places
-from fusionslam.pipelines import methods as entrants
+from fusionslam.pipelines import methods
 from fusionslam.pipelines.compare_views import bench_views, known_recordings
 from fusionslam.pipelines.drive_images import Images, places_at
 from fusionslam.pipelines.drives import Drive, moved, open_drive
-from fusionslam.pipelines.methods import ENTRANTS, Task, by_templates, latest
+from fusionslam.pipelines.methods import METHODS, Task, latest, run_templates
 from fusionslam.report.views.comparison_tables import accuracy_table, as_json, cost_table, markdown
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 from recorded_drives import PLACES, write_drive
 
 SMALL = VisualTemplatesConfig(columns=12, rows=4, bottom=None, shift=2)
-QUICK = ("first_stage", "templates", "always_new", "every_3rd")
+QUICK = ("objects:author", "visual_templates", "always_new", "every_3rd")
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def test_a_drive_leaves_out_the_scans_that_see_the_floor_only(drive: Drive) -> N
 
 
 def test_every_figure_is_what_the_judge_says_of_the_ids(drive: Drive) -> None:
-    results = bench_views([drive], ("first_stage", "cm2dp", "every_3rd"))
+    results = bench_views([drive], ("objects:author", "cm2dp", "every_3rd"))
     poses, seconds = drive.scenes.poses, drive.scenes.seconds
     table = {label: cells for label, cells in accuracy_table(results).rows}
     for result in results:
@@ -74,7 +74,7 @@ def test_every_figure_is_what_the_judge_says_of_the_ids(drive: Drive) -> None:
 
 
 def test_places_seen_again_are_recognised(drive: Drive) -> None:
-    (result,) = bench_views([drive], ["first_stage"])
+    (result,) = bench_views([drive], ["objects:author"])
     assert result.paper is not None
     assert result.paper.loop_recall is not None and result.paper.loop_recall > 0.9
     assert result.paper.revisits == PLACES
@@ -85,12 +85,12 @@ def test_published_and_measured_figures_stand_beside_their_own_rows(drive: Drive
     by_row = {(r.method, r.frame): r for r in results}
     known = {f.method: f for f in published_views("warehouse")}
     again = {f.input: f for f in rerun_views("warehouse")}
-    first = by_row["first_stage", "robot"]
+    first = by_row["objects:author", "robot"]
     assert first.published == known["first stage"]
     assert first.rerun == again["first stage, robot's frame"]
-    drifting = by_row["first_stage", "drift"]
+    drifting = by_row["objects:author", "drift"]
     assert drifting.rerun == again["first stage, world coordinates, drifting odometry"]
-    assert by_row["templates", "robot"].published == known["RatSLAM"]
+    assert by_row["visual_templates", "robot"].published == known["RatSLAM"]
     assert by_row["always_new", "robot"].published is None
     assert by_row["every_3rd", "robot"].rerun == again["no sensor: new every 3rd"]
 
@@ -98,29 +98,34 @@ def test_published_and_measured_figures_stand_beside_their_own_rows(drive: Drive
 def test_all_names_of_the_registry_are_among_the_published_ones() -> None:
     methods = {figures.method for figures in published_views("warehouse")}
     inputs = {figures.input for figures in rerun_views("warehouse")}
-    for entrant in ENTRANTS.values():
-        assert entrant.published is None or entrant.published in methods
-        assert set(entrant.rerun.values()) <= inputs
+    for method in METHODS.values():
+        assert method.published is None or method.published in methods
+        assert set(method.rerun.values()) <= inputs
 
 
 def test_a_drive_elsewhere_has_no_published_figures(path: Path, tmp_path: Path) -> None:
     other = tmp_path / "cellar.npz"
     other.write_bytes(path.read_bytes())
-    (result,) = bench_views([open_drive(other)], ["first_stage"])
+    (result,) = bench_views([open_drive(other)], ["objects:author"])
     assert result.published is None and result.rerun is None
 
 
 def test_a_drive_without_images_says_so_and_costs_no_other_row(drive: Drive) -> None:
     results = bench_views([drive], QUICK)
     notes = {result.method: result.note for result in results}
-    assert notes == {"first_stage": "", "templates": "no images", "always_new": "", "every_3rd": ""}
+    assert notes == {
+        "objects:author": "",
+        "visual_templates": "no images",
+        "always_new": "",
+        "every_3rd": "",
+    }
     assert "warehouse: templates: no images" in markdown(results, {"warehouse": 3})
 
 
 def test_templates_are_fed_with_all_images_and_asked_at_the_scans(drive: Drive) -> None:
     images = images_of(drive)
     pictured = replace(drive, find_images=lambda bottom: images)
-    found = by_templates(SMALL)(Task("templates", pictured, "robot"))
+    found = run_templates(SMALL)(Task("templates", pictured, "robot"))
     ids = ids_of(images)
     at = [max(np.flatnonzero(images.seconds <= t + 1e-6)) for t in drive.scenes.seconds]
     assert found.ids.tolist() == [ids[row] for row in at]
@@ -132,14 +137,14 @@ def test_templates_are_fed_with_all_images_and_asked_at_the_scans(drive: Drive) 
 def test_templates_can_be_judged_at_every_image(drive: Drive) -> None:
     images = images_of(drive)
     pictured = replace(drive, find_images=lambda bottom: images)
-    found = by_templates(SMALL, every_image=True)(Task("templates", pictured, "robot"))
+    found = run_templates(SMALL, every_image=True)(Task("templates", pictured, "robot"))
     assert found.method == "templates, 2.5 Hz"
     assert found.ids.tolist() == ids_of(images)
     assert np.array_equal(found.poses, images.poses)
     assert np.array_equal(found.stamps, images.seconds)
     unplaced = replace(drive, find_images=lambda bottom: replace(images, poses=None))
     with pytest.raises(DataError, match="no true poses"):
-        by_templates(SMALL, every_image=True)(Task("templates", unplaced, "robot"))
+        run_templates(SMALL, every_image=True)(Task("templates", unplaced, "robot"))
 
 
 def ids_of(images: Images) -> list[int]:
@@ -185,10 +190,10 @@ def test_what_no_frame_changes_is_run_once(drive: Drive, monkeypatch: pytest.Mon
 
     def counted(task: Task) -> Any:
         calls.append(task.frame)
-        return entrants.by_counting("always new")(task)
+        return methods.run_baseline("always new")(task)
 
-    changed = replace(ENTRANTS["always_new"], run=counted)
-    monkeypatch.setitem(ENTRANTS, "always_new", changed)
+    changed = replace(METHODS["always_new"], run=counted)
+    monkeypatch.setitem(METHODS, "always_new", changed)
     results = bench_views([drive], ["always_new"], frames=["robot", "odometry", "drift"])
     assert calls == ["robot"]
     assert [result.frame for result in results] == ["robot", "odometry", "drift"]
@@ -224,7 +229,7 @@ def test_recordings_of_nothing_but_the_floor_are_refused(tmp_path: Path) -> None
 def test_a_saved_scene_set_is_a_drive(drive: Drive, tmp_path: Path) -> None:
     drive.scenes.save(tmp_path / "scenes.npz")
     again = open_drive(tmp_path / "scenes.npz")
-    one, other = (bench_views([d], ["first_stage"])[0].run for d in (drive, again))
+    one, other = (bench_views([d], ["objects:author"])[0].run for d in (drive, again))
     assert one is not None and other is not None
     assert one.ids.tolist() == other.ids.tolist()
     assert again.with_ground is None
@@ -269,7 +274,7 @@ def test_the_command_prints_narrow_tables_and_writes_all_figures(
 
 
 def test_several_frames_have_a_page_each(path: Path, tmp_path: Path) -> None:
-    words = ("bench", "views", path, "-o", tmp_path, "-m", "first_stage", "--frame", "all")
+    words = ("bench", "views", path, "-o", tmp_path, "-m", "objects:author", "--frame", "all")
     result = succeeds(*words)
     assert "every 3rd" in result.stdout
     for frame in ("robot", "odometry", "drift"):
@@ -289,7 +294,7 @@ def test_the_command_beside_it_still_compares_descriptors(tmp_path: Path) -> Non
     [
         (("nowhere.npz",), 1, "nowhere.npz: no such world"),
         (("town",), 1, "expected a recording, or one of warehouse, house, hospital"),
-        (("PATH", "-m", "first_stag"), 2, "did you mean 'first_stage'?"),
+        (("PATH", "-m", "object"), 2, "did you mean 'objects'?"),
         (("PATH", "--frame", "world"), 2, "--frame is 'world'"),
         (("PATH", "--shapes", "round"), 2, "--shapes is 'round'"),
     ],
@@ -304,11 +309,11 @@ def test_mistakes_are_told_in_a_line(
 
 def test_the_ways_are_listed_with_what_they_are() -> None:
     text = run("bench", "views", "-m", "list").stdout
-    assert all(name in text for name in ENTRANTS)
+    assert all(name in text for name in METHODS)
 
 
 def test_costs_have_the_thesis_beside_them(drive: Drive) -> None:
-    table = cost_table(bench_views([drive], ["first_stage"]))
+    table = cost_table(bench_views([drive], ["objects:author"]))
     ((label, cells),) = table.rows
     texts = [cell.text for cell in cells]
     assert label == "first stage" and texts[0].isdigit()
@@ -317,7 +322,7 @@ def test_costs_have_the_thesis_beside_them(drive: Drive) -> None:
 
 def test_a_second_stage_costs_bytes_and_only_rejects(drive: Drive) -> None:
     pytest.importorskip("onnxruntime")
-    first, both = bench_views([drive], ["first_stage", "both_stages"])
+    first, both = bench_views([drive], ["objects:author", "two_stages:author"])
     assert first.run is not None and both.run is not None
     assert first.run.bytes_per_view is not None and both.run.bytes_per_view is not None
     assert both.run.bytes_per_view > first.run.bytes_per_view + 1000
@@ -331,6 +336,6 @@ def test_what_is_not_installed_is_told_in_its_row(
     drive: Drive, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    first, both = bench_views([drive], ["first_stage", "both_stages"])
+    first, both = bench_views([drive], ["objects:author", "two_stages:author"])
     assert first.run is not None
     assert both.run is None and "pip install 'fusionslam[onnx]'" in both.note

@@ -86,12 +86,12 @@ def test_the_same_seed_writes_the_same_bytes_and_another_one_does_not(
     assert one["trajectory.txt"] != other["trajectory.txt"]
 
 
-@pytest.mark.parametrize("views", ["alignment", "objects", "two-stage", "cm2dp"])
+@pytest.mark.parametrize("views", ["alignment", "objects", "two_stages", "cm2dp"])
 @pytest.mark.parametrize("preset", ["robust", "openratslam"])
 def test_every_way_to_recognise_places_makes_a_map(
     recording: Path, tmp_path: Path, views: str, preset: str
 ) -> None:
-    if views == "two-stage":
+    if views == "two_stages":
         pytest.importorskip("onnxruntime")
     words = ("--views", views, "--preset", preset, "--odometry", "truth+noise")
     succeeds("ratslam", recording, *words, "-o", tmp_path, *QUICK)
@@ -102,7 +102,7 @@ def test_every_way_to_recognise_places_makes_a_map(
 
 @pytest.mark.parametrize("odometry", ["topic", "visual"])
 def test_a_bag_is_mapped_by_its_images(bag: Path, tmp_path: Path, odometry: str) -> None:
-    words = ("--views", "visual", "--odometry", odometry, *TEMPLATES)
+    words = ("--views", "visual_templates", "--odometry", odometry, *TEMPLATES)
     text = succeeds("ratslam", bag, *words, "-o", tmp_path, *QUICK).stdout
     assert "not judged: the run has no true poses" in text
     assert not (tmp_path / "truth.txt").exists()
@@ -116,7 +116,14 @@ def test_a_bag_is_mapped_by_its_images(bag: Path, tmp_path: Path, odometry: str)
 
 
 def test_what_is_set_of_drift_counts_with_a_camera_alone_too(bag: Path, tmp_path: Path) -> None:
-    words = ("--views", "visual", "--odometry", "visual", "--set", "ratslam.map.drift_m=0.11")
+    words = (
+        "--views",
+        "visual_templates",
+        "--odometry",
+        "visual",
+        "--set",
+        "ratslam.map.drift_m=0.11",
+    )
     succeeds("ratslam", bag, *words, *TEMPLATES, "-o", tmp_path, *QUICK)
     config = RatSlamRun.load(tmp_path / "run.npz").config["map"]
     assert config["drift_m"] == 0.11 and config["drift_heading"] == 0.03
@@ -204,7 +211,7 @@ def test_ctrl_c_before_the_first_step_writes_nothing(
         (2, ("--topic", "points=/x"), "--topic"),
         (1, ("--odometry", "topic"), "drive has no odometry messages"),
         (1, ("--odometry", "visual"), "drive: no images, which visual odometry looks at"),
-        (1, ("--views", "visual"), "drive: no images, which visual templates look at"),
+        (1, ("--views", "visual_templates"), "drive: no images, which visual templates look at"),
         (1, ("--resume", "nowhere.npz"), "nowhere.npz is missing"),
     ],
 )

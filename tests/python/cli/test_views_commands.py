@@ -46,7 +46,7 @@ def test_a_recording_is_recorded_matched_and_judged(tmp_path: Path) -> None:
     words = ("views", "match", tmp_path / "set.npz", "-o", tmp_path / "out", "--no-report")
     # Where odometry begins, no scan was taken.
     assert "alignment needs clouds in the robot's frame" in fails(1, *words)
-    result = succeeds(*words, "--set", "views.method=scenes")
+    result = succeeds(*words, "--set", "views.method=objects")
     assert last_line(result) == str(tmp_path / "out/matches.csv")
     assert "100.0 %" in result.stdout and "new every 3rd" in result.stdout
     assert "14 scans: 8 matched, 6 places, 0 with nothing to recognise" in result.stdout
@@ -61,7 +61,7 @@ def test_matching_writes_a_page_and_a_matcher_that_goes_on(scenes: Path, tmp_pat
     result = succeeds("views", "match", scenes, "-o", out)
     assert last_line(result) == str(out / "views.html")
     assert "alignment" in (out / "views.html").read_text()
-    words = ("-o", tmp_path / "objects", "--set", "views.method=scenes")
+    words = ("-o", tmp_path / "objects", "--set", "views.method=objects")
     succeeds("views", "match", scenes, *words)
     assert "objects robust" in (tmp_path / "objects/views.html").read_text()
     assert "probability" in (out / "matches.csv").read_text()
@@ -86,7 +86,7 @@ def test_a_set_without_poses_is_matched_but_not_judged_or_tuned(tmp_path: Path) 
 
 
 def test_a_curve_names_the_best_thresholds(scenes: Path, tmp_path: Path) -> None:
-    for more in ((), ("--set", "views.method=descriptor")):
+    for more in ((), ("--set", "views.method=cm2dp")):
         result = succeeds("views", "curve", scenes, "-o", tmp_path, *more)
         assert "new every 3rd" in result.stdout
         assert last_line(result) == str(tmp_path / "curve.json")

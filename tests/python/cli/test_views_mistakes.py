@@ -41,7 +41,7 @@ def test_what_would_not_be_heard_is_refused(
             assert f"{option}: {data} is {what}" in line
 
 
-@pytest.mark.parametrize("method", ["alignment", "scenes"])
+@pytest.mark.parametrize("method", ["alignment", "objects"])
 def test_scenes_alone_are_matched_by_every_method_that_compares_them(
     method: str, scenes: Path, tmp_path: Path
 ) -> None:
@@ -60,7 +60,7 @@ def test_scenes_alone_are_matched_by_every_method_that_compares_them(
 @pytest.mark.parametrize(
     ("setting", "said"),
     [
-        ("views.method=descriptor", "no cm2dp: record it with --features cm2dp"),
+        ("views.method=cm2dp", "no cm2dp: record it with --features cm2dp"),
         ("views.preset=author", "scenes of another configuration: record it with these"),
         ("views.second_stage=places", "two stages need them: record it without --only-scenes"),
     ],

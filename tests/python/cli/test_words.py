@@ -33,7 +33,7 @@ def test_an_output_that_is_a_file_is_said_plainly(
     assert (tmp_path / "file").read_text() == "kept"
 
 
-def test_a_source_named_in_the_configuration_is_obeyed_though_it_is_the_default(
+def test_a_build_view_source_in_the_configuration_is_obeyed_though_it_is_the_default(
     kitti: Path, tmp_path: Path
 ) -> None:
     rng = np.random.default_rng(1)

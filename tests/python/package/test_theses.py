@@ -35,7 +35,7 @@ pytest.importorskip("jinja2")
 
 fails = partial(command_line.fails, command=app)
 succeeds = partial(command_line.succeeds, command=app)
-VIEWS = ("first_stage", "templates", "alignment")
+VIEWS = ("objects:author", "visual_templates", "alignment")
 
 
 @pytest.fixture(scope="module")
@@ -88,11 +88,11 @@ def test_published_figures_are_those_of_the_theses() -> None:
     assert PUBLISHED_SECONDS["05", "stereo", "cshot"] == 1.7711
     assert PUBLISHED_MATCH_SECONDS["05", "lidar", "cm2dp"] == 0.0051
     assert PUBLISHED_MATCH_SECONDS["05", "stereo", "cshot"] == 0.0061
-    assert published("warehouse", "first_stage", "accuracy") == pytest.approx(0.8884)
-    assert published("house", "templates", "accuracy") == pytest.approx(0.4125)
-    assert published("hospital", "templates", "max_error") == 14.57
-    assert published("house", "both_stages", "build_ms") == 88.265
-    assert published("hospital", "both_stages", "views") == 148
+    assert published("warehouse", "objects:author", "accuracy") == pytest.approx(0.8884)
+    assert published("house", "visual_templates", "accuracy") == pytest.approx(0.4125)
+    assert published("hospital", "visual_templates", "max_error") == 14.57
+    assert published("house", "two_stages:author", "build_ms") == 88.265
+    assert published("hospital", "two_stages:author", "views") == 148
     assert published("warehouse", "alignment", "accuracy") is None
 
 
@@ -149,14 +149,14 @@ def test_what_cannot_be_had_is_named_and_costs_nothing_else(made: Path) -> None:
 
 def test_figures_say_what_the_tables_say(made: Path) -> None:
     content = json.loads((made / "reproduce.json").read_text())
-    wanted = ("warehouse", "robot", "first_stage")
+    wanted = ("warehouse", "robot", "objects:author")
     (found,) = (v for v in content["views"] if (v["world"], v["frame"], v["method"]) == wanted)
     heads, row = rows_under(made, "Table 5.2, accuracy in %, strictly")
     assert row[heads.index("1st stage")] == f"{100 * found['figures']['accuracy']:.1f}"
     maps = {(m["odometry"], m["method"], m["preset"]): m for m in content["maps"]}
     assert len(maps) == 2 * (2 * 2 + 1)
     assert maps["truth", "alignment", "robust"]["report"]["node_count"] > 1
-    assert maps["truth", "templates", "robust"]["report"] is None
+    assert maps["truth", "visual_templates", "robust"]["report"] is None
 
 
 def test_the_same_command_again_recomputes_nothing(
@@ -168,7 +168,7 @@ def test_the_same_command_again_recomputes_nothing(
     text, before = (again / "reproduce.md").read_text(), pieces_of(again)
     monkeypatch.setattr(view_study, "sweep_thresholds", never)
     monkeypatch.setattr(map_study, "run_events", never)
-    reproduce(config_of(data, views=("first_stage", "alignment")), again, command="typed")
+    reproduce(config_of(data, views=("objects:author", "alignment")), again, command="typed")
     assert pieces_of(again) == before
     assert "88.8" in text
 
@@ -176,7 +176,7 @@ def test_the_same_command_again_recomputes_nothing(
 def test_a_run_that_is_cut_goes_on_where_it_stopped(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config = config_of(data, views=("first_stage",), parts=("maps",))
+    config = config_of(data, views=("objects:author",), parts=("maps",))
     done: list[Any] = []
     mapping = map_study.run_events
 
@@ -202,9 +202,9 @@ def test_a_run_that_is_cut_goes_on_where_it_stopped(
 def test_a_damaged_piece_is_made_again_and_named(
     again: Path, data: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    (piece,) = (again / "pieces").glob("warehouse-first_stage-robot.*.npz")
-    (curve,) = (again / "pieces").glob("warehouse-first_stage-robot-curve.*.json")
-    (mapped,) = (again / "pieces").glob("warehouse-map-first_stage-truth-robust.*.npz")
+    (piece,) = (again / "pieces").glob("warehouse-objects-author-robot.*.npz")
+    (curve,) = (again / "pieces").glob("warehouse-objects-author-robot-curve.*.json")
+    (mapped,) = (again / "pieces").glob("warehouse-map-objects-author-truth-robust.*.npz")
     heads = rows_under(again, "Table 5.2, accuracy in %, strictly")
     for path in (piece, curve, mapped):
         path.write_bytes(path.read_bytes()[:100])
@@ -221,7 +221,7 @@ def test_other_scans_are_not_taken_for_the_same(again: Path, data: Path, tmp_pat
     other.mkdir(parents=True)
     write_drive(other / "warehouse.npz", laps=3)
     before = pieces_of(again)
-    config = config_of(other.parent, views=("first_stage",), parts=("views",))
+    config = config_of(other.parent, views=("objects:author",), parts=("views",))
     reproduce(config, again)
     after = pieces_of(again)
     drive = [name for name in after if name.startswith("warehouse-drive")]
@@ -245,7 +245,7 @@ def test_missing_data_and_unknown_names_are_one_line(
     line = fails(1, "-o", tmp_path / "late", "--kitti", tmp_path / "nothing")
     assert "none of KITTI's sequences" in line and not (tmp_path / "late/made_with.json").exists()
     assert "hospital" in fails(2, *out, "--worlds", "castle")
-    assert "first_stage" in fails(2, *out, "--views", "crystal_ball")
+    assert "objects:author" in fails(2, *out, "--views", "crystal_ball")
     assert "maps" in fails(2, *out, "--parts", "")
     with pytest.raises(ConfigError, match="worlds: expected some of"):
         reproduce(ReproduceConfig(worlds=()), tmp_path)
@@ -257,7 +257,7 @@ def test_a_folder_that_cannot_be_written_is_found_before_the_work(
     def never(*arguments: Any) -> Any:
         raise AssertionError("worked for nothing")
 
-    monkeypatch.setattr(view_study, "run_entrant", never)
+    monkeypatch.setattr(view_study, "run_method", never)
     (tmp_path / "file").touch()
     with pytest.raises(DataError, match="cannot write"):
         reproduce(config_of(data), tmp_path / "file" / "out")
@@ -266,7 +266,8 @@ def test_a_folder_that_cannot_be_written_is_found_before_the_work(
 
 
 def test_the_command_prints_its_page(data: Path, tmp_path: Path) -> None:
-    given = ("--data", data, "--worlds", "warehouse", "--views", "first_stage", "--parts", "views")
+    given = ("--data", data, "--worlds", "warehouse", "--parts", "views")
+    given += ("--views", "objects:author")
     result = succeeds("-o", tmp_path, "--quick", *given)
     assert command_line.last_line(result) == str(tmp_path / "reproduce.html")
     assert "Figures of a quick run are no results" in (tmp_path / "reproduce.md").read_text()

@@ -18,7 +18,7 @@ from fusionslam.pipelines.maps import RunRecorder, joined, run_events, run_ratsl
 from fusionslam.pipelines.tours import DatasetTour, RecordedTour, open_tour
 from fusionslam.ratslam.events import Motion
 from fusionslam.ratslam.slam import RatSlam, Step
-from fusionslam.ratslam.view_sources import TemplateSource, source_named
+from fusionslam.ratslam.view_sources import TemplateSource, build_view_source
 from fusionslam.sensors.messages import Odometry
 from recorded_drives import PLACES, write_drive
 from slam_drives import SECOND, circles
@@ -73,7 +73,7 @@ def test_odometry_with_errors_is_dead_reckoning_with_errors(recording: Path) -> 
 def test_what_is_not_there_is_said(recording: Path, tmp_path: Path) -> None:
     for views, odometry, said in (
         (OBJECTS, "topic", "drive has no odometry messages"),
-        ("visual", None, "drive: no images, which visual templates look at"),
+        ("visual_templates", None, "drive: no images, which visual templates look at"),
         (OBJECTS, "visual", "drive: no images, which visual odometry looks at"),
     ):
         with pytest.raises(DataError, match=said):
@@ -162,7 +162,7 @@ def test_runs_are_joined_without_truth_where_one_has_none() -> None:
 def test_events_begin_with_the_odometry_before_the_first_look_and_end_after_the_last(
     recording: Path,
 ) -> None:
-    source = source_named(OBJECTS)
+    source = build_view_source(OBJECTS)
     found = events_of(open_tour(recording), source)
     stamps = [motion.stamp_ns for motion in found.motions]
     assert stamps[0] <= found.look_stamps_ns[0] and stamps[1] > found.look_stamps_ns[0]

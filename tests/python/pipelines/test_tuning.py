@@ -23,13 +23,14 @@ from fusionslam.pipelines.tuning import (
 )
 from fusionslam.pipelines.tuning_state import TuningState
 from fusionslam.pipelines.views import run_views
-from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig, similarity_config
+from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.presets import tuned_config, tuned_names, tuned_path
+from fusionslam.views.recognisers import ViewMatcherConfig, similarity_config
 from object_places import LAPS, drive
 
 pytest.importorskip("pymoo")
 
-AUTHOR = ViewMatcherConfig(method="scenes", preset="author")
+AUTHOR = ViewMatcherConfig(method="objects", preset="author")
 # With these values nothing matches: there is something to find.
 BAD = merged(AUTHOR, {"threshold": 0.99})
 DRIVE = drive(LAPS)
@@ -78,7 +79,7 @@ def test_the_value_is_what_the_judge_says_of_the_matcher_with_these_numbers() ->
 
 
 def test_the_numbers_to_begin_with_are_tried_so_the_end_is_no_worse() -> None:
-    good = ViewMatcherConfig(method="scenes")
+    good = ViewMatcherConfig(method="objects")
     ids = run_views(DRIVE, ViewMatcher(good)).ids
     report = judge_views(ids, DRIVE.true_poses(), DRIVE.seconds)
     assert report.accuracy == 1
@@ -177,7 +178,7 @@ def test_what_cannot_be_tuned_is_refused() -> None:
     with pytest.raises(DataError, match="no scene set"):
         tune([], BAD, quick())
     with pytest.raises(ConfigError, match="tuning needs 'scenes'"):
-        tune([DRIVE], ViewMatcherConfig(method="descriptor"), quick())
+        tune([DRIVE], ViewMatcherConfig(method="cm2dp"), quick())
 
 
 def test_weights_that_are_all_zero_are_the_worst() -> None:

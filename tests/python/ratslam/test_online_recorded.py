@@ -12,7 +12,7 @@ from fusionslam.pipelines.map_events import events_of, motions_of
 from fusionslam.pipelines.maps import run_ratslam
 from fusionslam.pipelines.tours import open_tour
 from fusionslam.ratslam import GivenView, Look, MatcherSource, OnlineRatSlam, Step
-from fusionslam.ratslam.view_sources import source_named
+from fusionslam.ratslam.view_sources import build_view_source
 from map_arrivals import Message, all_of, arrived
 from recorded_drives import write_drive
 
@@ -28,7 +28,7 @@ class Recorded(NamedTuple):
 def recorded(source: Path, views: str) -> Recorded:
     steps: list[Step] = []
     run_ratslam(source, views, watch=lambda step, *_: steps.append(step))
-    tour, matcher = open_tour(source), source_named(views)
+    tour, matcher = open_tour(source), build_view_source(views)
     assert isinstance(matcher, MatcherSource)
     events = events_of(tour, matcher)
     looks: list[Message] = []

@@ -17,7 +17,8 @@ import pytest
 from fusionslam.errors import DataError
 from fusionslam.ratslam import Look, MatcherSource, RatSlam, Sighting, TemplateSource
 from fusionslam.ratslam.events import Event
-from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import ViewMatcherConfig
 from object_places import LAPS, place
 from slam_drives import SECOND, circle_events, circles, everything, in_order, odometry, same, take
 
@@ -46,8 +47,8 @@ SOURCES: dict[str, tuple[Callable[[], Any], Callable[[int, int], Any]]] = {
         lambda: matcher(method="alignment", policy="several", store_below=1.0),
         place,
     ),
-    "objects": (lambda: matcher(method="scenes"), place),
-    "cm2dp": (lambda: matcher(method="descriptor", max_distance=0.3), place),
+    "objects": (lambda: matcher(method="objects"), place),
+    "cm2dp": (lambda: matcher(method="cm2dp", max_distance=0.3), place),
 }
 
 

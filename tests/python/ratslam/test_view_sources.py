@@ -5,19 +5,19 @@
 import numpy as np
 import pytest
 
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import DataError
 from fusionslam.ratslam.external_views import GivenViews
 from fusionslam.ratslam.view_sources import (
     KINDS,
-    SOURCES,
     MatcherSource,
     SourceOptions,
     TemplateSource,
-    source_named,
+    build_view_source,
 )
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.sensors.messages import Picture
-from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import RECOGNISERS, ViewMatcherConfig
 from fusionslam.views.visual_templates import VisualTemplates
 from object_places import NOTHING, place
 
@@ -77,7 +77,7 @@ def test_matchers_refuse_images_and_name_what_they_look_at() -> None:
 
 
 def test_a_scan_with_nothing_to_recognise_is_no_view() -> None:
-    source = MatcherSource(ViewMatcher(ViewMatcherConfig(method="scenes")))
+    source = MatcherSource(ViewMatcher(ViewMatcherConfig(method="objects")))
     assert source.look(place(0), 0).view_id == 0
     seen = source.look(NOTHING, 1)
     assert seen.view_id == -1 and "nothing to recognise" in seen.reason
@@ -98,30 +98,24 @@ def test_aligned_views_tell_where_the_robot_is_against_the_first_view_of_the_pla
 
 
 def test_the_sources_by_name_are_what_they_say() -> None:
-    titles = {name: source_named(name).title for name in SOURCES if name != "two-stage"}
-    assert titles == {
-        "alignment": "alignment",
+    names = [name for name in RECOGNISERS if name != "two_stages"]
+    titles = {name: build_view_source(name).title for name in names}
+    assert titles == {name: name for name in names} | {
         "objects": "objects robust",
-        "cm2dp": "cm2dp",
-        "visual": "visual templates",
+        "visual_templates": "visual templates",
     }
-    assert {type(source_named(name)) for name in titles} | {GivenViews} == set(KINDS.values())
-    kept = source_named("cm2dp")
-    assert isinstance(kept, MatcherSource) and kept.matcher.fusion_config.ground == "none"
-    author = source_named("objects", SourceOptions(ViewMatcherConfig(preset="author")))
+    assert {type(build_view_source(name)) for name in names} | {GivenViews} == set(KINDS.values())
+    grounded = build_view_source("cm2dp")
+    assert isinstance(grounded, MatcherSource) and grounded.matcher.fusion_config.ground == "none"
+    author = build_view_source("objects", SourceOptions(ViewMatcherConfig(preset="author")))
     assert author.title == "objects author"
 
 
 def test_two_stages_have_the_second_stage_of_their_preset() -> None:
     pytest.importorskip("onnxruntime")
-    assert source_named("two-stage").title == "objects robust, then places"
-    paper = source_named("two-stage", SourceOptions(ViewMatcherConfig(preset="paper")))
+    assert build_view_source("two_stages").title == "objects robust, then places"
+    paper = build_view_source("two_stages", SourceOptions(ViewMatcherConfig(preset="paper")))
     assert paper.title == "objects paper, then thesis"
-
-
-def test_an_unknown_source_is_named() -> None:
-    with pytest.raises(ConfigError, match="views is 'smell', expected one of alignment, objects"):
-        source_named("smell")
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00" * 7, b"\xff" * 40, b"no views at all"])

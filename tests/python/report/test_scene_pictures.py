@@ -158,7 +158,7 @@ def test_the_command_draws_scans_of_recordings_sets_and_bags(tmp_path: Path) -> 
     succeeds(*words, "-o", tmp_path / "pair.png")
     succeeds(*words, "-o", tmp_path / "again.png")
     assert (tmp_path / "pair.png").read_bytes() == (tmp_path / "again.png").read_bytes()
-    succeeds(*words, "-o", tmp_path / "scenes.png", "--set", "views.method=scenes")
+    succeeds(*words, "-o", tmp_path / "scenes.png", "--set", "views.method=objects")
     with Image.open(tmp_path / "pair.png") as three, Image.open(tmp_path / "scenes.png") as two:
         assert three.width > two.width
 

@@ -166,7 +166,7 @@ def picture(k: int) -> Picture:
 def test_images_that_do_not_decode_or_are_too_small(caplog: pytest.LogCaptureFixture) -> None:
     from fusionslam.ros.messages.types import builder
 
-    matcher, cut = Desk("lv_matching", source="visual"), builder.build(picture(1), "jpeg")
+    matcher, cut = Desk("lv_matching", source="visual_templates"), builder.build(picture(1), "jpeg")
     cut.data = cut.data[:200]
     tiny = replace(picture(1), image=picture(1).image[:20, :20])
     matcher.give(IMAGES, picture(0), cut, cut, tiny, tiny, picture(1), picture(3))
@@ -199,7 +199,7 @@ class Remembering:
 
     def __init__(self, kind: str, path: Path, **parameters: Any) -> None:
         self.name, self.topic, self.made = MAKERS[kind]
-        source = {"source": "visual"} if kind == "images" else {}
+        source = {"source": "visual_templates"} if kind == "images" else {}
         self.known = {
             **source,
             **parameters,

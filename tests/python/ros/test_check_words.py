@@ -180,7 +180,10 @@ def test_a_calibration_that_cannot_be_used_is_a_fault(
     check = checked(changed(drive(), "/camera/camera_info", **changes))
     assert words in said(check, "CameraInfo content")
     assert not check.works and said(check, "fusing").startswith("fault: not possible: ")
-    assert "lv_matching with _source:=visual" in check.verdict and check.launch[0] == "visual"
+    assert (
+        "lv_matching with _source:=visual_templates" in check.verdict
+        and check.launch[0] == "visual"
+    )
 
 
 def test_stamps_of_zero_are_a_fault_unless_arrival_counts() -> None:

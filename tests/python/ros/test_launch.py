@@ -107,7 +107,7 @@ def test_remappings_and_parameters_are_those_of_the_nodes() -> None:
                 value = value[part]
         known = topics(name)
         if name == "lv_matching":
-            known |= topics(name, source="visual")
+            known |= topics(name, source="visual_templates")
         if name == "lv_analyzer":
             known |= topics(name, output="somewhere")
         assert {remap.attrib["from"] for remap in each.findall("remap")} <= known

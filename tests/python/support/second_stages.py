@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from fusionslam.config import merged
 from fusionslam.sensors.frame import Cloud
-from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.two_stage_comparison import TwoStageComparison
 from object_places import place
 
@@ -39,7 +40,7 @@ def painted(number: int, visit: int, shade: int) -> Cloud:
     return Cloud(cloud.points, np.full_like(cloud.points, shade, dtype=np.uint8))
 
 
-SHAPE_ONLY: dict[str, Any] = {"method": "scenes", "similarity": {"color_weight": 0.0}}
+SHAPE_ONLY: dict[str, Any] = {"method": "objects", "similarity": {"color_weight": 0.0}}
 
 
 def two_stages(second: MeanColor, **more: Any) -> ViewMatcher:

@@ -23,7 +23,8 @@ from fusionslam.views import (
     align_scenes,
     build_scene,
 )
-from fusionslam.views.matcher import NO_VIEW, PROBABILITY
+from fusionslam.views.match import NO_VIEW
+from fusionslam.views.recognisers import PROBABILITY
 
 SECTORS = {"ahead": AHEAD, "behind": BEHIND, "around": AROUND}
 NEAR_M, NEAR_RAD = 0.03, np.radians(0.6)

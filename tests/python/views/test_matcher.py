@@ -14,20 +14,15 @@ from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.pipelines.views import run_views
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views.descriptor_comparison import similarity_at
-from fusionslam.views.matcher import (
-    NO_VIEW,
-    ViewMatch,
-    ViewMatcher,
-    ViewMatcherConfig,
-    scene_config,
-    similarity_config,
-)
+from fusionslam.views.match import NO_VIEW, ViewMatch
+from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.object_comparison import ObjectComparison
+from fusionslam.views.recognisers import ViewMatcherConfig, scene_config, similarity_config
 from fusionslam.views.scenes import build_scene
 from object_places import LAPS, NOTHING, drive, place
 
-SCENES = {"method": "scenes"}
-DESCRIPTOR = {"method": "descriptor", "descriptor": "cm2dp", "max_distance": 0.24}
+SCENES = {"method": "objects"}
+DESCRIPTOR = {"method": "cm2dp", "max_distance": 0.24}
 
 
 def config(**values: Any) -> ViewMatcherConfig:
@@ -48,7 +43,7 @@ def test_places_seen_again_get_their_id_and_others_a_new_one(values: dict[str, A
 
 
 @pytest.mark.parametrize(
-    ("method", "word"), [("alignment", "probability"), ("scenes", "similarity")]
+    ("method", "word"), [("alignment", "probability"), ("objects", "similarity")]
 )
 def test_a_match_tells_what_was_compared_and_why(method: str, word: str) -> None:
     one = matcher(method=method, threshold=0.7)
@@ -242,8 +237,8 @@ def test_a_file_of_another_version_or_that_does_not_fit_is_refused(tmp_path: Pat
     with pytest.raises(DataError, match="6 views, but slots"):
         ViewMatcher.load(path)
     saved(path)
-    rewritten(path, {"comparison": "descriptor"})
-    with pytest.raises(DataError, match="it compares descriptor, expected alignment"):
+    rewritten(path, {"comparison": "cm2dp"})
+    with pytest.raises(DataError, match="it compares cm2dp, expected alignment"):
         ViewMatcher.load(path)
     saved(path)
     rewritten(path, {"format": "fusionslam.view_matcher.0"})

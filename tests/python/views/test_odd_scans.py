@@ -13,7 +13,7 @@ from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views import Scene, ViewMatcher, ViewMatcherConfig, build_scene
-from fusionslam.views.matcher import NO_VIEW
+from fusionslam.views.match import NO_VIEW
 from object_places import LAPS, drive, place
 
 COUNT = 400

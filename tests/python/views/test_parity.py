@@ -17,7 +17,8 @@ from fusionslam.evaluation import ViewReport
 from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.pipelines.views import run_views
-from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scene_set import SceneSet
 
 DRIFT = OdometryConfig(scale=1.02, rotation_scale=1.01)

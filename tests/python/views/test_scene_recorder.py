@@ -106,7 +106,7 @@ def test_what_it_writes_is_matched_judged_and_tuned_on(tmp_path: Path) -> None:
     text = succeeds("views", "match", path, "-o", tmp_path / "out", "--no-report").stdout
     assert "15 scans: 8 matched, 6 places, 1 with nothing to recognise" in text
     assert "100.0 %" in text
-    succeeds("views", "curve", path, "-o", tmp_path / "curve", "--set", "views.method=scenes")
+    succeeds("views", "curve", path, "-o", tmp_path / "curve", "--set", "views.method=objects")
     quick = ("--set", "tuning.population=4", "--set", "tuning.generations=2", "--jobs", "1")
     succeeds("tune", path, "-o", tmp_path / "tuned", *quick)
 

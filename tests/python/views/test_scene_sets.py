@@ -17,7 +17,8 @@ from fusionslam.geometry.se2 import places_of
 from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.pipelines.views import run_views, sweep_thresholds
 from fusionslam.sensors.frame import Cloud
-from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scene_set import CloudArray, SceneSet, is_scene_set, packed, unpacked
 from fusionslam.views.scenes import SceneConfig, build_scene
 from object_places import LAPS, NOTHING, drive, place

@@ -14,22 +14,18 @@ from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.pipelines.views import run_views, sweep_thresholds
 from fusionslam.sensors.frame import Cloud
-from fusionslam.views.matcher import (
-    ViewMatcher,
-    ViewMatcherConfig,
-    scene_config,
-    similarity_config,
-)
+from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.object_comparison import ObjectComparison
+from fusionslam.views.recognisers import ViewMatcherConfig, scene_config, similarity_config
 from fusionslam.views.second_stage import SecondStage
 from fusionslam.views.second_stage.network_files import SHIPPED
 from fusionslam.views.two_stage_comparison import TwoStageComparison
 from object_places import LAPS, NOTHING, drive, place
 
 pytest.importorskip("onnxruntime")
-ALL_ALIKE: dict[str, Any] = {"method": "scenes", "threshold": 0.0}
+ALL_ALIKE: dict[str, Any] = {"method": "objects", "threshold": 0.0}
 """A first stage to which everything is the same place."""
-OURS = {"method": "scenes", "preset": "robust", "second_stage": "places"}
+OURS = {"method": "objects", "preset": "robust", "second_stage": "places"}
 
 
 def config(**values: Any) -> ViewMatcherConfig:
@@ -67,7 +63,7 @@ def test_every_match_passes_both_unless_a_start_is_named() -> None:
     assert (asked.process(place(5)).id, unasked.process(place(5)).id) == (1, 0)
 
 
-@pytest.mark.parametrize("method", ["scenes", "alignment", "descriptor"])
+@pytest.mark.parametrize("method", ["objects", "alignment", "cm2dp"])
 def test_each_method_goes_on_from_a_file_with_its_second_stage(method: str, tmp_path: Path) -> None:
     values = {**OURS, "method": method, "max_views": 4}
     scenes = drive((*LAPS, -1, 6, 0))
@@ -136,7 +132,7 @@ def test_files_that_are_missing_cut_or_of_another_kind_are_refused(tmp_path: Pat
 
 
 def test_clouds_without_colours_are_refused_before_anything_is_stored() -> None:
-    one = ViewMatcher(config(method="scenes", second_stage="places"))
+    one = ViewMatcher(config(method="objects", second_stage="places"))
     with pytest.raises(DataError, match="colours"):
         one.process(Cloud(place(0).points))
     assert len(one) == 0 and one.stats.processed == 0
@@ -150,10 +146,10 @@ def test_thresholds_of_two_stages_are_swept_as_those_of_the_first() -> None:
 def test_the_command_line_and_files_name_a_second_stage(tmp_path: Path) -> None:
     drive(LAPS).save(tmp_path / "set.npz")
     (tmp_path / "both.yaml").write_text(
-        "views:\n  method: scenes\n  second_stage: places\n  second_threshold: 0.9\n"
+        "views:\n  method: objects\n  second_stage: places\n  second_threshold: 0.9\n"
     )
     by_file = ["--config", tmp_path / "both.yaml"]
-    by_hand = ["--set", "views.method=scenes", "--set", "views.second_stage=places"]
+    by_hand = ["--set", "views.method=objects", "--set", "views.second_stage=places"]
     by_hand += ["--set", "views.second_threshold=0.9"]
     for name, chosen in (("file", by_file), ("hand", by_hand)):
         succeeds(
@@ -164,4 +160,4 @@ def test_the_command_line_and_files_name_a_second_stage(tmp_path: Path) -> None:
     values = json.loads((tmp_path / "hand" / "matches.json").read_text())["views"]
     assert values["second_stage"] == "places"
     loaded = ViewMatcher.load(tmp_path / "hand" / "matcher.npz")
-    assert loaded.comparison.kind == "two_stage.scenes" and loaded.stats.processed == len(LAPS)
+    assert loaded.comparison.kind == "two_stage.objects" and loaded.stats.processed == len(LAPS)

@@ -16,7 +16,9 @@ from fusionslam.errors import DataError
 from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views.comparison import Comparison, View
-from fusionslam.views.matcher import ViewMatch, ViewMatcher, ViewMatcherConfig
+from fusionslam.views.match import ViewMatch
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scenes import build_scene, scene_from_arrays, scene_to_arrays
 from fusionslam.views.serialization import FORMAT, view_from_bytes, view_to_bytes
 from object_places import LAPS, NOTHING, drive, place
@@ -25,12 +27,12 @@ from second_stages import MeanColor, two_stages
 LINE = Cloud(np.arange(90, dtype=np.float32).reshape(-1, 3) * [1, 0, 0], np.zeros((30, 3), "u1"))
 KINDS: dict[str, dict[str, Any]] = {
     "alignment": {},
-    "objects": {"method": "scenes"},
-    "objects with images": {"method": "scenes", "scene": {"image": True}},
+    "objects": {"method": "objects"},
+    "objects with images": {"method": "objects", "scene": {"image": True}},
     "paper": {"preset": "paper", "min_objects": 0},
     "author": {"preset": "author"},
-    "cm2dp": {"method": "descriptor"},
-    "m2dp": {"method": "descriptor", "descriptor": "m2dp", "policy": "several"},
+    "cm2dp": {"method": "cm2dp"},
+    "m2dp": {"method": "m2dp", "policy": "several"},
 }
 TWO_STAGES = "two stages"
 
@@ -88,7 +90,7 @@ def test_the_shipped_second_stage_is_told_the_same() -> None:
     assert sent(ViewMatcher(config).comparison, distant, made_clouds()) == expected
     short = two_stages(MeanColor()).comparison  # has three features
     data = view_to_bytes(short, short.view(place(0)))
-    with pytest.raises(DataError, match=r"comparison 'two_stage\.scenes', expected 'two_stage\.a"):
+    with pytest.raises(DataError, match=r"comparison 'two_stage\.objects', expected 'two_stage\.a"):
         view_from_bytes(distant.comparison, data)
 
 
@@ -217,12 +219,12 @@ def test_features_of_nothing_are_refused() -> None:
 @pytest.mark.parametrize(
     ("one", "other", "words"),
     [
-        ({}, {"method": "descriptor"}, "comparison 'alignment', expected 'descriptor'"),
+        ({}, {"method": "cm2dp"}, "comparison 'alignment', expected 'cm2dp'"),
         ({"scene": {"azimuth_step": 2.0}}, {}, "scene.azimuth_step 2.0, expected 1.0"),
         (
-            {"method": "descriptor", "descriptor": "m2dp"},
-            {"method": "descriptor"},
-            "descriptor 'm2dp', expected 'cm2dp'",
+            {"method": "m2dp"},
+            {"method": "cm2dp"},
+            "comparison 'm2dp', expected 'cm2dp'",
         ),
     ],
 )

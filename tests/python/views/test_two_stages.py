@@ -54,7 +54,7 @@ def test_both_stages_are_saved_and_go_on(tmp_path: Path) -> None:
     assert one.stats.nothing == 1
     assert one.stats.bytes > sum(array.nbytes for array in [one.comparison.state()["scenes"]])
     one.save(tmp_path / "views")
-    with pytest.raises(DataError, match=r"two_stage\.scenes, expected scenes"):
+    with pytest.raises(DataError, match=r"two_stage\.objects, expected objects"):
         ViewMatcher.load(tmp_path / "views")
     fresh = two_stages(MeanColor()).comparison
     again = ViewMatcher.load(tmp_path / "views", comparison=fresh)

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from fusionslam.evaluation import ViewRun
     from fusionslam.pipelines.recording import Recording
     from fusionslam.pipelines.views import MatchRun
-    from fusionslam.views.matcher import ViewMatcherConfig
 
 
 @opt.reading_options()
@@ -39,6 +38,7 @@ def match(
     """Give each scan the id of its place, as on a robot; judge the ids where there is truth."""
     from fusionslam.pipelines.views import run_views
     from fusionslam.views.matcher import ViewMatcher
+    from fusionslam.views.recognisers import describe_method
 
     whole = view.build_config(tuned, config, settings)
     opt.one_of("--rule", rule, ("paper", "author"))
@@ -50,7 +50,7 @@ def match(
             needs_extra("report")
         run = run_views(scenes, matcher, view.label_step(step, "matching"))
     values = whole.views.model_dump(mode="json")
-    judged = None if scenes.poses is None else run.with_truth(_method(whole.views), values)
+    judged = None if scenes.poses is None else run.with_truth(describe_method(whole.views), values)
     run.save(output / "matches.csv")
     matcher.save(output / "matcher.npz")
     _save_figures(output / "matches.json", run, values)
@@ -59,16 +59,6 @@ def match(
         print(output / "matches.csv")
     else:
         print(_write_report(judged, output, rule))
-
-
-def _method(views: "ViewMatcherConfig") -> str:
-    """What gave the ids, in a word or two."""
-    from fusionslam.views.matcher import method_of
-
-    method = method_of(views)
-    objects = f"objects {views.preset}"
-    first = {"alignment": method, "descriptor": views.descriptor}.get(method, objects)
-    return first if views.second_stage is None else f"{first}, then {views.second_stage}"
 
 
 def _write_report(judged: "ViewRun", output: Path, rule: str) -> Path:

@@ -36,7 +36,7 @@ def record(
     """Write what a robot saw as a scene set: clouds without ground, true poses, descriptors."""
     from dataclasses import replace
 
-    from fusionslam.views.matcher import scene_config
+    from fusionslam.views.recognisers import scene_config
 
     whole = view.build_config(tuned, config, settings)
     names = opt.names_of(features) if features else []

@@ -36,7 +36,7 @@ def show(
     from fusionslam.errors import ConfigError
     from fusionslam.pipelines import scenes
     from fusionslam.report.views.scene_figures import write_pair_picture, write_scene_picture
-    from fusionslam.views import matcher
+    from fusionslam.views import recognisers
     from fusionslam.views.clusters import ClusteredScan, clustered
 
     if output.suffix.lower() != ".png":
@@ -49,12 +49,13 @@ def show(
         cloud = scenes.recorded_cloud(
             dataset, number, fusion=whole.fusion, recording=whole.recording
         )
-        return clustered(number, cloud, matcher.scene_config(whole.views))
+        return clustered(number, cloud, recognisers.scene_config(whole.views))
 
     if against is None:
         write_scene_picture(output, scan(frame))
     else:
-        similarity = matcher.similarity_config(whole.views)
-        alignment = matcher.alignment_config(whole.views)
+        similarity = recognisers.similarity_config(whole.views)
+        is_aligned = recognisers.method_of(whole.views) == "alignment"
+        alignment = recognisers.alignment_config(whole.views) if is_aligned else None
         write_pair_picture(output, scan(frame), scan(against), similarity, alignment)
     print(output)

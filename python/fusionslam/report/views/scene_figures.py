@@ -16,7 +16,7 @@ from fusionslam.report.page.figures import new_figure, styled
 from fusionslam.report.page.images import write_png
 from fusionslam.views.alignment_comparison import Alignment, AlignmentConfig, align_scenes
 from fusionslam.views.clusters import ClusteredScan, object_similarities
-from fusionslam.views.similarity import SimilarityConfig, scene_similarity
+from fusionslam.views.scenes import SimilarityConfig, scene_similarity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

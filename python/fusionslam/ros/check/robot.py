@@ -307,7 +307,7 @@ def _verdict(evidence: Evidence, files: Sequence[str], remapped: bool) -> str:
     )
     nodes = [*(_ON_CLOUDS if clouds else ()), *(_ON_TRUTH if clouds and truth else ())]
     nodes += ["ratslam"] if odometry and (clouds or images) else []
-    nodes += [] if clouds or not images else ["lv_matching with _source:=visual"]
+    nodes += [] if clouds or not images else ["lv_matching with _source:=visual_templates"]
     lacks = [] if clouds else ["there are no coloured clouds"]
     lacks += [] if odometry else ["ratslam lacks odometry"]
     lacks += [] if truth or not clouds else [f"{_listed(_ON_TRUTH)} lack true poses"]

@@ -14,7 +14,7 @@ from fusionslam.ros.runtime.node import Input, Node, Outlet
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.messages import Scan
 from fusionslam.views.clusters import clustered
-from fusionslam.views.matcher import scene_config
+from fusionslam.views.recognisers import scene_config
 from fusionslam.views.serialization import view_to_bytes
 
 DESCRIPTIONS = "current_scene_description"

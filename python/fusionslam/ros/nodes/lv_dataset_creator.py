@@ -17,7 +17,7 @@ from fusionslam.ros.runtime.node import Input, Node, Outlet
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.messages import Odometry, Scan
 from fusionslam.sensors.pose_buffer import Ground, PosedInTime
-from fusionslam.views.matcher import scene_config
+from fusionslam.views.recognisers import scene_config
 from fusionslam.views.scene_recorder import SceneRecorder
 from fusionslam.views.scenes import Scene
 from fusionslam.views.serialization import view_from_bytes

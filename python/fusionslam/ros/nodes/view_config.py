@@ -2,34 +2,44 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the nodes that recognise places by clouds have in common."""
 
-from typing import Literal
-
 import numpy as np
+from pydantic import field_validator
 
-from fusionslam.config import option
+from fusionslam.config import explain_choice, option
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
-from fusionslam.ratslam.view_sources import MatcherSource, SourceOptions, ViewSource, source_named
+from fusionslam.ratslam.view_sources import (
+    MatcherSource,
+    SourceOptions,
+    ViewSource,
+    build_view_source,
+)
 from fusionslam.ros.runtime.config import CommonConfig
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.messages import Scan
-from fusionslam.views.matcher import ViewMatcher, ViewMatcherConfig
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import RECOGNISERS, RENAMED, ViewMatcherConfig
 from fusionslam.views.visual_templates import VisualTemplatesConfig
 
 
 class ViewsConfig(CommonConfig):
     """How places are recognised; lv_builder and lv_matching need the same."""
 
-    source: Literal["alignment", "objects", "two-stage", "cm2dp", "visual"] = option(
-        "alignment", "what recognises places, as fusionslam ratslam --views; visual: by images"
-    )
+    source: str = option("alignment", "what recognises places, as fusionslam ratslam --views")
     views: ViewMatcherConfig = option(
         ViewMatcherConfig(threads=0), "how views of clouds are compared"
     )
     descriptors: DescriptorConfig = option(DescriptorConfig(), "clouds to vectors")
     visual_templates: VisualTemplatesConfig = option(
-        VisualTemplatesConfig(), "source visual: how images are compared"
+        VisualTemplatesConfig(), "source visual_templates: how images are compared"
     )
+
+    @field_validator("source")
+    @classmethod
+    def _check_source(cls, name: str) -> str:
+        if name not in RECOGNISERS:
+            raise ValueError(explain_choice(name, RECOGNISERS, RENAMED))
+        return name
 
 
 def source_of(config: ViewsConfig) -> ViewSource:
@@ -37,7 +47,7 @@ def source_of(config: ViewsConfig) -> ViewSource:
     options = SourceOptions(
         views=config.views, descriptors=config.descriptors, templates=config.visual_templates
     )
-    return source_named(config.source, options)
+    return build_view_source(config.source, options)
 
 
 def matcher_of(source: ViewSource) -> ViewMatcher | None:

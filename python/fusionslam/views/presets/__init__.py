@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from fusionslam.errors import ConfigError
 
 if TYPE_CHECKING:
-    from fusionslam.views.matcher import ViewMatcherConfig
+    from fusionslam.views.recognisers import ViewMatcherConfig
 
 FOLDER = Path(__file__).parent
 
@@ -34,7 +34,7 @@ def tuned_config(name: str) -> "ViewMatcherConfig":
     import yaml
 
     from fusionslam.config import merged
-    from fusionslam.views.matcher import ViewMatcherConfig
+    from fusionslam.views.recognisers import ViewMatcherConfig
 
     values = yaml.safe_load(tuned_path(name).read_text(encoding="utf-8"))
     return merged(ViewMatcherConfig(), values["views"], "views.")

@@ -1,0 +1,267 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The registry of recognisers: every way to recognise a place, by its one name.
+
+``views.method``, ``fusionslam ratslam --views``, ``fusionslam bench views --methods`` and the ROS
+parameter ``source`` take these names. docs/development/recognisers.md shows how to add one.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from pydantic import field_validator, model_validator
+
+from fusionslam.config import Section, core_section, explain_choice, option
+from fusionslam.descriptors import DescriptorConfig
+from fusionslam.errors import ConfigError
+from fusionslam.views.alignment_comparison import AlignmentComparison, AlignmentConfig
+from fusionslam.views.comparison import Comparison
+from fusionslam.views.descriptor_comparison import DescriptorComparison
+from fusionslam.views.object_comparison import ObjectComparison
+from fusionslam.views.scenes import SceneConfig, SimilarityConfig
+from fusionslam.views.two_stage_comparison import TWO_STAGES, TwoStageComparison
+
+if TYPE_CHECKING:
+
+    class SceneSection(Section): ...
+
+    class SimilaritySection(Section): ...
+
+    class AlignmentSection(Section): ...
+
+else:
+    SceneSection = core_section("SceneSection", SceneConfig, optional=True)
+    SimilaritySection = core_section("SimilaritySection", SimilarityConfig, optional=True)
+    AlignmentSection = core_section("AlignmentSection", AlignmentConfig)
+
+THRESHOLDS = {"robust": 0.74, "paper": 0.737, "author": 0.737}
+"""Similarity from which scenes match: as published; ours, where accuracy and precision meet."""
+PROBABILITY = 0.96
+"""Probability from which aligned views match: see docs/stages/views/alignment.md."""
+
+
+class ViewMatcherConfig(Section):
+    """How places are recognised, which views are stored, and when two match."""
+
+    former_keys: ClassVar = {"descriptor": "a descriptor is a method now, such as method=cm2dp"}
+
+    method: str | None = option(
+        None,
+        "what recognises places: alignment, objects, two_stages, or a descriptor (m2dp, cm2dp, "
+        "shot, cshot); null is alignment for the robust preset, objects for the others",
+    )
+    preset: Literal["robust", "paper", "author"] = option(
+        "robust", "objects: robust (ours), paper (Stastny 2022) or author (his program)"
+    )
+    threshold: float | None = option(
+        None,
+        "similarity, of alignments the probability, from which two views match; null: the "
+        "method's and preset's, or max_distance",
+        ge=0,
+        le=1,
+    )
+    scene: SceneSection = option(SceneSection(), "objects: values that replace the preset's")
+    similarity: SimilaritySection = option(
+        SimilaritySection(), "objects: values that replace the preset's"
+    )
+    alignment: AlignmentSection = option(AlignmentSection(), "alignment: how scenes are aligned")
+    max_distance: float = option(
+        0.24, "descriptors: largest distance of a match", ge=0, allow_inf_nan=False
+    )
+    second_stage: str | None = option(
+        None,
+        "a network that may reject matches: places (ours, uses colours), thesis (Stastny 2022, "
+        "trained anew), or the path of features in ONNX; null is none, of two_stages the preset's",
+    )
+    second_comparison: str | None = option(
+        None, "second_stage: path of the comparison in ONNX, for features without calibration"
+    )
+    second_threshold: float = option(
+        0.5, "second_stage: the probability from which it agrees", ge=0, le=1
+    )
+    second_start: float | None = option(
+        None,
+        "second_stage: similarity from which the network is asked; a match below needs no second "
+        "opinion; null is threshold: every match has to pass both",
+        ge=0,
+        le=1,
+    )
+    min_objects: int = option(
+        1,
+        "a scan with fewer objects has nothing to recognise: its id is -1, it is not stored",
+        ge=0,
+    )
+    policy: Literal["first", "several"] = option(
+        "first", "what is stored of a place: its first view, or several that differ"
+    )
+    store_below: float = option(
+        0.85,
+        "several: a match less similar than this is stored as another view of the place",
+        ge=0,
+        le=1,
+    )
+    per_place: int = option(5, "several: views of one place at most", ge=1)
+    threads: int = option(1, "that compare scenes; 0 is one a core; ids stay the same", ge=0)
+    max_views: int = option(
+        0, "views stored at most; the one not matched for longest makes room; 0 is no bound", ge=0
+    )
+
+    @field_validator("method")
+    @classmethod
+    def _check_method(cls, name: str | None) -> str | None:
+        if name is not None and name not in RECOGNISERS:
+            raise ValueError(explain_choice(name, RECOGNISERS, RENAMED))
+        return name
+
+    @model_validator(mode="after")
+    def _two_stages_need_objects(self) -> "ViewMatcherConfig":
+        if second_stage_of(self) is not None and self.min_objects < 1:
+            raise ValueError("second_stage needs min_objects of at least 1, not 0")
+        return self
+
+
+@dataclass(frozen=True)
+class Recogniser:
+    """A way to recognise places.
+
+    Attributes:
+        help: what it does, in one line.
+        build: builds an empty ``Comparison``; None for visual templates, which compare images.
+        keeps_ground: whether it works better on clouds with their ground.
+    """
+
+    help: str
+    build: Callable[[ViewMatcherConfig, DescriptorConfig], Comparison] | None
+    keeps_ground: bool = False
+
+
+def _build_alignment(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
+    return AlignmentComparison(
+        scene_config(config), alignment_config(config), PROBABILITY, threads=config.threads
+    )
+
+
+def _build_objects(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
+    limit = THRESHOLDS[config.preset]
+    return ObjectComparison(
+        scene_config(config), similarity_config(config), limit, threads=config.threads
+    )
+
+
+def _descriptor(name: str, help: str) -> Recogniser:
+    """A recogniser by the distance of one descriptor. The ground helps: docs/results/views.md."""
+
+    def build(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
+        return DescriptorComparison(name, descriptors, config.max_distance)
+
+    return Recogniser(help, build, keeps_ground=True)
+
+
+RECOGNISERS: dict[str, Recogniser] = {
+    "alignment": Recogniser("our default: scans aligned with each other", _build_alignment),
+    "objects": Recogniser("objects, the first stage of Stastny 2022", _build_objects),
+    "two_stages": Recogniser("objects, then a network that has to agree", _build_objects),
+    "m2dp": _descriptor("m2dp", "distance of M2DP descriptors"),
+    "cm2dp": _descriptor("cm2dp", "distance of c-M2DP, the descriptor of Perdomo 2019"),
+    "shot": _descriptor("shot", "distance of SHOT descriptors"),
+    "cshot": _descriptor("cshot", "distance of CSHOT descriptors"),
+    "visual_templates": Recogniser("images, as in the original RatSLAM", None),
+}
+"""Every recogniser by its name."""
+
+RENAMED: Mapping[str, str] = {
+    "scenes": "objects",
+    "descriptor": "m2dp, cm2dp, shot or cshot",
+    "two-stage": "two_stages",
+    "visual": "visual_templates",
+    "templates": "visual_templates",
+}
+"""Today's name by a former one."""
+
+
+def find_recogniser(name: str, key: str = "views") -> Recogniser:
+    """The recogniser of a name. Raises ConfigError, which begins with ``key``, if there is none."""
+    if name not in RECOGNISERS:
+        raise ConfigError(f"{key} is {name!r}, {explain_choice(name, RECOGNISERS, RENAMED)}")
+    return RECOGNISERS[name]
+
+
+def method_of(config: ViewMatcherConfig) -> str:
+    """The name of the recogniser, which the preset decides where ``views.method`` is null."""
+    return config.method or ("alignment" if config.preset == "robust" else "objects")
+
+
+def second_stage_of(config: ViewMatcherConfig) -> str | None:
+    """The network that may reject matches; None for none."""
+    if config.second_stage is not None or config.method != "two_stages":
+        return config.second_stage
+    # The parameters of the thesis go with its network, trained anew; ours with ours.
+    return "places" if config.preset == "robust" else "thesis"
+
+
+def describe_method(config: ViewMatcherConfig) -> str:
+    """A title for tables, such as "objects robust, then places"."""
+    method, second = method_of(config), second_stage_of(config)
+    first = f"objects {config.preset}" if method in ("objects", "two_stages") else method
+    return first if second is None else f"{first}, then {second}"
+
+
+def build_comparison(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
+    """The empty comparison that a configuration names.
+
+    Raises:
+        ConfigError: a value out of range, or a recogniser of images. DataError, FusionSlamError: as
+            ``SecondStage``.
+    """
+    method, second = method_of(config), second_stage_of(config)
+    build = find_recogniser(method, "views.method").build
+    if build is None:
+        raise ConfigError(f"views.method is {method!r}, which compares images instead of clouds")
+    first = build(config, descriptors)
+    if second is None:
+        return first
+    from fusionslam.views.second_stage import SecondStage
+
+    return TwoStageComparison(
+        first,
+        SecondStage(second, config.second_comparison),
+        threshold=config.second_threshold,
+        start=config.threshold if config.second_start is None else config.second_start,
+    )
+
+
+def alignment_config(config: ViewMatcherConfig) -> AlignmentConfig:
+    """How scenes are aligned."""
+    return AlignmentConfig(**config.alignment.model_dump())
+
+
+def scene_config(config: ViewMatcherConfig) -> SceneConfig:
+    """How clouds become scenes: the preset with the values that replace its own."""
+    return SceneConfig(preset=config.preset, **config.scene.model_dump(exclude_none=True))
+
+
+def similarity_config(config: ViewMatcherConfig) -> SimilarityConfig:
+    """How scenes are compared: the preset with the values that replace its own."""
+    return SimilarityConfig(preset=config.preset, **config.similarity.model_dump(exclude_none=True))
+
+
+def update_stored_config(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a ``ViewMatcherConfig`` in a file of any version, under today's names."""
+    values = dict(stored)
+    descriptor = values.pop("descriptor", None)
+    if values.get("method") is not None:
+        values["method"] = update_stored_kind(values["method"], descriptor)
+    return values
+
+
+def update_stored_kind(kind: str, descriptor: str | None) -> str:
+    """Today's ``Comparison.kind`` of one in a file of any version.
+
+    Args:
+        kind: as stored.
+        descriptor: which one, where a former version stored it apart.
+    """
+    first = kind.removeprefix(TWO_STAGES)
+    known = {"scenes": "objects", "descriptor": descriptor or first}
+    return kind.removesuffix(first) + known.get(first, first)

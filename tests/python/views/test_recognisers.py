@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The registry of recognisers: one name each, and one line for a new one."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import fails, succeeds
+from fusionslam.config import merged
+from fusionslam.descriptors import DescriptorConfig
+from fusionslam.errors import ConfigError
+from fusionslam.evaluation import RatSlamRun
+from fusionslam.pipelines.methods import METHODS, RENAMED_METHODS, find_method, method_names
+from fusionslam.ratslam.view_sources import build_view_source
+from fusionslam.ros.nodes.view_config import ViewsConfig
+from fusionslam.views.descriptor_comparison import DescriptorComparison
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import RECOGNISERS, RENAMED, Recogniser, ViewMatcherConfig
+from object_places import place
+from recorded_drives import write_drive
+
+
+class HeightComparison(DescriptorComparison):
+    """M2DP under another name: the smallest class that recognises places in its own way."""
+
+    def __init__(self, config: ViewMatcherConfig, descriptors: DescriptorConfig) -> None:
+        super().__init__("m2dp", descriptors, config.max_distance)
+        self.kind = "heights"
+
+
+@pytest.fixture
+def heights(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(RECOGNISERS, "heights", Recogniser("heights of clouds", HeightComparison))
+
+
+@pytest.mark.usefixtures("heights")
+def test_a_new_recogniser_works_everywhere(tmp_path: Path) -> None:
+    data, chosen = write_drive(tmp_path / "drive.npz"), ("--set", "views.method=heights")
+    succeeds("views", "match", data, "-o", tmp_path / "match", *chosen, "--no-report")
+    ids = (tmp_path / "match" / "matches.csv").read_text().splitlines()
+    assert len(ids) > 10
+
+    succeeds("bench", "views", data, "-o", tmp_path / "bench", "-m", "heights")
+    rows = json.loads((tmp_path / "bench" / "views_bench.json").read_text())["results"]
+    assert rows[0]["method"] == rows[0]["title"] == "heights"
+    assert rows[0]["paper"]["accuracy"] > 0.5
+    assert "heights of clouds" in succeeds("bench", "views", "-m", "list").stdout
+
+    words = ("--odometry", "truth", "--no-report")
+    succeeds("ratslam", data, "-o", tmp_path / "map", "--views", "heights", *words)
+    assert RatSlamRun.load(tmp_path / "map" / "run.npz").views == "heights"
+    assert merged(ViewsConfig(), {"source": "heights"}).source == "heights"
+
+
+@pytest.mark.usefixtures("heights")
+def test_a_matcher_with_a_new_recogniser_is_stored_and_continues(tmp_path: Path) -> None:
+    matcher = ViewMatcher(ViewMatcherConfig(method="heights"))
+    assert matcher.process(place(0)).id == 0
+    matcher.save(tmp_path / "views.npz")
+    assert ViewMatcher.load(tmp_path / "views.npz").process(place(0)).id == 0
+
+
+def test_every_method_is_a_recogniser_with_a_preset_or_a_baseline() -> None:
+    for name in METHODS:
+        recogniser = name.partition(":")[0]
+        assert recogniser in RECOGNISERS or find_method(name).title.startswith("no sensor")
+    assert set(RECOGNISERS) <= set(method_names())
+    assert find_method("objects:paper").title == "objects, paper"
+
+
+@pytest.mark.parametrize(("former", "name"), RENAMED_METHODS.items())
+def test_a_former_name_is_refused_with_the_name_of_today(former: str, name: str) -> None:
+    message = f"called {name} now"
+    if former not in RECOGNISERS:
+        with pytest.raises(ConfigError, match=message):
+            find_method(former)
+    if former in RENAMED:
+        with pytest.raises(ConfigError, match=message):
+            merged(ViewMatcherConfig(), {"method": former})
+        with pytest.raises(ConfigError, match=message):
+            build_view_source(former)
+        with pytest.raises(ConfigError, match=message):
+            merged(ViewsConfig(), {"source": former})
+
+
+def test_commands_refuse_former_and_unknown_names(tmp_path: Path) -> None:
+    out = ("-o", tmp_path / "out")
+    assert "called two_stages now" in fails(2, "ratslam", "x.npz", *out, "--views", "two-stage")
+    assert "expected one of alignment" in fails(2, "ratslam", "x.npz", *out, "--views", "smell")
+    assert "called objects:author now" in fails(2, "bench", "views", *out, "-m", "first_stage")
+    assert "called objects now" in fails(2, "config", "--set", "views.method=scenes")
+    assert "method=cm2dp" in fails(2, "config", "--set", "views.descriptor=shot")
+    with pytest.raises(ConfigError, match="compares images"):
+        ViewMatcher(ViewMatcherConfig(method="visual_templates"))
+
+
+@pytest.mark.parametrize(
+    ("method", "former", "kind"),
+    [("objects", "scenes", "scenes"), ("shot", "descriptor", "descriptor")],
+)
+def test_views_that_a_former_version_stored_are_loaded(
+    method: str, former: str, kind: str, tmp_path: Path
+) -> None:
+    matcher = ViewMatcher(ViewMatcherConfig(method=method))
+    matcher.process(place(0))
+    matcher.save(tmp_path / "new.npz")
+    with np.load(tmp_path / "new.npz") as stored:
+        arrays = dict(stored)
+    about = json.loads(str(arrays.pop("about")))
+    about["views"] |= {"method": former, "descriptor": "shot"}
+    about["comparison"] = kind
+    np.savez(tmp_path / "old.npz", about=np.array(json.dumps(about)), **arrays)
+    loaded = ViewMatcher.load(tmp_path / "old.npz")
+    assert loaded.config.method == method
+    assert loaded.process(place(0)).id == 0
