@@ -258,7 +258,9 @@ METHODS: dict[str, Method] = {
         any_frame=True,
         published="RatSLAM",
     ),
-    "cm2dp": _by_recogniser("cm2dp", "robust", "c-M2DP"),
+    "cm2dp": _by_recogniser(
+        "cm2dp", "robust", "c-M2DP", help="the descriptor of the first thesis, with the ground"
+    ),
     "objects": _by_recogniser("objects", "robust", "objects, robust", help="our objects"),
     "two_stages": _by_recogniser(
         "two_stages",

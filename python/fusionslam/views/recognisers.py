@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from pydantic import field_validator, model_validator
 
 from fusionslam.config import Section, core_section, explain_choice, option
-from fusionslam.descriptors import DescriptorConfig
+from fusionslam.descriptors import DESCRIPTORS, DescriptorConfig
 from fusionslam.errors import ConfigError
 from fusionslam.views.alignment_comparison import AlignmentComparison, AlignmentConfig
 from fusionslam.views.comparison import Comparison
@@ -149,23 +149,20 @@ def _build_objects(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> 
     )
 
 
-def _descriptor(name: str, help: str) -> Recogniser:
+def _recogniser_by(name: str) -> Recogniser:
     """A recogniser by the distance of one descriptor. The ground helps: docs/results/views.md."""
 
     def build(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
         return DescriptorComparison(name, descriptors, config.max_distance)
 
-    return Recogniser(help, build, keeps_ground=True)
+    return Recogniser(f"distance of {name} descriptors", build, keeps_ground=True)
 
 
 RECOGNISERS: dict[str, Recogniser] = {
     "alignment": Recogniser("our default: scans aligned with each other", _build_alignment),
     "objects": Recogniser("objects, the first stage of Stastny 2022", _build_objects),
     "two_stages": Recogniser("objects, then a network that has to agree", _build_objects),
-    "m2dp": _descriptor("m2dp", "distance of M2DP descriptors"),
-    "cm2dp": _descriptor("cm2dp", "distance of c-M2DP, the descriptor of Perdomo 2019"),
-    "shot": _descriptor("shot", "distance of SHOT descriptors"),
-    "cshot": _descriptor("cshot", "distance of CSHOT descriptors"),
+    **{name: _recogniser_by(name) for name in DESCRIPTORS},
     "visual_templates": Recogniser("images, as in the original RatSLAM", None),
 }
 """Every recogniser by its name."""
