@@ -28,6 +28,15 @@ def interrupts() -> Iterator[None]:
     signal.signal(signal.SIGINT, before)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of ROS, and those that need data that a clone lacks."""
+    for item in items:
+        if "ros" in item.path.relative_to(PROJECT / "tests" / "python").parts:
+            item.add_marker("ros")
+        if "test_data" in getattr(item, "fixturenames", ()):
+            item.add_marker("data")
+
+
 DATA = Path(os.environ.get("FUSIONSLAM_TEST_DATA", PROJECT / ".." / "shared" / "data"))
 
 

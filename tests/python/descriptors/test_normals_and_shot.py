@@ -8,13 +8,13 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 import fusionslam
+from described_clouds import load_made
 
 Points = NDArray[np.float32]
 
@@ -148,9 +148,8 @@ def test_every_instruction_set_gives_the_same_bytes() -> None:
     assert all(hashes == printed["baseline"] for hashes in printed.values())
 
 
-def test_the_number_of_threads_changes_nothing_in_a_real_cloud(test_data: Path) -> None:
-    stored = np.load(test_data / "reference/cm2dp/colored_cloud.npz")
-    points, colors = stored["xyz"], stored["rgb"]
+def test_the_number_of_threads_changes_nothing_in_a_scan() -> None:
+    points, colors = load_made("town_150")
     results = {
         (
             fusionslam.cshot(points, colors, threads=threads).tobytes(),

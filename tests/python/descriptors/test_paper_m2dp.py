@@ -112,12 +112,6 @@ def test_a_signature_row_counts_every_point_once_for_shape_and_once_a_channel() 
 
 
 @pytest.fixture(scope="session")
-def colored_cloud(test_data: Path) -> tuple[Points, Colors]:
-    stored = np.load(test_data / "reference/cm2dp/colored_cloud.npz")
-    return stored["xyz"], stored["rgb"]
-
-
-@pytest.fixture(scope="session")
 def first_scan(test_data: Path) -> Points:
     return read_scan(test_data / "kitti/sequences/00/velodyne/000000.bin")
 
@@ -152,52 +146,6 @@ def test_m2dp_of_the_first_kitti_scan_is_that_of_the_matlab_program(
 ) -> None:
     expected = np.load(test_data / "reference/m2dp/kitti00_000000_descriptor_192.npy")
     assert distance_up_to_sign(fusionslam.m2dp(first_scan, preset=preset), expected) <= 1e-4
-
-
-def test_author_m2dp_is_that_of_the_authors_program(
-    test_data: Path, colored_cloud: tuple[Points, Colors]
-) -> None:
-    expected = np.load(test_data / "reference/cm2dp/m2dp_192.npy")
-    assert distance(fusionslam.m2dp(colored_cloud[0], preset="author"), expected) <= 1e-4
-
-
-@pytest.mark.parametrize("color_space", ["rgb", "hsv", "lab"])
-def test_author_cm2dp_is_that_of_the_authors_program(
-    test_data: Path, colored_cloud: tuple[Points, Colors], color_space: str
-) -> None:
-    expected = np.load(test_data / f"reference/cm2dp/cm2dp_{color_space}_576.npy")
-    given = fusionslam.cm2dp(*colored_cloud, color_space=color_space, preset="author")
-    assert distance(given, expected) <= 1e-4
-
-
-def test_normals_are_those_of_the_authors_program(
-    test_data: Path, colored_cloud: tuple[Points, Colors]
-) -> None:
-    stored = np.load(test_data / "reference/cm2dp/normals.npz")["normals"]
-    normals, curvatures, indices = fusionslam.estimate_normals(
-        colored_cloud[0], radius=NORMAL_RADIUS
-    )
-    assert np.array_equal(colored_cloud[0][indices], stored[:, :3])
-    flips = np.sign((normals * stored[:, 3:6]).sum(axis=1, keepdims=True))
-    assert np.abs(normals * flips - stored[:, 3:6]).max() <= 1e-4
-    assert np.abs(curvatures - stored[:, 6]).max() <= 1e-4
-
-
-def test_shot_and_cshot_are_those_of_the_authors_program(
-    test_data: Path, colored_cloud: tuple[Points, Colors]
-) -> None:
-    points, colors = colored_cloud
-    folder = test_data / "reference/cm2dp"
-    shot = fusionslam.shot(points, normal_radius=NORMAL_RADIUS)
-    cshot = fusionslam.cshot(points, colors, normal_radius=NORMAL_RADIUS)
-    assert distance(shot, np.load(folder / "shot_352.npy")) <= 1e-4
-    assert distance(cshot, np.load(folder / "cshot_1344.npy")) <= 1e-4
-
-
-def test_the_resolution_is_that_of_the_authors_program(
-    colored_cloud: tuple[Points, Colors],
-) -> None:
-    assert fusionslam.cloud_resolution(colored_cloud[0]) == pytest.approx(0.0647816269, abs=1e-9)
 
 
 def test_without_a_radius_shot_takes_five_times_the_resolution() -> None:

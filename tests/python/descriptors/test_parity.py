@@ -6,7 +6,6 @@ The clouds and the outputs are in ``tests/data/made``; its README says how they 
 """
 
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 import fusionslam
-from described_clouds import Colors, Points, distance
+from described_clouds import MADE, distance, load_made
 
-MADE = Path(__file__).parents[2] / "data" / "made"
 TOWN = ("town_040", "town_150", "town_300")
 # PCL lets the farthest point of town_040 vote, because its distance rounds up to the radius.
 FARTHEST_POINT_COUNTS = 6e-4
@@ -28,18 +26,13 @@ def load(name: str) -> dict[str, NDArray[Any]]:
         return dict(file)
 
 
-def load_cloud(name: str) -> tuple[Points, Colors]:
-    clouds = load("clouds")
-    return clouds[f"{name}_xyz"], clouds[f"{name}_rgb"]
-
-
 def author(name: str, value: str) -> NDArray[Any]:
     return load("cm2dp_author")[f"{name}_{value}"]
 
 
 @pytest.mark.parametrize("name", [*TOWN, "circle_100"])
 def test_paper_m2dp_is_that_of_the_matlab_program(name: str) -> None:
-    points, stored = load("clouds")[f"{name}_xyz"], load("m2dp_matlab")
+    points, stored = load_made(name)[0], load("m2dp_matlab")
     votes = fusionslam.m2dp_signature(points, preset="paper") * len(points)
     assert np.array_equal(np.rint(votes), np.rint(stored[f"{name}_signature"] * len(points)))
     given, expected = fusionslam.m2dp(points, preset="paper"), stored[f"{name}_descriptor"]
@@ -48,20 +41,20 @@ def test_paper_m2dp_is_that_of_the_matlab_program(name: str) -> None:
 
 @pytest.mark.parametrize("name", TOWN)
 def test_author_m2dp_is_that_of_the_authors_program(name: str) -> None:
-    given = fusionslam.m2dp(load_cloud(name)[0], preset="author")
+    given = fusionslam.m2dp(load_made(name)[0], preset="author")
     assert distance(given, author(name, "m2dp_192")) < 1e-4
 
 
 @pytest.mark.parametrize("color_space", ["rgb", "hsv", "lab"])
 @pytest.mark.parametrize("name", TOWN)
 def test_author_cm2dp_is_that_of_the_authors_program(name: str, color_space: str) -> None:
-    given = fusionslam.cm2dp(*load_cloud(name), color_space=color_space, preset="author")
+    given = fusionslam.cm2dp(*load_made(name), color_space=color_space, preset="author")
     assert distance(given, author(name, f"cm2dp_{color_space}_576")) < 1e-4
 
 
 @pytest.mark.parametrize("name", TOWN)
 def test_shot_and_cshot_are_those_of_pcl(name: str) -> None:
-    points, colors = load_cloud(name)
+    points, colors = load_made(name)
     bound = FARTHEST_POINT_COUNTS if name == "town_040" else 1e-5
     assert distance(fusionslam.shot(points), author(name, "shot_352")) < bound
     assert distance(fusionslam.cshot(points, colors), author(name, "cshot_1344")) < bound
@@ -69,7 +62,7 @@ def test_shot_and_cshot_are_those_of_pcl(name: str) -> None:
 
 @pytest.mark.parametrize("name", TOWN)
 def test_resolution_and_normals_are_those_of_pcl(name: str) -> None:
-    points = load_cloud(name)[0]
+    points = load_made(name)[0]
     resolution = fusionslam.cloud_resolution(points)
     assert resolution == pytest.approx(float(author(name, "resolution")), abs=1e-9)
     radius = float(author(name, "normal_radius"))

@@ -4,22 +4,15 @@
 
 from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 import fusionslam
-from described_clouds import Points, distance, read_scan, street
+from described_clouds import Points, distance, load_made, street
 
-SCANS = {
-    "00/000094": "kitti/sequences/00/velodyne/000094.bin",
-    "00/000198": "kitti/sequences/00/velodyne/000198.bin",
-    "08/000720": "kitti/sequences/08/velodyne/000720.bin",
-    "08/001500": "kitti/sequences/08/velodyne/001500.bin",
-    "raw/0": "kitti/raw_2011_09_26/velodyne_points/data/0000000000.bin",
-}
+SCANS = ("circle_100", "town_040", "town_150", "town_300")
 
 
 def random_axes(rng: np.random.Generator, *, mirrored: bool) -> NDArray[np.float64]:
@@ -48,8 +41,8 @@ def moves(seed: int) -> dict[str, Callable[[Points], Points]]:
 
 
 @pytest.fixture(scope="session")
-def scans(test_data: Path) -> dict[str, Points]:
-    return {name: read_scan(test_data / path) for name, path in SCANS.items()}
+def scans() -> dict[str, Points]:
+    return {name: load_made(name)[0] for name in SCANS}
 
 
 def test_the_robust_preset_is_the_default_and_keeps_the_lengths() -> None:

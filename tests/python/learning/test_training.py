@@ -28,6 +28,8 @@ from fusionslam.learning.train import Origin  # noqa: E402
 from fusionslam.learning.training_loop import OptimiserConfig  # noqa: E402
 from fusionslam.views.second_stage.architecture import HeadConfig  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 SHAPES_CONFIG = ShapesTrainingConfig(
     network=TINY,
     head=HeadConfig(layers=(16,)),

@@ -30,6 +30,8 @@ from fusionslam.evaluation.loops.published import (
 )
 from recorded_drives import write_drive
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 

@@ -15,6 +15,17 @@ def read_scan(path: Path) -> Points:
     return np.fromfile(path, np.float32).reshape(-1, 4)[:, :3].copy()
 
 
+MADE = Path(__file__).parents[2] / "data" / "made"
+
+
+def load_made(name: str) -> tuple[Points, Colors]:
+    """A cloud of the simulator that is stored with the tests; black where it has no colours."""
+    with np.load(MADE / "clouds.npz") as clouds:
+        points = clouds[f"{name}_xyz"]
+        colors = clouds.get(f"{name}_rgb")
+    return points, np.zeros(points.shape, np.uint8) if colors is None else colors
+
+
 def street(seed: int, count: int = 4000) -> tuple[Points, Colors]:
     """A coloured synthetic cloud: ground, two unlike house fronts and some poles."""
     rng = np.random.default_rng(seed)

@@ -55,8 +55,8 @@ class PlayedBag:
 
 def played(data: Path) -> PlayedBag:
     """That of the folder of test data; where there is none, one that is made, and kept for ever."""
-    if data.is_dir():
-        path = data / "bags" / "small_house_20s.bag"
+    path = data / "bags" / "small_house_20s.bag"
+    if path.is_file():
         return PlayedBag(path, "/camera/image/compressed", "/camera/camera_info", 40)
     from fusionslam.config import merged
     from fusionslam.sim.catalogue import MADE

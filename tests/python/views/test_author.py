@@ -6,32 +6,25 @@ The scenes and the outputs are in ``tests/data/made``; its README says how they 
 """
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from fusionslam.views import build_scene, dbscan, scene_similarity
+from described_clouds import MADE, load_made
+from fusionslam.views import SimilarityConfig, build_scene, dbscan, scene_similarity
 
-MADE = Path(__file__).parents[2] / "data" / "made"
 STORED: dict[str, Any] = json.loads((MADE / "views_author.json").read_text(encoding="utf-8"))
 SCENES: dict[str, list[dict[str, Any]]] = {
     scene["cloud"]: scene["description"] for scene in STORED["scenes"]
 }
 
 
-def load_cloud(name: str) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    with np.load(MADE / "clouds.npz") as file:
-        return file[f"{name}_xyz"], file[f"{name}_rgb"]
-
-
 @pytest.mark.parametrize("name", SCENES)
 def test_clusters_are_those_of_the_authors_program(name: str) -> None:
     with np.load(MADE / "views_author.npz") as file:
         theirs = file[f"{name}_labels"].astype(int) - 1  # 0 is noise there, -1 here
-    ours = dbscan(*load_cloud(name), eps=STORED["eps"], min_points=STORED["min_points"])
+    ours = dbscan(*load_made(name), eps=STORED["eps"], min_points=STORED["min_points"])
     assert np.array_equal(ours < 0, theirs < 0)
     pairs = set(zip(ours.tolist(), theirs.tolist(), strict=True))
     assert len(pairs) == len(set(theirs.tolist())) == len(set(ours.tolist()))
@@ -39,7 +32,7 @@ def test_clusters_are_those_of_the_authors_program(name: str) -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_objects_are_those_of_the_authors_program(name: str) -> None:
-    scene = build_scene(*load_cloud(name), preset="author")
+    scene = build_scene(*load_made(name), preset="author")
     theirs = {tuple(entry["center"]): entry for entry in SCENES[name]}
     assert {tuple(ours["center"].tolist()) for ours in scene.objects} == set(theirs)
     for ours in scene.objects:
@@ -51,7 +44,14 @@ def test_objects_are_those_of_the_authors_program(name: str) -> None:
         assert np.array_equal(ours["box_max"] - ours["box_min"], entry["boundary_size"])
 
 
+def test_the_author_preset_holds_the_parameters_of_his_program() -> None:
+    config = SimilarityConfig(preset="author")
+    terms = ("color", "distance", "volume", "ratio")
+    held = [getattr(config, f"{t}_{part}") for t in terms for part in ("x0", "a", "weight")]
+    assert held == STORED["params"]
+
+
 def test_similarities_are_those_of_the_authors_program() -> None:
-    scenes = [build_scene(*load_cloud(name), preset="author") for name in SCENES]
+    scenes = [build_scene(*load_made(name), preset="author") for name in SCENES]
     found = [[scene_similarity(a, b, preset="author") for b in scenes] for a in scenes]
     np.testing.assert_allclose(found, STORED["similarity"], rtol=0, atol=1e-9)

@@ -19,6 +19,8 @@ from fusionslam.pipelines.views import MatchRun, run_views
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.scene_set import SceneSet
 
+pytestmark = pytest.mark.slow
+
 WORLDS = ("warehouse", "small_house")
 FIRST = 100
 DRIFT = OdometryConfig(scale=1.02, rotation_scale=1.01)

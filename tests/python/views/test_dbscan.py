@@ -2,9 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """DBSCAN gives the labels of scikit-learn, of the definition and of the thesis's program."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -105,17 +102,6 @@ def test_a_lattice_of_spacing_eps_holds_together_only_if_eps_itself_counts(
     labels = dbscan(lattice.astype(np.float32), eps=1, min_points=2, inclusive=inclusive)
     assert labels.max() + 1 == clusters
     assert (labels >= 0).all() == inclusive
-
-
-def test_the_thesis_author_s_clusters_are_found(test_data: Path) -> None:
-    folder = test_data / "reference" / "views"
-    clouds = np.load(folder / "author_scenes.npz")
-    labels = json.loads((folder / "author_scenes.json").read_text())["dbscan_labels"]
-    for number, theirs in enumerate(labels):
-        cloud = clouds[f"scene{number:02d}"]
-        ours = dbscan(cloud[:, :3], cloud[:, 3:].astype(np.uint8), eps=0.6, min_points=10)
-        pairs = set(zip(ours.tolist(), theirs, strict=True))
-        assert len(pairs) == len(set(theirs)) == len(set(ours.tolist()))
 
 
 def test_a_border_point_belongs_to_the_first_cluster_that_reaches_it() -> None:

@@ -21,6 +21,8 @@ from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scene_set import SceneSet
 
+pytestmark = pytest.mark.slow
+
 DRIFT = OdometryConfig(scale=1.02, rotation_scale=1.01)
 FRAMES = {
     "robot": RecordingConfig(frame="robot"),

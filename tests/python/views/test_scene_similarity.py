@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fusionslam import views
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.views import Scene, SceneIndex, SimilarityConfig, scene_similarity
 from object_scenes import NOTHING, many_scenes, random_scene
@@ -33,33 +32,6 @@ def described(description: list[dict[str, Any]]) -> Scene:
         row["volume"], row["area"] = entry["volume"], entry["area"]
         row["color"] = list(int(entry["color"], 16).to_bytes(3, "big"))
     return Scene(objects)
-
-
-def test_the_author_preset_gives_the_similarities_of_his_program(author: Any) -> None:
-    scenes = [described(scene["description"]) for scene in author["scenes"]]
-    found = [[scene_similarity(a, b, preset="author") for b in scenes] for a in scenes]
-    np.testing.assert_allclose(found, author["similarity"], rtol=0, atol=1e-6)
-
-
-def test_the_author_preset_holds_his_parameters(author: Any) -> None:
-    config = SimilarityConfig(preset="author")
-    terms = ("color", "distance", "volume", "ratio")
-    held = [getattr(config, f"{t}_{part}") for t in terms for part in ("x0", "a", "weight")]
-    assert held == author["params"]
-
-
-def test_the_author_s_scenes_are_built_and_compared_as_he_did(author: Any, test_data: Path) -> None:
-    clouds = np.load(test_data / "reference" / "views" / "author_scenes.npz")
-    scenes = [
-        views.build_scene(
-            clouds[name][:, :3].astype(np.float32),
-            clouds[name][:, 3:].astype(np.uint8),
-            preset="author",
-        )
-        for name in sorted(clouds.files)
-    ]
-    found = [[scene_similarity(a, b, preset="author") for b in scenes] for a in scenes]
-    np.testing.assert_allclose(found, author["similarity"], rtol=0, atol=1e-6)
 
 
 def test_the_same_place_is_more_like_itself_than_others_under_every_preset(author: Any) -> None:

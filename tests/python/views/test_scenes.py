@@ -2,10 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes: the objects of clouds under each preset, and what is made of bad clouds."""
 
-import json
 import pickle
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,32 +27,6 @@ def boxes(*sizes: int) -> tuple[Points, Bytes]:
     colors = rng.integers(0, 60, (len(places), 3)) + 60 * places[:, None]
     order = rng.permutation(len(places))
     return points[order].astype(np.float32), colors[order].astype(np.uint8)
-
-
-def author_scenes(test_data: Path) -> list[tuple[Scene, list[dict[str, object]]]]:
-    folder = test_data / "reference" / "views"
-    clouds = np.load(folder / "author_scenes.npz")
-    stored = json.loads((folder / "author_scenes.json").read_text())["scenes"]
-    result = []
-    for number, theirs in enumerate(stored):
-        cloud = clouds[f"scene{number:02d}"]
-        scene = build_scene(cloud[:, :3], cloud[:, 3:].astype(np.uint8), preset="author")
-        result.append((scene, theirs["description"]))
-    return result
-
-
-def test_the_thesis_author_s_objects_are_found(test_data: Path) -> None:
-    for scene, described in author_scenes(test_data):
-        assert len(scene) == len(described)
-        theirs: dict[Any, Any] = {tuple(entry["center"]): entry for entry in described}
-        for ours in scene.objects:
-            entry = theirs[tuple(ours["center"].tolist())]
-            assert bytes(ours["color"].astype(np.uint8)).hex() == str(entry["color"])[2:]
-            assert ours["points"] == entry["cluster_size"]
-            assert ours["volume"] == pytest.approx(entry["volume"], rel=1e-6)
-            assert ours["area"] == pytest.approx(entry["area"], rel=1e-6)
-            size = ours["box_max"] - ours["box_min"]
-            np.testing.assert_array_equal(size, entry["boundary_size"])
 
 
 def test_objects_are_described_by_their_points() -> None:
