@@ -6,12 +6,11 @@ The score is the edge alignment of ``calibration.edges``. A recording is checked
 the answer is meant for people who wonder whether their extrinsics or clocks are wrong.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.calibration.overlay import draw_overlay
 from fusionslam.calibration.search import (
@@ -27,6 +26,8 @@ from fusionslam.calibration.search import (
 )
 from fusionslam.errors import DataError
 from fusionslam.storage.archive import save_json
+from fusionslam.storage.arrays import Floats
+from fusionslam.storage.progress import Progress
 
 FORMAT = "fusionslam.calib_check.1"
 _FEWEST_POINTS = 100
@@ -38,9 +39,6 @@ _NEAR = 0.7
 _PERHAPS = 2.5
 # So large a gain, in shares of the present score, leaves a doubt even where it may be chance.
 _MUCH = 0.25
-
-Floats = NDArray[np.float64]
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from fusionslam.sensors.frame import Camera
-
-Floats = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from fusionslam.storage.arrays import Floats, Image
 
 # Beyond this, a jump is no more an edge than another: open doors would outweigh all else.
 _LARGEST_JUMP = 3.0

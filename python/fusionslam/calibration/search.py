@@ -17,6 +17,7 @@ from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform
 from fusionslam.sensors.transforms import TransformTree
+from fusionslam.storage.arrays import Floats
 
 CAMERA = "left"
 TURNS = ("roll", "pitch", "yaw")
@@ -24,8 +25,6 @@ SHIFTS = ("right", "down", "forward")
 DELAY = "delay"
 _FINER = 5
 _STEPS = 10
-
-Floats = NDArray[np.float64]
 
 
 class Recording(Protocol):

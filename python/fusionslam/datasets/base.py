@@ -19,8 +19,7 @@ from fusionslam.datasets.pose_files import read_timestamps
 from fusionslam.datasets.streams import Request, Stream
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera, Cloud, Frame
-
-Image = NDArray[np.uint8]
+from fusionslam.storage.arrays import Image
 
 
 class PosesOrigin(Enum):

@@ -27,11 +27,10 @@ from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.synchronizer import SyncConfig
 from fusionslam.storage.archive import load_arrays
+from fusionslam.storage.arrays import Floats
 
 KIND = "ranges"
 SHAPES = ("visual", "collision")
-
-Array = NDArray[np.float64]
 
 
 class RecordingConfig(Section):
@@ -63,8 +62,8 @@ class RangeRecording(CloudDataset):
     """
 
     shapes: str
-    seconds: Array
-    places: Array | None
+    seconds: Floats
+    places: Floats | None
     points: NDArray[np.float32]
     colors: NDArray[np.uint8]
     offsets: NDArray[np.int64]
@@ -118,7 +117,7 @@ class RangeRecording(CloudDataset):
             offsets=offsets,
         )
 
-    def cloud(self, index: int, config: RecordingConfig, measured: Array | None = None) -> Cloud:
+    def cloud(self, index: int, config: RecordingConfig, measured: Floats | None = None) -> Cloud:
         """A scan without ground, in the frame that the configuration names.
 
         Args:
@@ -140,7 +139,7 @@ class RangeRecording(CloudDataset):
         moved = np.einsum("ij,kj->ik", points, turn) + np.array([x, y, 0])
         return Cloud(moved.astype(np.float32), colors)
 
-    def odometry(self, config: RecordingConfig) -> Array | None:
+    def odometry(self, config: RecordingConfig) -> Floats | None:
         """float64 (n, 3), where odometry says the robot was; None for frame "robot".
 
         Raises:
@@ -217,7 +216,7 @@ def _get(path: Path, arrays: dict[str, NDArray[Any]], name: str, shape: tuple[in
     return arrays[name]
 
 
-def _finite(path: Path, name: str, values: NDArray[Any]) -> Array:
+def _finite(path: Path, name: str, values: NDArray[Any]) -> Floats:
     if not np.issubdtype(values.dtype, np.number) or not np.isfinite(values).all():
         raise DataError(f"{path}: {name} must be finite numbers")
     return values.astype(np.float64)
@@ -225,7 +224,7 @@ def _finite(path: Path, name: str, values: NDArray[Any]) -> Array:
 
 def _scans(
     path: Path, arrays: dict[str, NDArray[Any]], shapes: str
-) -> tuple[Array, NDArray[np.int64]]:
+) -> tuple[Floats, NDArray[np.int64]]:
     seconds = _finite(path, "stamps", _get(path, arrays, "stamps", (-1,)))
     if not len(seconds) or (np.diff(seconds) <= 0).any():
         raise DataError(f"{path}: stamps must increase, and there must be one")
@@ -251,7 +250,7 @@ def _points(
     return (rays[ray] * metres[:, None] + origin).astype(np.float32), colors
 
 
-def _places(path: Path, arrays: dict[str, NDArray[Any]], count: int) -> Array | None:
+def _places(path: Path, arrays: dict[str, NDArray[Any]], count: int) -> Floats | None:
     if "poses" not in arrays:
         return None
     return _finite(path, "poses", _get(path, arrays, "poses", (count, 3)))

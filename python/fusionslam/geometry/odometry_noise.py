@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
 from fusionslam.geometry.trajectory import Trajectory, ground_poses
+from fusionslam.storage.arrays import Floats
 
 if TYPE_CHECKING:
     pass
-
-Array = NDArray[np.float64]
 
 
 class OdometryConfig(Section):
@@ -55,9 +54,9 @@ class OdometryTrack(NamedTuple):
     """
 
     stamps_ns: NDArray[np.int64]
-    poses: Array
-    linear: Array
-    angular: Array
+    poses: Floats
+    linear: Floats
+    angular: Floats
 
 
 def simulate_odometry(
@@ -83,7 +82,7 @@ def simulate_odometry(
     return OdometryTrack(stamps, ground_poses(x, y, yaw), _rates(way, gap), _turn_rates(turn, gap))
 
 
-def measured_places(places: Array, seconds: Array, config: OdometryConfig) -> Array:
+def measured_places(places: Floats, seconds: Floats, config: OdometryConfig) -> Floats:
     """What odometry says at the places of a drive themselves.
 
     Args:
@@ -102,8 +101,8 @@ def measured_places(places: Array, seconds: Array, config: OdometryConfig) -> Ar
 
 
 def _with_errors(
-    turn: Array, way: Array, gap: Array, config: OdometryConfig
-) -> tuple[Array, Array]:
+    turn: Floats, way: Floats, gap: Floats, config: OdometryConfig
+) -> tuple[Floats, Floats]:
     """Angles (N - 1) and ways (2, N - 1) of steps that take ``gap`` seconds, as measured."""
     rng = np.random.default_rng([config.seed, 0x0D0])
     noise = rng.standard_normal((2, len(gap))) * np.sqrt(gap)
@@ -126,7 +125,7 @@ def _stamps(trajectory: Trajectory, rate_hz: float) -> NDArray[np.int64]:
     return after + round(float(trajectory.seconds[0]) * 1e9)
 
 
-def _steps(x: Array, y: Array, yaw: Array) -> tuple[Array, Array]:
+def _steps(x: Floats, y: Floats, yaw: Floats) -> tuple[Floats, Floats]:
     """Angles of the steps between places, (N - 1), and ways forwards and to the left, (2, N - 1).
 
     The way is seen from the heading in the middle of the step.
@@ -136,7 +135,9 @@ def _steps(x: Array, y: Array, yaw: Array) -> tuple[Array, Array]:
     return turn, np.stack([c * dx + s * dy, c * dy - s * dx])
 
 
-def _joined(x: float, y: float, yaw: float, turn: Array, way: Array) -> tuple[Array, Array, Array]:
+def _joined(
+    x: float, y: float, yaw: float, turn: Floats, way: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Places that steps lead to from a first one: x, y, yaw, (N) each."""
     yaws = yaw + np.concatenate([[0.0], np.cumsum(turn)])
     c, s = np.cos(yaws[:-1] + turn / 2), np.sin(yaws[:-1] + turn / 2)
@@ -145,13 +146,13 @@ def _joined(x: float, y: float, yaw: float, turn: Array, way: Array) -> tuple[Ar
     return xs, ys, yaws
 
 
-def _rates(way: Array, gap: Array) -> Array:
+def _rates(way: Floats, gap: Floats) -> Floats:
     """Velocities of the steps, the first one twice, (N, 3)."""
     rates = np.stack([way[0] / gap, way[1] / gap, np.zeros_like(gap)], axis=1)
     return np.concatenate([rates[:1], rates])
 
 
-def _turn_rates(turn: Array, gap: Array) -> Array:
+def _turn_rates(turn: Floats, gap: Floats) -> Floats:
     """Turn rates of the steps, the first one twice, (N, 3)."""
     rates = np.stack([np.zeros_like(gap), np.zeros_like(gap), turn / gap], axis=1)
     return np.concatenate([rates[:1], rates])

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.se2 import wrapped
-
-Floats = NDArray[np.float64]
+from fusionslam.storage.arrays import Floats
 
 
 class RigidMotion(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from fusionslam.storage.arrays import Floats
 
 HEADINGS = 36
 """Layers of the sheet: headings ten degrees apart."""

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.storage.arrays import Floats
 from fusionslam.storage.files import PathLike, atomic_path, reading
-
-Array = NDArray[np.float64]
 
 _COLUMNS = ("t", "x", "y", "yaw")
 _EXPECTED = "a trajectory: a line 't,x,y,yaw', then seconds, metres, metres, radians"
@@ -35,10 +34,10 @@ class Trajectory:
         DataError: a value is not finite, or a time not after the one before.
     """
 
-    seconds: Array
-    x: Array
-    y: Array
-    yaw: Array
+    seconds: Floats
+    x: Floats
+    y: Floats
+    yaw: Floats
 
     def __post_init__(self) -> None:
         arrays = [self.seconds, self.x, self.y, self.yaw]
@@ -64,7 +63,7 @@ class Trajectory:
         """Metres driven."""
         return float(np.hypot(np.diff(self.x), np.diff(self.y)).sum())
 
-    def places(self, seconds: ArrayLike) -> tuple[Array, Array, Array]:
+    def places(self, seconds: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """x, y and yaw at times, (M,) each, interpolated.
 
         Raises:
@@ -81,7 +80,7 @@ class Trajectory:
         x, y, yaw = (np.interp(times, self.seconds, v) for v in (self.x, self.y, self.yaw))
         return x, y, yaw
 
-    def at(self, seconds: ArrayLike) -> Array:
+    def at(self, seconds: ArrayLike) -> Floats:
         """float64 (M, 4, 4), world_from_base at times (M,).
 
         Raises:
@@ -89,13 +88,13 @@ class Trajectory:
         """
         return ground_poses(*self.places(np.atleast_1d(seconds)))
 
-    def speeds(self) -> tuple[Array, Array]:
+    def speeds(self) -> tuple[Floats, Floats]:
         """Forward speed in m/s and turn rate in rad/s at each place, (N,) each."""
         dx, dy, turn = (np.gradient(v, self.seconds) for v in (self.x, self.y, self.yaw))
         return dx * np.cos(self.yaw) + dy * np.sin(self.yaw), turn
 
 
-def ground_poses(x: Array, y: Array, yaw: Array) -> Array:
+def ground_poses(x: Floats, y: Floats, yaw: Floats) -> Floats:
     """float64 (N, 4, 4) of places on the ground, (N,) each: z is 0 and up."""
     poses = np.tile(np.eye(4), (len(x), 1, 1))
     c, s = np.cos(yaw), np.sin(yaw)

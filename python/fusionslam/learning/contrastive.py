@@ -18,11 +18,10 @@ from fusionslam.learning.places import PairConfig, Places, make_pairs, same_plac
 from fusionslam.learning.pointnet import PointNet, transform_penalty
 from fusionslam.learning.torch_extra import nn, torch
 from fusionslam.learning.training_loop import OptimiserConfig, seeded
+from fusionslam.storage.arrays import Points
 from fusionslam.views.second_stage.architecture import PointNetConfig
 from fusionslam.views.second_stage.inputs import network_input, resampled
 from fusionslam.views.second_stage.scores import area_under_curve
-
-Points = NDArray[np.float32]
 
 
 class SightAugmentConfig(Section):

@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.arrays import Floats, Integers
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
-Sights = tuple[str, Sequence[Cloud], Array | None]
+Sights = tuple[str, Sequence[Cloud], Floats | None]
 """A world's name, its clouds in the robot's frame without ground, and poses (n, 3): x, y, yaw."""
 
 
@@ -48,9 +46,9 @@ class Places:
 
     points: NDArray[np.float32]
     colors: NDArray[np.uint8]
-    offsets: Indices
-    poses: Array
-    worlds: Indices
+    offsets: Integers
+    poses: Floats
+    worlds: Integers
     names: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -69,7 +67,7 @@ class Places:
             ShapeError: not one pose for each cloud.
         """
         clouds: list[Cloud] = []
-        poses: list[Array] = []
+        poses: list[Floats] = []
         worlds: list[int] = []
         names: list[str] = []
         for name, seen, where in sources:
@@ -92,7 +90,7 @@ class Places:
             tuple(names),
         )
 
-    def chosen(self, indices: Sequence[int] | Indices) -> "Places":
+    def chosen(self, indices: Sequence[int] | Integers) -> "Places":
         """The sights with these indices."""
         rows = np.asarray(indices, np.int64)
         clouds = [self[index] for index in rows.tolist()]
@@ -108,7 +106,7 @@ class Places:
         )
 
 
-def _checked(name: str, clouds: Sequence[Cloud], poses: Array | None) -> Array:
+def _checked(name: str, clouds: Sequence[Cloud], poses: Floats | None) -> Floats:
     if poses is None:
         raise DataError(f"{name} has no true poses: nobody knows which sights are the same place")
     if poses.shape != (len(clouds), 3):
@@ -120,7 +118,7 @@ def _checked(name: str, clouds: Sequence[Cloud], poses: Array | None) -> Array:
     return poses
 
 
-def apart(first: Array, second: Array) -> tuple[Array, Array]:
+def apart(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Distances in metres and angles in radians, 0 to pi, between poses (..., 3): x, y, yaw."""
     gap = first - second
     turn = np.abs((gap[..., 2] + np.pi) % (2 * np.pi) - np.pi)
@@ -128,7 +126,7 @@ def apart(first: Array, second: Array) -> tuple[Array, Array]:
 
 
 def same_places(
-    places: Places, first: Indices, second: Indices, config: SamePlaceConfig | None = None
+    places: Places, first: Integers, second: Integers, config: SamePlaceConfig | None = None
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which pairs of sights are the same place, and which are in doubt.
 
@@ -177,8 +175,8 @@ class PairConfig(Section):
 class Pairs:
     """Pairs of sights: int64 (m,) indices, and whether they are the same place, bool (m,)."""
 
-    first: Indices
-    second: Indices
+    first: Integers
+    second: Integers
     same: NDArray[np.bool_]
 
     def __len__(self) -> int:
@@ -208,7 +206,7 @@ def make_pairs(places: Places, config: PairConfig, rng: np.random.Generator) -> 
     return Pairs(first[rows], second[rows], same[rows])
 
 
-def _all_pairs(places: Places) -> tuple[Indices, Indices]:
+def _all_pairs(places: Places) -> tuple[Integers, Integers]:
     """Every pair of different sights of one world, once."""
     found = []
     for world in range(len(places.names)):

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated places: worlds that are made, each seen from many poses, several of them near."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
 
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
-from fusionslam.learning.places import Array, Sights
+from fusionslam.learning.places import Sights
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sim.indoor import (
     HospitalConfig,
@@ -22,8 +22,8 @@ from fusionslam.sim.lidar import LidarMount, scan
 from fusionslam.sim.robot import RobotConfig, base_from, robot_named
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.simulator import map_of
-
-Progress = Callable[[int, int], None]
+from fusionslam.storage.arrays import Floats
+from fusionslam.storage.progress import Progress
 
 
 class SimulatedPlacesConfig(Section):
@@ -113,8 +113,8 @@ def _seen(
 def _cloud(
     caster: RayCaster,
     lidar: LidarMount,
-    base_from_lidar: Array,
-    pose: Array,
+    base_from_lidar: Floats,
+    pose: Floats,
     config: SimulatedPlacesConfig,
     rng: np.random.Generator,
 ) -> Cloud:

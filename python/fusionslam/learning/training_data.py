@@ -13,11 +13,13 @@ import numpy as np
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.learning.modelnet import Part, read_modelnet, read_voxels
-from fusionslam.learning.places import Array, Places
+from fusionslam.learning.places import Places
 from fusionslam.learning.shape_sets import ProceduralConfig, ShapeSet, joined, procedural_shapes
-from fusionslam.learning.simulated_places import Progress, SimulatedPlacesConfig, simulate_places
+from fusionslam.learning.simulated_places import SimulatedPlacesConfig, simulate_places
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.arrays import Floats
+from fusionslam.storage.progress import Progress
 
 
 class Clouds(Protocol):
@@ -40,7 +42,7 @@ class RecordedSights(Protocol):
         """The frame of the clouds."""
 
     @property
-    def poses(self) -> Array | None:
+    def poses(self) -> Floats | None:
         """Float64 (n, 3): x, y, yaw; None without truth."""
 
     @property

@@ -22,7 +22,6 @@ from fusionslam.evaluation import DescriptorRun, Evaluation, EvaluationConfig, e
 from fusionslam.fusion import fuse
 from fusionslam.pipelines.describe import (
     PipelineConfig,
-    Progress,
     describe_dataset,
     first_that_works,
     load_runs,
@@ -32,6 +31,7 @@ from fusionslam.pipelines.loops import find_loops
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work, claim, runs_folder
 from fusionslam.pipelines.reusable_runs import Stored, with_poses_of
+from fusionslam.storage.progress import Progress
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset

@@ -36,6 +36,7 @@ from fusionslam.pipelines.checkpoints import (
     partial_folder,
     save_chunk,
 )
+from fusionslam.storage.progress import Progress
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
@@ -45,7 +46,6 @@ from fusionslam.storage.parallel import in_order
 logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
-Progress = Callable[[int, int], None]
 
 CHUNK = 16
 """Frames that are written together; what an interruption can lose, with those under way."""

@@ -19,7 +19,9 @@ from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera
 from fusionslam.storage.archive import load_arrays, save_arrays
+from fusionslam.storage.arrays import Floats, Image
 from fusionslam.storage.parallel import in_order
+from fusionslam.storage.progress import Progress
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 
 if TYPE_CHECKING:
@@ -27,9 +29,6 @@ if TYPE_CHECKING:
     from fusionslam.geometry.trajectory import Trajectory
     from fusionslam.sim.camera import CameraMount
 
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
-Progress = Callable[[int, int], None]
 
 RATE_HZ = 10.0
 """Images a second that are rendered: those of the original's runs."""
@@ -52,8 +51,8 @@ class Images:
         camera: of the whole images; None where nobody knows.
     """
 
-    seconds: Array
-    poses: Array | None
+    seconds: Floats
+    poses: Floats | None
     image: Callable[[int], Image]
     origin: str
     key: str | None = None
@@ -81,7 +80,7 @@ class TemplateViews:
     build_ms: float
 
 
-def recorded_images(dataset: "Dataset", seconds: Array, poses: Array | None) -> Images | None:
+def recorded_images(dataset: "Dataset", seconds: Floats, poses: Floats | None) -> Images | None:
     """The images of a recording; None where it has none.
 
     Of a bag all images of the left camera while it was scanning, else one a scan.
@@ -102,7 +101,7 @@ def recorded_images(dataset: "Dataset", seconds: Array, poses: Array | None) -> 
     return Images(seconds, poses, lambda i: dataset[i].images["left"], origin, camera=camera)
 
 
-def _bag_images(dataset: Any, seconds: Array, poses: Array | None) -> Images:
+def _bag_images(dataset: Any, seconds: Floats, poses: Floats | None) -> Images:
     series, topic = dataset.source.series("left"), dataset.source.roles["left"]
     stamps = np.asarray(series.stamps_ns)
     # What is damaged in arrival order is put right: images in the order of their stamps.
@@ -119,7 +118,7 @@ def _bag_images(dataset: Any, seconds: Array, poses: Array | None) -> Images:
     return Images(times, places_at(times, seconds, poses), image, "images of the bag")
 
 
-def places_at(times: Array, seconds: Array, poses: Array | None) -> Array | None:
+def places_at(times: Floats, seconds: Floats, poses: Floats | None) -> Floats | None:
     """float64 (k, 3): places at times, straight between poses (n, 3) at increasing seconds (n)."""
     if poses is None:
         return None
@@ -135,8 +134,8 @@ def world_beside(recording: Path) -> Path | None:
 
 def rendered_images(
     world: Path,
-    seconds: Array,
-    poses: Array,
+    seconds: Floats,
+    poses: Floats,
     *,
     bottom: int | None = None,
     robot: str = "turtlebot3_waffle_pi",
@@ -181,7 +180,7 @@ class _Renderer:
     """Renders the i-th image; the world is read when the first one is asked for."""
 
     def __init__(
-        self, world: Path, drive: "Trajectory", robot: str, camera: "CameraMount", times: Array
+        self, world: Path, drive: "Trajectory", robot: str, camera: "CameraMount", times: Floats
     ) -> None:
         from fusionslam.sim.robot import base_from_camera, robot_named
 
@@ -220,7 +219,7 @@ def _upper_part(camera: "CameraMount", bottom: int | None) -> "CameraMount":
     return merged(camera, changes)
 
 
-def _key(world: Path, robot: str, camera: "CameraMount", drive: "Trajectory", times: Array) -> str:
+def _key(world: Path, robot: str, camera: "CameraMount", drive: "Trajectory", times: Floats) -> str:
     hashed = hashlib.sha256(world.read_bytes())
     for values in (times, *drive.places(times)):
         hashed.update(np.ascontiguousarray(values).tobytes())

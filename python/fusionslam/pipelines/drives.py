@@ -22,15 +22,10 @@ from fusionslam.errors import DataError
 from fusionslam.evaluation.views.published import world_of
 from fusionslam.fusion import ROBOT_FUSION
 from fusionslam.geometry.odometry_noise import OdometryConfig, measured_places
-from fusionslam.pipelines.drive_images import (
-    Image,
-    Images,
-    recorded_images,
-    rendered_images,
-    world_beside,
-)
+from fusionslam.pipelines.drive_images import Images, recorded_images, rendered_images, world_beside
 from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.arrays import Image
 from fusionslam.views.scene_set import CloudArray, SceneSet, is_scene_set
 
 if TYPE_CHECKING:

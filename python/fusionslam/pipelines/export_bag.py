@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import DataError
@@ -29,6 +28,7 @@ from fusionslam.sensors.messages import (
     Odometry,
     Scan,
 )
+from fusionslam.storage.arrays import Matrix
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
@@ -39,8 +39,6 @@ BAG_SUFFIXES = (".bag", ".db3", ".mcap")
 CLOUDS, ODOMETRY, TRUTH = "/rgb_cloud", "/odom", "/ground_truth"
 WORLD, ODOM, ROBOT, SCAN = "world", "odom", "base_footprint", "lidar"
 _FRAME_IDS = {"scan": SCAN, "camera": "camera", "robot": ROBOT, "odometry": ODOM}
-
-Matrix = NDArray[np.float64]
 
 
 def write_cloud_bag(

@@ -20,11 +20,10 @@ from fusionslam.evaluation import ViewRun, baselines
 from fusionslam.pipelines.drive_images import Images, TemplateViews, template_views
 from fusionslam.pipelines.drives import Drive, FrameName, Step, moved
 from fusionslam.pipelines.views import run_views
+from fusionslam.storage.arrays import Floats
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import RECOGNISERS, RENAMED, ViewMatcherConfig
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
-
-Floats = NDArray[np.float64]
 
 _FIRST_STAGE: Mapping[FrameName, str] = {
     "robot": "first stage, robot's frame",

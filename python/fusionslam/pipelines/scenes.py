@@ -24,7 +24,8 @@ from fusionslam.pipelines.export_folder import cloud_poses
 from fusionslam.pipelines.scene_recording import SceneRecording
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.parallel import in_order
-from fusionslam.views.scene_set import CloudArray, Progress, SceneSet
+from fusionslam.storage.progress import Progress
+from fusionslam.views.scene_set import CloudArray, SceneSet
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.evaluation import ViewJudge, ViewReport
 from fusionslam.pipelines.tuning_state import Generation, TuningState
 from fusionslam.pipelines.views import views_of
+from fusionslam.storage.arrays import Floats
 from fusionslam.views.comparison import View
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig, similarity_config
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from fusionslam.views.recognisers import ViewMatcherConfig
     from fusionslam.views.scene_set import SceneSet
 
-Array = NDArray[np.float64]
 Bounds = dict[str, tuple[float, float]]
 
 _THESIS: Bounds = {
@@ -109,7 +108,7 @@ class TuningResult:
     config: ViewMatcherConfig
     value: float
     reports: Sequence[ViewReport]
-    best_values: Array
+    best_values: Floats
 
 
 Progress = Callable[[int, int, float], None]
@@ -183,7 +182,7 @@ class Trial:
     base: ViewMatcherConfig
     config: TuningConfig
 
-    def value(self, numbers: Array) -> float:
+    def value(self, numbers: Floats) -> float:
         """What is minimised, of one vector of numbers."""
         try:
             reports = self.reports(numbers)
@@ -191,7 +190,7 @@ class Trial:
             return _WORST
         return float(np.mean([self._badness(report) for report in reports]))
 
-    def reports(self, numbers: Array) -> list[ViewReport]:
+    def reports(self, numbers: Floats) -> list[ViewReport]:
         """The judged runs. Raises ConfigError if the numbers are no configuration."""
         config = with_numbers(self.base, self.config.numbers, numbers)
         reports = []
@@ -215,7 +214,7 @@ class Trial:
         )
 
 
-def with_numbers(base: ViewMatcherConfig, which: str, numbers: Array) -> ViewMatcherConfig:
+def with_numbers(base: ViewMatcherConfig, which: str, numbers: Floats) -> ViewMatcherConfig:
     """The configuration with numbers in the order of ``BOUNDS[which]`` in it."""
     values = {
         name: float(f"{number:.{_DIGITS}g}")
@@ -242,7 +241,7 @@ class _Search:
         }
 
     def generations(
-        self, known: Sequence[Generation], values_of: Callable[[Array], Array]
+        self, known: Sequence[Generation], values_of: Callable[[Floats], Floats]
     ) -> Iterator[Generation]:
         """Each generation: those known are told as they were, the others are tried.
 
@@ -287,7 +286,7 @@ class _Search:
         algorithm.setup(problem, termination=NoTermination(), seed=self.config.seed, verbose=False)
         return algorithm
 
-    def _first(self) -> Array:
+    def _first(self) -> Floats:
         """float64 (population, d): the numbers of the base, then evenly random ones."""
         rng = np.random.default_rng([self.config.seed, 0x7E])
         first = rng.uniform(self.low, self.high, (self.config.population, len(self.low)))
@@ -315,7 +314,7 @@ def _result(done: Sequence[Generation], trial: Trial) -> TuningResult:
 
 
 @contextmanager
-def _workers(trial: Trial, jobs: int) -> Iterator[Callable[[Array], Array]]:
+def _workers(trial: Trial, jobs: int) -> Iterator[Callable[[Floats], Floats]]:
     """A function that gives the values, float64 (k,), of numbers, float64 (k, d)."""
     if jobs <= 1:
         yield lambda numbers: np.array([trial.value(row) for row in numbers])
@@ -350,7 +349,7 @@ def _begin(drives: Sequence[Drive], base: dict[str, Any], config: dict[str, Any]
     _trials[:] = [Trial(drives, merged(ViewMatcherConfig(), base), TuningConfig(**config))]
 
 
-def _value(numbers: Array) -> float:
+def _value(numbers: Floats) -> float:
     return _trials[0].value(numbers)
 
 

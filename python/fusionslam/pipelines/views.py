@@ -18,11 +18,12 @@ from fusionslam.evaluation import ViewJudge, ViewRun
 from fusionslam.evaluation.views.curve import THRESHOLDS, ViewCurve, sweep_views
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.files import atomic_path
+from fusionslam.storage.progress import Progress
 from fusionslam.views.comparison import Comparison, View
 from fusionslam.views.match import ViewMatch, ViewStats
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig, scene_config
-from fusionslam.views.scene_set import Progress, SceneSet
+from fusionslam.views.scene_set import SceneSet
 from fusionslam.views.two_stage_comparison import TWO_STAGES
 
 # Of alignments, which take too long for a hundred runs.

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
 from fusionslam.pipelines.drive_images import Images
-from fusionslam.pipelines.drive_images import Progress as Counted
 from fusionslam.pipelines.tours import Progress, Tour
 from fusionslam.ratslam.events import Motion
 from fusionslam.ratslam.visual_odometry import (
@@ -27,6 +26,7 @@ from fusionslam.ratslam.visual_odometry import (
 from fusionslam.sensors.messages import Odometry
 from fusionslam.storage.archive import load_arrays, save_arrays
 from fusionslam.storage.parallel import in_order
+from fusionslam.storage.progress import Progress as Counted
 
 logger = logging.getLogger(__name__)
 

@@ -6,7 +6,6 @@ import math
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam._core import PoseSheet
 from fusionslam.errors import DataError, ShapeError
@@ -21,8 +20,7 @@ from fusionslam.geometry.se2 import (
     differences,
     on_sheet,
 )
-
-Floats = NDArray[np.float64]
+from fusionslam.storage.arrays import Floats
 
 # Sines of the layers out of those of a quarter: opposite ones are equal to the last bit, so that a
 # symmetric packet stays symmetric.

@@ -23,9 +23,7 @@ from fusionslam.config import Section, core_section, merged
 from fusionslam.errors import DataError
 from fusionslam.evaluation.maps.run import LINK
 from fusionslam.ratslam.actions import Action
-
-Floats = NDArray[np.float64]
-
+from fusionslam.storage.arrays import Floats
 
 STATE_VERSION = 1
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from fusionslam.storage.arrays import Floats
 
 _LUMINANCE = np.array((0.299, 0.587, 0.114))
 # Contrast of a profile, 0 .. 1, below which only noise is seen.

@@ -21,10 +21,10 @@ from fusionslam.datasets.pose_files import write_poses_tum
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.ratslam.map_snapshot import MapRecord
 from fusionslam.storage.archive import save_json
+from fusionslam.storage.arrays import Floats
 from fusionslam.storage.files import atomic_path
 
 PathLike = str | os.PathLike[str]
-Floats = NDArray[np.float64]
 
 MAP_FORMAT = "fusionslam.experience_map.1"
 UNITS = {

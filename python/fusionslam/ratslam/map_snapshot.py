@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.ratslam.slam import RatSlam
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from fusionslam.storage.arrays import Floats, Integers
 
 
 class MapRecord(Protocol):

@@ -18,7 +18,6 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError, FusionSlamError
@@ -29,11 +28,11 @@ from fusionslam.ratslam.map_snapshot import LiveMap
 from fusionslam.ratslam.odometry import Ground, said_by
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.sensors.messages import NANOSECONDS, Odometry
+from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.files import uninterrupted
 
 logger = logging.getLogger(__name__)
 
-Matrix = NDArray[np.float64]
 
 BAD_EVENT = "no event, or one without a stamp"
 ZERO_STAMP = "a stamp of zero among others"

@@ -33,11 +33,11 @@ from fusionslam.geometry.se2 import (
 from fusionslam.ratslam.actions import Action
 from fusionslam.ratslam.attractor import Network, ReferenceNetwork, SteadyNetwork
 from fusionslam.ratslam.pose_cell_state import EXPERIENCE_TABLES, VIEW_TABLES, checked_state
+from fusionslam.storage.arrays import Floats
 from fusionslam.storage.growing_array import Rows
 
 __all__ = ["HEADINGS", "Place", "PoseCells", "PoseCellsConfig"]
 
-Floats = NDArray[np.float64]
 
 INJECT = {"robust": 0.15, "openratslam": 0.05}
 """Energy of a view by preset: the reference run's; ours lets five views in a row win a packet."""

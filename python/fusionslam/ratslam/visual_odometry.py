@@ -28,10 +28,10 @@ from fusionslam.ratslam.image_profiles import (
 )
 from fusionslam.sensors.frame import Camera
 from fusionslam.sensors.messages import NANOSECONDS
+from fusionslam.storage.arrays import Floats
 
 logger = logging.getLogger(__name__)
 
-Floats = NDArray[np.float64]
 Rows = tuple[float, float]
 
 _LEAST_WAY_M = 1.0

@@ -5,15 +5,12 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam._core import rectify_image
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.sensors.frame import Camera
 from fusionslam.sensors.messages import CameraInfo, Picture
-
-Matrix = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from fusionslam.storage.arrays import Image, Matrix
 
 # Relative: calibrations are printed with at least so many digits.
 _SAME = 1e-6

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.storage.arrays import Points
 
-Points = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
 
 

@@ -13,8 +13,8 @@ from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.messages import CameraInfo, Picture, Scan
 from fusionslam.sensors.robot_frames import RobotFrames
 from fusionslam.sensors.transforms import TransformError
+from fusionslam.storage.arrays import Matrix
 
-Matrix = NDArray[np.float64]
 _PAIR = ("left", "right")
 
 

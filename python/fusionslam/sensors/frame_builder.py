@@ -11,9 +11,6 @@ import logging
 from collections import Counter, deque
 from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError, cause_of
 from fusionslam.sensors.frame import CloudFrame, Frame
@@ -37,10 +34,10 @@ from fusionslam.sensors.synchronizer import (
     stereo_synchronizer,
 )
 from fusionslam.sensors.transforms import TransformError
+from fusionslam.storage.arrays import Matrix
 
 logger = logging.getLogger(__name__)
 
-Matrix = NDArray[np.float64]
 
 NO_TRANSFORM = "no transform"
 NO_CAMERA_INFO = "no CameraInfo"

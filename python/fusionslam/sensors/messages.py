@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import ClockError, ShapeError
-
-Points = NDArray[np.float32]
-Matrix = NDArray[np.float64]
+from fusionslam.storage.arrays import Matrix, Points
 
 NANOSECONDS = 1_000_000_000
 """In a second."""

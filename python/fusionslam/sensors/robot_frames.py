@@ -5,13 +5,11 @@
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import FrameTransform, FrameTransforms, Odometry
 from fusionslam.sensors.transforms import TransformTree
-
-Matrix = NDArray[np.float64]
+from fusionslam.storage.arrays import Matrix
 
 # What robots call themselves and the frame that they start in, where nothing says it.
 ROBOT_FRAMES = ("base_footprint", "base_link")

@@ -12,16 +12,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform
+from fusionslam.storage.arrays import Matrix
 
 # Quaternions of real robots are rounded: their matrices miss orthogonality by this or less.
 _ORTHOGONAL = 1e-3
-
-Matrix = NDArray[np.float64]
 
 
 class TransformError(DataError):

@@ -17,9 +17,7 @@ from fusionslam.errors import ConfigError
 from fusionslam.geometry.rigid import rotation
 from fusionslam.sensors.messages import CameraInfo
 from fusionslam.sim.lidar import Caster, Vector
-from fusionslam.sim.mesh import Floats
-
-Array = NDArray[np.float64]
+from fusionslam.storage.arrays import Floats, Floats32
 
 # Columns: the optical frame's axes in a frame that is x forward, y left, z up.
 _OPTICAL = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], np.float64)
@@ -40,7 +38,7 @@ class LensConfig(Section):
     tilt_deg: Vector = option((0.3, 0.6, -0.4), "roll, pitch and yaw in that frame", unit="deg")
     noise: float = option(1.2, "deviation of a pixel's value", unit="of 255", ge=0)
 
-    def matrix(self) -> Array:
+    def matrix(self) -> Floats:
         """K, float64 (3, 3)."""
         return _matrix(self.focal_px, self.centre_px)
 
@@ -94,7 +92,7 @@ class CameraMount(LensConfig):
         """Where the pictures are: image_transport puts compressed ones below the topic."""
         return self.topic if self.stored == "raw" else f"{self.topic}/compressed"
 
-    def matrix(self) -> Array:
+    def matrix(self) -> Floats:
         """K, float64 (3, 3). A field of view puts the centre at half width and height."""
         if self.view_rad is None:
             return super().matrix()
@@ -106,11 +104,11 @@ class CameraMount(LensConfig):
         return self.distortion if any(self.distortion) else ()
 
 
-def _matrix(focal: float, centre: tuple[float, float]) -> Array:
+def _matrix(focal: float, centre: tuple[float, float]) -> Floats:
     return np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1]], np.float64)
 
 
-def parent_from_camera(config: LensConfig, *, right: bool = False) -> Array:
+def parent_from_camera(config: LensConfig, *, right: bool = False) -> Floats:
     """Pose of the left or right camera in the frame it is fixed to, float64 (4, 4)."""
     pose = np.eye(4)
     pose[:3, :3] = rotation(np.deg2rad(config.tilt_deg).tolist()) @ _OPTICAL
@@ -120,21 +118,21 @@ def parent_from_camera(config: LensConfig, *, right: bool = False) -> Array:
     return pose
 
 
-def projection(config: LensConfig, *, right: bool = False) -> Array:
+def projection(config: LensConfig, *, right: bool = False) -> Floats:
     """P from the left camera's frame to the undistorted picture, float64 (3, 4)."""
     matrix = np.hstack([config.matrix(), np.zeros((3, 1))])
     matrix[0, 3] = -matrix[0, 0] * config.baseline_m if right else 0.0
     return matrix
 
 
-def distorted(places: Array, coefficients: tuple[float, ...]) -> Array:
+def distorted(places: Floats, coefficients: tuple[float, ...]) -> Floats:
     """Plumb bob (Brown 1966): undistorted places x / z, y / z (N, 2) to distorted ones."""
     factor, shift = _distortion(places, coefficients)
-    moved: Array = places * factor + shift
+    moved: Floats = places * factor + shift
     return moved
 
 
-def undistorted(places: Array, coefficients: tuple[float, ...]) -> Array:
+def undistorted(places: Floats, coefficients: tuple[float, ...]) -> Floats:
     """The inverse of ``distorted`` by fixed-point iteration, float64 (N, 2).
 
     Raises:
@@ -152,7 +150,7 @@ def undistorted(places: Array, coefficients: tuple[float, ...]) -> Array:
     raise ConfigError(f"distortion {coefficients} has no inverse at x/z = {x:.3f}, y/z = {y:.3f}")
 
 
-def _distortion(places: Array, coefficients: tuple[float, ...]) -> tuple[Array, Array]:
+def _distortion(places: Floats, coefficients: tuple[float, ...]) -> tuple[Floats, Floats]:
     """Radial factor (N, 1) and tangential shift (N, 2)."""
     k1, k2, p1, p2, k3 = coefficients
     x, y = places.T
@@ -163,7 +161,7 @@ def _distortion(places: Array, coefficients: tuple[float, ...]) -> tuple[Array, 
 
 
 @lru_cache(maxsize=8)
-def camera_rays(config: LensConfig) -> Floats:
+def camera_rays(config: LensConfig) -> Floats32:
     """Directions through the pixels' centres, z = 1, optical frame, float32 (H * W, 3).
 
     Raises:
@@ -175,7 +173,7 @@ def camera_rays(config: LensConfig) -> Floats:
     return np.column_stack([places, np.ones(len(places))]).astype(np.float32)
 
 
-def _places(config: LensConfig, columns: NDArray[np.int64], rows: NDArray[np.int64]) -> Array:
+def _places(config: LensConfig, columns: NDArray[np.int64], rows: NDArray[np.int64]) -> Floats:
     """x / z and y / z of all pixels in these columns and rows, row by row, float64 (N, 2)."""
     matrix = config.matrix()
     x = (columns - matrix[0, 2]) / matrix[0, 0]
@@ -184,7 +182,7 @@ def _places(config: LensConfig, columns: NDArray[np.int64], rows: NDArray[np.int
 
 
 def photograph(
-    caster: Caster, config: LensConfig, pose: Array, gain: Vector, rng: np.random.Generator
+    caster: Caster, config: LensConfig, pose: Floats, gain: Vector, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     """One picture, uint8 (H, W, 3) RGB, from world_from_camera ``pose`` with gains per channel."""
     rays = camera_rays(config)

@@ -5,8 +5,9 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fusionslam.storage.arrays import Image
+
 SIDE = 512
-Image = NDArray[np.uint8]
 Rgb = tuple[float, float, float]
 
 

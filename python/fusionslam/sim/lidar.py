@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from fusionslam.config import Section, option
-from fusionslam.sim.mesh import Floats
 from fusionslam.sim.scene import Hits
-
-Array = NDArray[np.float64]
+from fusionslam.storage.arrays import Floats, Floats32
 
 Vector = tuple[float, float, float]
 Field = Literal["intensity", "ring", "time", "object"]
@@ -73,16 +71,16 @@ class LidarMount(LidarConfig):
 class Caster(Protocol):
     """What sensors see of the world: a ``RayCaster``, or several as one."""
 
-    def cast(self, origin: Floats, directions: Floats) -> Hits:
+    def cast(self, origin: Floats32, directions: Floats32) -> Hits:
         """First hits of rays from ``origin`` (3,) or (R, 3) along ``directions`` (R, 3)."""
 
-    def incidence(self, hits: Hits, directions: Floats) -> Floats:
+    def incidence(self, hits: Hits, directions: Floats32) -> Floats32:
         """Cosine between ray and surface normal, (R,)."""
 
-    def brightness(self, hits: Hits) -> Floats:
+    def brightness(self, hits: Hits) -> Floats32:
         """Grey value of the surface at each hit, (R,)."""
 
-    def colors(self, hits: Hits, directions: Floats, pixel: float) -> Floats:
+    def colors(self, hits: Hits, directions: Floats32, pixel: float) -> Floats32:
         """What a camera sees along each ray, (R, 3)."""
 
 
@@ -97,13 +95,13 @@ class Sweep:
         hits: where the rays met the world, without noise.
     """
 
-    points: Floats
-    intensity: Floats
+    points: Floats32
+    intensity: Floats32
     ray: NDArray[np.int64]
     hits: Hits
 
 
-def azimuths(config: LidarConfig) -> Array:
+def azimuths(config: LidarConfig) -> Floats:
     """Direction of each column, float64 (azimuths,), radians to the left of x."""
     if config.sector_rad is None:
         return -2 * np.pi * np.arange(config.azimuths) / config.azimuths
@@ -111,7 +109,7 @@ def azimuths(config: LidarConfig) -> Array:
 
 
 @lru_cache(maxsize=8)
-def lidar_rays(config: LidarConfig) -> Floats:
+def lidar_rays(config: LidarConfig) -> Floats32:
     """Unit directions in the LiDAR's frame, float32 (rings * azimuths, 3), ring by ring."""
     elevation = np.deg2rad(np.linspace(config.top_deg, config.bottom_deg, config.rings))[:, None]
     azimuth = azimuths(config)
@@ -121,14 +119,14 @@ def lidar_rays(config: LidarConfig) -> Floats:
     return rays.reshape(-1, 3).astype(np.float32)
 
 
-def column_seconds(config: LidarMount) -> Array:
+def column_seconds(config: LidarMount) -> Floats:
     """When each column is shot, float64 (azimuths,), seconds after the first: full turns."""
     turned = azimuths(config)
-    seconds: Array = np.abs(turned - turned[0]) / (2 * np.pi * config.rate_hz)
+    seconds: Floats = np.abs(turned - turned[0]) / (2 * np.pi * config.rate_hz)
     return seconds
 
 
-def scan(caster: Caster, config: LidarConfig, poses: Array, rng: np.random.Generator) -> Sweep:
+def scan(caster: Caster, config: LidarConfig, poses: Floats, rng: np.random.Generator) -> Sweep:
     """One LiDAR sweep.
 
     Args:
@@ -152,7 +150,7 @@ def scan(caster: Caster, config: LidarConfig, poses: Array, rng: np.random.Gener
     return Sweep(points, intensity.clip(0, 1), kept, found)
 
 
-def _placed(config: LidarConfig, rays: Floats, poses: Array) -> tuple[Floats, Floats]:
+def _placed(config: LidarConfig, rays: Floats32, poses: Floats) -> tuple[Floats32, Floats32]:
     """Origins (3,) or (R, 3) and directions (R, 3) of the rays in the world."""
     turn, place = poses[..., :3, :3].astype(np.float32), poses[..., :3, 3].astype(np.float32)
     # Not matrix products: BLAS would wake all its threads for three columns.
@@ -163,11 +161,11 @@ def _placed(config: LidarConfig, rays: Floats, poses: Array) -> tuple[Floats, Fl
     return np.tile(place, (config.rings, 1)), directions
 
 
-def _lost(config: LidarConfig, distance: Floats, cosine: Floats) -> Floats:
+def _lost(config: LidarConfig, distance: Floats32, cosine: Floats32) -> Floats32:
     """Probability that a shot returns nothing."""
     far = np.minimum(distance / np.float32(config.range_m), 1)
     grazing = config.grazing_dropout * (1 - cosine) ** 8
-    lost: Floats = config.dropout + grazing + config.far_dropout * far**3
+    lost: Floats32 = config.dropout + grazing + config.far_dropout * far**3
     return lost
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Floats = NDArray[np.float32]
+from fusionslam.storage.arrays import Floats32
 
 _BOX_FACES = ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (4, 5, 6, 7), (3, 2, 1, 0))
 
@@ -46,11 +46,11 @@ class Mesh:
         normals: float32 (T, 3), unit vectors used for light (foliage bends them).
     """
 
-    triangles: Floats
-    uv: Floats
+    triangles: Floats32
+    uv: Floats32
     texture: NDArray[np.int32]
-    tint: Floats
-    normals: Floats
+    tint: Floats32
+    normals: Floats32
 
     def __len__(self) -> int:
         return len(self.triangles)
@@ -167,24 +167,24 @@ def tube(
     return panels(np.stack([low[:-1], low[1:], high[1:], high[:-1]], axis=1), paint)
 
 
-def _box_corners(low: ArrayLike, high: ArrayLike) -> Floats:
+def _box_corners(low: ArrayLike, high: ArrayLike) -> Floats32:
     (x0, y0, z0), (x1, y1, z1) = np.asarray(low, float), np.asarray(high, float)
     plan = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
     return np.array([(x, y, z) for z in (z0, z1) for x, y in plan], np.float32)
 
 
-def _split(quads: Floats) -> Floats:
+def _split(quads: Floats32) -> Floats32:
     """(Q, 4, k) -> (2 Q, 3, k): the two halves of each four-sided panel."""
     return np.stack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(
         -1, 3, quads.shape[-1]
     )
 
 
-def _dot(a: Floats, b: Floats) -> Floats:
-    product: Floats = (a * b).sum(axis=-1, keepdims=True)
+def _dot(a: Floats32, b: Floats32) -> Floats32:
+    product: Floats32 = (a * b).sum(axis=-1, keepdims=True)
     return product
 
 
-def _turn(yaw: float) -> Floats:
+def _turn(yaw: float) -> Floats32:
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]], np.float32)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fusionslam.sim.mesh import Floats
+from fusionslam.storage.arrays import Floats32
 
 _WHITE = np.full((1, 1, 4), 255, np.uint8)
 
@@ -48,7 +48,9 @@ class MipMaps:
         rows: NDArray[np.intp] = (np.cumsum(counts) - counts)[:, None] + level
         return rows
 
-    def sample(self, texture: NDArray[np.int32], u: Floats, v: Floats, level: Floats) -> Floats:
+    def sample(
+        self, texture: NDArray[np.int32], u: Floats32, v: Floats32, level: Floats32
+    ) -> Floats32:
         """Bilinear samples, float32 (R, 4) in 0 .. 1: RGB and tint.
 
         Args:
@@ -68,16 +70,16 @@ class MipMaps:
         upper *= np.float32(1 / 255)
         return upper
 
-    def _mix(self, first: NDArray[np.int32], second: NDArray[np.int32], part: Floats) -> Floats:
+    def _mix(self, first: NDArray[np.int32], second: NDArray[np.int32], part: Floats32) -> Floats32:
         a, b = self._fetch(first), self._fetch(second)
-        mixed: Floats = a + part[:, None] * (b - a)
+        mixed: Floats32 = a + part[:, None] * (b - a)
         return mixed
 
-    def _fetch(self, index: NDArray[np.int32]) -> Floats:
+    def _fetch(self, index: NDArray[np.int32]) -> Floats32:
         return self._packed[index].view(np.uint8).reshape(-1, 4).astype(np.float32)
 
 
-def _split(coordinate: Floats, size: NDArray[np.int32]) -> tuple[NDArray[np.int32], Floats]:
+def _split(coordinate: Floats32, size: NDArray[np.int32]) -> tuple[NDArray[np.int32], Floats32]:
     """Index of the texel before each coordinate, wrapped, and the way on to the next, 0 .. 1."""
     whole = coordinate - np.floor(coordinate)
     place = whole * size.astype(np.float32) - np.float32(0.5)

@@ -13,12 +13,10 @@ from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.lidar import Vector
-from fusionslam.sim.mesh import Floats, Mesh, Paint, box, joined
+from fusionslam.sim.mesh import Mesh, Paint, box, joined
 from fusionslam.sim.motion.occupancy import OccupancyMap
 from fusionslam.sim.scene import Hits, RayCaster, Scene
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from fusionslam.storage.arrays import Floats, Floats32, Mask
 
 _STEP_S = 0.1
 _TRIES = 200
@@ -52,8 +50,8 @@ class Obstacle:
 
     mesh: Mesh
     radius_m: float
-    seconds: Array
-    places: Array
+    seconds: Floats
+    places: Floats
     yaw: float
 
     def at(self, seconds: float) -> Mesh:
@@ -107,9 +105,9 @@ def plan_obstacles(
 def _one(
     config: ObstacleConfig,
     grid: OccupancyMap,
-    free: Array,
-    seconds: Array,
-    others: Sequence[tuple[Array, float]],
+    free: Floats,
+    seconds: Floats,
+    others: Sequence[tuple[Floats, float]],
     rng: np.random.Generator,
 ) -> Obstacle | None:
     """The first of many random boxes and paths that never meets the others, or None."""
@@ -131,34 +129,34 @@ def _one(
     return None
 
 
-def _starts(grid: OccupancyMap, roomy: Bools, way: Array, near_m: float) -> Array:
+def _starts(grid: OccupancyMap, roomy: Mask, way: Floats, near_m: float) -> Floats:
     """Middles of the cells with room near the robot's way, (N, 2)."""
     from scipy.spatial import KDTree
 
     cells = np.stack(grid.centres(*np.nonzero(roomy)), axis=1)
     distance, _ = KDTree(way).query(cells, distance_upper_bound=near_m)
-    near: Array = cells[np.isfinite(distance)]
+    near: Floats = cells[np.isfinite(distance)]
     return near
 
 
 def _path(
     config: ObstacleConfig,
     grid: OccupancyMap,
-    free: Array,
-    start: Array,
+    free: Floats,
+    start: Floats,
     yaw: float,
     step: float,
     room: float,
-) -> Array:
+) -> Floats:
     """Places on a straight line from the start as far as there is room, (S, 2)."""
     along = np.arange(0.0, config.path_m, step)[:, None]
-    line: Array = start + along * np.array([np.cos(yaw), np.sin(yaw)])
+    line: Floats = start + along * np.array([np.cos(yaw), np.sin(yaw)])
     row, column, inside = grid.cells(line[:, 0], line[:, 1])
     blocked = ~inside | (free[row, column] < room)
     return line[: int(np.argmax(blocked)) if blocked.any() else len(line)]
 
 
-def _meets(path: Array, radius: float, others: Sequence[tuple[Array, float]]) -> Bools:
+def _meets(path: Floats, radius: float, others: Sequence[tuple[Floats, float]]) -> Mask:
     """Whether a box at each place of its path would touch another at each time, (T, S)."""
     meets = np.zeros((len(others[0][0]), len(path)), dtype=bool)
     own = np.linalg.norm(path[1] - path[0])
@@ -170,7 +168,7 @@ def _meets(path: Array, radius: float, others: Sequence[tuple[Array, float]]) ->
     return meets
 
 
-def _moves(meets: Bools, rng: np.random.Generator) -> NDArray[np.int64] | None:
+def _moves(meets: Mask, rng: np.random.Generator) -> NDArray[np.int64] | None:
     """A way to and fro along the path that never meets anything: place at each time, (T,).
 
     Seen from the end, a place is safe at a time if it is free and one that is safe at the next
@@ -234,7 +232,7 @@ class Crowd:
             sizes = [len(mesh) for mesh in boxes]
             self._box = np.repeat(np.arange(len(boxes), dtype=np.int32), sizes)
 
-    def cast(self, origin: Floats, directions: Floats) -> Hits:
+    def cast(self, origin: Floats32, directions: Floats32) -> Hits:
         """First hits of rays from ``origin`` (3,) or (R, 3) along ``directions`` (R, 3)."""
         rest = self._rest.cast(origin, directions)
         if self._moving is None:
@@ -248,21 +246,21 @@ class Crowd:
             np.where(near, boxes.v, rest.v),
         )
 
-    def incidence(self, hits: Hits, directions: Floats) -> Floats:
+    def incidence(self, hits: Hits, directions: Floats32) -> Floats32:
         """Cosine between ray and surface normal, (R,)."""
         cosine = np.empty(len(hits.distance), np.float32)
         for part in self._split(hits):
             cosine[part.rows] = part.caster.incidence(part.hits, directions[part.rows])
         return cosine
 
-    def brightness(self, hits: Hits) -> Floats:
+    def brightness(self, hits: Hits) -> Floats32:
         """Grey value of the surface at each hit, (R,)."""
         grey = np.empty(len(hits.distance), np.float32)
         for part in self._split(hits):
             grey[part.rows] = part.caster.brightness(part.hits)
         return grey
 
-    def colors(self, hits: Hits, directions: Floats, pixel: float) -> Floats:
+    def colors(self, hits: Hits, directions: Floats32, pixel: float) -> Floats32:
         """What a camera sees along each ray, (R, 3)."""
         rgb = np.empty((len(hits.distance), 3), np.float32)
         for part in self._split(hits):

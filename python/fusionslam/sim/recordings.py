@@ -4,7 +4,6 @@
 
 import hashlib
 import json
-from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -27,8 +26,7 @@ from fusionslam.sim.simulator import (
 )
 from fusionslam.sim.world import World
 from fusionslam.storage.cache import cache_folder
-
-Progress = Callable[[int, int], None]
+from fusionslam.storage.progress import Progress
 
 FOLDER = "folder"
 """The kind of output that is no bag."""

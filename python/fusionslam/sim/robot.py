@@ -19,7 +19,7 @@ from fusionslam.sensors.messages import FrameTransform
 from fusionslam.sim.camera import CameraMount, parent_from_camera
 from fusionslam.sim.lidar import LidarMount, Vector
 from fusionslam.sim.motion.path_following import DriveLimits
-from fusionslam.sim.town.route import Array
+from fusionslam.storage.arrays import Floats
 
 _ROBOTS = Path(__file__).with_name("robots")
 
@@ -127,7 +127,7 @@ def static_transforms(robot: RobotConfig) -> tuple[FrameTransform, ...]:
     )
 
 
-def base_from(robot: RobotConfig, frame: str) -> Array:
+def base_from(robot: RobotConfig, frame: str) -> Floats:
     """Pose of one of the robot's frames in its base frame, float64 (4, 4).
 
     Raises:
@@ -145,7 +145,7 @@ def base_from(robot: RobotConfig, frame: str) -> Array:
     return pose
 
 
-def base_from_camera(robot: RobotConfig, camera: CameraMount) -> Array:
+def base_from_camera(robot: RobotConfig, camera: CameraMount) -> Floats:
     """Pose of a camera, be it left or right, in the base frame, float64 (4, 4)."""
     pose = base_from(robot, camera.frame_id)
     if camera.side == "right":
@@ -153,7 +153,7 @@ def base_from_camera(robot: RobotConfig, camera: CameraMount) -> Array:
     return pose
 
 
-def _pose(mount: FrameConfig | LidarMount) -> Array:
+def _pose(mount: FrameConfig | LidarMount) -> Floats:
     pose = np.eye(4)
     pose[:3, :3] = rotation(np.deg2rad(mount.tilt_deg).tolist())
     pose[:3, 3] = mount.position_m

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import FusionSlamError
-from fusionslam.sim.mesh import Floats, Mesh
+from fusionslam.sim.mesh import Mesh
 from fusionslam.sim.mipmaps import MipMaps
+from fusionslam.storage.arrays import Floats32
 
 # Rays coloured at a time: pieces that fit the processor's cache take a fifth less time.
 _PIECE = 1 << 14
@@ -76,10 +77,10 @@ class Hits:
         u, v: float32 (R,), barycentric coordinates of the second and third corner.
     """
 
-    distance: Floats
+    distance: Floats32
     triangle: NDArray[np.int32]
-    u: Floats
-    v: Floats
+    u: Floats32
+    v: Floats32
 
     def __getitem__(self, chosen: slice | NDArray[np.intp]) -> "Hits":
         return Hits(self.distance[chosen], self.triangle[chosen], self.u[chosen], self.v[chosen])
@@ -100,7 +101,7 @@ class RayCaster:
         # The first query builds the tree; later ones only read it, from any thread.
         self.cast(np.zeros(3, np.float32), np.array([[0, 0, 1]], np.float32))
 
-    def cast(self, origin: Floats, directions: Floats) -> Hits:
+    def cast(self, origin: Floats32, directions: Floats32) -> Hits:
         """First hits of rays from ``origin`` (3,), metres, along ``directions`` (R, 3)."""
         rays = np.ascontiguousarray(directions, np.float32)
         starts = np.ascontiguousarray(np.broadcast_to(origin, rays.shape), np.float32)
@@ -118,22 +119,22 @@ class RayCaster:
             return np.full(len(hits.triangle), -1, np.int32)
         return np.where(hits.triangle < 0, np.int32(-1), self._part[hits.triangle])
 
-    def incidence(self, hits: Hits, directions: Floats) -> Floats:
+    def incidence(self, hits: Hits, directions: Floats32) -> Floats32:
         """Cosine between ray and surface normal, (R,): negative from in front of the triangle."""
         length = np.sqrt(np.einsum("ij,ij->i", directions, directions))
-        cosine: Floats = np.einsum("ij,ij->i", self._flat[hits.triangle], directions) / length
+        cosine: Floats32 = np.einsum("ij,ij->i", self._flat[hits.triangle], directions) / length
         return cosine
 
-    def brightness(self, hits: Hits) -> Floats:
+    def brightness(self, hits: Hits) -> Floats32:
         """Grey value of the surface at each hit, (R,), 0 .. 1, without light: what a LiDAR sees."""
         u, v = self._texture_coordinates(hits)
         texture = self._mesh.texture[hits.triangle]
         texels = self._maps.sample(texture, u, v, np.zeros(len(u), np.float32))
         rgb = self._albedo(texels, hits.triangle)
-        grey: Floats = np.einsum("ij,j->i", rgb, _LUMINANCE)
+        grey: Floats32 = np.einsum("ij,j->i", rgb, _LUMINANCE)
         return grey
 
-    def colors(self, hits: Hits, directions: Floats, pixel: float) -> Floats:
+    def colors(self, hits: Hits, directions: Floats32, pixel: float) -> Floats32:
         """What a camera sees along each ray, float32 (R, 3), 0 .. 1 (more in glare).
 
         Args:
@@ -147,7 +148,7 @@ class RayCaster:
             rgb[part] = self._colors(hits[part], directions[part], pixel)
         return rgb
 
-    def _colors(self, hits: Hits, directions: Floats, pixel: float) -> Floats:
+    def _colors(self, hits: Hits, directions: Floats32, pixel: float) -> Floats32:
         missed = np.flatnonzero(hits.triangle < 0)
         if not len(missed):  # indoors nearly always: spares picking the rays that hit
             return self._surface(hits, directions, pixel)
@@ -157,39 +158,39 @@ class RayCaster:
         rgb[seen] = self._surface(hits[seen], directions[seen], pixel)
         return rgb
 
-    def _surface(self, hits: Hits, directions: Floats, pixel: float) -> Floats:
+    def _surface(self, hits: Hits, directions: Floats32, pixel: float) -> Floats32:
         u, v = self._texture_coordinates(hits)
         texture = self._mesh.texture[hits.triangle]
         cosine = self.incidence(hits, directions)
         # The footprint is stretched by 1 / cosine along one axis only: its geometric mean blurs
         # and aliases equally little.
         footprint = pixel * hits.distance / np.sqrt(np.abs(cosine).clip(min=0.02))
-        level: Floats = np.log2(footprint / self._texel_m[hits.triangle])
+        level: Floats32 = np.log2(footprint / self._texel_m[hits.triangle])
         albedo = self._albedo(self._maps.sample(texture, u, v, level), hits.triangle)
-        lit: Floats = albedo * self._lit[(cosine > 0).astype(np.intp), hits.triangle]
+        lit: Floats32 = albedo * self._lit[(cosine > 0).astype(np.intp), hits.triangle]
         if np.isinf(self._light.visibility_m):
             return lit
         sky = self._sky(directions)
         clear = np.exp(hits.distance * np.float32(-1 / self._light.visibility_m))[:, None]
-        blended: Floats = sky + clear * (lit - sky)
+        blended: Floats32 = sky + clear * (lit - sky)
         return blended
 
-    def _texture_coordinates(self, hits: Hits) -> tuple[Floats, Floats]:
+    def _texture_coordinates(self, hits: Hits) -> tuple[Floats32, Floats32]:
         uv = self._mesh.uv[hits.triangle]
         weights = np.stack([1 - hits.u - hits.v, hits.u, hits.v], axis=1)
         at = np.einsum("ij,ijk->ik", weights, uv)
         return at[:, 0], at[:, 1]
 
-    def _albedo(self, texels: Floats, triangle: NDArray[np.int32]) -> Floats:
+    def _albedo(self, texels: Floats32, triangle: NDArray[np.int32]) -> Floats32:
         tint = self._mesh.tint[triangle]
-        albedo: Floats = texels[:, :3] * (1 + texels[:, 3:] * (tint - 1))
+        albedo: Floats32 = texels[:, :3] * (1 + texels[:, 3:] * (tint - 1))
         return albedo
 
-    def _sky(self, directions: Floats) -> Floats:
+    def _sky(self, directions: Floats32) -> Floats32:
         low, high = (np.asarray(c, np.float32) for c in (self._light.horizon, self._light.zenith))
         length = np.linalg.norm(directions, axis=1)
         height = np.clip(directions[:, 2] / length * 2.0, 0, 1)[:, None]
-        sky: Floats = low + height * (high - low)
+        sky: Floats32 = low + height * (high - low)
         return sky
 
 
@@ -205,30 +206,30 @@ def _embree_scene(mesh: Mesh) -> Any:
     return scene
 
 
-def _lit(normals: Floats, light: Light, side: float) -> Floats:
+def _lit(normals: Floats32, light: Light, side: float) -> Floats32:
     """RGB light on each triangle, (T, 3), seen from its front (side 1) or back (side -1)."""
     facing = side * normals
     sun = np.maximum(facing @ np.asarray(light.sun_direction, np.float32), 0)[:, None]
     sky = (0.75 + 0.25 * facing[:, 2])[:, None]
-    lit: Floats = sun * np.asarray(light.sun, np.float32) + sky * np.asarray(
+    lit: Floats32 = sun * np.asarray(light.sun, np.float32) + sky * np.asarray(
         light.ambient, np.float32
     )
     return lit
 
 
-def _flat_normals(mesh: Mesh) -> Floats:
+def _flat_normals(mesh: Mesh) -> Floats32:
     a, b, c = mesh.triangles.transpose(1, 0, 2)
     cross = np.cross(b - a, c - a)
-    normals: Floats = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-12)
+    normals: Floats32 = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-12)
     return normals
 
 
-def _texel_sizes(mesh: Mesh, maps: MipMaps) -> Floats:
+def _texel_sizes(mesh: Mesh, maps: MipMaps) -> Floats32:
     """Metres per texel of the finest image, (T,)."""
     a, b, c = mesh.triangles.transpose(1, 0, 2)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     p, q, r = mesh.uv.transpose(1, 0, 2)
     images = np.abs((q - p)[:, 0] * (r - p)[:, 1] - (q - p)[:, 1] * (r - p)[:, 0])
     texels = images * maps.texels[mesh.texture]
-    size: Floats = np.sqrt(area / np.maximum(texels, 1e-9)).astype(np.float32)
+    size: Floats32 = np.sqrt(area / np.maximum(texels, 1e-9)).astype(np.float32)
     return np.maximum(size, np.float32(1e-6))

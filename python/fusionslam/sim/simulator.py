@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.config import Section, merged, option
 from fusionslam.geometry.odometry_noise import OdometryConfig, OdometryTrack, simulate_odometry
@@ -43,8 +42,7 @@ from fusionslam.sim.robot import (
 )
 from fusionslam.sim.scene import RayCaster, Scene
 from fusionslam.sim.world import World
-
-Array = NDArray[np.float64]
+from fusionslam.storage.arrays import Floats
 
 # Events that may be under way for each thread: what is rendered ahead stays in memory.
 _AHEAD = 8
@@ -207,7 +205,7 @@ class _Simulation:
     def _drive_seconds(self, stamp_ns: int) -> float:
         return float(self.trajectory.seconds[0]) + (stamp_ns - self.start_ns) / NANOSECONDS
 
-    def _poses(self, seconds: Array) -> Array:
+    def _poses(self, seconds: Floats) -> Floats:
         """world_from_base, (M, 4, 4): the robot rests after the end of its drive."""
         return self.trajectory.at(np.minimum(seconds, self.trajectory.seconds[-1]))
 

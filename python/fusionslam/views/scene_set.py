@@ -8,7 +8,7 @@ if there is truth, poses. Matching, tuning, training and threshold sweeps start 
 
 import hashlib
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -19,13 +19,12 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.archive import format_of, load_archive, save_archive
+from fusionslam.storage.progress import Progress
 from fusionslam.views.scenes import Scene, SceneConfig, build_scene
 
 FORMAT = "fusionslam.scene_set.1"
 _CLOUDS = ("points", "colors", "offsets")
 _FEATURE = "feature."
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)

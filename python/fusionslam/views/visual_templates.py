@@ -17,9 +17,9 @@ from pydantic import model_validator
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.arrays import Floats32
 from fusionslam.storage.files import PathLike
 
-Floats = NDArray[np.float32]
 Rows = NDArray[np.intp]
 
 FORMAT = "fusionslam.visual_templates.1"
@@ -105,7 +105,7 @@ class VisualTemplates:
         return self._count
 
     @property
-    def templates(self) -> Floats:
+    def templates(self) -> Floats32:
         """The templates by id, float32 (n, rows, columns), 0 .. 1: a copy."""
         shape = (len(self), self.config.columns, self.config.rows)
         return np.ascontiguousarray(self._stored[: len(self)].reshape(shape).transpose(0, 2, 1))
@@ -127,7 +127,7 @@ class VisualTemplates:
         """
         return self.recognise(self.view(image))
 
-    def view(self, image: NDArray[np.uint8]) -> Floats:
+    def view(self, image: NDArray[np.uint8]) -> Floats32:
         """What is kept of an image, float32 (columns * rows,), column after column.
 
         Args, raises: as for ``process``; images of a run must be of one size from here on.
@@ -141,7 +141,7 @@ class VisualTemplates:
         self._image_shape = shape
         return np.ascontiguousarray(_normalised(blocks, self.config).T, np.float32).reshape(-1)
 
-    def recognise(self, view: Floats) -> TemplateMatch:
+    def recognise(self, view: Floats32) -> TemplateMatch:
         """``process`` for what ``view`` kept of an image. Raises ShapeError for anything else."""
         expected = self._stored.shape[1]
         if view.shape != (expected,) or view.dtype != np.float32:
@@ -188,7 +188,7 @@ class VisualTemplates:
         shape = (len(stored), self.config.columns, self.config.rows)
         self._column_means = stored.reshape(shape).mean(axis=2)
 
-    def _nearest(self, view: Floats) -> tuple[int, float, int]:
+    def _nearest(self, view: Floats32) -> tuple[int, float, int]:
         """Id, error and shift of the template that comes nearest; of equal ones the first.
 
         No pair whose lower bound exceeds the error of another one is compared in full.
@@ -209,7 +209,7 @@ class VisualTemplates:
         error, id, place = best
         return id, error, int(self._moves[place])
 
-    def _bounds(self, view: Floats, ids: Rows) -> Floats:
+    def _bounds(self, view: Floats32, ids: Rows) -> Floats32:
         """What errors are at least, (ids, shifts): differences of whole columns."""
         rows, stored = self.config.rows, self._column_means[ids]
         current = view.reshape(-1, rows).mean(axis=1)
@@ -219,7 +219,7 @@ class VisualTemplates:
             bounds[:, place] = np.abs(stored[:, window] - part).mean(axis=1)
         return bounds
 
-    def _compared(self, view: Floats, ids: Rows, pairs: Rows) -> tuple[float, int, int]:
+    def _compared(self, view: Floats32, ids: Rows, pairs: Rows) -> tuple[float, int, int]:
         """The least error of some pairs of template and shift, its id, and the shift's place."""
         rows, places = np.divmod(pairs, len(self._moves))
         difference = np.empty((len(pairs), len(self._moved(view, 0, self.config.rows))), np.float32)
@@ -238,7 +238,7 @@ class VisualTemplates:
         shift = self.config.shift
         return slice((shift - moved) * each, (self.config.columns - shift - moved) * each)
 
-    def _moved(self, view: Floats, moved: int, each: int) -> Floats:
+    def _moved(self, view: Floats32, moved: int, each: int) -> Floats32:
         """The part of a view that is compared: the middle, or all of it turned."""
         if self.config.panoramic:
             return np.roll(view, -moved * each)
@@ -252,7 +252,7 @@ class VisualTemplates:
         part = moved / self.config.columns
         return 2 * np.pi * (part if part <= 0.5 else part - 1)
 
-    def _append(self, view: Floats) -> None:
+    def _append(self, view: Floats32) -> None:
         if len(self) == len(self._stored):
             room = max(64, 2 * len(self))
             self._stored = np.concatenate([self._stored, np.empty((room, len(view)), np.float32)])

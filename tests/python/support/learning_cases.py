@@ -4,8 +4,9 @@
 
 import numpy as np
 
-from fusionslam.learning.places import Array, Places, Sights
+from fusionslam.learning.places import Places, Sights
 from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.arrays import Floats
 from fusionslam.views.second_stage.architecture import ComparisonConfig, PointNetConfig
 
 TINY = PointNetConfig(
@@ -44,7 +45,7 @@ def worlds(count: int, seed: int = 0) -> Places:
     return Places.of([world(f"w{n}", seed + n) for n in range(count)])
 
 
-def line(*poses: tuple[float, float, float]) -> tuple[list[Cloud], Array]:
+def line(*poses: tuple[float, float, float]) -> tuple[list[Cloud], Floats]:
     """One-point clouds at these poses."""
     clouds = [cloud(1, n) for n in range(len(poses))]
     return clouds, np.asarray(poses, np.float64)

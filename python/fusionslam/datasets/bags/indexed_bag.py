@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.datasets.bags.index import BagIndex, Series
 from fusionslam.datasets.bags.reader import Bag
@@ -15,8 +14,7 @@ from fusionslam.datasets.bags.topics import INFO_ROLES
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import CameraInfo
 from fusionslam.sensors.transforms import TransformError
-
-Matrix = NDArray[np.float64]
+from fusionslam.storage.arrays import Matrix
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,8 +30,8 @@ from fusionslam.sensors.messages import (
     Picture,
     Scan,
 )
+from fusionslam.storage.arrays import Matrix
 
-Matrix = NDArray[np.float64]
 Make = Callable[..., Any]
 """Builds a ROS message: ``make("std_msgs/msg/Header", stamp=..., frame_id=...)``."""
 

@@ -22,10 +22,10 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.messages import NANOSECONDS
 from fusionslam.sensors.synchronizer import Pair, SyncConfig, Synchronizer, stereo_synchronizer
 from fusionslam.sensors.transforms import TransformError
+from fusionslam.storage.arrays import Matrix
 
 logger = logging.getLogger(__name__)
 
-Matrix = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.storage.archive import load_json, save_json
+from fusionslam.storage.arrays import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 FORMAT = "fusionslam.precision_recall.1"
 _ARRAYS: dict[str, type[np.generic]] = {
     "thresholds": np.float64,

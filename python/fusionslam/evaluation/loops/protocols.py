@@ -7,14 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fusionslam import help_texts
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError
-
-Mask = NDArray[np.bool_]
+from fusionslam.storage.arrays import Mask
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,9 @@ from fusionslam.evaluation.loops.nearest_matches import (
     checked_positions,
     find_matches,
 )
-from fusionslam.evaluation.loops.precision_recall import Floats, PrecisionRecall
-from fusionslam.evaluation.loops.protocols import DEFAULTS, Mask, checked_config, protocol_named
+from fusionslam.evaluation.loops.precision_recall import PrecisionRecall
+from fusionslam.evaluation.loops.protocols import DEFAULTS, checked_config, protocol_named
+from fusionslam.storage.arrays import Floats, Mask
 
 RANKS = (1, 5, 10)
 """The k of recall@k."""

@@ -5,20 +5,17 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
 from fusionslam.evaluation.maps.report import MapReport, PoseErrors
 from fusionslam.evaluation.views.rules import ViewRule, view_rule
 from fusionslam.geometry.rigid import fit_rigid
 from fusionslam.geometry.se2 import wrapped
+from fusionslam.storage.arrays import Floats, Integers, Mask
 
 if TYPE_CHECKING:
     from fusionslam.evaluation.maps.run import RatSlamRun
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _PAIRS = 1 << 19
 """Pairs of looks that are compared at a time: some tens of megabytes."""
@@ -90,7 +87,7 @@ class _Judge:
         self.seconds = float((stamps[-1] - stamps[0]) / 1e9) if stamps.size else 0.0
         self.node_steps = self._known(_last_at(run.stamps_ns, run.node_stamps_ns))
 
-    def _known(self, steps: Ints) -> Ints:
+    def _known(self, steps: Integers) -> Integers:
         """The steps, -1 where the truth is not known."""
         return np.where((steps >= 0) & self.known[steps], steps, -1) if len(self.run) else steps
 
@@ -106,7 +103,7 @@ class _Judge:
             "dead_reckoning": self._errors(run.dead_reckoning[rows], rows),
         }
 
-    def _errors(self, poses: Floats, steps: Ints) -> PoseErrors | None:
+    def _errors(self, poses: Floats, steps: Integers) -> PoseErrors | None:
         return pose_errors(poses, self.truth[steps]) if steps.size else None
 
     def links(self) -> dict[str, int]:
@@ -142,7 +139,7 @@ class _Judge:
         near = self._near(steps[known], refused["target"][known])
         return {"judged_refused": int(known.sum()), "refused_true": int(near.sum())}
 
-    def _near(self, steps: Ints, nodes: Ints) -> Mask:
+    def _near(self, steps: Integers, nodes: Integers) -> Mask:
         """Bool (n,): whether the robot was truly within the view radius of these nodes."""
         there = self.truth[self.node_steps[nodes]]
         return _within(self.truth[steps], there, self.rule.loop_distance, self.rule.loop_angle)
@@ -164,7 +161,7 @@ class _Judge:
             linked[here[self._joined(looks[here], looks[there])]] = True
         return {"revisits": int(back.sum()), "linked_revisits": int(linked.sum())}
 
-    def _joined(self, steps: Ints, others: Ints) -> Mask:
+    def _joined(self, steps: Integers, others: Integers) -> Mask:
         """Bool (n,): whether the nodes of these steps are one, or have a link."""
         ids, links, count = self.run.node_ids, self.run.links, len(self.run.nodes)
         source, target = links["source"], links["target"]
@@ -213,7 +210,7 @@ def _within(poses: Floats, others: Floats, distance: float, angle: float) -> Mas
     return np.asarray((apart <= distance) & (turned <= angle))
 
 
-def _check_ids(name: str, ids: Ints, count: int) -> None:
+def _check_ids(name: str, ids: Integers, count: int) -> None:
     """Raise DataError for nodes that there are not; without nodes 0 stands for none."""
     if (wrong := ids[(ids < 0) | (ids >= max(count, 1))]).size:
         raise DataError(f"{name}: node {wrong[0]}, and there are {count}")
@@ -226,7 +223,7 @@ def _check_finite(name: str, poses: Floats, wanted: Mask | None = None) -> None:
         raise DataError(f"{name}: row {bad[0]} is {poses[bad[0]].tolist()}, expected numbers")
 
 
-def _last_at(stamps: Ints, wanted: Ints) -> Ints:
+def _last_at(stamps: Integers, wanted: Integers) -> Integers:
     """The last step at exactly these stamps; -1 where there is none."""
     at = np.searchsorted(stamps, wanted, side="right") - 1
     return np.where((at >= 0) & (stamps[at] == wanted), at, -1) if len(stamps) else at

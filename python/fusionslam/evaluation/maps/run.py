@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.se2 import wrapped
 from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.arrays import Floats, Integers
 from fusionslam.storage.files import PathLike
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Activity = NDArray[np.float32]
 
 LINK = np.dtype(

@@ -14,9 +14,7 @@ from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.views.judge import ViewJudge, checked_ids
 from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.storage.archive import load_json, save_json
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from fusionslam.storage.arrays import Floats, Integers
 
 FORMAT = "fusionslam.view_curve.1"
 THRESHOLDS: tuple[float, ...] = tuple(step / 100 for step in range(101))
@@ -186,7 +184,7 @@ def sweep_pairs(
     return sweep_views(judge, lambda limit: _ids(likeness, found, limit), thresholds)
 
 
-def ids_from_pairs(similarities: ArrayLike, candidates: ArrayLike, threshold: float) -> Ints:
+def ids_from_pairs(similarities: ArrayLike, candidates: ArrayLike, threshold: float) -> Integers:
     """Ids int64 (n,) of scans whose most similar earlier scan is known.
 
     A scan whose similarity reaches the threshold takes the id of its candidate, else a new one.
@@ -205,7 +203,7 @@ def ids_from_pairs(similarities: ArrayLike, candidates: ArrayLike, threshold: fl
     return _ids(*_checked_pairs(similarities, candidates, count), threshold)
 
 
-def _ids(likeness: Floats, candidates: Ints, threshold: float) -> Ints:
+def _ids(likeness: Floats, candidates: Integers, threshold: float) -> Integers:
     accepted = (candidates >= 0) & (likeness >= threshold)
     ids = np.cumsum(~accepted) - 1
     for scan in np.flatnonzero(accepted).tolist():
@@ -213,7 +211,7 @@ def _ids(likeness: Floats, candidates: Ints, threshold: float) -> Ints:
     return ids.astype(np.int64)
 
 
-def _checked_pairs(similarities: Any, candidates: Any, count: int) -> tuple[Floats, Ints]:
+def _checked_pairs(similarities: Any, candidates: Any, count: int) -> tuple[Floats, Integers]:
     found = checked_ids(candidates, count)
     try:
         likeness = np.asarray(similarities, dtype=np.float64)

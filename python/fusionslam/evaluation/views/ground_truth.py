@@ -9,10 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.evaluation.views.rules import ViewRule
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from fusionslam.storage.arrays import Floats, Integers, Mask
 
 _BLOCK = 1 << 20
 """Pairs of poses that are compared at a time: a few tens of megabytes."""
@@ -30,15 +27,15 @@ class TrueScans:
 
     rule: ViewRule
     poses: Floats
-    times: Ints
+    times: Integers
 
-    def revisits(self, scans: Ints) -> Mask:
+    def revisits(self, scans: Integers) -> Mask:
         """Bool (k,): which of these scans come back to where an older true pose was."""
         rule, everyone = self.rule, np.arange(len(self.times))
         older = np.searchsorted(self.times, self.times[scans] - self._loop_age, side="left")
         return self._has_near(scans, everyone, older, rule.revisit_distance, rule.revisit_angle)
 
-    def judged(self, scans: Ints, first: Ints, stored: Ints) -> dict[str, NDArray[Any]]:
+    def judged(self, scans: Integers, first: Integers, stored: Integers) -> dict[str, NDArray[Any]]:
         """What is right and wrong about the ids of some scans.
 
         Args:
@@ -72,7 +69,7 @@ class TrueScans:
     def _loop_age(self) -> int:
         return round(self.rule.loop_age * 1e9)
 
-    def _wrongly_new(self, scans: Ints, positive: Mask, stored: Ints) -> Mask:
+    def _wrongly_new(self, scans: Integers, positive: Mask, stored: Integers) -> Mask:
         """Bool (k,): the negatives that have an earlier stored scene within reach."""
         negatives = scans[~positive]
         earlier = np.searchsorted(stored, negatives, side="left")
@@ -84,7 +81,7 @@ class TrueScans:
         return wrong
 
     def _has_near(
-        self, scans: Ints, others: Ints, counts: Ints, distance: float, angle: float
+        self, scans: Integers, others: Integers, counts: Integers, distance: float, angle: float
     ) -> Mask:
         """Whether one of the first ``counts[i]`` of the others is within reach of ``scans[i]``."""
         found = np.zeros(len(scans), dtype=np.bool_)
@@ -99,7 +96,7 @@ class TrueScans:
             found[start + row[(distances <= distance) & (angles <= angle)]] = True
         return found
 
-    def _roughly_near(self, scans: Ints, others: Ints, distance: float) -> Mask:
+    def _roughly_near(self, scans: Integers, others: Integers, distance: float) -> Mask:
         """Bool (n, m): whether positions are within a distance, or by rounding beyond it."""
         x, y = self.poses[:, 0], self.poses[:, 1]
         across = x[scans][:, None] - x[others]
@@ -110,7 +107,7 @@ class TrueScans:
         reach: Mask = across <= (distance * (1 + 1e-9)) ** 2
         return reach
 
-    def _apart(self, scans: Ints, others: Ints) -> tuple[Floats, Floats]:
+    def _apart(self, scans: Integers, others: Integers) -> tuple[Floats, Floats]:
         """Distances (m) and angles (degrees, 0 to 180) between scans, broadcast."""
         here, there = self.poses[scans], self.poses[others]
         distances = np.hypot(here[..., 0] - there[..., 0], here[..., 1] - there[..., 1])
@@ -118,6 +115,6 @@ class TrueScans:
         return distances, np.minimum(turn, 360.0 - turn)
 
 
-def whole_nanoseconds(stamps: Floats) -> Ints:
+def whole_nanoseconds(stamps: Floats) -> Integers:
     """Seconds as integers, so that an age of exactly ``loop_age`` is that for every pair."""
     return np.rint(stamps * 1e9).astype(np.int64)

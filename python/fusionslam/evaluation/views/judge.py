@@ -6,16 +6,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.views.ground_truth import TrueScans, whole_nanoseconds
 from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.evaluation.views.rules import ViewRule, view_rule
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from fusionslam.storage.arrays import Floats, Integers, Mask
 
 _SECONDS = 9e9
 """Stamps beyond this (the year 2255) are no seconds."""
@@ -86,13 +83,13 @@ class ViewJudge:
         )
 
 
-def first_scenes(ids: Ints) -> Ints:
+def first_scenes(ids: Integers) -> Integers:
     """Int64 (n,): the first scan with the same id; -1 where the id is negative."""
     _, first, which = np.unique(ids, return_index=True, return_inverse=True)
     return np.where(ids >= 0, first[which], -1).astype(np.int64)
 
 
-def checked_ids(ids: Any, count: int) -> Ints:
+def checked_ids(ids: Any, count: int) -> Integers:
     """Ids as int64 (count,). Raises ShapeError, or DataError for what int64 cannot hold."""
     views = np.asarray(ids)
     if views.shape != (count,) or (views.dtype.kind not in "iu" and count):

@@ -6,13 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.evaluation.views.rules import ViewRule
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from fusionslam.storage.arrays import Floats, Integers, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +38,8 @@ class ViewReport:
     unplaced: int
     rule_name: str
     rule: ViewRule
-    ids: Ints
-    matched: Ints
+    ids: Integers
+    matched: Integers
     distances: Floats
     angles: Floats
     false_positive: Mask
@@ -123,12 +119,12 @@ class ViewReport:
         return share(self.correct_loops, self.loops)
 
     @property
-    def false_positive_indices(self) -> Ints:
+    def false_positive_indices(self) -> Integers:
         """Int64 (false_positives,): their scans."""
         return np.flatnonzero(self.false_positive)
 
     @property
-    def false_negative_indices(self) -> Ints:
+    def false_negative_indices(self) -> Integers:
         """Int64 (false_negatives,): their scans."""
         return np.flatnonzero(self.false_negative)
 

@@ -22,13 +22,12 @@ from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.evaluation.views.rules import ViewRule
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.arrays import Floats
 
 FORMAT = "fusionslam.view_run.1"
 _PER_SCAN = ("similarities", "build_seconds", "match_seconds")
 _ARRAYS = ("ids", "poses", "stamps", "numbers", *_PER_SCAN)
 _TEXTS = ("world", "method", "threshold", "bytes_per_view", "config")
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,13 +15,13 @@ from fusionslam.evaluation import DescriptorRun
 from fusionslam.report.loops.outcomes import Pair
 from fusionslam.report.page.figures import new_figure, widest_axes
 from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.arrays import Image
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 T = TypeVar("T")
-Image = NDArray[np.uint8]
 CloudReader = Callable[[str, int], Cloud]
 ImageReader = Callable[[str, int], Image]
 _MOST_POINTS = 40_000

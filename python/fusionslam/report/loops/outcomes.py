@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from fusionslam.evaluation import DescriptorRun, Evaluation, PrecisionRecall
 from fusionslam.evaluation.loops.threshold_sweep import metres_between
-
-Mask = NDArray[np.bool_]
+from fusionslam.storage.arrays import Mask
 
 
 @dataclass(frozen=True)

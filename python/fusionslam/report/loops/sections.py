@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from fusionslam.evaluation import Evaluation, PrecisionRecall
-from fusionslam.report.loops.frame_pairs import Image, draw_pair
+from fusionslam.report.loops.frame_pairs import draw_pair
 from fusionslam.report.loops.labels import best_of, run_label
 from fusionslam.report.loops.outcomes import Pair, nearest_of, telling_pairs
 from fusionslam.report.loops.plots import draw_curves, draw_distances, draw_trajectory
@@ -15,6 +15,7 @@ from fusionslam.report.loops.tables import time_table
 from fusionslam.report.page.images import Picture, keep
 from fusionslam.report.page.tables import Table
 from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.arrays import Image
 
 _PAIR_TEXTS = {
     "best": "Closest correct match",

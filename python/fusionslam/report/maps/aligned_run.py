@@ -5,15 +5,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.evaluation import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import ActionKind, RatSlamRun
 from fusionslam.geometry.se2 import wrapped
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from fusionslam.storage.arrays import Floats, Integers, Mask
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from fusionslam.evaluation.maps.run import ActionKind, RatSlamRun
 from fusionslam.report.maps.aligned_run import Scene, moved
 from fusionslam.report.maps.map_figures import DENIED, MAP, RECKONED, RIGHT, WRONG
 from fusionslam.report.page.figures import CURVE_COLORS, PATH, new_figure
+from fusionslam.storage.arrays import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
 
 _COLUMNS = 900
 _WIDTH = 9.2
-
-Floats = NDArray[np.float64]
 
 
 def draw_activity(run: RatSlamRun) -> "Figure | None":

@@ -28,12 +28,12 @@ from fusionslam.ratslam.slam import RatSlam, Step
 from fusionslam.ratslam.view_sources import TemplateSource
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Picture
+from fusionslam.storage.arrays import Floats
 from fusionslam.storage.files import atomic_path
 
 if TYPE_CHECKING:
     from fusionslam.geometry.trajectory import Trajectory
 
-Floats = NDArray[np.float64]
 
 logger = logging.getLogger(__name__)
 

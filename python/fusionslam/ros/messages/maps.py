@@ -25,8 +25,7 @@ from fusionslam.ros.messages.types import (
     ros_time,
 )
 from fusionslam.sensors.messages import NANOSECONDS
-
-Floats = NDArray[np.float64]
+from fusionslam.storage.arrays import Floats
 
 _SPHERES, _LINES = 7, 5
 _NODE_M, _LINE_M = 0.12, 0.03

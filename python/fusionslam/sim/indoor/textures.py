@@ -11,9 +11,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from fusionslam.sim.canvas import SIDE, Canvas, Image, Rgb, noise
+from fusionslam.sim.canvas import SIDE, Canvas, Rgb, noise
 from fusionslam.sim.indoor import posters
 from fusionslam.sim.mesh import Paint
+from fusionslam.storage.arrays import Image
 
 GREY: Rgb = (0.62, 0.63, 0.65)
 DARK: Rgb = (0.22, 0.22, 0.24)

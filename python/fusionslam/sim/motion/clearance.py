@@ -5,8 +5,9 @@
 import numpy as np
 
 from fusionslam.errors import DataError
-from fusionslam.geometry.trajectory import Array, Trajectory
+from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.motion.occupancy import OccupancyMap
+from fusionslam.storage.arrays import Floats
 
 
 def check_trajectory(trajectory: Trajectory, grid: OccupancyMap, radius_m: float) -> None:
@@ -52,7 +53,7 @@ def _digits(seconds: float) -> str:
     return f"{seconds:.2f}" if abs(seconds) >= 1 or seconds == 0 else f"{seconds:.3g}"
 
 
-def _dense_times(trajectory: Trajectory, step_m: float) -> Array:
+def _dense_times(trajectory: Trajectory, step_m: float) -> Floats:
     """The trajectory's times and as many between them as steps of ``step_m`` need."""
     distance = np.hypot(np.diff(trajectory.x), np.diff(trajectory.y))
     counts = np.maximum(np.ceil(distance / step_m), 1).astype(np.int64)

@@ -10,9 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.sim.motion.rasterize import cells_touched
 from fusionslam.sim.scene import Scene
-
-Bools = NDArray[np.bool_]
-Array = NDArray[np.float64]
+from fusionslam.storage.arrays import Floats, Mask
 
 # Room around what stands in a world: worlds without walls are driven around, too.
 _MARGIN_M = 1.0
@@ -36,8 +34,8 @@ class OccupancyMap:
         DataError: a cell is both, or the resolution is no length.
     """
 
-    occupied: Bools
-    reachable: Bools
+    occupied: Mask
+    reachable: Mask
     resolution_m: float
     origin: tuple[float, float]
 
@@ -52,7 +50,7 @@ class OccupancyMap:
         if (self.occupied & self.reachable).any():
             raise DataError("cells of the map are occupied and reachable, expected one of them")
 
-    def cells(self, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp], Bools]:
+    def cells(self, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp], Mask]:
         """Rows and columns of places in metres, any shape, and whether they are on the map.
 
         Where they are not, row and column are 0.
@@ -65,19 +63,19 @@ class OccupancyMap:
         clean = [np.where(inside, index, 0).astype(np.intp) for index in (row, column)]
         return clean[0], clean[1], inside
 
-    def centres(self, row: ArrayLike, column: ArrayLike) -> tuple[Array, Array]:
+    def centres(self, row: ArrayLike, column: ArrayLike) -> tuple[Floats, Floats]:
         """x, y of the middles of cells, metres."""
         x = self.origin[0] + (np.asarray(column) + 0.5) * self.resolution_m
         y = self.origin[1] + (np.asarray(row) + 0.5) * self.resolution_m
         return x, y
 
-    def is_free(self, x: ArrayLike, y: ArrayLike) -> Bools:
+    def is_free(self, x: ArrayLike, y: ArrayLike) -> Mask:
         """Whether places in metres, any shape, are reachable; False beyond the map."""
         row, column, inside = self.cells(x, y)
-        free: Bools = inside & self.reachable[row, column]
+        free: Mask = inside & self.reachable[row, column]
         return free
 
-    def clearance(self) -> Array:
+    def clearance(self) -> Floats:
         """float64 (rows, columns): metres from each cell's middle to that of an occupied one.
 
         Nobody knows what lies beyond the map: cells there count as occupied.
@@ -85,7 +83,7 @@ class OccupancyMap:
         from scipy import ndimage
 
         free = np.pad(~self.occupied, 1)
-        distance: Array = ndimage.distance_transform_edt(free)[1:-1, 1:-1] * self.resolution_m
+        distance: Floats = ndimage.distance_transform_edt(free)[1:-1, 1:-1] * self.resolution_m
         return distance
 
     def inflated(self, radius_m: float) -> "OccupancyMap":
@@ -107,20 +105,20 @@ class OccupancyMap:
         return OccupancyMap(occupied, reachable, self.resolution_m, self.origin)
 
 
-def largest_part(free: Bools) -> Bools:
+def largest_part(free: Mask) -> Mask:
     """The largest part of a grid that hangs together over the sides of cells."""
     labels, count = _labelled(free)
     if not count:
         return np.zeros_like(free)
     sizes = np.bincount(labels.ravel())[1:]
-    part: Bools = labels == 1 + int(np.argmax(sizes))
+    part: Mask = labels == 1 + int(np.argmax(sizes))
     return part
 
 
-def part_holding(free: Bools, row: int, column: int) -> Bools:
+def part_holding(free: Mask, row: int, column: int) -> Mask:
     """The part of a grid that hangs together with a cell; empty where that cell is not free."""
     labels, _ = _labelled(free)
-    part: Bools = (labels == labels[row, column]) & free
+    part: Mask = (labels == labels[row, column]) & free
     return part if free[row, column] else np.zeros_like(free)
 
 
@@ -171,7 +169,7 @@ def occupancy_of(
 
 
 def _grid(
-    triangles: Array, low: float, high: float, resolution: float
+    triangles: Floats, low: float, high: float, resolution: float
 ) -> tuple[tuple[float, float], tuple[int, int]]:
     """Origin and (rows, columns) of a grid around what stands in the band, or around all."""
     if not len(triangles):
@@ -193,7 +191,7 @@ def _grid(
     return (float(x), float(y)), (int(rows), int(columns))
 
 
-def _main_part(free: Bools) -> Bools:
+def _main_part(free: Mask) -> Mask:
     """The largest part that does not reach the map's edge, if it is a room; else the largest."""
     labels, _ = _labelled(free)
     edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
@@ -201,7 +199,7 @@ def _main_part(free: Bools) -> Bools:
     return room if room.sum() >= _ROOM_SHARE * free.size else largest_part(free)
 
 
-def _labelled(free: Bools) -> tuple[NDArray[np.int32], int]:
+def _labelled(free: Mask) -> tuple[NDArray[np.int32], int]:
     """The number of each cell's part from 1, 0 where it is not free, and how many there are."""
     from scipy import ndimage
 

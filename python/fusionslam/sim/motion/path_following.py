@@ -8,14 +8,14 @@ from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.storage.arrays import Floats
 
-Array = NDArray[np.float64]
-Places = Callable[[Array], Array]
+Places = Callable[[Floats], Floats]
 
 # Metres between the points at which speeds are decided; less where the path turns more.
 _STEP_M = 0.01
@@ -85,7 +85,7 @@ def drive(paths: Sequence[ArrayLike], limits: DriveLimits) -> Trajectory:
     return _sampled(legs, limits.rate_hz)
 
 
-def _checked(path: Array, number: int) -> Array:
+def _checked(path: Floats, number: int) -> Floats:
     if path.ndim != 2 or path.shape[1] != 2 or len(path) < 2:
         raise ShapeError(f"path {number} has shape {path.shape}, expected (N, 2), N >= 2")
     if not np.isfinite(path).all():
@@ -97,7 +97,7 @@ def _checked(path: Array, number: int) -> Array:
     return path
 
 
-def _without_corners(path: Array) -> list[Array]:
+def _without_corners(path: Floats) -> list[Floats]:
     """The parts of a path between its sharp corners."""
     ways = np.diff(path, axis=0)
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
@@ -106,7 +106,7 @@ def _without_corners(path: Array) -> list[Array]:
     return [path[start : end + 1] for start, end in pairwise(edges)]
 
 
-def _follow(path: Array, limits: DriveLimits) -> _Leg:
+def _follow(path: Floats, limits: DriveLimits) -> _Leg:
     """The way along one path, as fast as the limits allow."""
     from scipy.interpolate import CubicSpline
 
@@ -115,18 +115,18 @@ def _follow(path: Array, limits: DriveLimits) -> _Leg:
     times = np.concatenate([[0.0], np.cumsum(2 * np.diff(along) / (speed[:-1] + speed[1:]))])
     places = CubicSpline(along, np.column_stack([points, yaw]))
 
-    def at(seconds: Array) -> Array:
+    def at(seconds: Floats) -> Floats:
         """Between two points the acceleration is constant."""
         k = np.searchsorted(times, seconds, side="right").clip(1, len(times) - 1) - 1
         part = (seconds - times[k]).clip(0, times[k + 1] - times[k])
         gain = (speed[k + 1] - speed[k]) / (times[k + 1] - times[k])
-        found: Array = places(along[k] + speed[k] * part + gain * part**2 / 2).T
+        found: Floats = places(along[k] + speed[k] * part + gain * part**2 / 2).T
         return found
 
     return _Leg(float(times[-1]), at, float(yaw[0]), float(yaw[-1]))
 
 
-def _curve(path: Array) -> tuple[Array, Array, Array, Array]:
+def _curve(path: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """A path at small steps: metres along it (M,), points (M, 2), yaw (M,), curvature (M,)."""
     from scipy.interpolate import CubicSpline
 
@@ -145,13 +145,13 @@ def _curve(path: Array) -> tuple[Array, Array, Array, Array]:
     return along, points, yaw, cross / np.maximum(np.linalg.norm(slope, axis=1) ** 3, 1e-9)
 
 
-def _yaw(spline: Any, length: float, steps: int) -> Array:
+def _yaw(spline: Any, length: float, steps: int) -> Floats:
     """The direction of a spline at equal steps, continuous, (steps + 1,)."""
     slope = spline(np.linspace(0, length, steps + 1), 1)
     return np.unwrap(np.arctan2(slope[:, 1], slope[:, 0]))
 
 
-def _speeds(along: Array, curvature: Array, limits: DriveLimits) -> Array:
+def _speeds(along: Floats, curvature: Floats, limits: DriveLimits) -> Floats:
     """The highest speed at each step that no limit forbids, 0 at both ends, (M,).
 
     A pass forwards bounds how it grows, a pass backwards how it falls (Kunz and Stilman 2012 do
@@ -169,17 +169,17 @@ def _speeds(along: Array, curvature: Array, limits: DriveLimits) -> Array:
         squared[k] = min(squared[k], squared[k - 1] + gain[k - 1])
     for k in range(len(squared) - 2, -1, -1):
         squared[k] = min(squared[k], squared[k + 1] + gain[k])
-    speed: Array = np.sqrt(squared)
+    speed: Floats = np.sqrt(squared)
     return speed
 
 
-def _widest(values: Array) -> Array:
+def _widest(values: Floats) -> Floats:
     """The largest of each value and its two neighbours."""
     padded = np.pad(values, 1, mode="edge")
     return np.maximum(np.maximum(padded[:-2], padded[2:]), values)
 
 
-def _turn(place: Array, before: float, after: float, limits: DriveLimits) -> _Leg:
+def _turn(place: Floats, before: float, after: float, limits: DriveLimits) -> _Leg:
     """Turn on the spot the shorter way round: speed up, turn steadily, slow down."""
     angle = (after - before + np.pi) % (2 * np.pi) - np.pi
     growth = _CAUTION * limits.max_turn_acceleration_rad_s2
@@ -187,7 +187,7 @@ def _turn(place: Array, before: float, after: float, limits: DriveLimits) -> _Le
     ramp = rate / growth
     duration = abs(angle) / rate + ramp if rate > 0 else 0.0
 
-    def at(seconds: Array) -> Array:
+    def at(seconds: Floats) -> Floats:
         up = np.minimum(seconds, ramp) ** 2 / 2
         down = np.maximum(seconds - (duration - ramp), 0) ** 2 / 2
         steady = np.maximum(seconds - ramp, 0) * ramp

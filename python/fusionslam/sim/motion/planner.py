@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from itertools import cycle
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import model_validator
 
 from fusionslam.config import Section, option
@@ -16,9 +15,7 @@ from fusionslam.sim.motion.occupancy import OccupancyMap
 from fusionslam.sim.motion.path_following import DriveLimits, drive
 from fusionslam.sim.motion.routes import RouteFinder, round_trip, spread_cells, tour_cost
 from fusionslam.sim.motion.smoothing import lengths, smoothed
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from fusionslam.storage.arrays import Floats, Integers
 
 # Smoothing shortens ways: so much more is planned than driven.
 _RESERVE = 1.2
@@ -86,7 +83,7 @@ def plan_trajectory(grid: OccupancyMap, config: PlanConfig) -> Trajectory:
 
 def _tour(
     finder: RouteFinder, config: PlanConfig, rng: np.random.Generator
-) -> tuple[Indices, float]:
+) -> tuple[Integers, float]:
     """Cells of a round trip, and the length of the drive of which it takes its share."""
     cells, costs = spread_cells(finder, config.spacing_m, rng)
     if len(cells) < 2:
@@ -105,13 +102,13 @@ def _tour(
 
 def _legs(
     finder: RouteFinder,
-    tour: Indices,
+    tour: Integers,
     length_m: float,
     config: PlanConfig,
     rng: np.random.Generator,
-) -> list[Array]:
+) -> list[Floats]:
     """Ways from each way-point to the next, (N, 2) each, longer in all than the drive."""
-    legs: list[Array] = []
+    legs: list[Floats] = []
     phases = _phases(config, length_m)
     direction, end_m = next(phases)
     place, here, total = 0, int(tour[0]), 0.0
@@ -145,7 +142,7 @@ def _nearby(finder: RouteFinder, cell: int, apart_m: float, rng: np.random.Gener
     return finder.cell((x, y)) if finder.room.is_free(x, y) else cell
 
 
-def _joined(legs: list[Array]) -> list[Array]:
+def _joined(legs: list[Floats]) -> list[Floats]:
     """Legs made one as long as the way does not turn sharply between them."""
     paths = [legs[0]]
     for leg in legs[1:]:
@@ -156,19 +153,19 @@ def _joined(legs: list[Array]) -> list[Array]:
     return paths
 
 
-def _turns_sharply(before: Array, after: Array) -> bool:
+def _turns_sharply(before: Floats, after: Floats) -> bool:
     came, goes = -_heading(before[::-1]), _heading(after)
     return bool(came @ goes < np.cos(_SHARP_RAD) * np.linalg.norm(came) * np.linalg.norm(goes))
 
 
-def _heading(path: Array) -> Array:
+def _heading(path: Floats) -> Floats:
     """From the first point of a path to the one ``_LOOK_M`` further, (2,)."""
     along = lengths(path)
-    ahead: Array = path[min(int(np.searchsorted(along, _LOOK_M)), len(along) - 1)] - path[0]
+    ahead: Floats = path[min(int(np.searchsorted(along, _LOOK_M)), len(along) - 1)] - path[0]
     return ahead
 
 
-def _shortened(paths: list[Array], length_m: float) -> list[Array]:
+def _shortened(paths: list[Floats], length_m: float) -> list[Floats]:
     """The first ``length_m`` of paths that follow each other."""
     kept = []
     for path in paths:

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fusionslam.storage.arrays import Floats
+
 Cells = NDArray[np.int64]
 
 # A triangle cut by two planes has at most so many corners.
@@ -19,7 +20,7 @@ _ON_BORDER = 1e-4
 
 
 def cells_touched(
-    triangles: Array,
+    triangles: Floats,
     band: tuple[float, float],
     origin: tuple[float, float],
     shape: tuple[int, int],
@@ -53,7 +54,7 @@ def cells_touched(
     return touched
 
 
-def clipped(triangles: Array, band: tuple[float, float]) -> Array:
+def clipped(triangles: Floats, band: tuple[float, float]) -> Floats:
     """The parts of triangles between two heights, float64 (P, 5, 3).
 
     Polygons with fewer corners repeat one (Sutherland and Hodgman 1974, two planes).
@@ -67,11 +68,11 @@ def clipped(triangles: Array, band: tuple[float, float]) -> Array:
     return np.concatenate([padded, np.array(cut).reshape(-1, _CORNERS, 3)])
 
 
-def _cut(triangle: Array, band: tuple[float, float]) -> Array:
+def _cut(triangle: Floats, band: tuple[float, float]) -> Floats:
     """The part of one triangle, which meets the band, (5, 3)."""
     corners = list(triangle)
     for bound, side in ((band[0], 1.0), (band[1], -1.0)):
-        kept: list[Array] = []
+        kept: list[Floats] = []
         for before, after in zip(corners[-1:] + corners[:-1], corners, strict=True):
             depth = side * (before[2] - bound), side * (after[2] - bound)
             if min(depth) < 0 <= max(depth):
@@ -100,7 +101,7 @@ def _pairs(low: Cells, high: Cells) -> Iterator[tuple[Cells, Cells]]:
         yield polygon, low[polygon] + np.stack([column, row], axis=1)
 
 
-def _overlap(polygons: Array, cell: Cells) -> NDArray[np.bool_]:
+def _overlap(polygons: Floats, cell: Cells) -> NDArray[np.bool_]:
     """Whether convex polygons meet cells within their bounding rectangles, (K,).
 
     No side's normal separates them (the rectangles' own normals do not, by construction).

@@ -5,13 +5,11 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
 from fusionslam.sim.motion.occupancy import OccupancyMap
+from fusionslam.storage.arrays import Floats, Integers
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Place = tuple[float, float]
 
 # A way costs up to (1 + _AVERSION) times its length within _COMFORT_M of where there is no room.
@@ -57,11 +55,11 @@ class RouteFinder:
         row, column, _ = self.room.cells(*place)
         return int(self._number[row, column])
 
-    def costs(self, cell: int) -> Array:
+    def costs(self, cell: int) -> Floats:
         """What the best way from a cell to each other one costs, float64 (N)."""
         return self._search(cell, np.inf)[0]
 
-    def way(self, start: int, end: int) -> Indices:
+    def way(self, start: int, end: int) -> Integers:
         """The cells of the best way between two, both included."""
         for limit in (*_NEAR, np.inf):
             costs, before = self._search(end, limit)
@@ -72,16 +70,16 @@ class RouteFinder:
             chain.append(int(before[chain[-1]]))
         return np.array(chain)
 
-    def _search(self, cell: int, limit: float) -> tuple[Array, Indices]:
+    def _search(self, cell: int, limit: float) -> tuple[Floats, Integers]:
         """Costs of the best ways from a cell, up to a limit, and the cell before each."""
         from scipy.sparse.csgraph import dijkstra
 
-        found: tuple[Array, Indices] = dijkstra(
+        found: tuple[Floats, Integers] = dijkstra(
             self._graph, indices=cell, return_predecessors=True, limit=limit
         )
         return found
 
-    def _edges(self, cost: Array) -> Any:
+    def _edges(self, cost: Floats) -> Any:
         """The graph of neighbouring cells, as long as they are apart times what they cost."""
         from scipy.sparse import coo_matrix
 
@@ -103,7 +101,7 @@ class RouteFinder:
 
 def spread_cells(
     finder: RouteFinder, spacing_m: float, rng: np.random.Generator
-) -> tuple[Indices, Array]:
+) -> tuple[Integers, Floats]:
     """Cells spread over the reachable area, and what the ways between them cost.
 
     Each next one is far from all before it, and rather in the open than at a wall (farthest point
@@ -119,7 +117,7 @@ def spread_cells(
     """
     taste = (0.5 + 0.5 * finder.comfort) * rng.uniform(0.9, 1.0, len(finder.x))
     chosen: list[int] = []
-    rows: list[Array] = []
+    rows: list[Floats] = []
     nearest = np.full(len(finder.x), np.inf)
     candidate = int(rng.integers(len(finder.x)))
     while nearest[candidate] > spacing_m:
@@ -134,7 +132,7 @@ def spread_cells(
     return np.array(chosen), matrix
 
 
-def round_trip(costs: Array, most: float, start: int = 0) -> Indices:
+def round_trip(costs: Floats, most: float, start: int = 0) -> Integers:
     """An order of places, from one of them, that makes a short way through them and back.
 
     Cheapest insertion (Rosenkrantz, Stearns and Lewis 1977), then the exchanges of 2-opt (Croes
@@ -159,12 +157,12 @@ def round_trip(costs: Array, most: float, start: int = 0) -> Indices:
     return tour
 
 
-def tour_cost(tour: Indices, costs: Array) -> float:
+def tour_cost(tour: Integers, costs: Floats) -> float:
     """What a way through places and back costs."""
     return float(costs[tour, np.roll(tour, -1)].sum())
 
 
-def _inserted(tour: Indices, costs: Array) -> Indices:
+def _inserted(tour: Integers, costs: Floats) -> Integers:
     """The tour with one more place, where that costs least."""
     left = np.setdiff1d(np.arange(len(costs)), tour)
     after = np.roll(tour, -1)
@@ -173,7 +171,7 @@ def _inserted(tour: Indices, costs: Array) -> Indices:
     return np.insert(tour, where + 1, left[place])
 
 
-def _exchanged(tour: Indices, costs: Array) -> Indices | None:
+def _exchanged(tour: Integers, costs: Floats) -> Integers | None:
     """The tour with the stretch turned round that saves most; None if none saves anything."""
     after = np.roll(tour, -1)
     old = costs[tour, after]

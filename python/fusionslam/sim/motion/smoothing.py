@@ -3,11 +3,9 @@
 """From chains of grid cells to paths that a robot can follow, within the free space."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.sim.motion.occupancy import OccupancyMap
-
-Array = NDArray[np.float64]
+from fusionslam.storage.arrays import Floats
 
 STEP_M = 0.05
 # Rounds of averaging neighbours: corners are rounded over half a metre.
@@ -20,8 +18,12 @@ _DRIFT_M = 2.0
 
 
 def smoothed(
-    path: Array, room: OccupancyMap, bounds: OccupancyMap, wander_m: float, rng: np.random.Generator
-) -> Array:
+    path: Floats,
+    room: OccupancyMap,
+    bounds: OccupancyMap,
+    wander_m: float,
+    rng: np.random.Generator,
+) -> Floats:
     """A smooth path with the same ends, (N, 2), points about ``STEP_M`` apart.
 
     Args:
@@ -43,7 +45,7 @@ def smoothed(
     return straight
 
 
-def resampled(path: Array, step_m: float) -> Array:
+def resampled(path: Floats, step_m: float) -> Floats:
     """Points at equal steps of about ``step_m`` along straight lines, ends included, (N, 2)."""
     along = lengths(path)
     count = max(2, round(float(along[-1]) / step_m) + 1)
@@ -51,12 +53,12 @@ def resampled(path: Array, step_m: float) -> Array:
     return np.stack([np.interp(where, along, path[:, k]) for k in (0, 1)], axis=1)
 
 
-def lengths(path: Array) -> Array:
+def lengths(path: Floats) -> Floats:
     """Metres from the start to each point, (N,)."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
 
 
-def _relaxed(points: Array, room: OccupancyMap, rounds: int) -> Array:
+def _relaxed(points: Floats, room: OccupancyMap, rounds: int) -> Floats:
     """Points pulled towards their neighbours as long as that keeps them in the room."""
     points = points.copy()
     for _ in range(rounds):
@@ -66,7 +68,9 @@ def _relaxed(points: Array, room: OccupancyMap, rounds: int) -> Array:
     return points
 
 
-def _drifted(points: Array, room: OccupancyMap, wander_m: float, rng: np.random.Generator) -> Array:
+def _drifted(
+    points: Floats, room: OccupancyMap, wander_m: float, rng: np.random.Generator
+) -> Floats:
     """Points moved aside by a smooth random function of the way, less where room is scarce."""
     from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
@@ -83,16 +87,16 @@ def _drifted(points: Array, room: OccupancyMap, wander_m: float, rng: np.random.
         moved = points + tried * aside[:, None] * normal
         share[room.is_free(moved[:, 0], moved[:, 1])] = tried
     share = gaussian_filter1d(minimum_filter1d(share, round(width)), width / 4)
-    shifted: Array = points + (share * aside)[:, None] * normal
+    shifted: Floats = points + (share * aside)[:, None] * normal
     return shifted
 
 
-def _filtered(points: Array, width: float) -> Array:
+def _filtered(points: Floats, width: float) -> Floats:
     """Points after a Gaussian filter, ``width`` in points; the ends stay where they are."""
     from scipy.ndimage import gaussian_filter1d
 
     reach = int(np.ceil(4 * width)) + 1
     padded = np.pad(points, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
-    found: Array = gaussian_filter1d(padded, width, axis=0)[reach:-reach]
+    found: Floats = gaussian_filter1d(padded, width, axis=0)[reach:-reach]
     found[[0, -1]] = points[[0, -1]]
     return found

@@ -11,7 +11,7 @@ import numpy as np
 from fusionslam.config import Section, option
 from fusionslam.sim.camera import LensConfig
 from fusionslam.sim.lidar import LidarConfig, Vector
-from fusionslam.sim.town.route import Array
+from fusionslam.storage.arrays import Floats
 
 
 class StereoConfig(LensConfig):
@@ -31,7 +31,7 @@ class CarConfig(Section):
     camera: StereoConfig = option(StereoConfig(), "the stereo pair")
 
 
-def car_from_lidar(config: CarConfig) -> Array:
+def car_from_lidar(config: CarConfig) -> Floats:
     """Pose of the LiDAR, float64 (4, 4)."""
     pose = np.eye(4)
     pose[:3, 3] = config.lidar.position_m

@@ -9,7 +9,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,11 +27,11 @@ from fusionslam.sim.lidar import scan
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.town.car import CarConfig, car_from_lidar
 from fusionslam.sim.town.layout import TownConfig, make_town
-from fusionslam.sim.town.route import Array, Drive, DriveConfig, make_drive
+from fusionslam.sim.town.route import Drive, DriveConfig, make_drive
+from fusionslam.storage.arrays import Floats
 from fusionslam.storage.cache import cache_folder
 from fusionslam.storage.files import atomic_path
-
-Progress = Callable[[int, int], None]
+from fusionslam.storage.progress import Progress
 
 # Part of the cache's key: raise it when the same configuration gives other bytes.
 FORMAT = 1
@@ -219,7 +219,7 @@ def _calibration(car: CarConfig) -> list[str]:
     return [f"{name}: {_row(matrix)}" for name, matrix in rows.items()]
 
 
-def _row(matrix: Array) -> str:
+def _row(matrix: Floats) -> str:
     return " ".join(f"{value:.12e}" for value in matrix.ravel())
 
 

@@ -14,8 +14,8 @@ from pydantic import model_validator
 
 from fusionslam.config import Section, option
 from fusionslam.geometry.rigid import rotation
+from fusionslam.storage.arrays import Floats
 
-Array = NDArray[np.float64]
 Crossing = tuple[int, int]
 
 _STEP_M = 0.1
@@ -83,8 +83,8 @@ class Drive:
         lap: int64 (N,), number of the lap, from 0.
     """
 
-    poses: Array
-    seconds: Array
+    poses: Floats
+    seconds: Floats
     lap: NDArray[np.int64]
 
 
@@ -103,7 +103,7 @@ def make_drive(config: DriveConfig, block_m: float, seed: int) -> Drive:
     return Drive(poses, stops / config.speed_m_s, laps)
 
 
-def _middle_line(config: DriveConfig, block_m: float) -> tuple[Array, NDArray[np.int64]]:
+def _middle_line(config: DriveConfig, block_m: float) -> tuple[Floats, NDArray[np.int64]]:
     """Points of the streets' middle lines at equal steps, (K, 2), and the lap of each."""
     nodes = np.asarray(config.crossings(), np.float64) * block_m
     pieces = [nodes[:1], *_corners(nodes, config.corner_radius_m), nodes[-1:]]
@@ -117,7 +117,7 @@ def _middle_line(config: DriveConfig, block_m: float) -> tuple[Array, NDArray[np
     return points, np.searchsorted(starts, steps, side="right")
 
 
-def _corners(nodes: Array, radius: float) -> list[Array]:
+def _corners(nodes: Floats, radius: float) -> list[Floats]:
     """The way past each inner node: the node itself, or an arc where the route turns."""
     return [
         _arc(before, node, after, radius)
@@ -125,20 +125,20 @@ def _corners(nodes: Array, radius: float) -> list[Array]:
     ]
 
 
-def _arc(before: Array, node: Array, after: Array, radius: float) -> Array:
+def _arc(before: Floats, node: Floats, after: Floats, radius: float) -> Floats:
     into = (node - before) / np.linalg.norm(node - before)
     out = (after - node) / np.linalg.norm(after - node)
     if into @ out > 0.99:
         return node[None]
     angle = np.linspace(0, np.pi / 2, 65)[:, None]
     centre = node + radius * (out - into)
-    arc: Array = centre - radius * np.cos(angle) * out + radius * np.sin(angle) * into
+    arc: Floats = centre - radius * np.cos(angle) * out + radius * np.sin(angle) * into
     return arc
 
 
 def _in_lane(
-    config: DriveConfig, middle: Array, lap: NDArray[np.int64], rng: np.random.Generator
-) -> Array:
+    config: DriveConfig, middle: Floats, lap: NDArray[np.int64], rng: np.random.Generator
+) -> Floats:
     """The middle line moved to the right by lane, lap and drift, (K, 2)."""
     shifts = np.asarray(config.lap_shift_m)
     aside = config.lane_m + shifts[lap.clip(max=len(shifts) - 1)]
@@ -146,31 +146,31 @@ def _in_lane(
     aside = _smoothed(aside) + config.wander_m * drift
     heading = _heading(middle)
     right = np.stack([np.sin(heading), -np.cos(heading)], axis=1)
-    moved: Array = middle + aside[:, None] * right
+    moved: Floats = middle + aside[:, None] * right
     return moved
 
 
-def _smoothed(values: Array) -> Array:
+def _smoothed(values: Floats) -> Floats:
     """Moving average over _BLEND_M, the ends held."""
     half = round(_BLEND_M / _STEP_M / 2)
     padded = np.pad(values, half, mode="edge")
     window = 2 * half + 1
     total = np.concatenate([[0.0], np.cumsum(padded)])
-    smooth: Array = (total[window:] - total[:-window]) / window
+    smooth: Floats = (total[window:] - total[:-window]) / window
     return smooth
 
 
-def _drift(rng: np.random.Generator, along: Array) -> Array:
+def _drift(rng: np.random.Generator, along: Floats) -> Floats:
     """A smooth random function of the way, deviation about 1: four waves of 12 to 70 m."""
     waves = rng.uniform(12.0, 70.0, 4)
     phases = rng.uniform(0, 2 * np.pi, 4)
-    mixed: Array = np.sin(2 * np.pi * along[:, None] / waves + phases).sum(axis=1) / np.sqrt(2.0)
+    mixed: Floats = np.sin(2 * np.pi * along[:, None] / waves + phases).sum(axis=1) / np.sqrt(2.0)
     return mixed
 
 
 def _poses(
-    where: Array, yaw: Array, along: Array, config: DriveConfig, rng: np.random.Generator
-) -> Array:
+    where: Floats, yaw: Floats, along: Floats, config: DriveConfig, rng: np.random.Generator
+) -> Floats:
     wobble = np.deg2rad(config.wobble_deg)
     roll, pitch, turn = (wobble * _drift(rng, along) for _ in range(3))
     poses = np.tile(np.eye(4), (len(where), 1, 1))
@@ -181,10 +181,10 @@ def _poses(
     return poses
 
 
-def _heading(line: Array) -> Array:
+def _heading(line: Floats) -> Floats:
     slope = np.gradient(line, axis=0)
     return np.arctan2(slope[:, 1], slope[:, 0])
 
 
-def _length_along(line: Array) -> Array:
+def _length_along(line: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])

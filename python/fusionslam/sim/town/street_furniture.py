@@ -5,13 +5,11 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.sim.mesh import Mesh, box, joined, tapered, triangles, tube
 from fusionslam.sim.town.houses import Rgb, paint
 from fusionslam.sim.town.textures import Look
-
-Array = NDArray[np.float64]
+from fusionslam.storage.arrays import Floats
 
 CAR_TINTS: tuple[Rgb, ...] = (
     (0.85, 0.86, 0.87),
@@ -164,7 +162,7 @@ def _green(rng: np.random.Generator) -> Rgb:
 
 
 def _crown(
-    rng: np.random.Generator, centre: Array, radii: Array, tint: Rgb, clumps: int = 320
+    rng: np.random.Generator, centre: Floats, radii: Floats, tint: Rgb, clumps: int = 320
 ) -> Mesh:
     """Leaf clumps: triangles of random attitude in an ellipsoid, denser near its surface.
 

@@ -13,8 +13,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from fusionslam.sim.canvas import Canvas, Image, noise
+from fusionslam.sim.canvas import Canvas, noise
 from fusionslam.sim.town.facades import FACADES, paint_facade
+from fusionslam.storage.arrays import Image
 
 
 class Look(IntEnum):

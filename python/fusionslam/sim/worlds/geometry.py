@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.sim.worlds import shapes
 from fusionslam.sim.worlds.materials import Color
@@ -15,8 +14,7 @@ from fusionslam.sim.worlds.meshes import read_mesh
 from fusionslam.sim.worlds.poses import numbers_of
 from fusionslam.sim.worlds.resource_paths import Library
 from fusionslam.sim.worlds.surfaces import Look, Piece
-
-Floats = NDArray[np.float64]
+from fusionslam.storage.arrays import Floats
 
 
 class GeometryReader:

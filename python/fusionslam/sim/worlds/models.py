@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fusionslam.errors import DataError
-from fusionslam.sim.worlds.poses import Matrix, pose_of
+from fusionslam.sim.worlds.poses import pose_of
 from fusionslam.sim.worlds.resource_paths import Library
+from fusionslam.storage.arrays import Matrix
 
 log = logging.getLogger(__name__)
 

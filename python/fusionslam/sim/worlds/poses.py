@@ -5,12 +5,10 @@
 import xml.etree.ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fusionslam.sim.worlds.missing_resources import Unresolved
-
-Matrix = NDArray[np.float64]
+from fusionslam.storage.arrays import Matrix
 
 
 def pose_of(element: ET.Element, owner: str, missing: Unresolved) -> Matrix:

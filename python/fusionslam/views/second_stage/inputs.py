@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.storage.arrays import Points
 
-Points = NDArray[np.float32]
 Normalisation = Literal["sphere", "robot"]
 
 

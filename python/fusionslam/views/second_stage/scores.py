@@ -3,11 +3,10 @@
 """How well scores tell pairs of the same place from others, and what probability they mean."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fusionslam.errors import DataError
-
-Array = NDArray[np.float64]
+from fusionslam.storage.arrays import Floats
 
 
 def area_under_curve(scores: ArrayLike, same: ArrayLike) -> float:
@@ -55,7 +54,7 @@ def calibrated(distances: ArrayLike, same: ArrayLike) -> tuple[float, float]:
     weight = np.where(truth, 0.5 / alike, 0.5 / unlike)
     sign = np.where(truth, 1.0, -1.0)
 
-    def loss(value: Array) -> tuple[float, Array]:
+    def loss(value: Floats) -> tuple[float, Floats]:
         margin = sign * (value[0] - value[1] * d)
         pull = -weight * sign / (1 + np.exp(margin.clip(-500, 500)))
         # A little pull to 0: where the kinds do not overlap, the slope would grow for ever.
@@ -68,8 +67,8 @@ def calibrated(distances: ArrayLike, same: ArrayLike) -> tuple[float, float]:
     return float(offset), float(slope)
 
 
-def probability_of(distances: ArrayLike, offset: float, slope: float) -> Array:
+def probability_of(distances: ArrayLike, offset: float, slope: float) -> Floats:
     """The chance of the same place that calibrated distances mean."""
     margin = offset - slope * np.asarray(distances, np.float64)
-    chance: Array = 1 / (1 + np.exp(-margin.clip(-500, 500)))
+    chance: Floats = 1 / (1 + np.exp(-margin.clip(-500, 500)))
     return chance

@@ -1,0 +1,17 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Names for the types of arrays; shapes and units stand where an array is used."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Floats32 = NDArray[np.float32]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Image = NDArray[np.uint8]
+"""(H, W) grey or (H, W, 3) RGB."""
+Points = NDArray[np.float32]
+"""(N, 3), metres."""
+Matrix = NDArray[np.float64]
+"""A transform or a camera matrix: (3, 3), (3, 4) or (4, 4)."""
