@@ -37,6 +37,6 @@ def test_the_square_of_the_docs_ends_as_they_say(tmp_path: Path) -> None:
         assert numbers == pytest.approx(said(wanted)[1], abs=0.002)
     # Where the robot truly is at the last view.
     x, y = map(float, re.findall(r"\((\S+), (\S+), \S+\)", lines[-2])[0])
-    (told,) = re.findall(r"the map has the robot (\S+) m from where it is", after)
+    (told,) = re.findall(r"the map is off by (\S+) m", after)
     assert math.hypot(x + 0.1, y - 0.2) == pytest.approx(float(told), abs=0.05)
     assert (tmp_path / "map.npz").is_file()
