@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from command_line import FRAMES
-from ros_world import PlayedBag, played
-from tiny_kitti import write_sequence
+from cli import FRAMES
+from kitti import write_sequence
+from ros_master import PlayedBag, played
 
 PROJECT = Path(__file__).resolve().parents[2]
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import fusionslam
 from benchmarks.accuracy.calibration import Turned
-from command_line import succeeds
+from cli import succeeds
 from fusionslam.calibration.check import (
     CalibrationCheck,
     Turn,
@@ -26,7 +26,7 @@ from fusionslam.calibration.edges import depth_edges, edge_map
 from fusionslam.calibration.search import CalibrationCheckConfig, Recording, shifted, turned
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Frame
-from posts_world import OPTICAL, Drive, make_drive
+from worlds import OPTICAL, Drive, make_drive
 
 CONFIG = CalibrationCheckConfig(points=250)
 

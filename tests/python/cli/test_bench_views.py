@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from command_line import fails, run, succeeds
+from cli import fails, run, succeeds
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import judge_views, published_views, rerun_views
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, measured_places
@@ -22,7 +22,7 @@ from fusionslam.pipelines.drives import Drive, moved, open_drive
 from fusionslam.pipelines.methods import METHODS, Task, latest, run_templates
 from fusionslam.report.views.comparison_tables import accuracy_table, as_json, cost_table, markdown
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
-from recorded_drives import PLACES, write_drive
+from recordings import PLACES, write_drive
 
 SMALL = VisualTemplatesConfig(columns=12, rows=4, bottom=None, shift=2)
 QUICK = ("objects:author", "visual_templates", "always_new", "every_3rd")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import (
+from cli import (
     FRAMES,
     NO_WINDOW,
     TINY_TOWN,

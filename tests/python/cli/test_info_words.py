@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from bag_maker import SECOND, drive, write_bag
-from command_line import succeeds
+from bags import SECOND, drive, write_bag
+from cli import succeeds
 
 CAMERA = ("/camera/image", "/camera/camera_info")
 

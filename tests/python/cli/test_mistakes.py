@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import fusionslam
-from command_line import (
+from cli import (
     FRAMES,
     fails,
     run,

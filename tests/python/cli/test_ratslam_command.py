@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bag_maker import drive, write_bag
-from command_line import fails, last_line, run, succeeds
+from bags import drive, write_bag
+from cli import fails, last_line, run, succeeds
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.pipelines.maps import RunRecorder
 from fusionslam.ratslam import RatSlam
-from recorded_drives import write_drive
+from recordings import write_drive
 
 WRITTEN = (
     "dead_reckoning.txt",

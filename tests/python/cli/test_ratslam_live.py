@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from command_line import fails, run, succeeds
+from cli import fails, run, succeeds
 from fusionslam.report.maps.rerun_view import LiveView
-from object_places import LAPS, write_recording
+from scenes import LAPS, write_recording
 
 pytest.importorskip("rerun", reason="rerun is not installed")
 chunks = pytest.importorskip("rerun.chunk", reason="this rerun has no reader for Python")

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 import fusionslam
-from command_line import (
+from cli import (
     FRAMES,
     NO_WINDOW,
     fusionslam_descriptors,

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from command_line import fails, run, succeeds
+from cli import fails, run, succeeds
 from fusionslam.errors import FusionSlamError
 from fusionslam.ros import environment
 from fusionslam.ros.launch import files as launching

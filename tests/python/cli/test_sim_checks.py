@@ -9,8 +9,7 @@ import yaml
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
-from box_worlds import hall, straight
-from command_line import fails, succeeds
+from cli import fails, succeeds
 from fusionslam.config import as_yaml, merged, with_file
 from fusionslam.geometry.trajectory import read_trajectory, write_trajectory
 from fusionslam.sim import catalogue
@@ -19,6 +18,7 @@ from fusionslam.sim.motion.clearance import check_trajectory
 from fusionslam.sim.motion.map_files import read_map
 from fusionslam.sim.recordings import EMBEDDED, embedded_config, recording_config, resolved
 from fusionslam.sim.world import World
+from worlds import hall, straight
 
 SMALL = (
     *("--jobs", "1", "--seconds", "0.3"),

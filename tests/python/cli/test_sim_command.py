@@ -16,8 +16,7 @@ import pytest
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
 import fusionslam
-from box_worlds import hall, straight
-from command_line import fails, succeeds
+from cli import fails, succeeds
 from fusionslam.config import merged
 from fusionslam.datasets import open_dataset
 from fusionslam.errors import ConfigError, DataError
@@ -30,6 +29,7 @@ from fusionslam.sim.folder_writer import folder_writer
 from fusionslam.sim.robot import base_from, base_from_camera, robot_named
 from fusionslam.sim.simulator import SimulationConfig, simulate
 from fusionslam.sim.world import World
+from worlds import hall, straight
 
 QUICK = (
     *("--seconds", "0.6", "--jobs", "1"),

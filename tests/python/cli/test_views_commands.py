@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 import yaml
 
-from bag_maker import drive as bag_drive
-from bag_maker import write_bag
-from command_line import fails, last_line, run, succeeds
+from bags import drive as bag_drive
+from bags import write_bag
+from cli import fails, last_line, run, succeeds
 from fusionslam.evaluation import ViewCurve
 from fusionslam.pipelines import tuning
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.presets import tuned_names
 from fusionslam.views.scene_set import SceneSet
-from object_places import LAPS, drive, place, write_recording
+from scenes import LAPS, drive, place, write_recording
 
 QUICK = ("--set", "tuning.population=4", "--set", "tuning.generations=3", "--jobs", "1")
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from command_line import fails, succeeds
-from object_places import LAPS, drive, write_recording
+from cli import fails, succeeds
+from scenes import LAPS, drive, write_recording
 
 
 @pytest.fixture()

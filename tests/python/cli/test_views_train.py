@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from fusionslam.cli.views.train import app
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.views.second_stage import SecondStage
-from learning_cases import cloud, world
+from learning import cloud, world
 
 for module in ("torch", "safetensors", "onnx", "h5py", "onnxruntime"):
     pytest.importorskip(module, reason=f"{module} is not installed")

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import fusionslam
-from command_line import FRAMES, NO_WINDOW, fails, fusionslam_descriptors, run, succeeds
+from cli import FRAMES, NO_WINDOW, fails, fusionslam_descriptors, run, succeeds
 from fusionslam.datasets import write_cloud
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
 from fusionslam.pipelines.compare_descriptors import stored_evaluations

@@ -10,8 +10,8 @@ import yaml
 
 pytest.importorskip("rosbags", reason="bags are an extra")
 
-from bag_maker import drive, without, write_bag
-from command_line import fails, succeeds
+from bags import drive, without, write_bag
+from cli import fails, succeeds
 from fusionslam.datasets import open_dataset
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.pipelines.overview import look_at

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from bag_maker import (
+from bags import (
     START,
     SUFFIXES,
     drive,
@@ -101,7 +101,7 @@ def test_an_error_while_writing_keeps_what_was_written_and_the_bag_before(
 FILL = """
 import resource, sys
 sys.path.insert(0, {tests!r})
-from bag_maker import START, picture
+from bags import START, picture
 from fusionslam.datasets import open_writer
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import Event

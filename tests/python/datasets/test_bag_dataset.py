@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bag_maker import (
+from bags import (
     BLUE,
     OPTICAL,
     RED,
@@ -29,7 +29,7 @@ from bag_maker import (
     without,
     write_bag,
 )
-from command_line import fails, succeeds
+from cli import fails, succeeds
 from fusionslam import fuse, open_dataset
 from fusionslam.datasets import write_poses_tum
 from fusionslam.datasets.base import OdometryOrigin, PosesOrigin

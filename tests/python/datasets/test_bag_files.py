@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bag_maker import (
+from bags import (
     SECOND,
     START,
     SUFFIXES,

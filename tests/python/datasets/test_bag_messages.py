@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bag_maker import OPTICAL, START, camera_info, odometry, same, scan
+from bags import OPTICAL, START, camera_info, odometry, same, scan
 from fusionslam.datasets.bags.messages import MessageBuilder, value_of
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import FrameTransform, FrameTransforms, Picture, Scan

@@ -10,8 +10,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bag_maker import OPTICAL, SECOND, START, SUFFIXES, changed, without, write_bag
-from command_line import succeeds
+from bags import (
+    BASELINE_M,
+    INFOS,
+    OPTICAL,
+    RIGHT_FRAME,
+    SECOND,
+    START,
+    STEREO_FOCAL,
+    SUFFIXES,
+    TOPICS,
+    WALL_M,
+    changed,
+    info,
+    rectified_from_points,
+    seen,
+    stereo_drive,
+    without,
+    write_bag,
+)
+from cli import succeeds
 from fusionslam import FusionConfig, fuse, open_dataset
 from fusionslam.datasets.bags.reader import Topic
 from fusionslam.datasets.bags.topics import choose_topics
@@ -19,18 +37,6 @@ from fusionslam.errors import DataError
 from fusionslam.pipelines.recording import Recording
 from fusionslam.sensors.messages import Event
 from fusionslam.sensors.synchronizer import SyncConfig
-from stereo_maker import (
-    BASELINE_M,
-    FOCAL,
-    INFOS,
-    RIGHT_FRAME,
-    TOPICS,
-    WALL_M,
-    info,
-    rectified_from_points,
-    seen,
-    stereo_drive,
-)
 
 STEREO = FusionConfig(source="stereo")
 PAIR = ("left", "right")
@@ -55,7 +61,7 @@ def test_scans_have_both_images_and_the_cameras_have_one_place(tmp_path: Path, s
         for side in PAIR:
             place = camera[side].rectified_from_points
             np.testing.assert_allclose(place, rectified_from_points(), atol=1e-12)
-        assert camera["right"].projection[0, 3] == -FOCAL * BASELINE_M
+        assert camera["right"].projection[0, 3] == -STEREO_FOCAL * BASELINE_M
     assert dataset.sensor_stamps("right").tolist() == dataset.stamps_ns.tolist()
 
 
@@ -80,7 +86,7 @@ def test_both_images_are_rectified_by_their_own_calibration(bag: Callable[..., P
 
 def difference(left: np.ndarray, right: np.ndarray) -> float:
     """Of two views of the wall, in parts of its contrast."""
-    shift = round(FOCAL * BASELINE_M / WALL_M)
+    shift = round(STEREO_FOCAL * BASELINE_M / WALL_M)
     first = left[20:-20, 60:-40].astype(float)
     second = right[20:-20, 60 - shift : -40 - shift]
     return float(np.abs(first - second).mean() / np.abs(first - first.mean()).mean())

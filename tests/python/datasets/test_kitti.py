@@ -14,7 +14,7 @@ from fusionslam.datasets import (
     write_poses_tum,
 )
 from fusionslam.errors import DataError
-from written_datasets import P2, TR, folder, odometry, put_image, put_scan, put_text, raw_drive
+from kitti import P2, TR, folder, odometry, put_image, put_scan, put_text, raw_drive
 
 
 def test_scans_of_kitti_00_come_with_their_numbers_times_and_poses(test_data: Path) -> None:

@@ -13,7 +13,7 @@ from fusionslam.datasets import (
     write_poses_tum,
 )
 from fusionslam.errors import DataError
-from written_datasets import COLORS, P2, POINTS, POSE_LINE, folder, put_image, put_scan, put_text
+from kitti import COLORS, P2, POINTS, POSE_LINE, folder, put_image, put_scan, put_text
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".pcd"])

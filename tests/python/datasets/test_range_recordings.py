@@ -13,7 +13,7 @@ from fusionslam.errors import DataError
 from fusionslam.geometry.odometry_noise import OdometryConfig, measured_places, simulate_odometry
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.pipelines.scenes import record_scenes
-from object_places import LAPS, write_recording
+from scenes import LAPS, write_recording
 
 DRIFT = OdometryConfig(scale=1.02, rotation_scale=1.01)
 

@@ -24,7 +24,7 @@ from fusionslam.datasets import (
 )
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Cloud
-from written_datasets import COLORS, POINTS, RNG, put_text
+from kitti import COLORS, POINTS, RNG, put_text
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".pcd", ".bin"])

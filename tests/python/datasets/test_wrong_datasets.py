@@ -14,8 +14,8 @@ from fusionslam.datasets import (
     read_timestamps,
 )
 from fusionslam.errors import ConfigError, DataError
-from written_datasets import (
-    CALIB,
+from kitti import (
+    ODOMETRY_CALIB,
     P2,
     P3,
     POSE_LINE,
@@ -54,7 +54,7 @@ def test_a_wrong_calib_txt_is_named_with_the_key(
     tmp_path: Path, key: str, text: str | None, message: str
 ) -> None:
     sequence = odometry(tmp_path)
-    lines = [line for line in CALIB.splitlines() if not line.startswith(key)]
+    lines = [line for line in ODOMETRY_CALIB.splitlines() if not line.startswith(key)]
     put_text(sequence / "calib.txt", "\n".join(lines + ([f"{key}: {text}"] if text else [])))
     with pytest.raises(DataError, match=message) as error:
         open_dataset(sequence)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import fusionslam
-from described_clouds import distance, street
+from clouds import distance, street
 
 
 def bins_of_color(color: tuple[int, int, int], color_space: str, preset: str) -> list[int]:

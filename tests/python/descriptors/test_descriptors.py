@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fusionslam
-from described_clouds import Points, distance, read_scan, street
+from clouds import Points, distance, read_scan, street
 
 
 def test_the_resolution_is_the_mean_distance_to_the_nearest_neighbour() -> None:

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fusionslam
-from described_clouds import load_made
+from clouds import load_made
 
 Points = NDArray[np.float32]
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fusionslam
-from described_clouds import Colors, Points, distance, read_scan, street
+from clouds import Colors, Points, distance, read_scan, street
 
 NORMAL_RADIUS = 0.323908135
 

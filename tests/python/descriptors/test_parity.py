@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fusionslam
-from described_clouds import MADE, distance, load_made
+from clouds import MADE, distance, load_made
 
 TOWN = ("town_040", "town_150", "town_300")
 # PCL lets the farthest point of town_040 vote, because its distance rounds up to the radius.

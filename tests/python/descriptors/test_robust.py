@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fusionslam
-from described_clouds import Points, distance, load_made, street
+from clouds import Points, distance, load_made, street
 
 SCANS = ("circle_100", "town_040", "town_150", "town_300")
 

@@ -23,7 +23,7 @@ from fusionslam.evaluation import (
     every_kth,
     judge_views,
 )
-from judged_drives import judged_by_loops, random_drive, scans_above_floor
+from recordings import judged_by_loops, random_drive, scans_above_floor
 
 # Nothing in the random drives lies exactly on these limits, where rounding would decide.
 LIMITS = {"false_positive_distance": 0.81, "false_negative_distance": 0.21, "loop_distance": 0.81}

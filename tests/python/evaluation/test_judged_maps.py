@@ -17,7 +17,7 @@ from fusionslam import DataError, ShapeError
 from fusionslam.errors import ConfigError
 from fusionslam.evaluation import MapReport, ViewRule, judge_map, judge_views, pose_errors
 from fusionslam.geometry.rigid import RigidMotion, fit_rigid
-from little_maps import little_run, rows, square_run
+from maps import little_run, rows, square_run
 
 
 def noisy(seed: int, count: int = 50) -> tuple[Any, Any]:

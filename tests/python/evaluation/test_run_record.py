@@ -12,7 +12,7 @@ import pytest
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.maps.run import LINK, REFUSED, RatSlamRun
-from little_maps import square_run
+from maps import square_run
 
 
 def record(**changes: Any) -> RatSlamRun:

@@ -20,7 +20,7 @@ from fusionslam.evaluation import (
     every_kth,
     judge_views,
 )
-from judged_drives import Drive, judged_by_loops, random_drive, scans_above_floor
+from recordings import Drive, judged_by_loops, random_drive, scans_above_floor
 
 EPOCH = 1_700_000_000_000_000_000
 # Nothing in the random drives lies exactly on these limits, where rounding would decide.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import fusionslam
-from fused_scenes import PROJECTION, homogeneous, read_scan, scene
+from clouds import PROJECTION, homogeneous, read_scan, scene
 from fusionslam import Camera, ConfigError, DataError
 
 NEAR_EDGE = 1e-3

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fusionslam
-from fused_scenes import ground_and_things, read_scan, scene
+from clouds import ground_and_things, read_scan, scene
 from fusionslam import ConfigError, DataError
 
 UP_AXES = ("x", "y", "z", "-x", "-y", "-z")

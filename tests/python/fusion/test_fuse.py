@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import fusionslam
-from fused_scenes import PROJECTION, ground_and_things, homogeneous, scene
+from clouds import PROJECTION, ground_and_things, homogeneous, scene
 from fusionslam import Camera, DataError, Frame, FusionConfig
 
 

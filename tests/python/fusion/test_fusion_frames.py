@@ -18,7 +18,7 @@ from fusionslam.errors import DataError
 from fusionslam.fusion import plane_of, segments_of
 from fusionslam.pipelines.export_folder import write_clouds
 from fusionslam.pipelines.recording import Recording
-from tiny_kitti import write_sequence
+from kitti import write_sequence
 
 FRAMES = ("scan", "camera", "robot", "odometry")
 

@@ -14,7 +14,7 @@ from fusionslam.views.second_stage.architecture import ComparisonConfig, PointNe
 from fusionslam.views.second_stage.inputs import network_input
 from fusionslam.views.second_stage.model import SecondStage
 from fusionslam.views.second_stage.network_files import About, Calibration
-from learning_cases import TINY, TINY_COLORED, TINY_COMPARISON, cloud
+from learning import TINY, TINY_COLORED, TINY_COMPARISON, cloud
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 onnx = pytest.importorskip("onnx", reason="onnx is not installed")

@@ -17,7 +17,7 @@ from fusionslam.learning.places import (
 )
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views.second_stage.scores import area_under_curve, calibrated, probability_of
-from learning_cases import cloud, line, worlds
+from learning import cloud, line, worlds
 
 
 def test_a_place_is_the_same_within_half_a_metre_and_36_degrees() -> None:

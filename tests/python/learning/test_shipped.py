@@ -15,7 +15,7 @@ from fusionslam.views.second_stage import MODELS, SecondStage
 from fusionslam.views.second_stage.inputs import network_input
 from fusionslam.views.second_stage.network_files import SHIPPED
 from fusionslam.views.second_stage.scores import area_under_curve
-from learning_cases import cloud
+from learning import cloud
 
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 

@@ -11,7 +11,7 @@ import pytest
 
 from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError
-from learning_cases import TINY, TINY_COLORED, TINY_COMPARISON, worlds
+from learning import TINY, TINY_COLORED, TINY_COMPARISON, worlds
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 pytest.importorskip("safetensors", reason="safetensors is not installed")

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cast_rooms import AHEAD, Pose, room, scan, seen_from
 from fusionslam import DataError, LoopDetector
 from fusionslam.loop_closure.aligned import AlignedLoop, AlignedLoopDetector
 from fusionslam.sensors.frame import Cloud
+from worlds import AHEAD, Pose, room, scan, seen_from
 
 THERE: Pose = (0.2, -0.3, 0.5)
 BACK: Pose = (0.4, -0.2, 0.6)

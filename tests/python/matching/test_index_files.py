@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from arrays import SECOND, filled
 from fusionslam import DataError, DescriptorIndex
-from small_indexes import SECOND, filled
 
 VERSION_OFFSET = 8
 """Where the version stands in the file: after eight bytes of magic."""

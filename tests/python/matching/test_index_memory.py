@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from arrays import filled
 from fusionslam import DescriptorIndex, nearest
-from small_indexes import filled
 
 MEMORY_PROGRAM = """
 import sys

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from arrays import filled
 from fusionslam import ConfigError, DataError, DescriptorIndex, ShapeError, nearest_causal
-from small_indexes import filled
 
 
 def test_an_empty_index_answers_with_nothing() -> None:

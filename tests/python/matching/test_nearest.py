@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from arrays import SECOND
 from fusionslam import DataError, DescriptorIndex, ShapeError, nearest, nearest_causal
-from small_indexes import SECOND
 
 
 def brute_force(

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bag_maker import drive as bag_events
-from bag_maker import write_bag
-from tiny_kitti import write_sequence
+from bags import drive as bag_events
+from bags import write_bag
+from kitti import write_sequence
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "python"
 

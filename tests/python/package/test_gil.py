@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import fusionslam
-from array_calls import LEFT, RNG
+from arrays import LEFT, RNG
 
 
 def let_others_run(call: Callable[[], object], tries: int) -> bool:

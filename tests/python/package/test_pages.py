@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bag_maker import drive, write_bag
-from doc_snippets import snippets
+from bags import drive, write_bag
 from fusionslam.views import build_scene
-from object_places import place
+from pages import snippets
+from scenes import place
 
 NAMES = {"/points": "/velodyne_points", "/camera/image": "/camera/rgb/image_raw/compressed"}
 NAMES["/camera/camera_info"] = "/camera/rgb/camera_info"

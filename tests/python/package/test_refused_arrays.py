@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import fusionslam
-from array_calls import (
+from arrays import (
     COLOR_CALLS,
     COLORS,
     DESCRIPTORS,

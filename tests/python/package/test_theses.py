@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-import command_line
+import cli
 from benchmarks.theses import map_study, view_study
 from benchmarks.theses.__main__ import app
 from benchmarks.theses.conclusions import Claim, compared
@@ -28,15 +28,15 @@ from fusionslam.evaluation.loops.published import (
     PUBLISHED_RECALL,
     PUBLISHED_SECONDS,
 )
-from recorded_drives import write_drive
+from recordings import write_drive
 
 pytestmark = pytest.mark.slow
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 
-fails = partial(command_line.fails, command=app)
-succeeds = partial(command_line.succeeds, command=app)
+fails = partial(cli.fails, command=app)
+succeeds = partial(cli.succeeds, command=app)
 VIEWS = ("objects:author", "visual_templates", "alignment")
 
 
@@ -271,7 +271,7 @@ def test_the_command_prints_its_page(data: Path, tmp_path: Path) -> None:
     given = ("--data", data, "--worlds", "warehouse", "--parts", "views")
     given += ("--views", "objects:author")
     result = succeeds("-o", tmp_path, "--quick", *given)
-    assert command_line.last_line(result) == str(tmp_path / "reproduce.html")
+    assert cli.last_line(result) == str(tmp_path / "reproduce.html")
     assert "Figures of a quick run are no results" in (tmp_path / "reproduce.md").read_text()
 
 

@@ -17,7 +17,7 @@ from fusionslam.datasets import Dataset
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipelines.describe import CHUNK, load_runs, run_path
 from fusionslam.storage.parallel import in_order
-from tiny_kitti import write_sequence
+from kitti import write_sequence
 
 FRAMES = CHUNK + 4
 LARGEST = FRAMES - 1

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bag_maker import drive, odometry, translation, without, write_bag
-from command_line import fails, succeeds
+from bags import drive, odometry, translation, without, write_bag
+from cli import fails, succeeds
 from fusionslam import DataError, FusionConfig
 from fusionslam.datasets import open_dataset
 from fusionslam.datasets.bags import open_bag
@@ -17,7 +17,7 @@ from fusionslam.pipelines.export_folder import write_clouds
 from fusionslam.pipelines.recording import Recording
 from fusionslam.report.fusion_stages import draw_stages
 from fusionslam.sensors.messages import Event, FrameTransforms, Odometry
-from tiny_kitti import write_sequence
+from kitti import write_sequence
 
 pytest.importorskip("rosbags")
 

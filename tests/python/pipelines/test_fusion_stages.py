@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 import fusionslam
-from command_line import fails, succeeds
+from cli import fails, succeeds
 from fusionslam import Camera, Frame, FusionConfig
 from fusionslam.datasets import open_dataset
 from fusionslam.datasets.bags import open_bag
@@ -20,7 +20,7 @@ from fusionslam.pipelines.export_bag import write_cloud_bag
 from fusionslam.pipelines.recording import Recording
 from fusionslam.report.fusion_stages import _Eye, draw_stages, write_stages
 from fusionslam.sensors.messages import FrameTransforms, Odometry, Scan
-from tiny_kitti import write_sequence
+from kitti import write_sequence
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drives import SECOND, circles
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.odometry_noise import OdometryConfig
@@ -20,8 +21,7 @@ from fusionslam.ratslam.events import Motion
 from fusionslam.ratslam.slam import RatSlam, Step
 from fusionslam.ratslam.view_sources import TemplateSource, build_view_source
 from fusionslam.sensors.messages import Odometry
-from recorded_drives import PLACES, write_drive
-from slam_drives import SECOND, circles
+from recordings import PLACES, write_drive
 
 OBJECTS = "objects"
 
@@ -173,7 +173,7 @@ def test_events_begin_with_the_odometry_before_the_first_look_and_end_after_the_
 
 def test_a_bag_is_driven_by_its_topic_whatever_order_it_arrived_in(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
-    from bag_maker import drive, write_bag
+    from bags import drive, write_bag
 
     in_turn = drive(4.0)
     rng = np.random.default_rng(2)

@@ -26,7 +26,7 @@ from fusionslam.pipelines.views import run_views
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.presets import tuned_config, tuned_names, tuned_path
 from fusionslam.views.recognisers import ViewMatcherConfig, similarity_config
-from object_places import LAPS, drive
+from scenes import LAPS, drive
 
 pytest.importorskip("pymoo")
 

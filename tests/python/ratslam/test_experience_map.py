@@ -1,9 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The experience map: places, links, relaxation, and its state."""
+"""The experience map: actions, relaxation, routes, and input that is refused."""
 
 import subprocess
 import sys
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
+from drives import drive, laps, rmse, weighted_errors
+from fusionslam import ConfigError, DataError
+from fusionslam.evaluation.maps.run import LINK
 from fusionslam.ratslam import Action, ActionKind, ExperienceMap
-from ratslam_drives import drive, laps, rmse, weighted_errors
+from fusionslam.ratslam.experience_map import quickest_route
+from maps import CORNERS, alone, drifting_run
 
 NODE, EDGE = ActionKind.CREATE_NODE, ActionKind.CREATE_EDGE
 
@@ -236,3 +243,229 @@ def test_a_drive_is_judged_like_any_other(capfd: pytest.CaptureFixture[str]) -> 
     driven = drive(ExperienceMap(), laps(2))
     assert rmse(driven.graph.nodes, driven.truth) == driven.rmse()
     assert capfd.readouterr() == ("", "")
+
+
+def links_of(*links: tuple[int, int, float]) -> np.ndarray:
+    """Links of source, target, seconds."""
+    made = np.zeros(len(links), LINK)
+    for row, (source, target, seconds) in zip(made, links, strict=True):
+        row["source"], row["target"], row["duration"] = source, target, seconds
+    return made
+
+
+def relaxed_seconds(links: np.ndarray, count: int, a: int) -> np.ndarray:
+    """Seconds to every node, by going over all links until nothing changes (Bellman 1958)."""
+    known = np.full(count, np.inf)
+    known[a] = 0
+    for _ in range(count):
+        for link in links:
+            for one, other in (("source", "target"), ("target", "source")):
+                through = known[link[one]] + link["duration"]
+                known[link[other]] = min(known[link[other]], through)
+    return known
+
+
+def test_the_quickest_way_is_by_time_and_not_by_links() -> None:
+    links = links_of((0, 1, 1.0), (1, 2, 1.0), (2, 3, 1.0), (0, 3, 9.0))
+    assert quickest_route(links, 4, 0, 3) == ([0, 1, 2, 3], 3.0)
+    assert quickest_route(links, 4, 3, 0) == ([3, 2, 1, 0], 3.0)
+    assert quickest_route(links, 4, 2, 2) == ([2], 0.0)
+
+
+def test_of_two_links_the_quicker_counts_and_one_of_no_time_is_a_link() -> None:
+    links = links_of((0, 1, 5.0), (1, 0, 2.0), (1, 2, 0.0))
+    ids, seconds = quickest_route(links, 3, 0, 2)
+    assert ids == [0, 1, 2] and seconds == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_ways_are_as_quick_as_going_over_all_links_says(seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    chain = [(k, k + 1, draw.uniform(1, 5)) for k in range(19)]
+    more = [(*draw.choice(20, 2, replace=False).tolist(), draw.uniform(1, 9)) for _ in range(15)]
+    links = links_of(*chain, *more)
+    known = relaxed_seconds(links, 20, 3)
+    joined = {frozenset((int(one["source"]), int(one["target"]))) for one in links}
+    for goal in range(20):
+        ids, seconds = quickest_route(links, 20, 3, goal)
+        assert seconds == pytest.approx(known[goal]) and (ids[0], ids[-1]) == (3, goal)
+        assert all(frozenset(pair) in joined for pair in pairwise(ids))
+
+
+def test_nodes_that_are_unknown_or_apart_are_refused() -> None:
+    links = links_of((0, 1, 1.0))
+    for a, b, words in ((0, 2, "no links join them"), (0, 3, "there are 3"), (-1, 0, "node -1")):
+        with pytest.raises(DataError, match=words):
+            quickest_route(links, 3, a, b)
+    with pytest.raises(DataError, match="no links join them"):
+        quickest_route(links[:0], 2, 0, 1)
+
+
+def test_the_picture_shows_the_way_over_the_map() -> None:
+    pytest.importorskip("matplotlib")
+    from fusionslam.report import path_figure
+
+    axis = path_figure(drifting_run(), 3, 1).axes[0]
+    assert axis.get_title(loc="left") == "from node 3 to node 1: 2 links, 20.0 m, 4.0 s"
+    (way,) = [line for line in axis.lines if line.get_label() == "quickest way"]
+    corners = np.array(CORNERS)[:, :2]
+    passed = np.stack(way.get_data(), axis=1)
+    assert np.allclose(passed[[0, 2]], corners[[3, 1]], atol=1e-6)
+    assert np.allclose(passed[1], corners[0], atol=1e-6) or np.allclose(passed[1], corners[2])
+    still = path_figure(alone(truth=None), 2, 2).axes[0]
+    assert still.get_title(loc="left") == "from node 2 to node 2: 0 links, 0.0 m, 0.0 s"
+    with pytest.raises(DataError, match="there are 4 nodes"):
+        path_figure(alone(), 0, 4)
+
+
+@pytest.fixture(params=["robust", "openratslam"])
+def graph(request: pytest.FixtureRequest) -> ExperienceMap:
+    made = drive(ExperienceMap(preset=request.param), laps(1.2)).graph
+    made.check(Action(EDGE, made.current, 70))
+    return made
+
+
+def unchanged(graph: ExperienceMap, work: Callable[[], object], message: str) -> None:
+    before = graph.state()
+    with pytest.raises(DataError, match=message):
+        work()
+    for name, values in graph.state().items():
+        assert values.tobytes() == before[name].tobytes(), name
+
+
+@pytest.mark.parametrize("values", [(np.nan, 0, 1), (0, np.inf, 1), (0, 0, np.nan), (1, 0, -0.1)])
+def test_odometry_that_is_not_finite_or_goes_back_in_time_is_an_error(
+    graph: ExperienceMap, values: tuple[float, float, float]
+) -> None:
+    unchanged(graph, lambda: graph.on_odometry(*values), "expected finite values, no way")
+
+
+def test_no_time_is_no_motion(graph: ExperienceMap) -> None:
+    before = graph.pose
+    graph.on_odometry(5.0, 3.0, 0.0)
+    assert graph.pose == before
+
+
+def test_odometry_that_overflows_is_an_error(graph: ExperienceMap) -> None:
+    for values in ((1e300, 0.0, 1e300), (1e100, 0.1, 1.0), (0.0, 1e100, 1.0), (0.0, 0.0, 1e100)):
+        unchanged(graph, lambda values=values: graph.on_odometry(*values), "beyond 1e12")
+
+
+@pytest.mark.parametrize("target", [0, 122, -1])
+def test_a_node_that_is_not_the_next_one_is_an_error(graph: ExperienceMap, target: int) -> None:
+    action = Action(NODE, graph.current, target)
+    unchanged(graph, lambda: graph.apply(action), f"node {target}: expected 121, the next one")
+
+
+@pytest.mark.parametrize("values", [(NODE, 0, 121.5), (EDGE, None, 0), (np.nan, 0, 0)])
+def test_an_action_that_is_no_whole_numbers_is_an_error(
+    graph: ExperienceMap, values: tuple[Any, Any, Any]
+) -> None:
+    unchanged(graph, lambda: graph.apply(Action(*values)), "expected whole numbers")
+    unchanged(graph, lambda: graph.check(Action(*values)), "expected whole numbers")
+
+
+@pytest.mark.parametrize("target", [121, -1])
+def test_an_edge_to_an_unknown_node_is_an_error(graph: ExperienceMap, target: int) -> None:
+    action = Action(EDGE, graph.current, target)
+    unchanged(graph, lambda: graph.apply(action), f"edge to node {target}: there are 121")
+
+
+def test_an_edge_of_an_empty_map_is_an_error() -> None:
+    empty = ExperienceMap()
+    unchanged(empty, lambda: empty.apply(Action(EDGE, 0, 0)), "there are 0")
+
+
+def test_an_edge_from_where_the_robot_is_not_is_an_error(graph: ExperienceMap) -> None:
+    unchanged(graph, lambda: graph.apply(Action(EDGE, 3, 5)), "the robot is at node")
+
+
+@pytest.mark.parametrize(
+    ("rotation", "place"), [(np.nan, (0, 0)), (0.0, (np.inf, 0.0)), (0.0, (0.0, 1e300))]
+)
+def test_a_rotation_or_place_that_is_not_finite_is_an_error(
+    graph: ExperienceMap, rotation: float, place: tuple[float, float]
+) -> None:
+    action = Action(EDGE, graph.current, 5, rotation, place)
+    unchanged(graph, lambda: graph.apply(action), "not finite")
+    unchanged(graph, lambda: graph.check(action), "not finite")
+
+
+def test_an_edge_to_the_node_itself_makes_no_link(graph: ExperienceMap) -> None:
+    count = len(graph.links)
+    graph.apply(Action(EDGE, graph.current, graph.current))
+    graph.relax()
+    assert len(graph.links) == count
+
+
+def longer(values: Any) -> Any:
+    return np.concatenate([values.ravel(), values.ravel()[:1]])
+
+
+def put(index: Any, value: Any) -> Callable[[Any], Any]:
+    def changed(values: Any) -> Any:
+        values = values.copy()
+        values[index] = value
+        return values
+
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("version", lambda _: np.array([7]), "version"),
+        ("nodes", longer, "three values"),
+        ("nodes", put((3, 1), np.nan), "nodes holds a value that is not finite"),
+        ("nodes", lambda values: values.astype(np.float32), "dtype"),
+        ("nodes", lambda values: values[:50], "there are 50"),
+        ("ends", put((0, 1), 500), "ends names node 500"),
+        ("ends", put((0, 1), -1), "ends names node -1"),
+        ("ends", put((0, 1), 0), "joins node 0 to itself"),
+        ("ends", longer, "ends has"),
+        ("links", put((2, 0), np.inf), "links holds a value that is not finite"),
+        ("nodes", put((3, 2), 1e300), "beyond 1e12"),
+        ("links", put((2, 4), 0.0), "variance is not above 0"),
+        ("links", longer, "links has"),
+        ("loops", longer, "ends has"),
+        ("robot", put(0, np.nan), "robot holds a value that is not finite"),
+        ("robot", longer, "robot has"),
+        ("counts", put(0, 121), "the current node is 121"),
+        ("due", lambda _: np.array([999]), "due names node 999"),
+        ("pending", lambda _: np.zeros((1, 5)), "pending has"),
+    ],
+)
+def test_a_state_that_no_map_can_have_is_an_error(
+    graph: ExperienceMap, name: str, change: Callable[[Any], Any], message: str
+) -> None:
+    state = graph.state()
+    state[name] = change(state[name])
+    unchanged(graph, lambda: graph.restore(state), message)
+
+
+@pytest.mark.parametrize("name", ["version", "nodes", "ends", "links", "robot", "pending"])
+def test_a_state_without_one_of_its_arrays_is_an_error(graph: ExperienceMap, name: str) -> None:
+    state = graph.state()
+    del state[name]
+    unchanged(graph, lambda: graph.restore(state), name)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"correction": 0.6}, {"loops": -1}, {"preset": "best"}, {"drift_m": 0.0}, {"sigma": 3}],
+)
+def test_a_configuration_out_of_range_is_an_error(change: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match=next(iter(change))):
+        ExperienceMap(**change)
+
+
+def test_headings_of_many_turns_are_taken_as_the_angles_that_they_are() -> None:
+    graph = ExperienceMap(preset="openratslam")
+    graph.apply(Action(NODE))
+    graph.on_odometry(1.0, 0.1, 1.0)
+    graph.apply(Action(NODE, 0, 1))
+    state = graph.state()
+    state["nodes"][1, 2] += 2e9 * np.pi
+    graph.restore(state)
+    graph.relax()
+    assert np.all(np.abs(graph.nodes[:, 2]) <= np.pi)

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drives import all_of, circle_events, told
 from fusionslam.datasets.pose_files import read_poses_tum
 from fusionslam.errors import DataError
 from fusionslam.pipelines.map_events import RunEvents
 from fusionslam.pipelines.maps import RunRecorder
 from fusionslam.ratslam import GivenViews, LiveMap, OnlineRatSlam, RatSlam
 from fusionslam.ratslam.map_export import export_run, write_trajectory
-from map_arrivals import all_of, told
-from slam_drives import circle_events
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drives import NODES_A_LAP, drive, laps, reckoned, right
 from fusionslam import DataError
 from fusionslam.ratslam import Action, ActionKind, ExperienceMap
-from ratslam_drives import NODES_A_LAP, drive, laps, reckoned, right
 
 EDGE = ActionKind.CREATE_EDGE
 CERTAIN = {

@@ -26,7 +26,7 @@ from fusionslam.ratslam.map_export import (
     write_map_json,
     write_trajectory,
 )
-from little_maps import little_run, square_run
+from maps import little_run, square_run
 
 WRITERS = [write_map_json, write_trajectory, write_g2o, write_graphml]
 

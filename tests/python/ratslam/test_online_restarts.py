@@ -11,6 +11,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drives import (
+    SECOND,
+    Message,
+    all_of,
+    arrived,
+    circles,
+    everything,
+    given,
+    later,
+    odometry,
+    on_map,
+    processed,
+    same,
+    sightings,
+)
 from fusionslam.errors import DataError
 from fusionslam.ratslam import (
     ActionKind,
@@ -24,8 +39,6 @@ from fusionslam.ratslam import (
 )
 from fusionslam.ratslam.online import TOO_LATE
 from fusionslam.sensors.messages import Odometry
-from map_arrivals import Message, all_of, arrived, given, later, on_map, processed
-from slam_drives import SECOND, circles, everything, odometry, same, sightings
 
 TENTH = SECOND // 10
 START = 1000

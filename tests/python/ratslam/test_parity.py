@@ -1,18 +1,29 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The reference run of OpenRatSLAM's pose cells and experience map, step by step."""
+"""The reference run of OpenRatSLAM, step by step, and its map under both presets.
+
+Odometry with twice the errors: what it said, plus once more what it said beyond the true motion,
+which the true poses give.
+"""
 
 import csv
 import gzip
 import json
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from fusionslam.ratslam import Action, ExperienceMap, PoseCells
+from drives import rmse
+from fusionslam.evaluation import MapReport, judge_map
+from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.ratslam import Action, ActionKind, ExperienceMap, PoseCells
+from maps import little_run
 
 Run = tuple[NDArray[Any], list[Action], NDArray[np.float64], ExperienceMap]
 
@@ -81,3 +92,173 @@ def test_the_map_is_the_references(run: Run, ratslam_reference: Path) -> None:
     ):
         given = [link[theirs] for link in wanted["links"]]
         np.testing.assert_allclose(graph.links[ours], given, rtol=0, atol=1e-9)
+
+
+class Reference:
+    """The input and the truth of the run."""
+
+    def __init__(self, folder: Path) -> None:
+        self.rows = table(folder / "pc_input.csv.gz")
+        truth = table(folder / "pc_groundtruth.csv.gz")
+        self.truth = np.stack([truth[name] for name in ("x", "y", "th")], axis=1)
+
+    def odometry(self, errors: float) -> Any:
+        """float64 (n, 2): speed and turn rate with so many times their errors."""
+        said = np.stack([self.rows["vtrans"], self.rows["vrot"]], axis=1)
+        steps, dt = np.diff(self.truth, axis=0), self.rows["dt"][1:]
+        turns = np.angle(np.exp(1j * steps[:, 2]))
+        true = np.stack([np.hypot(steps[:, 0], steps[:, 1]) / dt, turns / dt], axis=1)
+        true = np.vstack([true[:1], true])
+        return true + errors * (said - true)
+
+    @cache  # noqa: B019
+    def actions(self, errors: float, cells_preset: str) -> list[Action]:
+        """What the cells say; no map has a part in it as long as all loops are believed."""
+        cells, said = PoseCells(preset=cells_preset), []
+        for row, (v, w) in zip(self.rows, self.odometry(errors), strict=True):
+            cells.on_view(int(row["vt_id"]), row["vt_rad"])
+            cells.on_odometry(v, w, row["dt"])
+            said.append(cells.action())
+        return said
+
+    def mapped(
+        self, preset: str, errors: float, cells_preset: str = "openratslam"
+    ) -> tuple[float, float]:
+        """RMSE of all steps by odometry alone, and of the map's nodes."""
+        graph = ExperienceMap(preset=preset, initial_heading=np.radians(140))
+        alone, poses, made = ExperienceMap(preset=preset), [], []
+        steps = zip(
+            self.actions(errors, cells_preset), self.odometry(errors), self.rows["dt"], strict=True
+        )
+        for step, (action, (v, w), dt) in enumerate(steps):
+            graph.on_odometry(v, w, dt)
+            alone.on_odometry(v, w, dt)
+            poses.append(alone.pose)
+            if action.kind == ActionKind.CREATE_NODE:
+                made.append(step)
+            assert graph.check(action).accepted
+            graph.apply(action)
+            if action.kind:
+                graph.relax()
+        return rmse(poses, self.truth), rmse(graph.nodes, self.truth[made])
+
+
+@pytest.fixture(scope="module")
+def reference(ratslam_reference: Path) -> Reference:
+    return Reference(ratslam_reference)
+
+
+def test_both_presets_are_as_good_as_published_with_the_odometry_of_the_run(
+    reference: Reference,
+) -> None:
+    alone, theirs = reference.mapped("openratslam", 1)
+    assert (alone, theirs) == (pytest.approx(0.494, abs=0.0005), pytest.approx(0.175, abs=0.0005))
+    assert reference.mapped("robust", 1)[1] <= theirs
+    assert reference.mapped("robust", 1, "robust")[1] <= theirs
+
+
+def test_the_robust_map_is_better_than_the_references_with_twice_the_errors(
+    reference: Reference,
+) -> None:
+    alone, theirs = reference.mapped("openratslam", 2)
+    assert alone == pytest.approx(0.99, abs=0.01)
+    assert reference.mapped("robust", 2)[1] < theirs
+    assert reference.mapped("robust", 2, "robust")[1] < theirs
+
+
+def test_without_errors_the_odometry_is_the_truth(reference: Reference) -> None:
+    alone, mapped = reference.mapped("robust", 0)
+    assert alone < 0.02 and mapped < 0.02
+
+
+def read_rows(path: Path) -> Any:
+    with gzip.open(path, "rt") as file:
+        return list(csv.DictReader(file))
+
+
+def seen_from(node: Any, pose: Any) -> list[float]:
+    """A pose in the frame of a node."""
+    dx, dy, heading = pose[0] - node[0], pose[1] - node[1], node[2]
+    c, s = np.cos(heading), np.sin(heading)
+    return [c * dx + s * dy, c * dy - s * dx, pose[2] - heading]
+
+
+@pytest.fixture(scope="module")
+def map_run(ratslam_reference: Path) -> RatSlamRun:
+    cells, graph = (
+        PoseCells(preset="openratslam"),
+        ExperienceMap(preset="openratslam", initial_heading=np.radians(140)),
+    )
+    actions: list[tuple[int, int, int]] = []
+    poses, offsets, reckoned, pose = [], [], [], np.zeros(3)
+    for row in read_rows(ratslam_reference / "pc_input.csv.gz"):
+        v, w, dt = (float(row[name]) for name in ("vtrans", "vrot", "dt"))
+        cells.on_view(int(row["vt_id"]), float(row["vt_rad"]))
+        cells.on_odometry(v, w, dt)
+        action = cells.action()
+        graph.on_odometry(v, w, dt)
+        graph.apply(action)
+        if action.kind:
+            graph.relax()
+        heading = pose[2] + w * dt
+        pose = pose + np.array([v * dt * np.cos(heading), v * dt * np.sin(heading), w * dt])
+        actions.append(action[:3])
+        poses.append(graph.pose)
+        offsets.append(seen_from(graph.nodes[graph.current], graph.pose))
+        reckoned.append(pose)
+    rows = read_rows(ratslam_reference / "pc_groundtruth.csv.gz")
+    truth = [(float(row["x"]), float(row["y"]), float(row["th"])) for row in rows]
+    made = little_run(truth, actions, graph.nodes, [], seconds=np.arange(len(truth)) * 0.1)
+    return replace(
+        made,
+        links=graph.links,
+        poses=np.array(poses),
+        offsets=np.array(offsets),
+        dead_reckoning=np.array(reckoned),
+    )
+
+
+@pytest.fixture(scope="module")
+def report(map_run: RatSlamRun) -> MapReport:
+    return judge_map(map_run)
+
+
+def test_the_reference_map_has_the_published_errors(report: MapReport) -> None:
+    assert report.nodes is not None and report.dead_reckoning is not None
+    assert (report.nodes.n, report.dead_reckoning.n) == (136, 3840)
+    assert report.nodes.rmse_m == pytest.approx(0.175, abs=0.0005)
+    assert report.dead_reckoning.rmse_m == pytest.approx(0.494, abs=0.0005)
+
+
+def test_dead_reckoning_at_the_same_steps_is_little_worse_than_the_map(report: MapReport) -> None:
+    assert report.nodes_by_odometry is not None
+    assert report.nodes_by_odometry.rmse_m == pytest.approx(0.193, abs=0.0005)
+
+
+def test_the_whole_trajectory_is_better_on_the_map_than_by_dead_reckoning(
+    report: MapReport,
+) -> None:
+    assert report.trajectory is not None and report.dead_reckoning is not None
+    assert report.trajectory.rmse_m < 0.5 * report.dead_reckoning.rmse_m
+
+
+def test_scipy_finds_the_same_errors(map_run: RatSlamRun, report: MapReport) -> None:
+    made = np.searchsorted(map_run.stamps_ns, map_run.node_stamps_ns)
+    assert map_run.truth is not None
+    for errors, poses, truth in (
+        (report.nodes, map_run.nodes, map_run.truth[made]),
+        (report.trajectory, map_run.final_poses, map_run.truth),
+        (report.live, map_run.poses, map_run.truth),
+        (report.dead_reckoning, map_run.dead_reckoning, map_run.truth),
+    ):
+        flat = [np.pad(p[:, :2] - p[:, :2].mean(0), ((0, 0), (0, 1))) for p in (truth, poses)]
+        distance = Rotation.align_vectors(*flat)[1]
+        assert errors is not None
+        assert errors.rmse_m == pytest.approx(distance / np.sqrt(len(truth)), abs=1e-9)
+
+
+def test_every_loop_of_the_reference_is_true(report: MapReport) -> None:
+    assert (report.node_count, report.link_count) == (136, 136)
+    assert (report.loops, report.loop_links) == (272, 1)
+    assert report.false_loops == 0
+    assert report.linked_revisit_share is not None and report.linked_revisit_share > 0.9

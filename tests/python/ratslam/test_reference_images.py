@@ -25,7 +25,7 @@ from fusionslam.pipelines.visual_odometry import (
 )
 from fusionslam.ratslam import Look, Motion, RatSlam, TemplateSource
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualOdometryConfig
-from painted_room import VIEW, room_image
+from worlds import VIEW, room_image
 
 TENTH = 100_000_000
 # The room's images have 24 rows.

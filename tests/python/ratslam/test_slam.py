@@ -7,12 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.ratslam import ActionKind, Look, Motion, RatSlam, Sighting, Step, TemplateSource
-from fusionslam.ratslam.events import Event
-from fusionslam.sensors.frame import Frame
-from fusionslam.sensors.messages import Picture
-from slam_drives import (
+from drives import (
     SECOND,
     circle_events,
     circles,
@@ -22,6 +17,11 @@ from slam_drives import (
     same,
     take,
 )
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.ratslam import ActionKind, Look, Motion, RatSlam, Sighting, Step, TemplateSource
+from fusionslam.ratslam.events import Event
+from fusionslam.sensors.frame import Frame
+from fusionslam.sensors.messages import Picture
 
 TENTH = SECOND // 10
 

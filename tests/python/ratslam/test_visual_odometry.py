@@ -14,7 +14,7 @@ from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.ratslam import VisualOdometry, VisualSpeed
 from fusionslam.ratslam.visual_odometry import fit_speed
 from fusionslam.sensors.frame import Camera
-from painted_room import HEIGHT, RADIUS_M, VIEW, WIDTH, room_image
+from worlds import RADIUS_M, ROOM_HEIGHT, ROOM_WIDTH, VIEW, room_image
 
 TENTH = 100_000_000
 
@@ -29,7 +29,7 @@ def drive(odometry: VisualOdometry, images: list[Any], gap_ns: int = TENTH) -> l
 def test_a_turn_is_found_to_a_fraction_of_a_pixel_whatever_its_size(turn: Any) -> None:
     images = [room_image(yaw=turn * n) for n in range(6)]
     for seen in drive(VisualOdometry(), images):
-        assert seen.w * seen.dt == pytest.approx(turn, abs=0.15 * VIEW / WIDTH)
+        assert seen.w * seen.dt == pytest.approx(turn, abs=0.15 * VIEW / ROOM_WIDTH)
         assert abs(seen.v) < 0.1
         assert not seen.why
 
@@ -121,10 +121,10 @@ def test_the_original_is_its_formula() -> None:
 
 def test_the_camera_says_how_wide_it_sees() -> None:
     view = 1.5
-    focal = WIDTH / 2 / np.tan(view / 2)
-    matrix = np.array([[focal, 0, (WIDTH - 1) / 2, 0], [0, focal, 12, 0], [0, 0, 1, 0]])
+    focal = ROOM_WIDTH / 2 / np.tan(view / 2)
+    matrix = np.array([[focal, 0, (ROOM_WIDTH - 1) / 2, 0], [0, focal, 12, 0], [0, 0, 1, 0]])
     images = [room_image(view=view), room_image(yaw=0.08, view=view)]
-    seen = drive(VisualOdometry(camera=Camera(matrix, size=(WIDTH, HEIGHT))), images)[0]
+    seen = drive(VisualOdometry(camera=Camera(matrix, size=(ROOM_WIDTH, ROOM_HEIGHT))), images)[0]
     assert seen.w == pytest.approx(0.8, abs=0.01)
     assert abs(drive(VisualOdometry(), images)[0].w - 0.8) > 0.1
     with pytest.raises(ShapeError, match="320x24, expected 640x480 of the calibration"):
@@ -134,11 +134,11 @@ def test_the_camera_says_how_wide_it_sees() -> None:
 
 
 def test_rows_that_nobody_looks_at_may_be_missing_where_the_camera_says_its_size() -> None:
-    matrix = np.array([[290, 0, (WIDTH - 1) / 2, 0], [0, 290, 12, 0], [0, 0, 1, 0]], float)
-    camera = Camera(matrix, size=(WIDTH, HEIGHT))
+    matrix = np.array([[290, 0, (ROOM_WIDTH - 1) / 2, 0], [0, 290, 12, 0], [0, 0, 1, 0]], float)
+    camera = Camera(matrix, size=(ROOM_WIDTH, ROOM_HEIGHT))
     images = [room_image(), room_image(x=0.03, yaw=0.05)]
-    used = VisualOdometry().rows_used(HEIGHT)
-    assert used < HEIGHT
+    used = VisualOdometry().rows_used(ROOM_HEIGHT)
+    assert used < ROOM_HEIGHT
     upper = [image[:used] for image in images]
     assert drive(VisualOdometry(camera=camera), upper) == drive(
         VisualOdometry(camera=camera), images
@@ -149,7 +149,7 @@ def test_rows_that_nobody_looks_at_may_be_missing_where_the_camera_says_its_size
 
 
 def test_images_without_contrast_say_so_and_give_no_nan() -> None:
-    blank = np.full((HEIGHT, WIDTH), 77, np.uint8)
+    blank = np.full((ROOM_HEIGHT, ROOM_WIDTH), 77, np.uint8)
     for images in ([blank, blank], [room_image(), blank], [blank, room_image()]):
         seen = drive(VisualOdometry(), images)[0]
         assert (seen.v, seen.w, seen.why) == (0.0, 0.0, "an image without contrast")

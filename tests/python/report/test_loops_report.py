@@ -19,7 +19,7 @@ from fusionslam.report import write_report
 from fusionslam.report.loops.outcomes import outcome, telling_pairs
 from fusionslam.report.page.figures import widest_axes
 from fusionslam.sensors.frame import Cloud
-from html_pages import Page
+from pages import Page
 
 
 def two_laps(count: int) -> NDArray[np.float64]:

@@ -25,9 +25,8 @@ from fusionslam.report.maps.tables import (
     reason_table,
     refused_table,
 )
-from html_pages import Page
-from little_maps import little_run
-from reported_maps import CORNERS, HALL, alone, drifting_run, nodeless, wrong_run
+from maps import CORNERS, HALL, alone, drifting_run, little_run, nodeless, wrong_run
+from pages import Page
 
 image = pytest.importorskip("PIL.Image")
 pytest.importorskip("matplotlib")

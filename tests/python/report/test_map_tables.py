@@ -16,8 +16,7 @@ from fusionslam.report.maps.config_table import config_table
 from fusionslam.report.maps.sections import what_happened
 from fusionslam.report.maps.tables import error_table, joins_table, loop_table, refusals
 from fusionslam.report.maps.times import busy_ms, cost_table, draw_step_times
-from little_maps import little_run
-from reported_maps import CORNERS, alone, drifting_run, wrong_run
+from maps import CORNERS, alone, drifting_run, little_run, wrong_run
 
 pytest.importorskip("matplotlib")
 

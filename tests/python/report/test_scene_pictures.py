@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bag_maker import drive as bag_drive
-from bag_maker import write_bag
-from command_line import fails, last_line, succeeds
+from bags import drive as bag_drive
+from bags import write_bag
+from cli import fails, last_line, succeeds
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views import SceneConfig, SceneSet, SimilarityConfig, scene_similarity
 from fusionslam.views.alignment_comparison import AlignmentConfig
 from fusionslam.views.clusters import ClusteredScan, clustered, object_similarities
-from object_places import NOTHING, drive, place, write_recording
+from scenes import NOTHING, drive, place, write_recording
 
 pytest.importorskip("matplotlib")
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from doc_snippets import DOCS, snippets
 from fusionslam.evaluation import baselines, judge_views
-from judged_drives import scans_above_floor
+from pages import DOCS, snippets
+from recordings import scans_above_floor
 
 PAGE = "stages/evaluation/views"
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from command_line import last_line, succeeds
+from cli import last_line, succeeds
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.evaluation import ViewJudge, ViewRun, baselines, every_kth, sweep_views
 from fusionslam.report import (
@@ -27,7 +27,7 @@ from fusionslam.report.views.plots import path_pieces
 from fusionslam.report.views.previews import counterparts, load_previews, shown_rows
 from fusionslam.report.views.thumbnails import HEIGHT, cloud_preview, image_preview, scale_of
 from fusionslam.sensors.frame import Cloud
-from html_pages import Page
+from pages import Page
 
 image = pytest.importorskip("PIL.Image")
 

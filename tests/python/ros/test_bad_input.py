@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bag_maker import OPTICAL, extrinsics, picture, static, translation
-from bag_maker import scan as good_scan
+from bags import OPTICAL, extrinsics, picture, static, translation
+from bags import scan as good_scan
 from fusionslam.ros.environment import has_ros
 from fusionslam.ros.runtime.diagnostics import reported
 from fusionslam.sensors.messages import FrameTransforms
-from robot_drives import IMAGES, INFOS, SCANS, Sent, only, replaced, sent, spoiled, without
-from ros_desk import Desk
-from ros_world import lacking
+from robots import IMAGES, INFOS, SCANS, Sent, only, replaced, sent, spoiled, without
+from ros_master import lacking
+from ros_node import Desk
 
 if lacking:  # the cases themselves are made of messages
     pytest.skip(lacking, allow_module_level=True)

@@ -16,8 +16,8 @@ import pytest
 
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.messages import Picture, Scan
-from ros_desk import Desk, colored_cloud
-from ros_world import needs_ros
+from ros_master import needs_ros
+from ros_node import Desk, colored_cloud
 
 pytestmark = needs_ros
 

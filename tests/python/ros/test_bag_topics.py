@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bag_maker import drive, write_bag
+from bags import drive, write_bag
 from fusionslam.errors import DataError
 from fusionslam.ros.launch.files import guess_bag_topics
 

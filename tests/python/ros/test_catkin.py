@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from ros_world import RosWorld, needs_ros, wait_until
+from ros_master import RosWorld, needs_ros, wait_until
 
 pytestmark = [
     needs_ros,

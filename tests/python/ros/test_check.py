@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bag_maker import changed, drive, without, write_bag
-from command_line import fails
+from bags import changed, drive, without, write_bag
+from cli import fails
 from fusionslam.datasets.bags import messages as conversions
 from fusionslam.sensors.messages import Event
-from ros_world import RosWorld, needs_ros, wait_until
+from ros_master import RosWorld, needs_ros, wait_until
 
 pytestmark = needs_ros
 

@@ -8,21 +8,22 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import pytest
 
-from bag_maker import (
+from bags import (
+    INFOS,
     SECOND,
     START,
     changed,
     drive,
     picture,
     static,
+    stereo_drive,
     translation,
     without,
 )
-from checked_robot import TOPICS, checked, faults, said
+from bags import TOPICS as TOPICS_OF_PAIR
 from fusionslam.errors import ConfigError
 from fusionslam.sensors.messages import Event, FrameTransform, FrameTransforms
-from stereo_maker import INFOS, stereo_drive
-from stereo_maker import TOPICS as TOPICS_OF_PAIR
+from robots import TOPICS, checked, faults, said
 
 ELSEWHERE = {**TOPICS, "left": "/camera/rgb/image_raw", "camera_info": "/camera/rgb/camera_info"}
 

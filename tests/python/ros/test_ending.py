@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from benchmarks.ros.world import ROOT
-from ros_world import RosWorld, needs_ros, wait_until
+from ros_master import RosWorld, needs_ros, wait_until
 
 pytestmark = needs_ros
 

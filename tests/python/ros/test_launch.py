@@ -16,7 +16,7 @@ import yaml
 from fusionslam.ratslam import OnlineRatSlam
 from fusionslam.ros.launch.files import launch_environment, package_folder
 from fusionslam.ros.nodes import NODES, node_class
-from ros_world import PlayedBag, RosWorld, needs_ros, wait_until
+from ros_master import PlayedBag, RosWorld, needs_ros, wait_until
 
 pytestmark = needs_ros
 

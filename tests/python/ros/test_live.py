@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from command_line import succeeds
+from cli import succeeds
 from fusionslam.datasets.bags import open_bag
 from fusionslam.datasets.bags.messages import stamp_of, value_of
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.se2 import wrapped
 from fusionslam.ratslam.map_export import measured_ways
 from fusionslam.sensors.messages import Scan
-from ros_world import PlayedBag, RosWorld, needs_ros
+from ros_master import PlayedBag, RosWorld, needs_ros
 
 pytestmark = needs_ros
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 import benchmarks.ros.world as world_of_ros
-from bag_maker import drive, write_bag
+from bags import drive, write_bag
 from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.sensors.messages import Scan
-from ros_world import Listener, RosWorld, needs_ros, wait_until
+from ros_master import Listener, RosWorld, needs_ros, wait_until
 
 pytestmark = needs_ros
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.ratslam import OnlineRatSlam
-from ros_world import PlayedBag, RosWorld, needs_ros
+from ros_master import PlayedBag, RosWorld, needs_ros
 
 pytestmark = needs_ros
 

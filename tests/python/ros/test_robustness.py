@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bag_maker import SECOND, START
+from bags import SECOND, START
 from fusionslam.datasets.bags.messages import stamp_of, value_of
 from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY
 from fusionslam.sensors.messages import FrameTransforms, Odometry, Picture, Scan
-from robot_drives import IMAGES, INFOS, SCANS, Sent, only, sent, spoiled, without
-from ros_desk import Desk
-from ros_world import needs_ros
+from robots import IMAGES, INFOS, SCANS, Sent, only, sent, spoiled, without
+from ros_master import needs_ros
+from ros_node import Desk
 
 pytestmark = needs_ros
 

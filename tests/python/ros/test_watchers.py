@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from command_line import succeeds
+from cli import succeeds
 from fusionslam import LoopDetector
 from fusionslam.datasets.bags.messages import stamp_of, value_of
 from fusionslam.evaluation.views.judge import judge_views
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.messages import Scan
 from fusionslam.views.scene_set import SceneSet
-from ros_world import PlayedBag, RosWorld, needs_ros
+from ros_master import PlayedBag, RosWorld, needs_ros
 
 pytestmark = needs_ros
 

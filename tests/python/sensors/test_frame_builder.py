@@ -12,22 +12,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import fusionslam
-from arriving_messages import (
-    BASE_FROM_LIDAR,
-    CAMERA_MATRIX,
-    OPTICAL,
-    S,
-    check,
-    drive,
-    info,
-    ns,
-    odom_from_base,
-    picture,
-    pixel,
-    run,
-    scan,
-    true_pixel,
-)
 from fusionslam.datasets.bags import open_bag
 from fusionslam.errors import DataError
 from fusionslam.sensors.camera_info import camera_from, rectified
@@ -47,6 +31,22 @@ from fusionslam.sensors.messages import (
     Picture,
 )
 from fusionslam.sensors.synchronizer import CLOCK_JUMP, SyncConfig
+from messages import (
+    BASE_FROM_LIDAR,
+    CAMERA_MATRIX,
+    OPTICAL,
+    S,
+    check,
+    drive,
+    info,
+    ns,
+    odom_from_base,
+    picture,
+    pixel,
+    run,
+    scan,
+    true_pixel,
+)
 
 
 def test_points_fall_where_the_camera_saw_them_though_the_robot_turned_in_between() -> None:

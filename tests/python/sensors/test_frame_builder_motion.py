@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arriving_messages import (
+from fusionslam.sensors.frame_builder import FrameBuilder, OnlineConfig
+from fusionslam.sensors.messages import FrameTransform, FrameTransforms, Message, Odometry
+from messages import (
     BASE_FROM_LIDAR,
     S,
     drive,
@@ -18,8 +20,6 @@ from arriving_messages import (
     run,
     true_pixel,
 )
-from fusionslam.sensors.frame_builder import FrameBuilder, OnlineConfig
-from fusionslam.sensors.messages import FrameTransform, FrameTransforms, Message, Odometry
 
 
 def truth(t: float, frame: str = "world") -> Odometry:

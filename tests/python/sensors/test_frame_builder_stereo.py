@@ -10,13 +10,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bag_maker import OPTICAL, SECOND, START, write_bag
+from bags import (
+    INFOS,
+    OPTICAL,
+    SECOND,
+    START,
+    TOPICS,
+    WALL_M,
+    rectified_from_points,
+    stereo_drive,
+    write_bag,
+)
 from fusionslam import Frame, FrameBuilder, FusionConfig, OnlineConfig, fuse, open_dataset
 from fusionslam.errors import ConfigError
 from fusionslam.sensors.frame_builder import BAD_CALIBRATION, NO_CAMERA_INFO
 from fusionslam.sensors.messages import CameraInfo, Event, FrameTransforms, Odometry, Picture, Scan
 from fusionslam.sensors.synchronizer import NO_IMAGE, SyncConfig
-from stereo_maker import INFOS, TOPICS, WALL_M, rectified_from_points, stereo_drive
 
 STEREO = FusionConfig(source="stereo")
 PAIR = ("left", "right")

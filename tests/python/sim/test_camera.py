@@ -9,7 +9,6 @@ from scipy import optimize
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
-from box_worlds import EVEN, PLAIN, block, hall
 from fusionslam.sim.camera import (
     CameraMount,
     camera_info,
@@ -23,6 +22,7 @@ from fusionslam.sim.camera import (
 )
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.world import scene_of
+from worlds import EVEN, PLAIN, block, hall
 
 LEVEL = {"position_m": (0.0, 0.0, 0.0), "tilt_deg": (0.0, 0.0, 0.0), "noise": 0.0}
 LENS = (-0.28, 0.07, 0.0008, -0.0005, -0.01)

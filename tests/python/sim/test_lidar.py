@@ -12,11 +12,11 @@ from pydantic import ValidationError
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
 from benchmarks.accuracy.recordings import SHAPES, range_errors, rays_apart
-from box_worlds import hall
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sim.lidar import LidarMount, Sweep, column_seconds, lidar_rays, point_fields, scan
 from fusionslam.sim.robot import base_from, robot_named
 from fusionslam.sim.scene import RayCaster
+from worlds import hall
 
 CALM = {"noise_m": 0.0, "dropout": 0.0, "grazing_dropout": 0.0, "far_dropout": 0.0}
 

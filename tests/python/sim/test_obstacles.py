@@ -7,12 +7,12 @@ import pytest
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
-from box_worlds import block, hall, straight
 from fusionslam.errors import DataError
 from fusionslam.sim.lidar import LidarMount, lidar_rays, scan
 from fusionslam.sim.motion.occupancy import OccupancyMap, occupancy_of
 from fusionslam.sim.obstacles import Crowd, Obstacle, ObstacleConfig, plan_obstacles
 from fusionslam.sim.scene import RayCaster
+from worlds import block, hall, straight
 
 THREE = ObstacleConfig(number=3)
 

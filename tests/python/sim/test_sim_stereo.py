@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 pytest.importorskip("embreex", reason="the simulator is an extra")
 pytest.importorskip("rosbags", reason="bags are an extra")
 
-from command_line import succeeds
+from cli import succeeds
 from fusionslam import Cloud, Frame, FusionConfig, fuse
 from fusionslam.config import merged
 from fusionslam.datasets import open_dataset, open_writer

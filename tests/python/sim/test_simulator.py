@@ -10,7 +10,6 @@ import pytest
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
-from box_worlds import bare_robot, block, floor, hall, straight
 from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import Trajectory
@@ -18,6 +17,7 @@ from fusionslam.sensors.messages import CameraInfo, Event, FrameTransforms, Odom
 from fusionslam.sim.robot import RobotConfig, base_from, base_from_camera, robot_named
 from fusionslam.sim.simulator import SimulationConfig, event_count, simulate
 from fusionslam.sim.world import World
+from worlds import bare_robot, block, floor, hall, straight
 
 SECOND = 1_000_000_000
 SMALL = {"width": 32, "height": 24, "view_rad": 1.0, "rate_hz": 15.0}
@@ -231,8 +231,8 @@ def test_parts_without_names_are_object_zero() -> None:
 
 
 def test_a_world_without_walls_can_be_driven() -> None:
-    from box_worlds import EVEN, PLAIN
     from fusionslam.sim.world import scene_of
+    from worlds import EVEN, PLAIN
 
     scene = scene_of([floor(), block("post", (3, 3, 0), (3.2, 3.2, 1))], [PLAIN], EVEN)
     open_world = World(name="field", visual=scene, collision=scene)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cast_rooms import AHEAD, AROUND, BEHIND, Pose, room, scan, seen_from
 from fusionslam import ConfigError, DataError
 from fusionslam.config import merged
 from fusionslam.sensors.frame import Cloud
@@ -25,6 +24,7 @@ from fusionslam.views import (
 )
 from fusionslam.views.match import NO_VIEW
 from fusionslam.views.recognisers import PROBABILITY
+from worlds import AHEAD, AROUND, BEHIND, Pose, room, scan, seen_from
 
 SECTORS = {"ahead": AHEAD, "behind": BEHIND, "around": AROUND}
 NEAR_M, NEAR_RAD = 0.03, np.radians(0.6)

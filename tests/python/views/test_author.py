@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from described_clouds import MADE, load_made
+from clouds import MADE, load_made
 from fusionslam.views import SimilarityConfig, build_scene, dbscan, scene_similarity
 
 STORED: dict[str, Any] = json.loads((MADE / "views_author.json").read_text(encoding="utf-8"))

@@ -19,7 +19,7 @@ from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.object_comparison import ObjectComparison
 from fusionslam.views.recognisers import ViewMatcherConfig, scene_config, similarity_config
 from fusionslam.views.scenes import build_scene
-from object_places import LAPS, NOTHING, drive, place
+from scenes import LAPS, NOTHING, drive, place
 
 SCENES = {"method": "objects"}
 DESCRIPTOR = {"method": "cm2dp", "max_distance": 0.24}

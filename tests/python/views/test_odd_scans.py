@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from command_line import fails
+from cli import fails
 from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views import Scene, ViewMatcher, ViewMatcherConfig, build_scene
 from fusionslam.views.match import NO_VIEW
-from object_places import LAPS, drive, place
+from scenes import LAPS, drive, place
 
 COUNT = 400
 

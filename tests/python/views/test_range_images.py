@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cast_rooms import AROUND, room, scan
 from fusionslam import ConfigError, DataError, ShapeError
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views import RangeImage, Scene, SceneConfig, build_scene
+from worlds import AROUND, room, scan
 
 POSE = (0.4, -0.2, 0.9)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import fails, succeeds
+from cli import fails, succeeds
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError
@@ -19,8 +19,8 @@ from fusionslam.ros.nodes.view_config import ViewsConfig
 from fusionslam.views.descriptor_comparison import DescriptorComparison
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import RECOGNISERS, RENAMED, Recogniser, ViewMatcherConfig
-from object_places import place
-from recorded_drives import write_drive
+from recordings import write_drive
+from scenes import place
 
 
 class HeightComparison(DescriptorComparison):

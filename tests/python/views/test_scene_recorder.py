@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from command_line import succeeds
+from cli import succeeds
 from fusionslam import open_dataset
 from fusionslam.datasets.range_recording import RangeRecording
 from fusionslam.errors import ClockError, ConfigError, DataError, ShapeError
@@ -22,7 +22,7 @@ from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.scene_recorder import SceneRecorder
 from fusionslam.views.scene_set import SceneSet
 from fusionslam.views.scenes import Scene, SceneConfig, build_scene
-from object_places import LAPS, NOTHING, drive, place, write_recording
+from scenes import LAPS, NOTHING, drive, place, write_recording
 
 S = 1_000_000_000
 ARRAYS = ("stamps_ns", "numbers", "empty", "poses")

@@ -21,7 +21,7 @@ from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scene_set import CloudArray, SceneSet, is_scene_set, packed, unpacked
 from fusionslam.views.scenes import SceneConfig, build_scene
-from object_places import LAPS, NOTHING, drive, place
+from scenes import LAPS, NOTHING, drive, place
 
 
 def same(a: SceneSet, b: SceneSet) -> bool:

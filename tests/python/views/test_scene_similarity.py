@@ -12,7 +12,7 @@ import pytest
 
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.views import Scene, SceneIndex, SimilarityConfig, scene_similarity
-from object_scenes import NOTHING, many_scenes, random_scene
+from scenes import EMPTY_SCENE, many_scenes, random_scene
 
 PRESETS = ("robust", "paper", "author")
 
@@ -26,7 +26,7 @@ def author(test_data: Path) -> Any:
 
 def described(description: list[dict[str, Any]]) -> Scene:
     """The author's description of a scene: its colours are 0xRRGGBB."""
-    objects = np.zeros(len(description), NOTHING.objects.dtype)
+    objects = np.zeros(len(description), EMPTY_SCENE.objects.dtype)
     for row, entry in zip(objects, description, strict=True):
         row["center"], row["points"] = entry["center"], entry["cluster_size"]
         row["volume"], row["area"] = entry["volume"], entry["area"]
@@ -83,12 +83,12 @@ def test_an_empty_scene_is_like_an_empty_one_only() -> None:
     scene = random_scene(np.random.default_rng(0), 3)
     for preset in PRESETS:
         index = SceneIndex(preset=preset)
-        index.add(NOTHING)
+        index.add(EMPTY_SCENE)
         index.add(scene)
-        assert index.similarities(NOTHING).tolist() == [1, 0]
+        assert index.similarities(EMPTY_SCENE).tolist() == [1, 0]
         assert index.similarities(scene)[0] == 0
-        assert scene_similarity(NOTHING, NOTHING, preset=preset) == 1
-        assert scene_similarity(scene, NOTHING, preset=preset) == 0
+        assert scene_similarity(EMPTY_SCENE, EMPTY_SCENE, preset=preset) == 1
+        assert scene_similarity(scene, EMPTY_SCENE, preset=preset) == 0
 
 
 def test_replaced_and_removed_scenes_are_gone() -> None:
@@ -108,7 +108,7 @@ def test_scenes_that_are_not_stored_cannot_be_replaced_or_removed(number: int) -
     index = SceneIndex()
     for scene in many_scenes(2, 3):
         index.add(scene)
-    for change in (lambda: index.remove(number), lambda: index.replace(number, NOTHING)):
+    for change in (lambda: index.remove(number), lambda: index.replace(number, EMPTY_SCENE)):
         with pytest.raises(ConfigError, match=f"scene {number} is not stored"):
             change()
 
@@ -163,7 +163,7 @@ def test_the_same_shift_weighs_less_far_away_than_near() -> None:
 def test_weights_that_are_all_0_are_refused() -> None:
     config = SimilarityConfig(color_weight=0, distance_weight=0, extent_weight=0)
     for use in (
-        lambda: scene_similarity(NOTHING, NOTHING, config=config),
+        lambda: scene_similarity(EMPTY_SCENE, EMPTY_SCENE, config=config),
         lambda: SceneIndex(config),
     ):
         with pytest.raises(ConfigError, match=r"color_weight.*are all 0"):
@@ -190,7 +190,7 @@ def test_objects_of_impossible_colour_are_refused() -> None:
     objects["color"][1] = [0, 300, 0]
     scene, index = Scene(objects), SceneIndex()
     for use in (
-        lambda: scene_similarity(scene, NOTHING),
+        lambda: scene_similarity(scene, EMPTY_SCENE),
         lambda: index.add(scene),
         lambda: index.similarities(scene),
     ):
@@ -202,4 +202,4 @@ def test_objects_that_are_not_finite_make_no_scene() -> None:
     objects = random_scene(np.random.default_rng(7), 2).objects.copy()
     objects["center"][0] = np.nan
     with pytest.raises(DataError, match="center"):
-        scene_similarity(Scene(objects), NOTHING)
+        scene_similarity(Scene(objects), EMPTY_SCENE)

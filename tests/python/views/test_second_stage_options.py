@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from command_line import succeeds
+from cli import succeeds
 from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.pipelines.views import run_views, sweep_thresholds
@@ -20,7 +20,7 @@ from fusionslam.views.recognisers import ViewMatcherConfig, scene_config, simila
 from fusionslam.views.second_stage import SecondStage
 from fusionslam.views.second_stage.network_files import SHIPPED
 from fusionslam.views.two_stage_comparison import TwoStageComparison
-from object_places import LAPS, NOTHING, drive, place
+from scenes import LAPS, NOTHING, drive, place
 
 pytest.importorskip("onnxruntime")
 ALL_ALIKE: dict[str, Any] = {"method": "objects", "threshold": 0.0}

@@ -21,8 +21,7 @@ from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scenes import build_scene, scene_from_arrays, scene_to_arrays
 from fusionslam.views.serialization import FORMAT, view_from_bytes, view_to_bytes
-from object_places import LAPS, NOTHING, drive, place
-from second_stages import MeanColor, two_stages
+from scenes import LAPS, NOTHING, MeanColor, drive, place, two_stages
 
 LINE = Cloud(np.arange(90, dtype=np.float32).reshape(-1, 3) * [1, 0, 0], np.zeros((30, 3), "u1"))
 KINDS: dict[str, dict[str, Any]] = {

@@ -9,8 +9,7 @@ import pytest
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.scenes import build_scene
-from object_places import NOTHING, place
-from second_stages import MeanColor, painted, two_stages
+from scenes import NOTHING, MeanColor, painted, place, two_stages
 
 
 def test_a_second_stage_turns_matches_into_rejections_only() -> None:

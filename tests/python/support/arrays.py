@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Calls into the core that the tests of arrays share, each with valid arguments."""
+"""Arrays, calls into the core and indexes that tests share."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import fusionslam
+from fusionslam import DescriptorIndex
 
 RNG = np.random.default_rng(0)
 POINTS = RNG.uniform([-20, -5, 0], [30, 6, 4], (400, 3)).astype(np.float32)
@@ -51,3 +52,14 @@ MATRIX_CALLS: dict[str, Call] = {
         np.full((48, 64), 4, np.float32), IMAGE, matrix, RIGHT_PROJECTION
     ),
 }
+
+
+SECOND = 1_000_000_000
+
+
+def filled(count: int = 20, dimension: int = 7) -> DescriptorIndex:
+    rng = np.random.default_rng(3)
+    index = DescriptorIndex(dimension, window=2, window_seconds=1.5)
+    for number in range(count):
+        index.add(rng.normal(size=dimension).astype(np.float32), stamp_ns=number * SECOND)
+    return index

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Small recordings in each layout, written for tests."""
+"""Data sets in the layouts of KITTI and plain folders."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +13,46 @@ from fusionslam.datasets import (
 )
 from fusionslam.sensors.frame import Cloud
 
+CALIB = (
+    "P0: 30 0 32 0 0 30 24 0 0 0 1 0\nP1: 30 0 32 -15 0 30 24 0 0 0 1 0\n"
+    "P2: 30 0 32 0 0 30 24 0 0 0 1 0\nP3: 30 0 32 -15 0 30 24 0 0 0 1 0\n"
+    "Tr: 0 -1 0 0 0 0 -1 0 1 0 0 0\n"
+)
+
+
+def write_sequence(
+    base: Path, places: Sequence[int], counts: Sequence[int], *, metres: float, width: int
+) -> Path:
+    """Sequence 03 below a folder: coloured stereo pairs and scans, equal at equal places.
+
+    Args:
+        places: of each frame; place n lies n * metres along z.
+        counts: points of each scan.
+        width: of the images in pixels; the height is 48.
+    """
+    root = base / "sequences" / "03"
+    for folder in ("velodyne", "image_2", "image_3"):
+        (root / folder).mkdir(parents=True)
+    for number, (place, count) in enumerate(zip(places, counts, strict=True)):
+        rng = np.random.default_rng(place)
+        points = rng.uniform([2, -9, -1.7], [30, 6, 4], (count, 3)) * [1, 1 + place / 9, 1]
+        scan = np.c_[points, rng.uniform(size=count)].astype(np.float32)
+        scan.tofile(root / f"velodyne/{number:06d}.bin")
+        wide = rng.integers(0, 256, (48, width + 16, 3), dtype=np.uint8)
+        Image.fromarray(wide[:, :width]).save(root / f"image_2/{number:06d}.png")
+        Image.fromarray(wide[:, 6 : width + 6]).save(root / f"image_3/{number:06d}.png")
+    (root / "calib.txt").write_text(CALIB)
+    (root / "times.txt").write_text("".join(f"{0.1 * n:e}\n" for n in range(len(places))))
+    (base / "poses").mkdir()
+    lines = [f"1 0 0 0 0 1 0 0 0 0 1 {metres * place}\n" for place in places]
+    (base / "poses" / "03.txt").write_text("".join(lines))
+    return root
+
+
 P2 = "700 0 2 45 0 700 1.5 0.1 0 0 1 0.003"
 P3 = "700 0 2 -330 0 700 1.5 0.1 0 0 1 0.003"
 TR = "0 -1 0 0.1 0 0 -1 0.2 1 0 0 0.3"
-CALIB = f"P0: {P2}\nP1: {P3}\nP2: {P2}\nP3: {P3}\nTr: {TR}\n"
+ODOMETRY_CALIB = f"P0: {P2}\nP1: {P3}\nP2: {P2}\nP3: {P3}\nTr: {TR}\n"
 POSE_LINE = "1 0 0 {} 0 1 0 0 0 0 1 0\n"
 RNG = np.random.default_rng(7)
 POINTS = RNG.normal(size=(20, 3)).astype(np.float32)
@@ -44,7 +80,7 @@ def odometry(root: Path, numbers: Iterable[int] = range(6)) -> Path:
         put_scan(sequence / f"velodyne/{number:06d}.bin")
         put_image(sequence / f"image_2/{number:06d}.png")
         put_image(sequence / f"image_3/{number:06d}.png")
-    put_text(sequence / "calib.txt", CALIB)
+    put_text(sequence / "calib.txt", ODOMETRY_CALIB)
     put_text(sequence / "times.txt", "".join(f"{0.1 * n:e}\n" for n in range(6)))
     put_text(root / "poses" / "03.txt", "".join(POSE_LINE.format(n) for n in range(6)))
     return sequence

@@ -1,10 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a robot's messages are to ``fusionslam ros check``, without a ROS."""
+"""Robots as ROS shows them: topics, transforms, and drives in bags."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
+from bags import SECOND, drive
 from fusionslam.datasets.bags.messages import plain_type, ros_type
 from fusionslam.datasets.bags.reader import Topic
 from fusionslam.ros.check.master import Graph
@@ -24,7 +26,7 @@ TOPICS = {
     "odometry": "/odom",
     "truth": "/truth",
 }
-"""Those of ``bag_maker.drive``."""
+"""The topics of ``bags.drive``."""
 
 
 def checked(
@@ -89,3 +91,48 @@ def said(check: Check, what: str) -> str:
 def faults(check: Check) -> list[str]:
     """What is a fault."""
     return [each.what for each in check.findings if not each.fine and not each.optional]
+
+
+NODE_TOPICS = {
+    "/tf_static": "/tf_static",
+    "/odom": "odom",
+    "/points": "velodyne_points",
+    "/camera/image": "camera/rgb/image_raw",
+    "/camera/camera_info": "camera/rgb/camera_info",
+}
+SCANS, IMAGES = NODE_TOPICS["/points"], NODE_TOPICS["/camera/image"]
+INFOS = NODE_TOPICS["/camera/camera_info"]
+Sent = list[tuple[str, Any]]
+"""Topics and values of ``fusionslam.sensors.messages``, or ROS messages, in order."""
+
+
+def sent(seconds: float = 4.0, later: float = 0.0) -> Sent:
+    """A drive, ``later`` seconds after the usual one: a scan each half second."""
+    return [(NODE_TOPICS[e.topic], moved(e.message, round(later * SECOND))) for e in drive(seconds)]
+
+
+def moved(value: Any, by_ns: int) -> Any:
+    """A value, that much later."""
+    if isinstance(value, FrameTransforms):
+        return value
+    return dataclasses.replace(value, stamp_ns=value.stamp_ns + by_ns)
+
+
+def spoiled(messages: Sent, topic: str, how: Callable[[Any], Any]) -> Sent:
+    """All messages of a topic changed."""
+    return [(name, how(value) if name == topic else value) for name, value in messages]
+
+
+def replaced(messages: Sent, topic: str, **changes: Any) -> Sent:
+    """All messages of a topic with other values."""
+    return spoiled(messages, topic, lambda value: dataclasses.replace(value, **changes))
+
+
+def without(messages: Sent, *topics: str) -> Sent:
+    """As if nobody published them."""
+    return [(name, value) for name, value in messages if name not in topics]
+
+
+def only(messages: Iterable[tuple[str, Any]], topic: str) -> list[Any]:
+    """The values of one topic."""
+    return [value for name, value in messages if name == topic]

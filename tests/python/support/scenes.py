@@ -1,15 +1,56 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Clouds of places with a few boxes each, seen on several visits, and drives through them."""
+"""Scenes of random objects, recordings of places that hold them, and second stages."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.config import merged
 from fusionslam.sensors.frame import Cloud
+from fusionslam.views import Scene, build_scene
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scene_set import CloudArray, SceneSet
+from fusionslam.views.two_stage_comparison import TwoStageComparison
+
+EMPTY_SCENE = build_scene(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
+Objects = NDArray[Any]
+
+
+def random_scene(random: np.random.Generator, count: int) -> Scene:
+    """Objects of any kind within 8 m in front of the robot."""
+    objects = np.zeros(count, EMPTY_SCENE.objects.dtype)
+    objects["center"] = random.uniform([0, -3, 0], [8, 3, 2], (count, 3))
+    objects["volume"] = random.uniform(0, 1, count) ** 3
+    objects["area"] = random.uniform(0.1, 3, count)
+    objects["color"] = random.uniform(0, 255, (count, 3))
+    objects["extents"] = np.sort(random.uniform(0, 2, (count, 3)))[:, ::-1]
+    objects["points"] = random.integers(10, 500, count)
+    return Scene(objects)
+
+
+def seen_again(scene: Scene, random: np.random.Generator) -> Scene:
+    """The scene, a little different."""
+    objects = scene.objects.copy()
+    objects["center"] += random.normal(0, 0.2, objects["center"].shape)
+    objects["color"] = np.clip(objects["color"] + random.normal(0, 3, (len(objects), 3)), 0, 255)
+    objects["volume"] += random.uniform(0, 0.03, len(objects))
+    return Scene(objects)
+
+
+def many_scenes(count: int, most: int, *, seed: int = 0) -> list[Scene]:
+    """Scenes of up to so many objects, every other one the one before seen again."""
+    random = np.random.default_rng(seed)
+    scenes: list[Scene] = []
+    while len(scenes) < count:
+        scenes.append(random_scene(random, int(random.integers(most + 1))))
+        scenes.append(seen_again(scenes[-1], random))
+    return scenes[:count]
+
 
 NOTHING = Cloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
 POINTS = 80
@@ -79,3 +120,39 @@ def write_recording(path: Path, places: Sequence[int], poses: bool = True) -> ND
         arrays["poses"] = seen.true_poses()
     np.savez(path, **arrays)
     return np.asarray(rays * millimetres[:, None] / 1000 + origin, np.float32)
+
+
+Row = NDArray[np.float32]
+
+
+class MeanColor:
+    """Agrees where the mean colours are near; counts how often it is asked."""
+
+    digest = "mean color"
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def features(self, cloud: Cloud) -> Row:
+        assert cloud.colors is not None
+        return np.asarray(cloud.colors.mean(axis=0), np.float32)
+
+    def probability(self, current: Row, stored: Row) -> float:
+        self.asked += 1
+        return float(np.abs(current - stored).max() < 8)
+
+
+def painted(number: int, visit: int, shade: int) -> Cloud:
+    """A place whose objects look alike to the first stage but for their colour."""
+    cloud = place(number, visit)
+    return Cloud(cloud.points, np.full_like(cloud.points, shade, dtype=np.uint8))
+
+
+SHAPE_ONLY: dict[str, Any] = {"method": "objects", "similarity": {"color_weight": 0.0}}
+
+
+def two_stages(second: MeanColor, **more: Any) -> ViewMatcher:
+    config = merged(ViewMatcherConfig(), {**SHAPE_ONLY, "threshold": 0.75})
+    first = ViewMatcher(config).comparison
+    both = TwoStageComparison(first, second, **{"threshold": 0.5, "start": 0.75, **more})
+    return ViewMatcher(config, comparison=both)
