@@ -237,14 +237,20 @@ auto without_gil(Work&& work) {
   return work();
 }
 
-void bind_alignment(py::module_& module);
 void bind_descriptors(py::module_& module);
-void bind_experience_map(py::module_& module);
 void bind_fusion(py::module_& module);
 void bind_matching(py::module_& module);
-void bind_pose_cells(py::module_& module);
-void bind_similarity(py::module_& module);
-void bind_views(py::module_& module);
+void bind_ratslam_experience_map(py::module_& module);
+void bind_ratslam_pose_cells(py::module_& module);
+void bind_views_alignment(py::module_& module);
+void bind_views_range_image(py::module_& module);
+void bind_views_scene(py::module_& module);
+void bind_views_similarity(py::module_& module);
+
+/// The part of a scene's JSON that is its range image (views_range_image.cpp).
+py::dict image_to_dict(const RangeImage& image);
+/// Throws DataError for another dictionary.
+RangeImage image_from_dict(const py::dict& entry);
 
 }  // namespace fusionslam::bindings
 

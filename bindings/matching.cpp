@@ -4,12 +4,12 @@
 #include <filesystem>
 
 #include "common.hpp"
-#include "shared.hpp"
+#include "shared_index.hpp"
 
 namespace fusionslam::bindings {
 namespace {
 
-using SharedIndex = Shared<DescriptorIndex>;
+using SharedDescriptors = SharedIndex<DescriptorIndex>;
 using MatchTuple = py::typing::Tuple<py::array_t<std::int64_t>, py::array_t<float>>;
 
 ExclusionWindow window_of(py::ssize_t frames, double seconds) {
@@ -45,8 +45,8 @@ MatchTuple to_tuple(MatchTable&& table) {
 
 void bind_matching(py::module_& module) {
   using namespace py::literals;
-  py::class_<SharedIndex>(module, "DescriptorIndex",
-                          R"(Exact, causal L2 nearest neighbours over added descriptors.
+  py::class_<SharedDescriptors>(module, "DescriptorIndex",
+                                R"(Exact, causal L2 nearest neighbours over added descriptors.
 
 A query is answered as if it were the next descriptor to be added, number len(index): candidates
 are older by more than window frames and by more than window_seconds.
@@ -55,13 +55,13 @@ Equal distances go to the lowest index.)")
              if (dimension < 1)
                throw ConfigError("dimension is " + std::to_string(dimension) +
                                  ", expected at least 1");
-             return std::make_unique<SharedIndex>(DescriptorIndex(
+             return std::make_unique<SharedDescriptors>(DescriptorIndex(
                  static_cast<std::size_t>(dimension), window_of(window, window_seconds)));
            }),
            "dimension"_a, py::kw_only(), "window"_a = 0, "window_seconds"_a = 0.0)
       .def(
           "add",
-          [](SharedIndex& self, const DescriptorArg& descriptor,
+          [](SharedDescriptors& self, const DescriptorArg& descriptor,
              std::optional<std::int64_t> stamp_ns) {
             const auto values = descriptor.values();
             return self.write([&](DescriptorIndex& index) { return index.add(values, stamp_ns); });
@@ -71,7 +71,7 @@ Equal distances go to the lowest index.)")
           "stamp_ns.")
       .def(
           "query",
-          [](const SharedIndex& self, const DescriptorArg& descriptor, py::ssize_t k,
+          [](const SharedDescriptors& self, const DescriptorArg& descriptor, py::ssize_t k,
              std::optional<std::int64_t> stamp_ns) {
             const std::size_t count = count_of(k);
             const auto values = descriptor.values();
@@ -90,21 +90,21 @@ Raises:
     is missing.)")
       .def(
           "save",
-          [](const SharedIndex& self, const std::filesystem::path& path) {
+          [](const SharedDescriptors& self, const std::filesystem::path& path) {
             self.read([&](const DescriptorIndex& index) { index.save(path.string()); });
           },
           "path"_a, "Writes one file, whole or not at all. Raises DataError naming the path.")
       .def_static(
           "load",
           [](const std::filesystem::path& path) {
-            return std::make_unique<SharedIndex>(
+            return std::make_unique<SharedDescriptors>(
                 without_gil([&] { return DescriptorIndex::load(path.string()); }));
           },
           "path"_a,
           "Reads it again. Raises DataError if it is no index, of another version, or cut.")
       .def(
           "descriptor",
-          [](const SharedIndex& self, std::size_t i) {
+          [](const SharedDescriptors& self, std::size_t i) {
             return to_numpy(self.read([&](const DescriptorIndex& index) {
               const auto values = index.descriptor(i);
               return std::vector<float>(values.begin(), values.end());
@@ -112,20 +112,20 @@ Raises:
           },
           "index"_a, "A copy of one descriptor, float32 (D,).")
       .def("__len__",
-           [](const SharedIndex& self) {
+           [](const SharedDescriptors& self) {
              return self.read([](const DescriptorIndex& index) { return index.size(); });
            })
       .def_property_readonly(
           "dimension",
-          [](const SharedIndex& self) {
+          [](const SharedDescriptors& self) {
             return self.read([](const DescriptorIndex& index) { return index.dimension(); });
           })
       .def_property_readonly(
           "window",
-          [](const SharedIndex& self) {
+          [](const SharedDescriptors& self) {
             return self.read([](const DescriptorIndex& index) { return index.window().frames; });
           })
-      .def_property_readonly("window_seconds", [](const SharedIndex& self) {
+      .def_property_readonly("window_seconds", [](const SharedDescriptors& self) {
         return self.read([](const DescriptorIndex& index) {
           return static_cast<double>(index.window().nanoseconds) * 1e-9;
         });

@@ -46,11 +46,12 @@ Raises:
   bind_fusion(module);
   bind_descriptors(module);
   bind_matching(module);
-  bind_views(module);
-  bind_similarity(module);
-  bind_alignment(module);
-  bind_pose_cells(module);
-  bind_experience_map(module);
+  bind_views_range_image(module);
+  bind_views_scene(module);
+  bind_views_similarity(module);
+  bind_views_alignment(module);
+  bind_ratslam_pose_cells(module);
+  bind_ratslam_experience_map(module);
 }
 
 }  // namespace fusionslam::bindings

@@ -4,12 +4,11 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
 #include <vector>
-
-#include "fusionslam/row_chunks.hpp"
 
 namespace fusionslam {
 
@@ -32,6 +31,11 @@ class DescriptorIndex {
  public:
   /// Throws ConfigError if dimension is 0 or the window is negative.
   explicit DescriptorIndex(std::size_t dimension, ExclusionWindow window = {});
+  ~DescriptorIndex();
+  DescriptorIndex(const DescriptorIndex& other);
+  DescriptorIndex& operator=(const DescriptorIndex& other);
+  DescriptorIndex(DescriptorIndex&&) noexcept;
+  DescriptorIndex& operator=(DescriptorIndex&&) noexcept;
 
   /// Returns the index given to the descriptor. Throws ShapeError or DataError (NaN, infinity, or
   /// so long that distances might exceed the largest float), and ConfigError if the window needs a
@@ -51,17 +55,19 @@ class DescriptorIndex {
   static DescriptorIndex load(const std::string& path);
 
   std::size_t size() const { return stamps_ns_.size(); }
-  std::size_t dimension() const { return rows_.dimension(); }
+  std::size_t dimension() const;
   ExclusionWindow window() const { return window_; }
   /// Stays where it is while descriptors are added.
   std::span<const float> descriptor(std::size_t i) const;
 
  private:
+  struct Rows;
+
   void check_stamp(std::optional<std::int64_t> stamp_ns) const;
   bool is_old_enough(std::size_t i, std::optional<std::int64_t> stamp_ns) const;
 
   ExclusionWindow window_;
-  detail::RowChunks rows_;
+  std::unique_ptr<Rows> rows_;
   std::vector<std::int64_t> stamps_ns_;
 };
 

@@ -7,7 +7,7 @@
 
 #include "distance_kernel.hpp"
 #include "fusionslam/matching.hpp"
-#include "fusionslam/row_chunks.hpp"
+#include "row_chunks.hpp"
 
 namespace fusionslam::detail {
 

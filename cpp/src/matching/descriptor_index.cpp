@@ -5,7 +5,7 @@
 
 #include "direct_search.hpp"
 #include "fusionslam/errors.hpp"
-#include "fusionslam/matching.hpp"
+#include "row_chunks.hpp"
 
 namespace fusionslam {
 namespace {
@@ -25,9 +25,22 @@ std::size_t checked_dimension(std::size_t dimension) {
 }  // namespace
 
 DescriptorIndex::DescriptorIndex(std::size_t dimension, ExclusionWindow window)
-    : window_(window), rows_(checked_dimension(dimension)) {
+    : window_(window), rows_(std::make_unique<Rows>(checked_dimension(dimension))) {
   if (window.nanoseconds < 0) throw ConfigError("window in seconds is negative, expected >= 0");
 }
+
+DescriptorIndex::~DescriptorIndex() = default;
+DescriptorIndex::DescriptorIndex(const DescriptorIndex& other)
+    : window_(other.window_),
+      rows_(std::make_unique<Rows>(*other.rows_)),
+      stamps_ns_(other.stamps_ns_) {}
+DescriptorIndex& DescriptorIndex::operator=(const DescriptorIndex& other) {
+  return *this = DescriptorIndex(other);
+}
+DescriptorIndex::DescriptorIndex(DescriptorIndex&&) noexcept = default;
+DescriptorIndex& DescriptorIndex::operator=(DescriptorIndex&&) noexcept = default;
+
+std::size_t DescriptorIndex::dimension() const { return rows_->dimension(); }
 
 std::int64_t DescriptorIndex::add(std::span<const float> descriptor,
                                   std::optional<std::int64_t> stamp_ns) {
@@ -35,7 +48,7 @@ std::int64_t DescriptorIndex::add(std::span<const float> descriptor,
   check_stamp(stamp_ns);
   stamps_ns_.push_back(stamp_ns.value_or(0));
   try {
-    rows_.append(descriptor);
+    rows_->append(descriptor);
   } catch (...) {
     stamps_ns_.pop_back();
     throw;
@@ -49,11 +62,11 @@ std::vector<Match> DescriptorIndex::query(std::span<const float> descriptor, std
   if (k == 0) throw ConfigError("k is 0, expected at least 1");
   check_stamp(stamp_ns);
   detail::DirectSearch search(
-      descriptor, k, [&](std::size_t i) { return rows_.row(i).data(); }, simd_level());
+      descriptor, k, [&](std::size_t i) { return rows_->row(i).data(); }, simd_level());
   // The last window_.frames are no candidates in any case.
   const std::size_t end = size() - std::min(size(), window_.frames);
-  for (std::size_t begin = 0; begin < end; begin += rows_.chunk_rows())
-    search.scan(begin, std::min(begin + rows_.chunk_rows(), end),
+  for (std::size_t begin = 0; begin < end; begin += rows_->chunk_rows())
+    search.scan(begin, std::min(begin + rows_->chunk_rows(), end),
                 [&](std::size_t i) { return is_old_enough(i, stamp_ns); });
   return search.matches();
 }
@@ -61,7 +74,7 @@ std::vector<Match> DescriptorIndex::query(std::span<const float> descriptor, std
 std::span<const float> DescriptorIndex::descriptor(std::size_t i) const {
   if (i >= size())
     throw ShapeError("descriptor " + std::to_string(i) + " of " + std::to_string(size()));
-  return rows_.row(i);
+  return rows_->row(i);
 }
 
 void DescriptorIndex::check_stamp(std::optional<std::int64_t> stamp_ns) const {

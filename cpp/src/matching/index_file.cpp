@@ -15,7 +15,7 @@
 
 #include "../detail/interrupt.hpp"
 #include "fusionslam/errors.hpp"
-#include "fusionslam/matching.hpp"
+#include "row_chunks.hpp"
 
 namespace fusionslam {
 namespace {
@@ -168,7 +168,7 @@ void DescriptorIndex::save(const std::string& path) const {
   Writer writer(path);
   writer.write(std::span<const Header>(&header, 1));
   writer.write(std::span<const std::int64_t>(stamps_ns_));
-  for (std::size_t i = 0; i < rows_.chunk_count(); ++i) writer.write(rows_.chunk(i));
+  for (std::size_t i = 0; i < rows_->chunk_count(); ++i) writer.write(rows_->chunk(i));
   writer.finish();
 }
 
@@ -188,7 +188,7 @@ DescriptorIndex DescriptorIndex::load(const std::string& path) {
   index.stamps_ns_.resize(header.count);
   reader.read(std::span(index.stamps_ns_));
   for (std::size_t left = header.count; left > 0;) {
-    const std::span<float> rows = index.rows_.append_rows(left);
+    const std::span<float> rows = index.rows_->append_rows(left);
     reader.read(rows);
     left -= rows.size() / header.dimension;
   }

@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-#include "fusionslam/row_chunks.hpp"
+#include "row_chunks.hpp"
 
 #include <new>
 

@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-#include "fusionslam/experience_map.hpp"
+#include "fusionslam/ratslam/experience_map.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -194,7 +194,7 @@ Pending claimed_loop(const MapArrays& map, const MapAction& action) {
 using namespace detail;
 
 ExperienceMap::ExperienceMap(const ExperienceMapConfig& config)
-    : map_(std::make_unique<MapArrays>()) {
+    : map_(std::make_unique<Storage>()) {
   validate(config);
   map_->config = config;
   map_->facing = config.initial_heading;

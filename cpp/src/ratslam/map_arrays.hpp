@@ -8,7 +8,7 @@
 #include <numbers>
 #include <vector>
 
-#include "fusionslam/experience_map.hpp"
+#include "fusionslam/ratslam/experience_map.hpp"
 
 namespace fusionslam::detail {
 
@@ -147,3 +147,9 @@ inline Pose2 link_error(const MapArrays& map, const Link& link) {
 }
 
 }  // namespace fusionslam::detail
+
+namespace fusionslam {
+
+struct ExperienceMap::Storage : detail::MapArrays {};
+
+}  // namespace fusionslam

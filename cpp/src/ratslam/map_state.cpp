@@ -113,7 +113,7 @@ MapState ExperienceMap::state() const {
 void ExperienceMap::restore(const MapState& state) {
   check_sizes(state);
   check_values(state);
-  auto map = std::make_unique<MapArrays>();
+  auto map = std::make_unique<Storage>();
   map->config = map_->config;
   for (std::size_t i = 0; i < state.nodes.size(); i += 3) {
     map->nodes.push_back(taken_pose(&state.nodes[i]));

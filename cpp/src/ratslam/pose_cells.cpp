@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-#include "fusionslam/pose_cells.hpp"
+#include "fusionslam/ratslam/pose_cells.hpp"
 
 #include <algorithm>
 #include <array>

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "fusionslam/view_alignment.hpp"
+#include "fusionslam/views/alignment.hpp"
 #include "prepared_view.hpp"
 
 namespace fusionslam::detail {

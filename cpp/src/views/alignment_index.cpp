@@ -41,8 +41,10 @@ std::vector<Candidate> candidates_of(const AlignedScenes& scenes, const Thumbnai
 }  // namespace
 }  // namespace detail
 
+struct AlignmentIndex::Storage : detail::AlignedScenes {};
+
 AlignmentIndex::AlignmentIndex(const AlignmentConfig& config)
-    : scenes_(std::make_unique<detail::AlignedScenes>()) {
+    : scenes_(std::make_unique<Storage>()) {
   validate(config);
   scenes_->config = config;
 }

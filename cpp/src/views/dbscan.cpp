@@ -8,7 +8,7 @@
 #include "../detail/checks.hpp"
 #include "../detail/interrupt.hpp"
 #include "dbscan_groups.hpp"
-#include "fusionslam/views.hpp"
+#include "fusionslam/views/scene.hpp"
 
 namespace fusionslam {
 namespace {

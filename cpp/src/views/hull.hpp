@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "fusionslam/views.hpp"
+#include "fusionslam/views/scene.hpp"
 
 namespace fusionslam::detail {
 

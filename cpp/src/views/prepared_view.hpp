@@ -9,7 +9,7 @@
 #include <numbers>
 #include <vector>
 
-#include "fusionslam/range_image.hpp"
+#include "fusionslam/views/range_image.hpp"
 
 namespace fusionslam::detail {
 

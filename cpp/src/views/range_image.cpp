@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-#include "fusionslam/range_image.hpp"
+#include "fusionslam/views/range_image.hpp"
 
 #include <algorithm>
 #include <cmath>

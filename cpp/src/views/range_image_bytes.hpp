@@ -3,7 +3,7 @@
 #pragma once
 
 #include "bit_stream.hpp"
-#include "fusionslam/range_image.hpp"
+#include "fusionslam/views/range_image.hpp"
 
 namespace fusionslam::detail {
 

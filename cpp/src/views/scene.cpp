@@ -1,12 +1,13 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
+#include "fusionslam/views/scene.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <string>
 
 #include "../detail/checks.hpp"
 #include "../detail/interrupt.hpp"
-#include "fusionslam/views.hpp"
 #include "hull.hpp"
 
 namespace fusionslam {

@@ -11,7 +11,7 @@
 
 #include "bit_stream.hpp"
 #include "fusionslam/errors.hpp"
-#include "fusionslam/views.hpp"
+#include "fusionslam/views/scene.hpp"
 #include "range_image_bytes.hpp"
 
 namespace fusionslam {

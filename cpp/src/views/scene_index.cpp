@@ -68,8 +68,12 @@ void StoredScenes::remove(std::size_t scene) {
 
 }  // namespace detail
 
+struct SceneIndex::Storage : StoredScenes {
+  using StoredScenes::StoredScenes;
+};
+
 SceneIndex::SceneIndex(const SimilarityConfig& config)
-    : scenes_(std::make_unique<StoredScenes>(config)) {}
+    : scenes_(std::make_unique<Storage>(config)) {}
 
 SceneIndex::~SceneIndex() = default;
 SceneIndex::SceneIndex(SceneIndex&&) noexcept = default;

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "fusionslam/simd.hpp"
-#include "fusionslam/view_similarity.hpp"
+#include "fusionslam/views/similarity.hpp"
 #include "similarity.hpp"
 
 namespace fusionslam::detail {

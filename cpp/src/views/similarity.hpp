@@ -5,7 +5,7 @@
 #include <array>
 #include <vector>
 
-#include "fusionslam/view_similarity.hpp"
+#include "fusionslam/views/similarity.hpp"
 
 namespace fusionslam::detail {
 

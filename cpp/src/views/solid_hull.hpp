@@ -5,7 +5,7 @@
 #include <Eigen/Core>
 #include <optional>
 
-#include "fusionslam/views.hpp"
+#include "fusionslam/views/scene.hpp"
 
 namespace fusionslam::detail {
 

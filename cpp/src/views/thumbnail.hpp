@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "fusionslam/range_image.hpp"
+#include "fusionslam/views/range_image.hpp"
 
 namespace fusionslam::detail {
 

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "fusionslam/errors.hpp"
-#include "fusionslam/view_similarity.hpp"
+#include "fusionslam/views/similarity.hpp"
 #include "levels.hpp"
 #include "refused.hpp"
 #include "views/scene_index.hpp"

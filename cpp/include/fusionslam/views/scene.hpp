@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "fusionslam/config.hpp"
-#include "fusionslam/range_image.hpp"
 #include "fusionslam/sensors.hpp"
+#include "fusionslam/views/range_image.hpp"
 
 namespace fusionslam {
 

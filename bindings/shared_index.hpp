@@ -15,9 +15,9 @@ namespace fusionslam::bindings {
 /// Ctrl-C ends long reads. Python's signal handlers run inside them, on the thread that holds the
 /// lock: what such a handler reads of the same index needs no lock, and it cannot write.
 template <class Index>
-class Shared {
+class SharedIndex {
  public:
-  explicit Shared(Index index) : index_(std::move(index)) {}
+  explicit SharedIndex(Index index) : index_(std::move(index)) {}
 
   /// Calls work(index) without the GIL, while nobody writes.
   template <class Work>
@@ -56,12 +56,12 @@ class Shared {
  private:
   /// While it lives, this thread reads an index; they form a list, the innermost first.
   struct Reading {
-    explicit Reading(const Shared* read) : index(read), outer(readings_) { readings_ = this; }
+    explicit Reading(const SharedIndex* read) : index(read), outer(readings_) { readings_ = this; }
     Reading(const Reading&) = delete;
     Reading& operator=(const Reading&) = delete;
     ~Reading() { readings_ = outer; }
 
-    const Shared* index;
+    const SharedIndex* index;
     const Reading* outer;
   };
 

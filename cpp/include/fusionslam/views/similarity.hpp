@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "fusionslam/config.hpp"
-#include "fusionslam/views.hpp"
+#include "fusionslam/views/scene.hpp"
 
 namespace fusionslam {
 
@@ -107,10 +107,6 @@ double object_similarity(const SceneObject& a, const SceneObject& b,
 double scene_similarity(const Scene& current, const Scene& stored,
                         const SimilarityConfig& config = {});
 
-namespace detail {
-struct StoredScenes;
-}
-
 /// Many stored scenes, compared with one in a single call. Numbered from 0 in the order in which
 /// they were added.
 class SceneIndex {
@@ -138,7 +134,8 @@ class SceneIndex {
   std::vector<double> similarities(const Scene& current, int threads = 1) const;
 
  private:
-  std::unique_ptr<detail::StoredScenes> scenes_;
+  struct Storage;
+  std::unique_ptr<Storage> scenes_;
 };
 
 }  // namespace fusionslam

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "fusionslam/errors.hpp"
-#include "fusionslam/pose_cells.hpp"
+#include "fusionslam/ratslam/pose_cells.hpp"
 #include "levels.hpp"
 #include "ratslam/sheet_kernel.hpp"
 #include "refused.hpp"

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "fusionslam/errors.hpp"
-#include "fusionslam/view_alignment.hpp"
+#include "fusionslam/views/alignment.hpp"
 #include "refused.hpp"
 #include "views/alignment.hpp"
 

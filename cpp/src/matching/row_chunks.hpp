@@ -8,6 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "fusionslam/matching.hpp"
+
 namespace fusionslam::detail {
 
 /// Memory that starts at a cache line, so that wide loads do not straddle two; large blocks ask
@@ -77,3 +79,11 @@ class RowChunks {
 };
 
 }  // namespace fusionslam::detail
+
+namespace fusionslam {
+
+struct DescriptorIndex::Rows : detail::RowChunks {
+  using RowChunks::RowChunks;
+};
+
+}  // namespace fusionslam

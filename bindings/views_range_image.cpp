@@ -1,25 +1,26 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
 // Range images for Python and for JSON.
-#pragma once
-
 #include <tuple>
 #include <utility>
 
 #include "common.hpp"
 
 namespace fusionslam::bindings {
+namespace {
 
 using ReducedImage =
     py::typing::Tuple<py::type, py::typing::Tuple<py::array, float, float, py::object>>;
 
-inline RangeImage checked_image(RangeImage&& image) {
+RangeImage checked_image(RangeImage&& image) {
   if (image.cells.empty()) return {};
   check_range_image(image);
   return std::move(image);
 }
 
-inline py::dict image_to_dict(const RangeImage& image) {
+}  // namespace
+
+py::dict image_to_dict(const RangeImage& image) {
   using namespace py::literals;
   py::list cells;
   for (const RangeImage::Cell& cell : image.cells)
@@ -29,7 +30,7 @@ inline py::dict image_to_dict(const RangeImage& image) {
                   "sensor"_a = image.sensor, "cells"_a = cells);
 }
 
-inline RangeImage image_from_dict(const py::dict& entry) {
+RangeImage image_from_dict(const py::dict& entry) {
   RangeImage image;
   try {
     image.azimuth_step = entry["azimuth_step"].cast<float>();
@@ -50,7 +51,7 @@ inline RangeImage image_from_dict(const py::dict& entry) {
   return checked_image(std::move(image));
 }
 
-inline void bind_range_image(py::module_& module) {
+void bind_views_range_image(py::module_& module) {
   using namespace py::literals;
   using Cell = RangeImage::Cell;
   PYBIND11_NUMPY_DTYPE(Cell, column, row, range, color);

@@ -2,12 +2,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "common.hpp"
 #include "configuration.hpp"
-#include "shared.hpp"
+#include "shared_index.hpp"
 
 namespace fusionslam::bindings {
 namespace {
 
-using SharedScenes = Shared<AlignmentIndex>;
+using SharedScenes = SharedIndex<AlignmentIndex>;
 
 py::typing::Dict<py::str, py::float_> evidence_of(const Alignment& alignment) {
   py::typing::Dict<py::str, py::float_> evidence;
@@ -111,7 +111,7 @@ Returns:
 
 }  // namespace
 
-void bind_alignment(py::module_& module) {
+void bind_views_alignment(py::module_& module) {
   bind_config<AlignmentConfig>(module, "AlignmentConfig", "How scenes are aligned.")
       .def(py::init(
           [](const Options& options) { return with_options(AlignmentConfig{}, options); }));

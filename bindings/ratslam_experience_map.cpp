@@ -1,12 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
 #include "configuration.hpp"
-#include "shared.hpp"
+#include "shared_index.hpp"
 
 namespace fusionslam::bindings {
 namespace {
 
-using SharedMap = Shared<ExperienceMap>;
+using SharedMap = SharedIndex<ExperienceMap>;
 using PoseTuple = py::typing::Tuple<double, double, double>;
 using CheckTuple = py::typing::Tuple<bool, double, double, double, double, py::str>;
 using RelaxationTuple = py::typing::Tuple<double, double, double, std::int64_t, std::int64_t, bool>;
@@ -163,7 +163,7 @@ void bind_values(py::class_<SharedMap>& bound) {
 
 }  // namespace
 
-void bind_experience_map(py::module_& module) {
+void bind_ratslam_experience_map(py::module_& module) {
   using namespace py::literals;
   PYBIND11_NUMPY_DTYPE(MapLink, source, target, distance, heading, facing, duration, sd_m, sd_rad);
   bind_config<ExperienceMapConfig>(module, "ExperienceMapConfig", "How the map is corrected.")

@@ -4,12 +4,12 @@
 
 #include "common.hpp"
 #include "configuration.hpp"
-#include "shared.hpp"
+#include "shared_index.hpp"
 
 namespace fusionslam::bindings {
 namespace {
 
-using SharedScenes = Shared<SceneIndex>;
+using SharedScenes = SharedIndex<SceneIndex>;
 using OptionalConfig = std::optional<SimilarityConfig>;
 
 SimilarityConfig chosen(const OptionalConfig& config, const std::string& preset) {
@@ -141,7 +141,7 @@ Raises:
 
 }  // namespace
 
-void bind_similarity(py::module_& module) {
+void bind_views_similarity(py::module_& module) {
   bind_config<SimilarityConfig>(module, "SimilarityConfig", "How scenes are compared.")
       .def(py::init([](const std::string& preset, const Options& options) {
              return with_options(similarity_preset(preset), options);

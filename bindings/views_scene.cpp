@@ -7,7 +7,6 @@
 
 #include "common.hpp"
 #include "configuration.hpp"
-#include "range_image.hpp"
 
 namespace fusionslam::bindings {
 namespace {
@@ -157,7 +156,6 @@ Scene from_bytes(const py::bytes& bytes) {
 void bind_scene(py::module_& module) {
   using namespace py::literals;
   PYBIND11_NUMPY_DTYPE(SceneObject, center, volume, area, color, extents, box_min, box_max, points);
-  bind_range_image(module);
   py::class_<Scene>(module, "Scene", R"(The objects of a cloud (Stastny 2022, 4.5).
 
 Scenes are values: they do not change, and are equal if all their objects are.)")
@@ -227,7 +225,7 @@ LabelArray labels_of(const PointsArg& points, const std::optional<ColorsArg>& co
 
 }  // namespace
 
-void bind_views(py::module_& module) {
+void bind_views_scene(py::module_& module) {
   using namespace py::literals;
   const DbscanConfig standard;
   module.def(

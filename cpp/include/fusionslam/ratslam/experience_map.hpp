@@ -88,12 +88,13 @@ struct ExperienceMapConfig {
 /// What pose cells tell the map to do.
 enum class MapActionKind : int { none = 0, create_node = 1, create_edge = 2 };
 
-/// See python/fusionslam/ratslam/actions.py.
+/// A change of the map: a new node, or an edge to a known one. `source` is the node that the robot
+/// was at (0 before the first one), `target` the one that it is at now.
 struct MapAction {
   MapActionKind kind = MapActionKind::none;
   std::int64_t source = 0;
   std::int64_t target = 0;
-  double relative_rotation = 0;  ///< rad
+  double relative_rotation = 0;  ///< rad, of the robot against the target
   double relative_x = 0;         ///< m, the robot in the frame of the target
   double relative_y = 0;         ///< m
 };
@@ -154,10 +155,6 @@ struct MapState {
                                pending_values = 12;
 };
 
-namespace detail {
-struct MapArrays;
-}
-
 /// The graph of places that a robot has been to (Milford & Wyeth 2004; Ball et al. 2013).
 class ExperienceMap {
  public:
@@ -195,7 +192,8 @@ class ExperienceMap {
   void restore(const MapState& state);
 
  private:
-  std::unique_ptr<detail::MapArrays> map_;
+  struct Storage;
+  std::unique_ptr<Storage> map_;
 };
 
 }  // namespace fusionslam

@@ -1,12 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
 #include "common.hpp"
-#include "shared.hpp"
+#include "shared_index.hpp"
 
 namespace fusionslam::bindings {
 namespace {
 
-using SharedSheet = Shared<PoseSheet>;
+using SharedSheet = SharedIndex<PoseSheet>;
 
 void bind_sheet(py::module_& module) {
   using namespace py::literals;
@@ -91,6 +91,6 @@ equally large ones.)");
 
 }  // namespace
 
-void bind_pose_cells(py::module_& module) { bind_sheet(module); }
+void bind_ratslam_pose_cells(py::module_& module) { bind_sheet(module); }
 
 }  // namespace fusionslam::bindings

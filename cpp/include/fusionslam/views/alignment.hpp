@@ -10,7 +10,7 @@
 #include <string_view>
 #include <vector>
 
-#include "fusionslam/views.hpp"
+#include "fusionslam/views/scene.hpp"
 
 namespace fusionslam {
 
@@ -82,10 +82,6 @@ struct AlignedScene {
   Alignment alignment;
 };
 
-namespace detail {
-struct AlignedScenes;
-}
-
 /// Many stored scenes, of which those that look like the current one are aligned with it. Numbered
 /// from 0 in the order in which they were added.
 class AlignmentIndex {
@@ -110,7 +106,8 @@ class AlignmentIndex {
   std::vector<AlignedScene> query(const Scene& current, int threads = 1) const;
 
  private:
-  std::unique_ptr<detail::AlignedScenes> scenes_;
+  struct Storage;
+  std::unique_ptr<Storage> scenes_;
 };
 
 }  // namespace fusionslam
