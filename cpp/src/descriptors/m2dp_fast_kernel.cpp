@@ -118,30 +118,6 @@ FUSIONSLAM_INLINE void count(const FastBlock& block, const FastPlane* planes,
   add<Row>(counters, votes);
 }
 
-namespace baseline {
-
-void shape(const FastBlock& block, const FastPlane* planes, std::uint16_t* votes) {
-  count<fast_shape_row>(block, planes, votes);
-}
-void color(const FastBlock& block, const FastPlane* planes, std::uint16_t* votes) {
-  count<fast_color_row>(block, planes, votes);
-}
-
-}  // namespace baseline
-
-namespace avx2 {
-
-FUSIONSLAM_AVX2 void shape(const FastBlock& block, const FastPlane* planes, std::uint16_t* votes) {
-  count<fast_shape_row>(block, planes, votes);
-}
-FUSIONSLAM_AVX2 void color(const FastBlock& block, const FastPlane* planes, std::uint16_t* votes) {
-  count<fast_color_row>(block, planes, votes);
-}
-
-}  // namespace avx2
-
-namespace avx512 {
-
 #if defined(__x86_64__)
 
 /// Each power of two of the squared radius holds at most one ring edge: the exponent gives the
@@ -213,8 +189,9 @@ FUSIONSLAM_AVX512 FUSIONSLAM_INLINE void place(__m512 x, __m512 y, __m512 z, con
 }
 
 template <int Row>
-FUSIONSLAM_AVX512 FUSIONSLAM_INLINE void count_wide(const FastBlock& block, const FastPlane* planes,
-                                                    std::uint16_t* votes) {
+FUSIONSLAM_AVX512 FUSIONSLAM_INLINE void count_avx512(const FastBlock& block,
+                                                      const FastPlane* planes,
+                                                      std::uint16_t* votes) {
   alignas(64) Counters<Row> counters = {};
   alignas(64) Codes<std::uint8_t> codes;
   for (std::size_t i = 0; i < block.size; i += lanes) {
@@ -227,25 +204,21 @@ FUSIONSLAM_AVX512 FUSIONSLAM_INLINE void count_wide(const FastBlock& block, cons
   add<Row>(counters, votes);
 }
 
-FUSIONSLAM_AVX512 void shape(const FastBlock& block, const FastPlane* planes,
-                             std::uint16_t* votes) {
-  count_wide<fast_shape_row>(block, planes, votes);
-}
-FUSIONSLAM_AVX512 void color(const FastBlock& block, const FastPlane* planes,
-                             std::uint16_t* votes) {
-  count_wide<fast_color_row>(block, planes, votes);
-}
-
 #else
-using baseline::color, baseline::shape;
+template <int Row>
+constexpr auto* count_avx512 = count<Row>;
 #endif
 
-}  // namespace avx512
+template <int Row>
+auto* count_for(SimdLevel level) {
+  using Portable = Levels<count<Row>>;
+  return choose(level, Portable::baseline, Portable::avx2, Levels<count_avx512<Row>>::avx512);
+}
+
 }  // namespace
 
 FastKernel fast_kernel(SimdLevel level) {
-  return {choose(level, baseline::shape, avx2::shape, avx512::shape),
-          choose(level, baseline::color, avx2::color, avx512::color)};
+  return {count_for<fast_shape_row>(level), count_for<fast_color_row>(level)};
 }
 
 int fast_sector_code(int sector) {

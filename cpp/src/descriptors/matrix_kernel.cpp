@@ -69,91 +69,13 @@ FUSIONSLAM_INLINE void to_roots(const double* values, std::size_t size, float* _
   for (std::size_t i = 0; i < size; ++i) result[i] = __builtin_sqrtf(static_cast<float>(values[i]));
 }
 
-namespace baseline {
-void times(const float* a, int rows, int columns, const float* right, float* result) {
-  multiply(a, rows, columns, right, result);
-}
-void transposed_times(const float* a, int rows, int columns, const float* left, float* result) {
-  multiply_transposed(a, rows, columns, left, result);
-}
-void times(const float* a, int rows, int columns, const double* right, double* result) {
-  multiply(a, rows, columns, right, result);
-}
-void transposed_times(const float* a, int rows, int columns, const double* left, double* result) {
-  multiply_transposed(a, rows, columns, left, result);
-}
-void convert(const double* values, std::size_t size, float* result) {
-  to_float(values, size, result);
-}
-void square_roots(const double* values, std::size_t size, float* result) {
-  to_roots(values, size, result);
-}
-}  // namespace baseline
-
-namespace avx2 {
-FUSIONSLAM_AVX2 void times(const float* a, int rows, int columns, const float* right,
-                           float* result) {
-  multiply(a, rows, columns, right, result);
-}
-FUSIONSLAM_AVX2 void transposed_times(const float* a, int rows, int columns, const float* left,
-                                      float* result) {
-  multiply_transposed(a, rows, columns, left, result);
-}
-FUSIONSLAM_AVX2 void times(const float* a, int rows, int columns, const double* right,
-                           double* result) {
-  multiply(a, rows, columns, right, result);
-}
-FUSIONSLAM_AVX2 void transposed_times(const float* a, int rows, int columns, const double* left,
-                                      double* result) {
-  multiply_transposed(a, rows, columns, left, result);
-}
-FUSIONSLAM_AVX2 void convert(const double* values, std::size_t size, float* result) {
-  to_float(values, size, result);
-}
-FUSIONSLAM_AVX2 void square_roots(const double* values, std::size_t size, float* result) {
-  to_roots(values, size, result);
-}
-}  // namespace avx2
-
-namespace avx512 {
-FUSIONSLAM_AVX512 void times(const float* a, int rows, int columns, const float* right,
-                             float* result) {
-  multiply(a, rows, columns, right, result);
-}
-FUSIONSLAM_AVX512 void transposed_times(const float* a, int rows, int columns, const float* left,
-                                        float* result) {
-  multiply_transposed(a, rows, columns, left, result);
-}
-FUSIONSLAM_AVX512 void times(const float* a, int rows, int columns, const double* right,
-                             double* result) {
-  multiply(a, rows, columns, right, result);
-}
-FUSIONSLAM_AVX512 void transposed_times(const float* a, int rows, int columns, const double* left,
-                                        double* result) {
-  multiply_transposed(a, rows, columns, left, result);
-}
-FUSIONSLAM_AVX512 void convert(const double* values, std::size_t size, float* result) {
-  to_float(values, size, result);
-}
-FUSIONSLAM_AVX512 void square_roots(const double* values, std::size_t size, float* result) {
-  to_roots(values, size, result);
-}
-}  // namespace avx512
-
-template <class Scalar>
-MatrixProducts<Scalar> products(SimdLevel level) {
-  using Function = void(const float*, int, int, const Scalar*, Scalar*);
-  return {choose<Function>(level, baseline::times, avx2::times, avx512::times),
-          choose<Function>(level, baseline::transposed_times, avx2::transposed_times,
-                           avx512::transposed_times)};
-}
-
 }  // namespace
 
 MatrixKernel matrix_kernel(SimdLevel level) {
-  return {products<float>(level), products<double>(level),
-          choose(level, baseline::convert, avx2::convert, avx512::convert),
-          choose(level, baseline::square_roots, avx2::square_roots, avx512::square_roots)};
+  return {{compiled_for<multiply<float>>(level), compiled_for<multiply_transposed<float>>(level)},
+          {compiled_for<multiply<double>>(level), compiled_for<multiply_transposed<double>>(level)},
+          compiled_for<to_float>(level),
+          compiled_for<to_roots>(level)};
 }
 
 }  // namespace fusionslam::detail

@@ -118,60 +118,11 @@ FUSIONSLAM_INLINE void transform_points(RawPoints points, const KernelFrame& fra
   }
 }
 
-namespace baseline {
-
-void sum(RawPoints points, double* sums) { sum_points(points, sums); }
-void scatter(RawPoints points, const double* mean, double* sums) {
-  scatter_points(points, mean, sums);
-}
-double largest(RawPoints points, const KernelFrame& frame, double largest) {
-  return largest_of(points, frame, largest);
-}
-void transform(RawPoints points, const KernelFrame& frame, float* x, float* y, float* z) {
-  transform_points(points, frame, x, y, z);
-}
-
-}  // namespace baseline
-
-namespace avx2 {
-
-FUSIONSLAM_AVX2 void sum(RawPoints points, double* sums) { sum_points(points, sums); }
-FUSIONSLAM_AVX2 void scatter(RawPoints points, const double* mean, double* sums) {
-  scatter_points(points, mean, sums);
-}
-FUSIONSLAM_AVX2 double largest(RawPoints points, const KernelFrame& frame, double largest) {
-  return largest_of(points, frame, largest);
-}
-FUSIONSLAM_AVX2 void transform(RawPoints points, const KernelFrame& frame, float* x, float* y,
-                               float* z) {
-  transform_points(points, frame, x, y, z);
-}
-
-}  // namespace avx2
-
-namespace avx512 {
-
-FUSIONSLAM_AVX512 void sum(RawPoints points, double* sums) { sum_points(points, sums); }
-FUSIONSLAM_AVX512 void scatter(RawPoints points, const double* mean, double* sums) {
-  scatter_points(points, mean, sums);
-}
-FUSIONSLAM_AVX512 double largest(RawPoints points, const KernelFrame& frame, double largest) {
-  return largest_of(points, frame, largest);
-}
-FUSIONSLAM_AVX512 void transform(RawPoints points, const KernelFrame& frame, float* x, float* y,
-                                 float* z) {
-  transform_points(points, frame, x, y, z);
-}
-
-}  // namespace avx512
-
 }  // namespace
 
 MomentsKernel moments_kernel(SimdLevel level) {
-  return {choose(level, baseline::sum, avx2::sum, avx512::sum),
-          choose(level, baseline::scatter, avx2::scatter, avx512::scatter),
-          choose(level, baseline::largest, avx2::largest, avx512::largest),
-          choose(level, baseline::transform, avx2::transform, avx512::transform)};
+  return {compiled_for<sum_points>(level), compiled_for<scatter_points>(level),
+          compiled_for<largest_of>(level), compiled_for<transform_points>(level)};
 }
 
 }  // namespace fusionslam::detail

@@ -23,9 +23,9 @@ FUSIONSLAM_INLINE float gap(float low, float high, float from, float to) {
   return larger(larger(low - to, from - high), 0.0F);
 }
 
-FUSIONSLAM_INLINE std::size_t boxes_within_loop(const BoxGroup& group, const Box& box,
-                                                float squared_radius, std::uint32_t first,
-                                                std::uint32_t* found) {
+FUSIONSLAM_INLINE std::size_t boxes_within(const BoxGroup& group, const Box& box,
+                                           float squared_radius, std::uint32_t first,
+                                           std::uint32_t* found) {
   float squared[block_size];
   for (std::size_t i = 0; i < block_size; ++i) {
     const float x = gap(group.low[0][i], group.high[0][i], box.low[0], box.high[0]);
@@ -75,7 +75,7 @@ FUSIONSLAM_INLINE void rank_vectors(const float* values, std::size_t count, cons
 }
 
 template <class Vectors>
-FUSIONSLAM_INLINE std::size_t ranks_loop(float* values, std::size_t count, std::uint32_t* ranks) {
+FUSIONSLAM_INLINE std::size_t rank(float* values, std::size_t count, std::uint32_t* ranks) {
   constexpr std::size_t lanes = sizeof(typename Vectors::Floats) / sizeof(float);
   const std::size_t padded = (count + block_size - 1) / block_size * block_size;
   for (std::size_t i = count; i < padded; ++i) values[i] = -infinity;  // their ranks are 0
@@ -101,8 +101,8 @@ FUSIONSLAM_INLINE void lower_to_distance(const PointBlock& queries, float x, flo
   }
 }
 
-FUSIONSLAM_INLINE void nearest_loop(const PointBlock& queries, const PointBlock& other,
-                                    float* nearest) {
+FUSIONSLAM_INLINE void lower_nearest(const PointBlock& queries, const PointBlock& other,
+                                     float* nearest) {
   float lowest[block_size];
   for (std::size_t i = 0; i < block_size; ++i) lowest[i] = nearest[i];
   for (std::size_t j = 0; j < block_size; ++j)
@@ -110,7 +110,7 @@ FUSIONSLAM_INLINE void nearest_loop(const PointBlock& queries, const PointBlock&
   for (std::size_t i = 0; i < block_size; ++i) nearest[i] = lowest[i];
 }
 
-FUSIONSLAM_INLINE void nearest_in_block_loop(const PointBlock& block, float* nearest) {
+FUSIONSLAM_INLINE void lower_nearest_in_block(const PointBlock& block, float* nearest) {
   float lowest[block_size];
   for (std::size_t i = 0; i < block_size; ++i) lowest[i] = nearest[i];
   for (std::size_t j = 0; j < block_size; ++j) {
@@ -121,8 +121,7 @@ FUSIONSLAM_INLINE void nearest_in_block_loop(const PointBlock& block, float* nea
   for (std::size_t i = 0; i < block_size; ++i) nearest[i] = lowest[i];
 }
 
-FUSIONSLAM_INLINE bool any_nearer_loop(const PointBlock& queries, const Box& box,
-                                       const float* nearest) {
+FUSIONSLAM_INLINE bool any_nearer(const PointBlock& queries, const Box& box, const float* nearest) {
   int nearer = 0;
   for (std::size_t i = 0; i < block_size; ++i) {
     const float x = gap(box.low[0], box.high[0], queries.x[i], queries.x[i]);
@@ -224,46 +223,16 @@ constexpr auto points_within_avx512 = points_within_baseline;
 
 #endif
 
-// One copy of a loop for each level.
-#define FUSIONSLAM_LEVELS(result, name, parameters, arguments)                    \
-  result name##_baseline parameters { return name##_loop arguments; }             \
-  FUSIONSLAM_AVX2 result name##_avx2 parameters { return name##_loop arguments; } \
-  FUSIONSLAM_AVX512 result name##_avx512 parameters { return name##_loop arguments; }
-
-FUSIONSLAM_LEVELS(std::size_t, boxes_within,
-                  (const BoxGroup& group, const Box& box, float squared_radius, std::uint32_t first,
-                   std::uint32_t* found),
-                  (group, box, squared_radius, first, found))
-FUSIONSLAM_LEVELS(void, nearest,
-                  (const PointBlock& queries, const PointBlock& other, float* nearest),
-                  (queries, other, nearest))
-FUSIONSLAM_LEVELS(void, nearest_in_block, (const PointBlock& block, float* nearest),
-                  (block, nearest))
-FUSIONSLAM_LEVELS(bool, any_nearer,
-                  (const PointBlock& queries, const Box& box, const float* nearest),
-                  (queries, box, nearest))
-
-#undef FUSIONSLAM_LEVELS
-
-std::size_t ranks_baseline(float* values, std::size_t count, std::uint32_t* ranks) {
-  return ranks_loop<Vectors16>(values, count, ranks);
-}
-FUSIONSLAM_AVX2 std::size_t ranks_avx2(float* values, std::size_t count, std::uint32_t* ranks) {
-  return ranks_loop<Vectors32>(values, count, ranks);
-}
-FUSIONSLAM_AVX512 std::size_t ranks_avx512(float* values, std::size_t count, std::uint32_t* ranks) {
-  return ranks_loop<Vectors64>(values, count, ranks);
-}
-
 }  // namespace
 
 NeighborKernels neighbor_kernels(SimdLevel level) {
-  return {choose(level, boxes_within_baseline, boxes_within_avx2, boxes_within_avx512),
+  return {compiled_for<boxes_within>(level),
           choose(level, points_within_baseline, points_within_avx2, points_within_avx512),
-          choose(level, ranks_baseline, ranks_avx2, ranks_avx512),
-          choose(level, nearest_baseline, nearest_avx2, nearest_avx512),
-          choose(level, nearest_in_block_baseline, nearest_in_block_avx2, nearest_in_block_avx512),
-          choose(level, any_nearer_baseline, any_nearer_avx2, any_nearer_avx512)};
+          choose(level, Levels<rank<Vectors16>>::baseline, Levels<rank<Vectors32>>::avx2,
+                 Levels<rank<Vectors64>>::avx512),
+          compiled_for<lower_nearest>(level),
+          compiled_for<lower_nearest_in_block>(level),
+          compiled_for<any_nearer>(level)};
 }
 
 }  // namespace fusionslam::detail

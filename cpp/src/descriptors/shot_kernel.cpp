@@ -68,8 +68,8 @@ FUSIONSLAM_INLINE void scatter_chunk(const Offsets& offsets, std::size_t size,
   }
 }
 
-FUSIONSLAM_INLINE ShotScatter scatter_loop(const ShotSupport& support, std::size_t begin,
-                                           std::size_t end) {
+FUSIONSLAM_INLINE ShotScatter sum_scatter(const ShotSupport& support, std::size_t begin,
+                                          std::size_t end) {
   ShotScatter scatter{};
   Offsets offsets;
   for (; begin < end; begin += chunk) {
@@ -80,8 +80,9 @@ FUSIONSLAM_INLINE ShotScatter scatter_loop(const ShotSupport& support, std::size
   return scatter;
 }
 
-FUSIONSLAM_INLINE ShotSides sides_loop(const ShotSupport& support, std::size_t begin,
-                                       std::size_t end, const double* first, const double* second) {
+FUSIONSLAM_INLINE ShotSides count_sides(const ShotSupport& support, std::size_t begin,
+                                        std::size_t end, const double* first,
+                                        const double* second) {
   const double a[3] = {first[0], first[1], first[2]}, b[3] = {second[0], second[1], second[2]};
   ShotSides sides{0, 0};
   Offsets offsets;
@@ -242,7 +243,7 @@ FUSIONSLAM_INLINE void add(const Votes& votes, const Bins& bins, std::size_t siz
   }
 }
 
-FUSIONSLAM_INLINE void vote_loop(const ShotSupport& support, std::size_t begin, std::size_t end,
+FUSIONSLAM_INLINE void add_votes(const ShotSupport& support, std::size_t begin, std::size_t end,
                                  const ShotFrame& frame, double* histogram) {
   Offsets offsets;
   Votes votes;
@@ -267,32 +268,11 @@ FUSIONSLAM_INLINE void vote_loop(const ShotSupport& support, std::size_t begin, 
   }
 }
 
-#define FUSIONSLAM_LEVEL(target, suffix)                                                          \
-  target ShotScatter scatter_##suffix(const ShotSupport& support, std::size_t begin,              \
-                                      std::size_t end) {                                          \
-    return scatter_loop(support, begin, end);                                                     \
-  }                                                                                               \
-  target ShotSides sides_##suffix(const ShotSupport& support, std::size_t begin, std::size_t end, \
-                                  const double* first, const double* second) {                    \
-    return sides_loop(support, begin, end, first, second);                                        \
-  }                                                                                               \
-  target void vote_##suffix(const ShotSupport& support, std::size_t begin, std::size_t end,       \
-                            const ShotFrame& frame, double* histogram) {                          \
-    vote_loop(support, begin, end, frame, histogram);                                             \
-  }
-
-FUSIONSLAM_LEVEL(, baseline)
-FUSIONSLAM_LEVEL(FUSIONSLAM_AVX2, avx2)
-FUSIONSLAM_LEVEL(FUSIONSLAM_AVX512, avx512)
-
-#undef FUSIONSLAM_LEVEL
-
 }  // namespace
 
 ShotKernels shot_kernels(SimdLevel level) {
-  return {choose(level, scatter_baseline, scatter_avx2, scatter_avx512),
-          choose(level, sides_baseline, sides_avx2, sides_avx512),
-          choose(level, vote_baseline, vote_avx2, vote_avx512)};
+  return {compiled_for<sum_scatter>(level), compiled_for<count_sides>(level),
+          compiled_for<add_votes>(level)};
 }
 
 }  // namespace fusionslam::detail

@@ -60,20 +60,8 @@ FUSIONSLAM_INLINE int list_inside(RawPoints points, const Frustum& frustum, int*
   return count;
 }
 
-int baseline(RawPoints points, const Frustum& frustum, int* list, std::int32_t& largest) {
-  return list_inside(points, frustum, list, largest);
-}
-FUSIONSLAM_AVX2 int avx2(RawPoints points, const Frustum& frustum, int* list,
-                         std::int32_t& largest) {
-  return list_inside(points, frustum, list, largest);
-}
-FUSIONSLAM_AVX512 int avx512(RawPoints points, const Frustum& frustum, int* list,
-                             std::int32_t& largest) {
-  return list_inside(points, frustum, list, largest);
-}
-
 }  // namespace
 
-ListInside* frustum_kernel(SimdLevel level) { return choose(level, baseline, avx2, avx512); }
+ListInside* frustum_kernel(SimdLevel level) { return compiled_for<list_inside>(level); }
 
 }  // namespace fusionslam::detail

@@ -70,7 +70,7 @@ void pad(const double* layer, std::size_t n, std::size_t reach, double* padded) 
 struct Active {
   std::array<bool, layers_count> layers{};
 
-  Active(const double* cells, std::size_t area, const SheetKernels& kernels) {
+  Active(const double* cells, std::size_t area, const SheetKernels kernels) {
     for (std::size_t th = 0; th < layers_count; ++th)
       layers[th] = kernels.largest(cells + th * area, area) > 0;
   }
@@ -101,7 +101,7 @@ void blur_layer(const double* layer, std::size_t n, const Blurring& by, double* 
 
 /// The wrapped convolution of all cells, one axis after the other. `layers` has room for 2 reach
 /// further ones.
-void convolve(const double* cells, std::size_t n, const SheetKernels& kernels, const Blurring& by,
+void convolve(const double* cells, std::size_t n, const SheetKernels kernels, const Blurring& by,
               double* layers, double* padded, double* out) {
   const std::size_t area = n * n, before = by.reach * area;
   const Active active(cells, area, kernels);
@@ -132,7 +132,7 @@ void pad_moved(const double* layer, std::size_t n, std::size_t x, std::size_t y,
 }
 
 /// `padded` has room for (n + 1)^2 and n (n + 1) numbers.
-void move_layer(const double* layer, std::size_t n, Way x, Way y, const SheetKernels& kernels,
+void move_layer(const double* layer, std::size_t n, Way x, Way y, const SheetKernels kernels,
                 double* padded, double* out) {
   double* const rows = padded + (n + 1) * (n + 1);
   pad_moved(layer, n, x.whole, y.whole, padded);
@@ -208,7 +208,7 @@ void PoseSheet::assign(std::span<const double> activity) {
 }
 
 void PoseSheet::settle(double global_inhibition) {
-  const SheetKernels& kernels = detail::sheet_kernels(simd_level());
+  const SheetKernels kernels = detail::sheet_kernels(simd_level());
   static const Window excitation = gaussian(3, 1), inhibition = gaussian(2, 2);
   const auto n = static_cast<std::size_t>(size_);
   convolve(cells_.data(), n, kernels, {kernels.blur3, excitation, 3}, layers_.data(),
@@ -228,7 +228,7 @@ void PoseSheet::settle(double global_inhibition) {
 
 void PoseSheet::move(std::span<const double> x, std::span<const double> y, double layers) {
   check_ways(x, y, layers);
-  const SheetKernels& kernels = detail::sheet_kernels(simd_level());
+  const SheetKernels kernels = detail::sheet_kernels(simd_level());
   const auto n = static_cast<std::size_t>(size_), area = layer_size();
   const Active active(cells_.data(), area, kernels);
   for (std::size_t th = 0; th < layers_count; ++th)
@@ -267,7 +267,7 @@ void PoseSheet::inject(const SheetPlace& place, double energy) {
 }
 
 SheetPlace PoseSheet::decode() const {
-  const SheetKernels& kernels = detail::sheet_kernels(simd_level());
+  const SheetKernels kernels = detail::sheet_kernels(simd_level());
   const auto n = static_cast<std::size_t>(size_);
   const double most = kernels.largest(cells_.data(), cells_.size());
   const auto top =

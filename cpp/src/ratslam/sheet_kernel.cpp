@@ -10,8 +10,8 @@ namespace {
 constexpr std::size_t lanes = 16;  // partial sums; how many is part of the result
 
 template <int Reach>
-FUSIONSLAM_INLINE void blurred(const double* __restrict in, std::size_t stride, std::size_t count,
-                               const Window& given, double* __restrict out) {
+FUSIONSLAM_INLINE void blur(const double* __restrict in, std::size_t stride, std::size_t count,
+                            const Window& given, double* __restrict out) {
   const Window window = given;
   const auto step = static_cast<std::ptrdiff_t>(stride);
   for (std::ptrdiff_t i = 0; i < static_cast<std::ptrdiff_t>(count); ++i) {
@@ -22,9 +22,9 @@ FUSIONSLAM_INLINE void blurred(const double* __restrict in, std::size_t stride, 
   }
 }
 
-FUSIONSLAM_INLINE double inhibited_sum(const double* __restrict excited,
-                                       const double* __restrict inhibited, double taken,
-                                       std::size_t count, double* __restrict out) {
+FUSIONSLAM_INLINE double inhibit(const double* __restrict excited,
+                                 const double* __restrict inhibited, double taken,
+                                 std::size_t count, double* __restrict out) {
   double partial[lanes] = {};
   const std::size_t whole = count - count % lanes;
   for (std::size_t i = 0; i < whole; i += lanes)
@@ -44,16 +44,16 @@ FUSIONSLAM_INLINE double inhibited_sum(const double* __restrict excited,
   return sum;
 }
 
-FUSIONSLAM_INLINE void scaled(double factor, std::size_t count, double* __restrict cells) {
+FUSIONSLAM_INLINE void scale(double factor, std::size_t count, double* __restrict cells) {
   for (std::size_t i = 0; i < count; ++i) cells[i] *= factor;
 }
 
-FUSIONSLAM_INLINE void mixed(const double* __restrict a, double of_a, const double* __restrict b,
-                             double of_b, std::size_t count, double* __restrict out) {
+FUSIONSLAM_INLINE void mix(const double* __restrict a, double of_a, const double* __restrict b,
+                           double of_b, std::size_t count, double* __restrict out) {
   for (std::size_t i = 0; i < count; ++i) out[i] = of_a * a[i] + of_b * b[i];
 }
 
-FUSIONSLAM_INLINE double largest_of(const double* __restrict cells, std::size_t count) {
+FUSIONSLAM_INLINE double largest(const double* __restrict cells, std::size_t count) {
   double best[lanes] = {};
   const std::size_t whole = count - count % lanes;
   for (std::size_t i = 0; i < whole; i += lanes)
@@ -65,41 +65,11 @@ FUSIONSLAM_INLINE double largest_of(const double* __restrict cells, std::size_t 
   return found;
 }
 
-#define FUSIONSLAM_SHEET_LEVEL(name, target)                                                       \
-  namespace name {                                                                                 \
-  target void blur3(const double* in, std::size_t stride, std::size_t count, const Window& window, \
-                    double* out) {                                                                 \
-    blurred<3>(in, stride, count, window, out);                                                    \
-  }                                                                                                \
-  target void blur2(const double* in, std::size_t stride, std::size_t count, const Window& window, \
-                    double* out) {                                                                 \
-    blurred<2>(in, stride, count, window, out);                                                    \
-  }                                                                                                \
-  target double inhibit(const double* excited, const double* inhibited, double taken,              \
-                        std::size_t count, double* out) {                                          \
-    return inhibited_sum(excited, inhibited, taken, count, out);                                   \
-  }                                                                                                \
-  target void scale(double factor, std::size_t count, double* cells) {                             \
-    scaled(factor, count, cells);                                                                  \
-  }                                                                                                \
-  target void mix(const double* a, double of_a, const double* b, double of_b, std::size_t count,   \
-                  double* out) {                                                                   \
-    mixed(a, of_a, b, of_b, count, out);                                                           \
-  }                                                                                                \
-  target double largest(const double* cells, std::size_t count) {                                  \
-    return largest_of(cells, count);                                                               \
-  }                                                                                                \
-  constexpr SheetKernels kernels{blur3, blur2, inhibit, scale, mix, largest};                      \
-  }
-
-FUSIONSLAM_SHEET_LEVEL(baseline, )
-FUSIONSLAM_SHEET_LEVEL(avx2, FUSIONSLAM_AVX2)
-FUSIONSLAM_SHEET_LEVEL(avx512, FUSIONSLAM_AVX512)
-
 }  // namespace
 
-const SheetKernels& sheet_kernels(SimdLevel level) {
-  return *choose(level, &baseline::kernels, &avx2::kernels, &avx512::kernels);
+SheetKernels sheet_kernels(SimdLevel level) {
+  return {compiled_for<blur<3>>(level), compiled_for<blur<2>>(level), compiled_for<inhibit>(level),
+          compiled_for<scale>(level),   compiled_for<mix>(level),     compiled_for<largest>(level)};
 }
 
 }  // namespace fusionslam::detail

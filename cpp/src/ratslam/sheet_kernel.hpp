@@ -32,6 +32,6 @@ struct SheetKernels {
   double (*largest)(const double* cells, std::size_t count);
 };
 
-const SheetKernels& sheet_kernels(SimdLevel level);
+SheetKernels sheet_kernels(SimdLevel level);
 
 }  // namespace fusionslam::detail

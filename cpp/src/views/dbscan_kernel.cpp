@@ -24,28 +24,10 @@ FUSIONSLAM_INLINE std::size_t count(const double* columns, std::size_t stride, s
   return static_cast<std::size_t>(found);
 }
 
-template <int D>
-std::size_t count_baseline(const double* columns, std::size_t stride, std::size_t size,
-                           const double* query, double bound) {
-  return count<D>(columns, stride, size, query, bound);
-}
-template <int D>
-FUSIONSLAM_AVX2 std::size_t count_avx2(const double* columns, std::size_t stride, std::size_t size,
-                                       const double* query, double bound) {
-  return count<D>(columns, stride, size, query, bound);
-}
-template <int D>
-FUSIONSLAM_AVX512 std::size_t count_avx512(const double* columns, std::size_t stride,
-                                           std::size_t size, const double* query, double bound) {
-  return count<D>(columns, stride, size, query, bound);
-}
-
 }  // namespace
 
 CountWithin* count_within(int dimensions, SimdLevel level) {
-  if (dimensions == 3)
-    return choose<CountWithin>(level, count_baseline<3>, count_avx2<3>, count_avx512<3>);
-  return choose<CountWithin>(level, count_baseline<6>, count_avx2<6>, count_avx512<6>);
+  return dimensions == 3 ? compiled_for<count<3>>(level) : compiled_for<count<6>>(level);
 }
 
 }  // namespace fusionslam::detail

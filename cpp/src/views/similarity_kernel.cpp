@@ -44,8 +44,9 @@ FUSIONSLAM_INLINE float length(const double* point, const std::array<const doubl
   return std::sqrt(x * x + y * y + z * z);
 }
 
-FUSIONSLAM_INLINE void distances(const double* point, const std::array<const double*, 3>& columns,
-                                 const KernelTerm& given, const KernelRow& row) {
+FUSIONSLAM_INLINE void add_distance(const double* point,
+                                    const std::array<const double*, 3>& columns,
+                                    const KernelTerm& given, const KernelRow& row) {
   const KernelTerm term = given;
   float* __restrict sums = row.sums;
   if (row.closeness == nullptr) {
@@ -57,52 +58,30 @@ FUSIONSLAM_INLINE void distances(const double* point, const std::array<const dou
         sigmoid(length(point, columns, i) * std::max(row.own_closeness, row.closeness[i]), term);
 }
 
-FUSIONSLAM_INLINE void absolutes(double value, const double* column, const KernelTerm& given,
-                                 const KernelRow& row) {
+FUSIONSLAM_INLINE void add_absolute(double value, const double* column, const KernelTerm& given,
+                                    const KernelRow& row) {
   const KernelTerm term = given;
   float* __restrict sums = row.sums;
   for (std::size_t i = 0; i < row.size; ++i)
     sums[i] += sigmoid(std::fabs(static_cast<float>(value - column[i])), term);
 }
 
-FUSIONSLAM_INLINE void givens(const float* differences, const KernelTerm& given,
-                              const KernelRow& row) {
+FUSIONSLAM_INLINE void add_given(const float* differences, const KernelTerm& given,
+                                 const KernelRow& row) {
   const KernelTerm term = given;
   float* __restrict sums = row.sums;
   for (std::size_t i = 0; i < row.size; ++i) sums[i] += sigmoid(differences[i], term);
 }
 
-FUSIONSLAM_INLINE void bests(const float* values, std::size_t size, float* __restrict best) {
+FUSIONSLAM_INLINE void keep_best(const float* values, std::size_t size, float* __restrict best) {
   for (std::size_t i = 0; i < size; ++i) best[i] = std::max(best[i], values[i]);
 }
-
-#define FUSIONSLAM_SIMILARITY_LEVEL(name, target)                                                 \
-  namespace name {                                                                                \
-  target void add_distance(const double* point, const std::array<const double*, 3>& columns,      \
-                           const KernelTerm& term, const KernelRow& row) {                        \
-    distances(point, columns, term, row);                                                         \
-  }                                                                                               \
-  target void add_absolute(double value, const double* column, const KernelTerm& term,            \
-                           const KernelRow& row) {                                                \
-    absolutes(value, column, term, row);                                                          \
-  }                                                                                               \
-  target void add_given(const float* differences, const KernelTerm& term, const KernelRow& row) { \
-    givens(differences, term, row);                                                               \
-  }                                                                                               \
-  target void keep_best(const float* values, std::size_t size, float* best) {                     \
-    bests(values, size, best);                                                                    \
-  }                                                                                               \
-  constexpr SimilarityKernels kernels{add_distance, add_absolute, add_given, keep_best};          \
-  }
-
-FUSIONSLAM_SIMILARITY_LEVEL(baseline, )
-FUSIONSLAM_SIMILARITY_LEVEL(avx2, FUSIONSLAM_AVX2)
-FUSIONSLAM_SIMILARITY_LEVEL(avx512, FUSIONSLAM_AVX512)
 
 }  // namespace
 
 SimilarityKernels similarity_kernels(SimdLevel level) {
-  return *choose(level, &baseline::kernels, &avx2::kernels, &avx512::kernels);
+  return {compiled_for<add_distance>(level), compiled_for<add_absolute>(level),
+          compiled_for<add_given>(level), compiled_for<keep_best>(level)};
 }
 
 }  // namespace fusionslam::detail
