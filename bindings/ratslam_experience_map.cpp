@@ -1,5 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
+#include <pybind11/native_enum.h>
+
 #include "configuration.hpp"
 #include "shared_index.hpp"
 
@@ -28,7 +30,7 @@ MapAction action_of(int kind, std::int64_t source, std::int64_t target, double r
                     const std::pair<double, double>& place) {
   if (kind < 0 || kind > 2)
     throw DataError("action of kind " + std::to_string(kind) + ", expected 0, 1 or 2");
-  return {static_cast<MapActionKind>(kind), source, target, rotation, place.first, place.second};
+  return {static_cast<ActionKind>(kind), source, target, rotation, place.first, place.second};
 }
 
 std::vector<double> nodes_of(const ExperienceMap& map) {
@@ -166,6 +168,12 @@ void bind_values(py::class_<SharedMap>& bound) {
 void bind_ratslam_experience_map(py::module_& module) {
   using namespace py::literals;
   PYBIND11_NUMPY_DTYPE(MapLink, source, target, distance, heading, facing, duration, sd_m, sd_rad);
+  py::native_enum<ActionKind>(module, "ActionKind", "enum.IntEnum",
+                              "What happens to the map; the values are those of OpenRatSLAM.")
+      .value("NONE", ActionKind::none)
+      .value("CREATE_NODE", ActionKind::create_node)
+      .value("CREATE_EDGE", ActionKind::create_edge)
+      .finalize();
   bind_config<ExperienceMapConfig>(module, "ExperienceMapConfig", "How the map is corrected.")
       .def(py::init(
           [](const Options& options) { return with_options(ExperienceMapConfig{}, options); }));

@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Normals, SHOT and CSHOT against PCL's own classes.
 #include <doctest/doctest.h>
+#include <pcl/common/centroid.h>
+#include <pcl/common/distances.h>
 #include <pcl/features/normal_3d.h>
 #include <pcl/features/shot.h>
 #include <pcl/search/kdtree.h>
@@ -41,7 +43,7 @@ std::vector<float> pcl_shot(const Cloud& cloud, double normal_radius, bool color
   const NormalCloud all = pcl_normals(cloud, normal_radius);
   auto points = std::make_shared<pcl::PointCloud<Point>>();
   auto normals = std::make_shared<NormalCloud>();
-  double sums[6] = {};
+  std::size_t sums[3] = {};
   for (std::size_t i = 0; i < all.size(); ++i) {
     if (!std::isfinite(all[i].normal_x)) continue;
     const float* p = cloud.points.data() + 3 * i;
@@ -49,21 +51,18 @@ std::vector<float> pcl_shot(const Cloud& cloud, double normal_radius, bool color
     points->push_back(colored ? Point(p[0], p[1], p[2], c[0], c[1], c[2])
                               : Point(p[0], p[1], p[2]));
     normals->push_back(all[i]);
-    for (std::size_t k = 0; k < 3; ++k) {
-      sums[k] += p[k];
-      sums[k + 3] += c[k];
-    }
+    for (std::size_t k = 0; k < 3; ++k) sums[k] += c[k];
   }
-  for (double& sum : sums) sum /= static_cast<double>(points->size());
-  Point mean(static_cast<float>(sums[0]), static_cast<float>(sums[1]), static_cast<float>(sums[2]));
+  Eigen::Vector4f centroid;
+  pcl::compute3DCentroid(*points, centroid);
+  Point mean(centroid[0], centroid[1], centroid[2]);
   if (colored) {
-    mean.r = static_cast<std::uint8_t>(sums[3]);
-    mean.g = static_cast<std::uint8_t>(sums[4]);
-    mean.b = static_cast<std::uint8_t>(sums[5]);
+    mean.r = static_cast<std::uint8_t>(sums[0] / points->size());
+    mean.g = static_cast<std::uint8_t>(sums[1] / points->size());
+    mean.b = static_cast<std::uint8_t>(sums[2] / points->size());
   }
-  float largest = 0;
-  for (const Point& p : *points)
-    largest = std::max(largest, (p.getVector3fMap() - mean.getVector3fMap()).squaredNorm());
+  float radius = 0;
+  for (const Point& p : *points) radius = std::max(radius, pcl::euclideanDistance(p, mean));
   auto keypoint = std::make_shared<pcl::PointCloud<Point>>();
   keypoint->push_back(mean);
   Estimation estimation;
@@ -71,7 +70,7 @@ std::vector<float> pcl_shot(const Cloud& cloud, double normal_radius, bool color
   estimation.setSearchSurface(points);
   estimation.setInputNormals(normals);
   estimation.setSearchMethod(std::make_shared<pcl::search::KdTree<Point>>());
-  estimation.setRadiusSearch(std::sqrt(static_cast<double>(largest)));
+  estimation.setRadiusSearch(radius);
   pcl::PointCloud<Descriptor> descriptors;
   estimation.compute(descriptors);
   const auto& values = descriptors.front().descriptor;

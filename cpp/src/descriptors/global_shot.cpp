@@ -3,6 +3,7 @@
 #include "global_shot.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "../detail/parallel.hpp"
@@ -36,10 +37,39 @@ Surface surface(PointsView points, const Normals& normals) {
   return result;
 }
 
-double mean(const std::vector<float>& values) {
-  double sum = 0;
-  for (const float value : values) sum += value;
-  return sum / static_cast<double>(values.size());
+using Center = std::array<float, 3>;
+
+/// The mean of the points, added up in `Sum`.
+template <class Sum>
+Center mean(const Surface& surface) {
+  Center result;
+  const std::vector<float>* columns[] = {&surface.x, &surface.y, &surface.z};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    Sum sum = 0;
+    for (const float value : *columns[axis]) sum += value;
+    result[axis] = static_cast<float>(sum / static_cast<Sum>(surface.x.size()));
+  }
+  return result;
+}
+
+float squared_distance(float x, float y, float z, const Center& center) {
+  const float dx = x - center[0], dy = y - center[1], dz = z - center[2];
+  return dx * dx + dy * dy + dz * dz;
+}
+
+float farthest(const Surface& surface, const Center& center) {
+  float largest = 0;
+  for (std::size_t i = 0; i < surface.x.size(); ++i)
+    largest = std::max(largest, squared_distance(surface.x[i], surface.y[i], surface.z[i], center));
+  return std::sqrt(largest);
+}
+
+/// PCL's centroid, a sum of floats. Far from the origin, where that can be metres off, the exact
+/// mean instead.
+Center centroid(const Surface& surface) {
+  const Center exact = mean<double>(surface), summed = mean<float>(surface);
+  const float error = std::sqrt(squared_distance(summed[0], summed[1], summed[2], exact));
+  return error <= 1e-4F * farthest(surface, exact) ? summed : exact;
 }
 
 std::array<std::uint8_t, 3> color(ColorsView colors, std::int64_t index) {
@@ -67,29 +97,22 @@ std::vector<float> color_distances(ColorsView colors, const std::vector<std::int
   return result;
 }
 
-/// The keypoint is the mean of the surface, its radius the distance of the farthest point.
+/// The keypoint is the centroid, its radius the distance of the farthest point. Both are floats, as
+/// in PCL: the rounding of the radius decides whether the farthest point is nearer than it.
 ShotSupport support(const Surface& surface) {
-  ShotSupport result{surface.x.data(),
-                     surface.y.data(),
-                     surface.z.data(),
-                     surface.normal_x.data(),
-                     surface.normal_y.data(),
-                     surface.normal_z.data(),
-                     surface.colors.empty() ? nullptr : surface.colors.data(),
-                     surface.x.size(),
-                     {static_cast<float>(mean(surface.x)), static_cast<float>(mean(surface.y)),
-                      static_cast<float>(mean(surface.z))},
-                     0,
-                     0};
-  float largest = 0;
-  for (std::size_t i = 0; i < result.size; ++i) {
-    const float x = surface.x[i] - result.center[0], y = surface.y[i] - result.center[1];
-    const float z = surface.z[i] - result.center[2];
-    largest = std::max(largest, x * x + (y * y + z * z));
-  }
-  result.radius = std::sqrt(static_cast<double>(largest));
-  result.squared_radius = static_cast<float>(result.radius * result.radius);
-  return result;
+  const Center center = centroid(surface);
+  const double radius = farthest(surface, center);
+  return {surface.x.data(),
+          surface.y.data(),
+          surface.z.data(),
+          surface.normal_x.data(),
+          surface.normal_y.data(),
+          surface.normal_z.data(),
+          surface.colors.empty() ? nullptr : surface.colors.data(),
+          surface.x.size(),
+          {center[0], center[1], center[2]},
+          radius,
+          static_cast<float>(radius * radius)};
 }
 
 /// All votes, added up chunk by chunk; each chunk of 4,096 points needs 11 kB for its own.

@@ -150,7 +150,8 @@ void create_edge(MapArrays& map, const MapAction& action) {
 
 void check_finite(const MapAction& action) {
   const double values[] = {action.relative_rotation, action.relative_x, action.relative_y};
-  if (!std::all_of(values, values + 3, [](double value) { return std::abs(value) <= farthest; }))
+  if (!std::all_of(values, values + 3,
+                   [](double value) { return std::abs(value) <= largest_value; }))
     throw DataError("edge to node " + std::to_string(action.target) +
                     ": relative rotation or place is not finite or beyond 1e12");
 }
@@ -211,7 +212,7 @@ void ExperienceMap::on_odometry(double v, double w, double dt) {
   const double seconds = map.seconds + dt;
   // Not finite where any of the values is not; v and w count at no time, too.
   const double largest = std::abs(dx) + std::abs(dy) + std::abs(turn) + seconds;
-  if (!(largest <= farthest) || dt < 0)
+  if (!(largest <= largest_value) || dt < 0)
     throw DataError("odometry v " + std::to_string(v) + " m/s, w " + std::to_string(w) +
                     " rad/s, dt " + std::to_string(dt) +
                     " s: expected finite values, no way, turn or time beyond 1e12, and a time that "
@@ -223,15 +224,15 @@ void ExperienceMap::on_odometry(double v, double w, double dt) {
 }
 
 LoopCheck ExperienceMap::check(const MapAction& action) {
-  if (action.kind != MapActionKind::create_edge) return {};
+  if (action.kind != ActionKind::create_edge) return {};
   check_edge(*map_, action);
   return check_loop(*map_, action);
 }
 
 void ExperienceMap::apply(const MapAction& action) {
   MapArrays& map = *map_;
-  if (action.kind == MapActionKind::none) return;
-  if (action.kind == MapActionKind::create_node) {
+  if (action.kind == ActionKind::none) return;
+  if (action.kind == ActionKind::create_node) {
     if (action.target != map.size())
       throw DataError("node " + std::to_string(action.target) + ": expected " +
                       std::to_string(map.size()) + ", the next one");

@@ -13,7 +13,7 @@
 namespace fusionslam::detail {
 
 /// No length, angle, time or variance of a map is larger; squares and sums of such are finite.
-constexpr double farthest = 1e12;
+constexpr double largest_value = 1e12;
 
 /// The same angle in (-pi, pi].
 inline double wrapped(double angle) {

@@ -27,7 +27,7 @@ void expect_size(std::size_t found, std::size_t expected, const char* name) {
 
 void expect_finite(const std::vector<double>& values, const char* name) {
   expect(std::all_of(values.begin(), values.end(),
-                     [](double value) { return std::abs(value) <= detail::farthest; }),
+                     [](double value) { return std::abs(value) <= detail::largest_value; }),
          std::string(name) + " holds a value that is not finite or beyond 1e12");
 }
 

@@ -16,8 +16,6 @@ import fusionslam
 from clouds import MADE, distance, load_made
 
 TOWN = ("town_040", "town_150", "town_300")
-# PCL lets the farthest point of town_040 vote, because its distance rounds up to the radius.
-FARTHEST_POINT_COUNTS = 6e-4
 
 
 @cache
@@ -54,10 +52,10 @@ def test_author_cm2dp_is_that_of_the_authors_program(name: str, color_space: str
 
 @pytest.mark.parametrize("name", TOWN)
 def test_shot_and_cshot_are_those_of_pcl(name: str) -> None:
+    """In town_040 the farthest point has a vote, because its distance rounds up to the radius."""
     points, colors = load_made(name)
-    bound = FARTHEST_POINT_COUNTS if name == "town_040" else 1e-5
-    assert distance(fusionslam.shot(points), author(name, "shot_352")) < bound
-    assert distance(fusionslam.cshot(points, colors), author(name, "cshot_1344")) < bound
+    assert distance(fusionslam.shot(points), author(name, "shot_352")) < 1e-5
+    assert distance(fusionslam.cshot(points, colors), author(name, "cshot_1344")) < 1e-5
 
 
 @pytest.mark.parametrize("name", TOWN)

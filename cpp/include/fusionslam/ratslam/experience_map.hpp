@@ -15,7 +15,7 @@
 
 namespace fusionslam {
 
-/// Whose behaviour the map has.
+/// Which program the map behaves like.
 enum class MapPreset { robust, openratslam };
 
 template <>
@@ -23,7 +23,7 @@ struct ChoiceNames<MapPreset> {
   static constexpr std::array<std::string_view, 2> value{"robust", "openratslam"};
 };
 
-/// How the map is corrected, and which loops it believes.
+/// How the map is corrected, and which loops it accepts.
 struct ExperienceMapConfig {
   static constexpr const char* section = "map";
 
@@ -46,52 +46,60 @@ struct ExperienceMapConfig {
 
   template <class Config, class Visitor>
   static void visit(Config& config, Visitor&& visitor) {
-    visitor(
-        "preset", config.preset,
-        OptionInfo{"robust (ours) or openratslam (Ball et al. 2013, as its program behaves)", ""});
+    visitor("preset", config.preset,
+            OptionInfo{"robust (ours) or openratslam (as the program of Ball et al. 2013)", ""});
     visitor("initial_heading", config.initial_heading,
             OptionInfo{"heading of the robot at the start", "rad", -7, 7});
     visitor("loops", config.loops,
-            OptionInfo{"openratslam: sweeps of relaxation after an action", "", 1, 1e6});
+            OptionInfo{"openratslam: relaxation sweeps after each action", "", 1, 1e6});
     visitor("correction", config.correction,
-            OptionInfo{"openratslam: part of a link's error that each of its ends moves by", "", 0,
+            OptionInfo{"openratslam: share of a link's error that each of its ends moves by", "", 0,
                        0.5});
     visitor("drift_m", config.drift_m,
-            OptionInfo{"deviation of odometry's way after one metre", "m/sqrt(m)", 1e-4, 10});
+            OptionInfo{"standard deviation of odometry's position after one metre", "m/sqrt(m)",
+                       1e-4, 10});
     visitor("drift_turn", config.drift_turn,
-            OptionInfo{"deviation of its heading after turning by one radian", "rad/sqrt(rad)",
-                       1e-5, 10});
-    visitor("drift_heading", config.drift_heading,
-            OptionInfo{"deviation of its heading after one metre", "rad/sqrt(m)", 1e-5, 10});
-    visitor("place_m", config.place_m,
-            OptionInfo{"deviation of where a recognised view puts the robot", "m", 1e-3, 100});
-    visitor("place_rad", config.place_rad,
-            OptionInfo{"deviation of the heading that it gives", "rad", 1e-3, 10});
-    visitor("sigmas", config.sigmas,
-            OptionInfo{"a loop is believed up to so many deviations from odometry", "", 0.1, 1e6});
-    visitor("agreeing", config.agreeing,
-            OptionInfo{"beyond that only if so many loops agree, itself counted", "", 2, 64});
-    visitor("agreed_sigmas", config.agreed_sigmas,
-            OptionInfo{"beyond so many deviations agreement does not help either", "", 0, 1e6});
+            OptionInfo{"standard deviation of its heading after a turn of one radian",
+                       "rad/sqrt(rad)", 1e-5, 10});
     visitor(
-        "agreement_m", config.agreement_m,
-        OptionInfo{"loops with more drift between them do not speak for each other", "m", 0, 1e6});
+        "drift_heading", config.drift_heading,
+        OptionInfo{"standard deviation of its heading after one metre", "rad/sqrt(m)", 1e-5, 10});
+    visitor("place_m", config.place_m,
+            OptionInfo{"standard deviation of the position that a recognised view gives", "m", 1e-3,
+                       100});
+    visitor("place_rad", config.place_rad,
+            OptionInfo{"standard deviation of the heading that it gives", "rad", 1e-3, 10});
+    visitor("sigmas", config.sigmas,
+            OptionInfo{"accept a loop up to this many standard deviations from odometry", "", 0.1,
+                       1e6});
+    visitor(
+        "agreeing", config.agreeing,
+        OptionInfo{"beyond `sigmas`, accept a loop only if at least this many loops agree (itself "
+                   "included)",
+                   "", 2, 64});
+    visitor(
+        "agreed_sigmas", config.agreed_sigmas,
+        OptionInfo{"reject a loop beyond this many standard deviations, whatever agrees with it",
+                   "", 0, 1e6});
+    visitor("agreement_m", config.agreement_m,
+            OptionInfo{"loops agree only if the drift between them is at most this", "m", 0, 1e6});
     visitor("outlier", config.outlier,
-            OptionInfo{"a loop's link pulls no harder than at so many deviations", "", 0.1, 1e6});
+            OptionInfo{"standard deviations from which on a loop's link pulls no harder", "", 0.1,
+                       1e6});
     visitor("work", config.work,
-            OptionInfo{"nodes that may be moved per action, and a 50th of the map", "", 1, 1e9});
+            OptionInfo{"work limit per action: this many nodes plus 2 % of the map", "", 1, 1e9});
     visitor("tolerance", config.tolerance,
-            OptionInfo{"relaxation ends when no node moves farther", "m", 1e-12, 1});
+            OptionInfo{"stop relaxing when no node moves farther than this", "m", 1e-12, 1});
   }
 };
 
-/// What pose cells tell the map to do.
-enum class MapActionKind : int { none = 0, create_node = 1, create_edge = 2 };
+/// What happens to the map; the values are those of OpenRatSLAM.
+enum class ActionKind : int { none = 0, create_node = 1, create_edge = 2 };
 
 /// A change of the map: a new node, or an edge to a known one. `source` is the node that the robot
 /// was at (0 before the first one), `target` the one that it is at now.
 struct MapAction {
-  MapActionKind kind = MapActionKind::none;
+  ActionKind kind = ActionKind::none;
   std::int64_t source = 0;
   std::int64_t target = 0;
   double relative_rotation = 0;  ///< rad, of the robot against the target
@@ -106,16 +114,16 @@ struct Pose2 {
   double heading = 0;  ///< rad, in (-pi, pi]
 };
 
-/// A link as odometry measured it.
+/// A link between two nodes, as odometry measured it.
 struct MapLink {
   std::int64_t source = 0;
   std::int64_t target = 0;
   double distance = 0;  ///< m
-  double heading = 0;   ///< rad, direction of the way from the source's heading
+  double heading = 0;   ///< rad, direction of the target from the source's heading
   double facing = 0;    ///< rad, rotation from the source's heading
   double duration = 0;  ///< s
-  double sd_m = 0;      ///< m, deviation of the way, each axis, that relaxation weighs it by
-  double sd_rad = 0;    ///< rad, of the rotation
+  double sd_m = 0;  ///< m, standard deviation of the position, each axis: its weight in relaxation
+  double sd_rad = 0;  ///< rad, standard deviation of the rotation
 };
 
 /// Whether a loop fits odometry.
@@ -123,20 +131,20 @@ struct LoopCheck {
   bool accepted = true;
   double error_m = 0;      ///< between where the map and where the loop puts the robot
   double error_rad = 0;    ///< likewise
-  double allowed_m = 0;    ///< `sigmas` deviations in the direction of the error
+  double allowed_m = 0;    ///< `sigmas` standard deviations in the direction of the error
   double allowed_rad = 0;  ///< likewise
   std::string reason;
 };
 
 /// What a relaxation did.
 struct Relaxation {
-  double residual_m = 0;    ///< root mean square of the links' errors of place; openratslam: as the
-                            ///< last sweep came upon them
-  double residual_rad = 0;  ///< and of rotation
+  double residual_m = 0;    ///< root mean square position error of the links; openratslam: before
+                            ///< their turns in the last sweep
+  double residual_rad = 0;  ///< and rotation error
   double step_m = 0;        ///< farthest move of a node in the last step
   std::int64_t sweeps = 0;  ///< sweeps, or Gauss-Newton steps
   std::int64_t nodes = 0;   ///< nodes in the largest part that was solved
-  bool settled = true;      ///< nothing is left for later actions
+  bool settled = true;      ///< no work is left for later actions
 };
 
 /// Everything a map consists of; what restore() takes is checked.
@@ -155,7 +163,7 @@ struct MapState {
                                pending_values = 12;
 };
 
-/// The graph of places that a robot has been to (Milford & Wyeth 2004; Ball et al. 2013).
+/// The graph of places that a robot has visited (Milford & Wyeth 2004; Ball et al. 2013).
 class ExperienceMap {
  public:
   explicit ExperienceMap(const ExperienceMapConfig& config = {});
@@ -163,8 +171,8 @@ class ExperienceMap {
   ExperienceMap(ExperienceMap&&) noexcept;
   ExperienceMap& operator=(ExperienceMap&&) noexcept;
 
-  /// Moves on from the current node. Throws DataError for values that are not finite and for a
-  /// negative time.
+  /// Moves the robot on from the current node. Throws DataError for values that are not finite and
+  /// for a negative time.
   void on_odometry(double v, double w, double dt);
 
   /// Whether a loop fits the map and its drift. Remembers a loop that does not, for later ones to
@@ -174,7 +182,7 @@ class ExperienceMap {
   /// Throws DataError for a node that is not the next one, or an unknown one.
   void apply(const MapAction& action);
 
-  /// Moves nodes until links fit. `whole`: all of them, until they converge.
+  /// Moves nodes until links fit. With `whole` all of them, until they converge.
   Relaxation relax(bool whole = false);
 
   std::size_t size() const;

@@ -34,19 +34,21 @@ struct AlignmentConfig {
                        1, 1e6});
     visitor("iterations", config.iterations,
             OptionInfo{"Gauss-Newton steps from each start", "", 1, 1000});
-    visitor("points", config.points,
-            OptionInfo{"cells of the current view that are laid over the stored one", "", 10, 1e5});
+    visitor(
+        "points", config.points,
+        OptionInfo{"cells of the current view that are compared with the stored one", "", 10, 1e5});
     visitor("first_scale", config.first_scale,
-            OptionInfo{"distance that counts half in the first step", "m", 1e-3, 10});
+            OptionInfo{"distance weighted one half in the first step", "m", 1e-3, 10});
     visitor("last_scale", config.last_scale,
-            OptionInfo{"distance that counts half in the last step", "m", 1e-3, 10});
+            OptionInfo{"distance weighted one half in the last step", "m", 1e-3, 10});
     visitor(
         "tolerance", config.tolerance,
         OptionInfo{"distance up to which surfaces agree, plus 1 % of the range", "m", 1e-3, 10});
     visitor("reach", config.reach,
-            OptionInfo{"a view farther from the stored one is another view", "m", 0.01, 100});
-    visitor("turn", config.turn,
-            OptionInfo{"a view turned by more against the stored one is another", "deg", 1, 180});
+            OptionInfo{"views farther apart are different views", "m", 0.01, 100});
+    visitor(
+        "turn", config.turn,
+        OptionInfo{"views rotated by more against each other are different views", "deg", 1, 180});
   }
 };
 

@@ -34,11 +34,11 @@ struct RangeImageConfig {
     visitor("elevation_step", config.elevation_step,
             OptionInfo{"height of a cell", "deg", least_step, most_step});
     visitor("sensor_x", config.sensor_x,
-            OptionInfo{"where the sensor is in the frame of the cloud", "m", -1e3, 1e3});
+            OptionInfo{"position of the sensor in the frame of the cloud", "m", -1e3, 1e3});
     visitor("sensor_y", config.sensor_y,
-            OptionInfo{"where the sensor is in the frame of the cloud", "m", -1e3, 1e3});
+            OptionInfo{"position of the sensor in the frame of the cloud", "m", -1e3, 1e3});
     visitor("sensor_z", config.sensor_z,
-            OptionInfo{"where the sensor is in the frame of the cloud", "m", -1e3, 1e3});
+            OptionInfo{"position of the sensor in the frame of the cloud", "m", -1e3, 1e3});
     visitor("longest_range", config.longest_range,
             OptionInfo{"points beyond are left out", "m", 0.1, 130});
   }

@@ -29,11 +29,11 @@ struct DbscanConfig {
   static void visit(Config& config, Visitor&& visitor) {
     visitor("eps", config.eps, OptionInfo{"radius of a neighbourhood", "m", 1e-6, 1e6});
     visitor("min_points", config.min_points,
-            OptionInfo{"neighbours that make a point a core point, itself among them", "", 1, 1e9});
+            OptionInfo{"neighbours that make a point a core point (itself included)", "", 1, 1e9});
     visitor("color_scale", config.color_scale,
-            OptionInfo{"length of one step of a colour channel", "m", 0, 1e3});
+            OptionInfo{"distance that one step of a colour channel stands for", "m", 0, 1e3});
     visitor("inclusive", config.inclusive,
-            OptionInfo{"whether a point exactly eps away is a neighbour"});
+            OptionInfo{"count a point exactly eps away as a neighbour"});
   }
 };
 
@@ -88,16 +88,16 @@ struct SceneConfig : DbscanConfig, RangeImageConfig {
   static void visit(Config& config, Visitor&& visitor) {
     DbscanConfig::visit(config, visitor);
     visitor("min_size", config.min_size,
-            OptionInfo{"points a cluster must have to be an object", "", 1, 1e9});
+            OptionInfo{"fewest points that make a cluster an object", "", 1, 1e9});
     visitor("center", config.center, OptionInfo{"centre of an object: of its hull or of its box"});
     visitor("color", config.color,
             OptionInfo{"colour of an object: mean of its points, or their median, truncated"});
     visitor("floor", config.floor,
-            OptionInfo{"points no farther than this from z = 0, a robot's floor, are left out; 0 "
+            OptionInfo{"leave out points no farther than this from z = 0, a robot's floor; 0 "
                        "keeps all",
                        "m", 0, 1e3});
     visitor("image", config.image,
-            OptionInfo{"whether the scene keeps a range image, which alignment needs"});
+            OptionInfo{"keep a range image in the scene, which alignment needs"});
     RangeImageConfig::visit(config, visitor);
   }
 };

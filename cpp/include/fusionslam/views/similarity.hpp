@@ -63,8 +63,8 @@ struct SimilarityConfig {
       visitor(name, value, OptionInfo{help, unit, 0, 1e6});
     };
     visitor("color_difference", config.color_difference,
-            OptionInfo{"how far colours are apart: of L*a*b*, of bytes, or of red alone"});
-    number("color_x0", config.color_x0, "difference of colours that counts half", "");
+            OptionInfo{"colour difference: of L*a*b*, of bytes, or of red alone"});
+    number("color_x0", config.color_x0, "colour difference that counts half", "");
     number("color_a", config.color_a, "steepness of the colour term", "");
     number("color_weight", config.color_weight, "weight of the colour term", "");
     number("distance_x0", config.distance_x0, "distance of centres that counts half", "m");
@@ -81,12 +81,12 @@ struct SimilarityConfig {
     number("extent_a", config.extent_a, "steepness of the extent term", "1/m");
     number("extent_weight", config.extent_weight, "weight of the extent term", "");
     number("range_slack", config.range_slack,
-           "how much more distances and extents may differ, as a share, per metre from the robot",
+           "how much more distances and extents may differ per metre from the robot, as a share",
            "1/m");
     visitor("symmetric", config.symmetric,
-            OptionInfo{"whether both scenes look for their objects in the other"});
+            OptionInfo{"compare in both directions: each scene's objects with the other's"});
     visitor("normalized", config.normalized,
-            OptionInfo{"whether each term is divided by its value at no difference, which makes "
+            OptionInfo{"divide each term by its value at no difference, which makes "
                        "a scene exactly like itself"});
   }
 };
