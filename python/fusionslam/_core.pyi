@@ -3,11 +3,12 @@ The C++ core of fusionslam; its public names are those of the package.
 """
 from __future__ import annotations
 import collections.abc
+import enum
 import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['Alignment', 'AlignmentConfig', 'AlignmentIndex', 'DescriptorIndex', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'PoseSheet', 'RangeImage', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'DescriptorIndex', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'PoseSheet', 'RangeImage', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -308,96 +309,6 @@ class DescriptorIndex:
     @property
     def window_seconds(self) -> float:
         ...
-class SceneConfig:
-    """
-    How a coloured cloud becomes a scene.
-    """
-    @staticmethod
-    def options() -> list[dict[str, typing.Any]]:
-        """
-        Every option: name, kind, default, help, unit, range or choices.
-        """
-    def __init__(self, *, preset: str = 'robust', **kwargs: typing.Any) -> None:
-        """
-        The preset's values, with the given options in their place.
-        """
-    def __repr__(self) -> str:
-        ...
-    @property
-    def azimuth_step(self) -> float:
-        """
-        width of a cell [deg]
-        """
-    @property
-    def center(self) -> str:
-        """
-        centre of an object: of its hull or of its box
-        """
-    @property
-    def color(self) -> str:
-        """
-        colour of an object: mean of its points, or their median, truncated
-        """
-    @property
-    def color_scale(self) -> float:
-        """
-        length of one step of a colour channel [m]
-        """
-    @property
-    def elevation_step(self) -> float:
-        """
-        height of a cell [deg]
-        """
-    @property
-    def eps(self) -> float:
-        """
-        radius of a neighbourhood [m]
-        """
-    @property
-    def floor(self) -> float:
-        """
-        points no farther than this from z = 0, a robot's floor, are left out; 0 keeps all [m]
-        """
-    @property
-    def image(self) -> bool:
-        """
-        whether the scene keeps a range image, which alignment needs
-        """
-    @property
-    def inclusive(self) -> bool:
-        """
-        whether a point exactly eps away is a neighbour
-        """
-    @property
-    def longest_range(self) -> float:
-        """
-        points beyond are left out [m]
-        """
-    @property
-    def min_points(self) -> int:
-        """
-        neighbours that make a point a core point, itself among them
-        """
-    @property
-    def min_size(self) -> int:
-        """
-        points a cluster must have to be an object
-        """
-    @property
-    def sensor_x(self) -> float:
-        """
-        where the sensor is in the frame of the cloud [m]
-        """
-    @property
-    def sensor_y(self) -> float:
-        """
-        where the sensor is in the frame of the cloud [m]
-        """
-    @property
-    def sensor_z(self) -> float:
-        """
-        where the sensor is in the frame of the cloud [m]
-        """
 class RangeImage:
     """
     How far it is, and of which colour what is there, in each direction of a cloud.
@@ -434,6 +345,96 @@ class RangeImage:
     def sensor(self) -> typing.Annotated[list[float], "FixedSize(3)"]:
         """
         Metres: what the directions are taken from, in the frame of the cloud.
+        """
+class SceneConfig:
+    """
+    How a coloured cloud becomes a scene.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __init__(self, *, preset: str = 'robust', **kwargs: typing.Any) -> None:
+        """
+        The preset's values, with the given options in their place.
+        """
+    def __repr__(self) -> str:
+        ...
+    @property
+    def azimuth_step(self) -> float:
+        """
+        width of a cell [deg]
+        """
+    @property
+    def center(self) -> str:
+        """
+        centre of an object: of its hull or of its box
+        """
+    @property
+    def color(self) -> str:
+        """
+        colour of an object: mean of its points, or their median, truncated
+        """
+    @property
+    def color_scale(self) -> float:
+        """
+        distance that one step of a colour channel stands for [m]
+        """
+    @property
+    def elevation_step(self) -> float:
+        """
+        height of a cell [deg]
+        """
+    @property
+    def eps(self) -> float:
+        """
+        radius of a neighbourhood [m]
+        """
+    @property
+    def floor(self) -> float:
+        """
+        leave out points no farther than this from z = 0, a robot's floor; 0 keeps all [m]
+        """
+    @property
+    def image(self) -> bool:
+        """
+        keep a range image in the scene, which alignment needs
+        """
+    @property
+    def inclusive(self) -> bool:
+        """
+        count a point exactly eps away as a neighbour
+        """
+    @property
+    def longest_range(self) -> float:
+        """
+        points beyond are left out [m]
+        """
+    @property
+    def min_points(self) -> int:
+        """
+        neighbours that make a point a core point (itself included)
+        """
+    @property
+    def min_size(self) -> int:
+        """
+        fewest points that make a cluster an object
+        """
+    @property
+    def sensor_x(self) -> float:
+        """
+        position of the sensor in the frame of the cloud [m]
+        """
+    @property
+    def sensor_y(self) -> float:
+        """
+        position of the sensor in the frame of the cloud [m]
+        """
+    @property
+    def sensor_z(self) -> float:
+        """
+        position of the sensor in the frame of the cloud [m]
         """
 class Scene:
     """
@@ -524,7 +525,7 @@ class SimilarityConfig:
     @property
     def color_difference(self) -> str:
         """
-        how far colours are apart: of L*a*b*, of bytes, or of red alone
+        colour difference: of L*a*b*, of bytes, or of red alone
         """
     @property
     def color_weight(self) -> float:
@@ -534,7 +535,7 @@ class SimilarityConfig:
     @property
     def color_x0(self) -> float:
         """
-        difference of colours that counts half
+        colour difference that counts half
         """
     @property
     def distance_a(self) -> float:
@@ -569,12 +570,12 @@ class SimilarityConfig:
     @property
     def normalized(self) -> bool:
         """
-        whether each term is divided by its value at no difference, which makes a scene exactly like itself
+        divide each term by its value at no difference, which makes a scene exactly like itself
         """
     @property
     def range_slack(self) -> float:
         """
-        how much more distances and extents may differ, as a share, per metre from the robot [1/m]
+        how much more distances and extents may differ per metre from the robot, as a share [1/m]
         """
     @property
     def ratio_a(self) -> float:
@@ -594,7 +595,7 @@ class SimilarityConfig:
     @property
     def symmetric(self) -> bool:
         """
-        whether both scenes look for their objects in the other
+        compare in both directions: each scene's objects with the other's
         """
     @property
     def volume_a(self) -> float:
@@ -669,7 +670,7 @@ class AlignmentConfig:
     @property
     def first_scale(self) -> float:
         """
-        distance that counts half in the first step [m]
+        distance weighted one half in the first step [m]
         """
     @property
     def iterations(self) -> int:
@@ -679,17 +680,17 @@ class AlignmentConfig:
     @property
     def last_scale(self) -> float:
         """
-        distance that counts half in the last step [m]
+        distance weighted one half in the last step [m]
         """
     @property
     def points(self) -> int:
         """
-        cells of the current view that are laid over the stored one
+        cells of the current view that are compared with the stored one
         """
     @property
     def reach(self) -> float:
         """
-        a view farther from the stored one is another view [m]
+        views farther apart are different views [m]
         """
     @property
     def tolerance(self) -> float:
@@ -699,7 +700,7 @@ class AlignmentConfig:
     @property
     def turn(self) -> float:
         """
-        a view turned by more against the stored one is another [deg]
+        views rotated by more against each other are different views [deg]
         """
 class Alignment:
     """
@@ -819,6 +820,13 @@ class PoseSheet:
         """
         float64 (36, n, n) by heading, y and x; not negative: a copy.
         """
+class ActionKind(enum.IntEnum):
+    """
+    What happens to the map; the values are those of OpenRatSLAM.
+    """
+    CREATE_EDGE = ...
+    CREATE_NODE = ...
+    NONE = ...
 class ExperienceMapConfig:
     """
     How the map is corrected.
@@ -835,37 +843,37 @@ class ExperienceMapConfig:
     @property
     def agreed_sigmas(self) -> float:
         """
-        beyond so many deviations agreement does not help either
+        reject a loop beyond this many standard deviations, whatever agrees with it
         """
     @property
     def agreeing(self) -> int:
         """
-        beyond that only if so many loops agree, itself counted
+        beyond `sigmas`, accept a loop only if at least this many loops agree (itself included)
         """
     @property
     def agreement_m(self) -> float:
         """
-        loops with more drift between them do not speak for each other [m]
+        loops agree only if the drift between them is at most this [m]
         """
     @property
     def correction(self) -> float:
         """
-        openratslam: part of a link's error that each of its ends moves by
+        openratslam: share of a link's error that each of its ends moves by
         """
     @property
     def drift_heading(self) -> float:
         """
-        deviation of its heading after one metre [rad/sqrt(m)]
+        standard deviation of its heading after one metre [rad/sqrt(m)]
         """
     @property
     def drift_m(self) -> float:
         """
-        deviation of odometry's way after one metre [m/sqrt(m)]
+        standard deviation of odometry's position after one metre [m/sqrt(m)]
         """
     @property
     def drift_turn(self) -> float:
         """
-        deviation of its heading after turning by one radian [rad/sqrt(rad)]
+        standard deviation of its heading after a turn of one radian [rad/sqrt(rad)]
         """
     @property
     def initial_heading(self) -> float:
@@ -875,42 +883,42 @@ class ExperienceMapConfig:
     @property
     def loops(self) -> int:
         """
-        openratslam: sweeps of relaxation after an action
+        openratslam: relaxation sweeps after each action
         """
     @property
     def outlier(self) -> float:
         """
-        a loop's link pulls no harder than at so many deviations
+        standard deviations from which on a loop's link pulls no harder
         """
     @property
     def place_m(self) -> float:
         """
-        deviation of where a recognised view puts the robot [m]
+        standard deviation of the position that a recognised view gives [m]
         """
     @property
     def place_rad(self) -> float:
         """
-        deviation of the heading that it gives [rad]
+        standard deviation of the heading that it gives [rad]
         """
     @property
     def preset(self) -> str:
         """
-        robust (ours) or openratslam (Ball et al. 2013, as its program behaves)
+        robust (ours) or openratslam (as the program of Ball et al. 2013)
         """
     @property
     def sigmas(self) -> float:
         """
-        a loop is believed up to so many deviations from odometry
+        accept a loop up to this many standard deviations from odometry
         """
     @property
     def tolerance(self) -> float:
         """
-        relaxation ends when no node moves farther [m]
+        stop relaxing when no node moves farther than this [m]
         """
     @property
     def work(self) -> int:
         """
-        nodes that may be moved per action, and a 50th of the map
+        work limit per action: this many nodes plus 2 % of the map
         """
 class ExperienceMap:
     """
