@@ -23,6 +23,7 @@ from fusionslam.datasets.base import CloudDataset, Kind
 from fusionslam.datasets.streams import Request, check_scans, check_self_contained
 from fusionslam.errors import DataError
 from fusionslam.geometry.odometry_noise import OdometryConfig, measured_places
+from fusionslam.geometry.se2 import transform_points
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.synchronizer import SyncConfig
@@ -134,9 +135,7 @@ class RangeRecording(CloudDataset):
         if measured is None:
             return Cloud(points, colors)
         x, y, yaw = measured[index]
-        c, s = np.cos(yaw), np.sin(yaw)
-        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-        moved = np.einsum("ij,kj->ik", points, turn) + np.array([x, y, 0])
+        moved = transform_points(points, x, y, yaw)
         return Cloud(moved.astype(np.float32), colors)
 
     def odometry(self, config: RecordingConfig) -> Floats | None:

@@ -1,76 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Poses on the sheet of pose cells, and ways from one to another."""
+"""Poses in the plane: x, y in metres and heading in radians, counter-clockwise."""
 
-import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.storage.arrays import Floats
-
-HEADINGS = 36
-"""Layers of the sheet: headings ten degrees apart."""
-LAYER = 2 * math.pi / HEADINGS
-"""Radians from one layer to the next."""
-
-
-class Place(NamedTuple):
-    """A pose on the sheet in cells: x, y in [0, n), th in [0, 36), which is heading / 10 degrees.
-
-    Also a way: x forwards, y to the left, th the turn, counter-clockwise, all of any size.
-    """
-
-    x: float
-    y: float
-    th: float
-
-
-NOWHERE = Place(0.0, 0.0, 0.0)
-"""The way that leads nowhere."""
-
-
-def after(place: Place, way: Place) -> Place:
-    """Where a way leads to from a place, not wrapped; or two ways one after the other."""
-    cosine, sine = math.cos(place.th * LAYER), math.sin(place.th * LAYER)
-    return Place(
-        place.x + cosine * way.x - sine * way.y,
-        place.y + sine * way.x + cosine * way.y,
-        place.th + way.th,
-    )
-
-
-def back(way: Place) -> Place:
-    """The way back."""
-    cosine, sine = math.cos(way.th * LAYER), math.sin(way.th * LAYER)
-    return Place(-cosine * way.x - sine * way.y, sine * way.x - cosine * way.y, -way.th)
-
-
-def arc(way: float, turn: float) -> Place:
-    """The way of a robot that turns evenly: length in cells, turn in radians."""
-    half = turn / 2
-    chord = way * float(np.sinc(half / math.pi))
-    return Place(chord * math.cos(half), chord * math.sin(half), turn / LAYER)
-
-
-def on_sheet(place: Place, size: int) -> Place:
-    """The same place in [0, n) and [0, 36)."""
-    return Place(_wrapped(place.x, size), _wrapped(place.y, size), _wrapped(place.th, HEADINGS))
-
-
-def _wrapped(value: float, period: int) -> float:
-    rest = value % period
-    return rest if rest < period else 0.0  # a tiny negative value is rounded up to the period
-
-
-def differences(places: Any, other: Any, size: int) -> Floats:
-    """The shortest differences on the sheet, float64 (..., 3), each in half a period both ways."""
-    period = np.array((size, size, HEADINGS), np.float64)
-    raw = np.asarray(places, np.float64) - np.asarray(other, np.float64)
-    wrapped: Floats = (raw + period / 2) % period - period / 2
-    return wrapped
-
 
 _UPRIGHT = np.cos(np.radians(30))
 
@@ -93,6 +30,29 @@ def _to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
     x = np.cross(aside, up)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(up, x), up])
+
+
+def compose(poses: Floats, offsets: Floats) -> Floats:
+    """Poses given in the frames of other poses, in the frame of those.
+
+    Args:
+        poses, offsets: float64 (n, 3), x, y in metres and heading in radians.
+
+    Returns:
+        float64 (n, 3), headings in (-pi, pi].
+    """
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    x = poses[:, 0] + c * offsets[:, 0] - s * offsets[:, 1]
+    y = poses[:, 1] + s * offsets[:, 0] + c * offsets[:, 1]
+    return np.stack([x, y, wrapped(poses[:, 2] + offsets[:, 2])], axis=1)
+
+
+def transform_points(points: NDArray[Any], x: float, y: float, yaw: float) -> Floats:
+    """Points (N, 3) seen from a pose on the ground, in the frame of the pose: float64 (N, 3)."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    moved = np.einsum("ij,kj->ik", points.astype(np.float64), turn) + np.array([x, y, 0])
+    return np.asarray(moved)
 
 
 def wrapped(angles: Floats) -> Floats:

@@ -9,16 +9,16 @@ import numpy as np
 
 from fusionslam._core import PoseSheet
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.geometry.se2 import (
+from fusionslam.ratslam.pose_cell_sheet import (
     HEADINGS,
+    IDENTITY,
     LAYER,
-    NOWHERE,
     Place,
-    after,
-    arc,
-    back,
+    compose,
     differences,
-    on_sheet,
+    inverse,
+    motion_arc,
+    wrap,
 )
 from fusionslam.storage.arrays import Floats
 
@@ -146,12 +146,12 @@ class SteadyNetwork:
         # Where the packet belongs, and what it is off; then the way since the last step, and which
         # part of the way to the next one that is.
         self._base = Place(float(size // 2), float(size // 2), float(HEADINGS // 2))
-        self._slip, self._way, self._progress = NOWHERE, NOWHERE, 0.0
+        self._slip, self._way, self._progress = IDENTITY, IDENTITY, 0.0
         self._before: Place | None = None
 
     @property
     def best(self) -> Place:
-        return on_sheet(after(self._base, self._way), self._size)
+        return wrap(compose(self._base, self._way), self._size)
 
     @property
     def activity(self) -> Floats:
@@ -193,16 +193,16 @@ class SteadyNetwork:
         self._progress += left
 
     def _go(self, way: float, turn: float, part: float) -> None:
-        piece = arc(way * part, turn * part)
-        self._way = after(self._way, piece)
+        piece = motion_arc(way * part, turn * part)
+        self._way = compose(self._way, piece)
         if self._before is not None:
-            self._before = on_sheet(after(self._before, piece), self._size)
+            self._before = wrap(compose(self._before, piece), self._size)
 
     def _step(self) -> None:
         self._sheet.settle(self._inhibition)
         self._follow(self._sheet)
         here = self.best
-        self._way, self._progress = NOWHERE, 0.0
+        self._way, self._progress = IDENTITY, 0.0
         self._place_packet(here, Place(*self._sheet.decode()))
 
     def _place_packet(self, expected: Place, found: Place) -> None:
@@ -211,8 +211,8 @@ class SteadyNetwork:
         if max(map(abs, slip)) < _JUMP:
             self._base, self._slip = expected, slip
         else:
-            self._before = self._before or on_sheet(after(expected, self._way), self._size)
-            self._base, self._slip = found, NOWHERE
+            self._before = self._before or wrap(compose(expected, self._way), self._size)
+            self._base, self._slip = found, IDENTITY
 
     def inject(self, place: Place, energy: float) -> None:
         """Spread over the cells around the place; the packet moves as far as its mean does.
@@ -220,13 +220,13 @@ class SteadyNetwork:
         Which packet wins is seen after the next step of the attractor: before it, the few cells
         that a view has just told are more active than any of a packet's.
         """
-        place, slip = after(place, back(self._way)), self._slip
+        place, slip = compose(place, inverse(self._way)), self._slip
         self._sheet.inject(place.x - slip.x, place.y - slip.y, place.th - slip.th, energy)
         self._sheet.assign(self._sheet.activity / (1 + energy))
         away = differences(place, self._base, self._size)
         if np.abs(away).max() <= _REACH:
             base = np.array(self._base) + away * (energy / (1 + energy))
-            self._base = on_sheet(Place(*base.tolist()), self._size)
+            self._base = wrap(Place(*base.tolist()), self._size)
 
     def accept(self) -> None:
         self._before = None
@@ -245,7 +245,7 @@ class SteadyNetwork:
         self._sheet.inject(*place, 1.0)
         for _ in range(_FORMED):
             self._sheet.settle(self._inhibition)
-        self._base, self._way = place, NOWHERE
+        self._base, self._way = place, IDENTITY
         off = differences(place, Place(*self._sheet.decode()), self._size)
         self._slip = Place(*off.tolist())
 

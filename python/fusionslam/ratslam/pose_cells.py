@@ -20,18 +20,18 @@ from numpy.typing import NDArray
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.evaluation.maps.run import ActionKind
-from fusionslam.geometry.se2 import (
-    HEADINGS,
-    LAYER,
-    NOWHERE,
-    Place,
-    after,
-    back,
-    differences,
-    on_sheet,
-)
 from fusionslam.ratslam.actions import Action
 from fusionslam.ratslam.attractor import Network, ReferenceNetwork, SteadyNetwork
+from fusionslam.ratslam.pose_cell_sheet import (
+    HEADINGS,
+    IDENTITY,
+    LAYER,
+    Place,
+    compose,
+    differences,
+    inverse,
+    wrap,
+)
 from fusionslam.ratslam.pose_cell_state import EXPERIENCE_TABLES, VIEW_TABLES, checked_state
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.growing_array import Rows
@@ -124,7 +124,7 @@ class PoseCells:
         self._experiences, self._views_of = Rows(np.float64, 3), Rows(int)
         self._offsets = Rows(np.float64, 3)
         self._known: list[Rows] = []
-        self._relative, self._current = NOWHERE, 0
+        self._relative, self._current = IDENTITY, 0
         self._moved = self._seen = self._in_doubt = False
 
     @property
@@ -193,7 +193,7 @@ class PoseCells:
     def _learn(self, relative: Place) -> None:
         place = self.best
         if self._robust:
-            place = on_sheet(after(place, back(relative)), self.config.size)
+            place = wrap(compose(place, inverse(relative)), self.config.size)
         self._places.append(place)
         self._decays.append(self.config.active_decay)
         self._since.append(self._arrived)
@@ -211,7 +211,7 @@ class PoseCells:
         energy = self._energy * (30 - math.exp(1.2 * decay)) / 30
         place = Place(*self._places.all[view].tolist())
         if self._robust:
-            place = after(place, relative)
+            place = compose(place, relative)
         else:
             place = Place(place.x, place.y, place.th + relative.th)
         self._network.inject(place, energy)
@@ -326,7 +326,7 @@ class PoseCells:
         if not self._robust:
             return self._relative
         offset = Place(*self._offsets.all[experience].tolist())
-        return after(back(offset), self._relative)
+        return compose(inverse(offset), self._relative)
 
     def _distances(self, experiences: Any) -> Floats:
         """Cells, from the pose to where it is expected if these experiences are matched."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.geometry.se2 import wrapped
+from fusionslam.geometry.se2 import compose
 from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.arrays import Floats, Integers
 from fusionslam.storage.files import PathLike
@@ -220,10 +220,7 @@ def placed(nodes: Floats, ids: Integers, offsets: Floats) -> Floats:
         float64 (n, 3), headings in (-pi, pi].
     """
     origin = np.concatenate([nodes, np.zeros((1, 3))])[ids]
-    c, s = np.cos(origin[:, 2]), np.sin(origin[:, 2])
-    x = origin[:, 0] + c * offsets[:, 0] - s * offsets[:, 1]
-    y = origin[:, 1] + s * offsets[:, 0] + c * offsets[:, 1]
-    return np.stack([x, y, wrapped(origin[:, 2] + offsets[:, 2])], axis=1)
+    return compose(origin, offsets)
 
 
 def _texts() -> list[str]:

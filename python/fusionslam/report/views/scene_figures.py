@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import FusionSlamError
+from fusionslam.geometry.se2 import transform_points
 from fusionslam.report.page.figures import new_figure, styled
 from fusionslam.report.page.images import write_png
 from fusionslam.views.alignment_comparison import Alignment, AlignmentConfig, align_scenes
@@ -269,10 +270,7 @@ def _laid_over(
     axis: "Axes", current: ClusteredScan, stored: ClusteredScan, found: Alignment
 ) -> None:
     """The points of both in the stored one's frame."""
-    c, s = np.cos(found.yaw), np.sin(found.yaw)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    moved = np.einsum("ij,kj->ik", current.points, turn)
-    moved += np.array([found.x, found.y, 0])
+    moved = transform_points(current.points, found.x, found.y, found.yaw)
     for points, color, scan in (
         (stored.points, _STORED, stored),
         (moved, _CURRENT, current),
