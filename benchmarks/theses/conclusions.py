@@ -2,8 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the theses conclude, and whether it holds here: decided by the figures, not by us."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import yaml
 
 from benchmarks.theses.document import DASH, scaled
 from benchmarks.theses.stastny2022_chapter5 import published
@@ -38,31 +42,40 @@ class Claim:
         return f"missed: {missed}" if right == 0 else f"holds in {right} of {count}; not: {missed}"
 
 
-def compared(
-    text: str,
-    cases: Sequence[str],
-    better: Callable[[str], float | None],
-    worse: Callable[[str], float | None],
-    show: str,
-    *,
-    ties: bool = False,
-) -> Claim:
-    """The claim that one figure is larger than another in every case where both are.
+Operand = str | float
+Value = Callable[[str, str, Operand], float | None]
+
+
+def decide(
+    part: str, cases: Sequence[str], value: Value, formats: Mapping[str, str]
+) -> list[Claim]:
+    """Decide the conclusions of one part.
 
     Args:
-        text: the claim.
+        part: key of ``conclusions.yaml``.
         cases: worlds or sequences.
-        better, worse: the figures of a case, None where there is none.
-        show: format of a figure.
-        ties: whether an equal one counts.
+        value: gives a figure of a case: called with the case, the figure's name (empty where a part
+            has one only) and a row's ``larger`` or ``smaller``; None where there is no such figure.
+        formats: how figures are shown, by name.
     """
+    rows = yaml.safe_load(Path(__file__).with_name("conclusions.yaml").read_text("utf-8"))[part]
+    return [_decide(row, cases, value, formats[row.get("figure", "")]) for row in rows]
+
+
+def _decide(row: Mapping[str, Any], cases: Sequence[str], value: Value, show: str) -> Claim:
     figures, holds = {}, {}
     for case in cases:
-        one, other = better(case), worse(case)
-        if one is not None and other is not None:
-            figures[case] = f"{show.format(one)} and {show.format(other)}"
-            holds[case] = one > other or (ties and one == other)
-    return Claim(text, figures, holds)
+        larger, smaller = (
+            value(case, row.get("figure", ""), row[key]) for key in ("larger", "smaller")
+        )
+        if larger is None or smaller is None:
+            continue
+        figures[case] = f"{show.format(larger)} and {show.format(smaller)}"
+        if "within" in row:
+            holds[case] = abs(larger - smaller) <= row["within"]
+        else:
+            holds[case] = larger > smaller or (row.get("ties", False) and larger == smaller)
+    return Claim(row["text"], figures, holds)
 
 
 _PERCENT = ("{:.1f} %", 100.0)
@@ -75,101 +88,21 @@ _SHOWN = {
     "build_ms": ("{:.2f} ms", 1.0),
 }
 """Format and scale of a figure of ``ViewRow``."""
-_FRAMES: tuple[tuple[FrameName, str], ...] = (
-    ("odometry", "thesis's set-up"),
-    ("robot", "robot's frame"),
-    ("drift", "drifting odometry"),
-)
-
-Measured = tuple[FrameName, str]
-_CLAIMS: tuple[tuple[str, str, Measured, Measured], ...] = (
-    *(
-        (
-            f"The first stage is more accurate than the original's templates ({words})",
-            "accuracy",
-            (frame, "objects:author"),
-            (frame, "visual_templates"),
-        )
-        for frame, words in _FRAMES
-    ),
-    *(
-        (
-            "False positives of the templates are farther off, on average, than those of the "
-            f"first stage ({words})",
-            "mean_error",
-            (frame, "visual_templates"),
-            (frame, "objects:author"),
-        )
-        for frame, words in _FRAMES
-    ),
-    (
-        "The templates store more views than the first stage (thesis's set-up)",
-        "views",
-        ("odometry", "visual_templates"),
-        ("odometry", "objects:author"),
-    ),
-    (
-        "A view of the first stage takes fewer bytes than a template",
-        "view_bytes",
-        ("robot", "visual_templates"),
-        ("robot", "objects:author"),
-    ),
-    (
-        "A second stage costs more to build than the first alone",
-        "build_ms",
-        ("robot", "two_stages:author"),
-        ("robot", "objects:author"),
-    ),
-    (
-        "Ours, not the thesis's: alignment is more accurate than the first stage is in the "
-        "thesis's set-up, without looking at odometry, and judged strictly",
-        "accuracy",
-        ("robot", "alignment"),
-        ("odometry", "objects:author"),
-    ),
-    (
-        "Ours, not the thesis's: alignment finds more loops than the first stage (robot's frame)",
-        "loop_recall",
-        ("robot", "alignment"),
-        ("robot", "objects:author"),
-    ),
-    (
-        "Not in the thesis: the first stage is more accurate than what looks at nothing "
-        "(thesis's set-up)",
-        "accuracy",
-        ("odometry", "objects:author"),
-        ("odometry", "every_3rd"),
-    ),
-)
-"""A claim, a figure of ``ViewRow``, and by frame and way where it should be larger, and smaller."""
 
 
 def view_claims(study: ViewStudy) -> list[Claim]:
     """Those of sections 5.4 to 5.7, judged in the thesis's set-up, and strictly."""
-    worlds = [drive.world for drive in study.drives]
 
-    def of(name: str, measured: Measured) -> Callable[[str], float | None]:
-        frame, method = measured
-        scale = _SHOWN[name][1]
-        return lambda world: scaled(study.figure(world, frame, method, name), scale)
+    def value(world: str, name: str, operand: Operand) -> float | None:
+        frame, method = str(operand).split()
+        if frame == "published":
+            found = published(world, method, name)
+        else:
+            found = study.figure(world, cast(FrameName, frame), method, name)
+        return scaled(found, _SHOWN[name][1])
 
-    def thesis(world: str) -> float | None:
-        return scaled(published(world, "objects:author", "accuracy"), _PERCENT[1])
-
-    first = of("accuracy", ("odometry", "objects:author"))
-    both = of("accuracy", ("odometry", "two_stages:author"))
-    as_published = (
-        "The first stage is as accurate as published, or more (thesis's set-up; published second)"
-    )
-    second = "Both stages are at least as accurate as the first alone (thesis's set-up)"
-    return [
-        compared(as_published, worlds, first, thesis, _PERCENT[0], ties=True),
-        compared(second, worlds, both, first, _PERCENT[0], ties=True),
-        *(
-            compared(text, worlds, of(name, larger), of(name, smaller), _SHOWN[name][0])
-            for text, name, larger, smaller in _CLAIMS
-        ),
-    ]
+    formats = {name: show for name, (show, _) in _SHOWN.items()}
+    return decide("views", [drive.world for drive in study.drives], value, formats)
 
 
 def claims_table(claims: Sequence[Claim]) -> Table:

@@ -16,7 +16,7 @@ from benchmarks.theses.work_cache import save_json
 from fusionslam.report.page.html import write_page as write_html
 from fusionslam.storage.files import atomic_path
 
-FORMAT = "benchmarks.theses.1"
+FORMAT = "fusionslam.reproduce.1"
 PAGE = "reproduce.html"
 TITLE = "Two theses, measured again"
 

@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chapter 4 of Perdomo 2019 as tables and pictures, published figures beside ours."""
 
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.theses.conclusions import Claim, compared
+from benchmarks.theses.conclusions import Claim, Operand, decide
 from benchmarks.theses.config import KITTI_SEQUENCES
 from benchmarks.theses.descriptor_study import (
     COLOR_SPACES,
@@ -232,50 +231,18 @@ def descriptor_claims(study: DescriptorStudy) -> list[Claim]:
         for source in study.sources(case)
     }
 
-    def of(
-        name: str, variant: str, figure: Callable[[Measured], float | None]
-    ) -> Callable[[str], float | None]:
-        def value(case: str) -> float | None:
-            found = study.find(*cases[case], name, variant)
-            return None if found is None else figure(found)
+    colored = _colored_case(study)
+    figures = {"recall": full_recall, "describe_ms": describe_ms}
 
-        return value
+    def value(case: str, name: str, operand: Operand) -> float | None:
+        descriptor, variant = str(operand).split()
+        if variant in COLOR_SPACES:
+            return color_recall(study, variant, 1.0) if case == colored else None
+        found = study.find(*cases[case], descriptor, variant) if case in cases else None
+        return None if found is None else figures[name](found)
 
-    names = list(cases)
-    claims = [
-        compared(
-            "c-M2DP recalls more than M2DP at 100 % precision",
-            names,
-            of("cm2dp", "author", full_recall),
-            of("m2dp", "author", full_recall),
-            "{:.3f}",
-        ),
-        *(
-            compared(
-                f"c-M2DP recalls more at 100 % precision in RGB than in {SPACES[space]}",
-                [_colored_case(study)],
-                lambda case: color_recall(study, "rgb", 1.0),
-                lambda case, space=space: color_recall(study, space, 1.0),  # type: ignore[misc]
-                "{:.3f}",
-            )
-            for space in ("hsv", "lab")
-        ),
-        compared(
-            "CSHOT takes longer to compute than c-M2DP",
-            names,
-            of("cshot", "author", describe_ms),
-            of("cm2dp", "author", describe_ms),
-            "{:.1f} ms",
-        ),
-        compared(
-            "Ours, not the thesis's: our preset of c-M2DP recalls at least as much as its author's",
-            names,
-            of("cm2dp", "robust", full_recall),
-            of("cm2dp", "author", full_recall),
-            "{:.3f}",
-            ties=True,
-        ),
-    ]
+    formats = {"recall": "{:.3f}", "describe_ms": "{:.1f} ms"}
+    claims = decide("descriptors", [*cases, colored], value, formats)
     if study.stored is not None:
         claims.append(_stored_claim(study))
     return claims

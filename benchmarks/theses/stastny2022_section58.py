@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.theses.conclusions import Claim, compared
+from benchmarks.theses.conclusions import Claim, Operand, decide
 from benchmarks.theses.config import OURS
 from benchmarks.theses.document import Chapter, Head, shown, table_of
 from benchmarks.theses.map_study import MapStudy
@@ -199,85 +199,19 @@ def _figure(study: MapStudy, world: str, odometry: str, folder: Path) -> Picture
     return keep(folder, name, picture, caption)
 
 
-_SATISFACTORY_M = 0.8
-"""A map whose nodes are off by less, the thesis's own limit for one place, is satisfactory."""
-_IDENTICAL_M = 0.25
-"""Maps whose errors differ by less are almost identical."""
-
-
 def map_claims(study: MapStudy) -> list[Claim]:
     """What section 5.8 concludes, then what is ours."""
 
-    def of(odometry: str, method: str, preset: str) -> Callable[[str], float | None]:
-        return lambda world: figure(study, world, odometry, method, preset, _rmse)
+    def value(world: str, _: str, operand: Operand) -> float | None:
+        if isinstance(operand, float):
+            return operand
+        odometry, *which = operand.split()
+        if which == ["alone"]:
+            return _alone(study, world, odometry)
+        method, preset = which
+        return figure(study, world, odometry, method, preset, _rmse)
 
-    def drift_alone(world: str) -> float | None:
-        return _alone(study, world, "truth+noise")
-
-    worlds, show = list(study.words), "{:.2f} m"
-    first, second = (
-        of("truth", "objects:author", "openratslam"),
-        of("truth", "two_stages:author", "openratslam"),
-    )
-    original = of("truth", "visual_templates", "openratslam")
-    return [
-        compared(
-            f"Maps of the first stage are satisfactory: nodes off by less than {_SATISFACTORY_M} "
-            "m, the limit of one place (5.8; the limit first)",
-            worlds,
-            lambda world: _SATISFACTORY_M,
-            first,
-            show,
-        ),
-        _alike("first stage", "both stages", worlds, first, second),
-        compared(
-            "The original's map is farther off than that of the first stage (5.8, of the hospital)",
-            worlds,
-            original,
-            first,
-            show,
-        ),
-        compared(
-            "Ours, not the thesis's: with drifting odometry the first stage's map is farther off "
-            "than ours",
-            worlds,
-            of("truth+noise", "objects:author", "openratslam"),
-            of("truth+noise", OURS, "robust"),
-            show,
-        ),
-        compared(
-            "Ours, not the thesis's: drifting odometry alone is farther off than our map",
-            worlds,
-            drift_alone,
-            of("truth+noise", OURS, "robust"),
-            show,
-        ),
-        compared(
-            "Ours, not the thesis's: the templates' map is farther off as the original makes it "
-            "than as ours makes it of the same views (drifting odometry)",
-            worlds,
-            of("truth+noise", "visual_templates", "openratslam"),
-            of("truth+noise", "visual_templates", "robust"),
-            show,
-        ),
-    ]
-
-
-def _alike(
-    one: str,
-    other: str,
-    worlds: list[str],
-    left: Callable[[str], float | None],
-    right: Callable[[str], float | None],
-) -> Claim:
-    figures, holds = {}, {}
-    for world in worlds:
-        pair = left(world), right(world)
-        if pair[0] is not None and pair[1] is not None:
-            figures[world] = f"{pair[0]:.2f} m and {pair[1]:.2f} m"
-            holds[world] = abs(pair[0] - pair[1]) <= _IDENTICAL_M
-    text = f"Maps of the {one} and of {other} are almost identical: within {_IDENTICAL_M} m (5.8)"
-    return Claim(text, figures, holds)
+    return decide("maps", list(study.words), value, {"": "{:.2f} m"})
 
 
 _NAMES = ("world", "odometry", "method", "preset", "note")

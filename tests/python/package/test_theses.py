@@ -15,7 +15,7 @@ import pytest
 import cli
 from benchmarks.theses import map_study, view_study
 from benchmarks.theses.__main__ import app
-from benchmarks.theses.conclusions import Claim, compared
+from benchmarks.theses.conclusions import _SHOWN, Claim, Operand, decide
 from benchmarks.theses.config import ReproduceConfig
 from benchmarks.theses.descriptor_study import study_descriptors
 from benchmarks.theses.differences import Difference, differences_table, met_sentence
@@ -36,6 +36,7 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 
 fails = partial(cli.fails, command=app)
+CHAPTER4 = ("recall", "describe_ms")
 succeeds = partial(cli.succeeds, command=app)
 VIEWS = ("objects:author", "visual_templates", "alignment")
 
@@ -319,11 +320,29 @@ def test_a_difference_is_told_unless_every_figure_is_close() -> None:
     assert met_sentence([close, off]).endswith("in every case: a.")
 
 
-def test_a_claim_counts_the_cases_in_which_it_holds() -> None:
-    better, worse = {"x": 2.0, "y": 1.0}, {"x": 1.0, "y": 2.0, "z": 3.0}
-    claim = compared("c", ("x", "y", "z"), better.get, worse.get, "{:.0f}")
-    assert claim.holds == {"x": True, "y": False}
-    assert claim.verdict == "holds in 1 of 2; not: y"
-    assert compared("c", ("x",), better.get, worse.get, "{:.0f}").verdict == "holds"
-    assert compared("c", ("y",), better.get, worse.get, "{:.0f}").verdict == "missed: y"
-    assert Claim("c", {}, {}).verdict == "not measured"
+def test_a_conclusion_counts_the_cases_in_which_it_holds() -> None:
+    figures = {
+        "odometry objects:author": {"x": 2.0, "y": 1.0},
+        "odometry every_3rd": {"x": 1.0, "y": 2.0},
+    }
+
+    def value(case: str, name: str, operand: Operand) -> float | None:
+        assert name in formats
+        return figures.get(str(operand), {}).get(case)
+
+    def last(*cases: str) -> Claim:
+        return decide("views", cases, value, formats)[-1]
+
+    formats = dict.fromkeys(_SHOWN, "{:.0f}")
+    assert last("x", "y", "z").holds == {"x": True, "y": False}
+    assert last("x", "y", "z").verdict == "holds in 1 of 2; not: y"
+    assert last("x").verdict == "holds"
+    assert last("y").verdict == "missed: y"
+    assert last("z").verdict == Claim("c", {}, {}).verdict == "not measured"
+
+
+def test_every_conclusion_has_two_sides() -> None:
+    for part, known in (("views", _SHOWN), ("maps", {"": ""}), ("descriptors", CHAPTER4)):
+        formats = dict.fromkeys(known, "{:.1f}")
+        found = decide(part, ("x",), lambda case, name, operand: 1.0, formats)
+        assert found and all(claim.holds.keys() == {"x"} for claim in found)
