@@ -57,7 +57,7 @@ def reproduce(
 
     What is finished is kept in the folder: the same command goes on where it was interrupted.
     """
-    from benchmarks.theses.config import ReproduceConfig, checked
+    from benchmarks.theses.config import ReproduceConfig, check_config
     from benchmarks.theses.run import reproduce as run
 
     for extra in ("report", "sim", "bags"):
@@ -69,7 +69,7 @@ def reproduce(
         "data": data and str(data),
         "kitti": kitti and str(kitti),
     }
-    config = checked(
+    config = check_config(
         ReproduceConfig(quick=quick, **{k: v for k, v in given.items() if v is not None})
     )
     keep(ctx, output)

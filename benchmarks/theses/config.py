@@ -42,7 +42,7 @@ class ReproduceConfig(Section):
     )
 
 
-def checked(config: ReproduceConfig) -> ReproduceConfig:
+def check_config(config: ReproduceConfig) -> ReproduceConfig:
     """The configuration, if all its names are known.
 
     Raises:

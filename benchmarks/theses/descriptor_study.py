@@ -129,7 +129,7 @@ def study_descriptors(
             jobs,
             step,
         )
-    return DescriptorStudy(list(recordings), measured, _stored(config))
+    return DescriptorStudy(list(recordings), measured, _judge_stored(config))
 
 
 def _recordings(config: ReproduceConfig, jobs: int, step: Step | None) -> dict[str, Recording]:
@@ -181,16 +181,16 @@ def _run(
         source: merged(merged(PipelineConfig(), thinned.get(source, {})), settings)
         for source in wanted
     }
-    told = None if step is None else _labelled(step, f"{case}, {variant}")
+    told = None if step is None else _prefix_label(step, f"{case}, {variant}")
     found = benchmark(recording, folder, wanted, configs=configs, jobs=jobs, step=told)
     return [Measured(case, variant, evaluation) for evaluation in found]
 
 
-def _labelled(step: Step, what: str) -> Step:
+def _prefix_label(step: Step, what: str) -> Step:
     return lambda label, done, total: step(f"{what}: {label}", done, total)
 
 
-def _stored(config: ReproduceConfig) -> Stored | None:
+def _judge_stored(config: ReproduceConfig) -> Stored | None:
     """What the author stored, judged and described again; None without it."""
     root = Path(config.data or "").expanduser()
     if config.data is None or not (root / "descriptors").is_dir():

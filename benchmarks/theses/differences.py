@@ -65,7 +65,7 @@ def differences_table(differences: Sequence[Difference]) -> Table:
         ("why", "as far as it is known"),
     ]
     rows = [
-        (one.text, [Cell(text) for text in (*_told(one), one.reason)])
+        (one.text, [Cell(text) for text in (*_format_cases(one), one.reason)])
         for one in differences
         if not one.met
     ]
@@ -79,7 +79,7 @@ def met_sentence(differences: Sequence[Difference]) -> str:
     return f"{close}{'; '.join(met) or 'none of them'}."
 
 
-def _told(one: Difference) -> list[str]:
+def _format_cases(one: Difference) -> list[str]:
     return [
         "; ".join(f"{case} {one.show.format(value)}" for case, value in figures.items())
         for figures in (one.published, one.measured)

@@ -83,7 +83,7 @@ class Source:
         opened = open_drive(where, jobs=self.jobs, step=self.step)
         if self.path is None:
             return replace(opened, name=f"simulated {self.world}", world=None)
-        return _thinned(opened) if self.quick else opened
+        return _thin_drive(opened) if self.quick else opened
 
     @cached_property
     def tour(self) -> Tour:
@@ -95,7 +95,7 @@ class Source:
         from fusionslam.sim.recordings import embedded_config
 
         config = embedded_config(self.world)
-        return _rarer(config) if self.quick else config
+        return _thin_config(config) if self.quick else config
 
     @property
     def _bag(self) -> Path:
@@ -123,7 +123,7 @@ def _recordings(folder: Path) -> dict[str | None, Path]:
     return {world_of(path.stem): path for path in sorted((folder / "recordings").glob("*.npz"))}
 
 
-def _rarer(config: Any) -> Any:
+def _thin_config(config: Any) -> Any:
     """A short drive with a part of its scans and images."""
     robot = config.robot
     slower: dict[str, Any] = {
@@ -133,20 +133,20 @@ def _rarer(config: Any) -> Any:
     return merged(config, {"robot": slower, "plan": {"length_m": QUICK_M}})
 
 
-def _thinned(drive: Drive) -> Drive:
+def _thin_drive(drive: Drive) -> Drive:
     """A part of the scans and as many images."""
     rows = np.arange(0, len(drive.scenes), QUICK_EACH)
     find: Callable[[int | None], Images | None] = drive.find_images
 
     def images(bottom: int | None) -> Images | None:
         found = find(bottom)
-        return None if found is None else _thinned_images(found, drive.scenes.seconds[rows])
+        return None if found is None else _thin_images(found, drive.scenes.seconds[rows])
 
     scenes = drive.scenes.subset(rows.astype(np.int64))
     return replace(drive, scenes=scenes, find_images=images)
 
 
-def _thinned_images(images: Images, seconds: np.ndarray[Any, np.dtype[np.float64]]) -> Images:
+def _thin_images(images: Images, seconds: np.ndarray[Any, np.dtype[np.float64]]) -> Images:
     """The last image up to each scan."""
     rows = np.unique(np.maximum(np.searchsorted(images.seconds, seconds + 1e-6, "right") - 1, 0))
     return Images(

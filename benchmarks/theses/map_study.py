@@ -12,8 +12,8 @@ import numpy as np
 
 from benchmarks.theses.config import OURS, QUICK_EACH, ReproduceConfig
 from benchmarks.theses.drives import Source
-from benchmarks.theses.view_study import own_frame, recognised
-from benchmarks.theses.work_cache import Pieces
+from benchmarks.theses.view_study import own_frame, recognise_views
+from benchmarks.theses.work_cache import WorkCache
 from fusionslam.evaluation import MapReport, ViewRun, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.odometry_noise import DRIFT
@@ -89,7 +89,7 @@ class MapStudy:
 
 @dataclass(frozen=True, eq=False)
 class SightingEvents(RunEvents):
-    """Events whose views are recognised already: its items are ``Sighting``."""
+    """Events with known view ids: its items are ``Sighting``."""
 
     def __iter__(self) -> Iterator[Event | Unreadable]:
         for event in super().__iter__():
@@ -97,7 +97,7 @@ class SightingEvents(RunEvents):
 
 
 def study_maps(
-    config: ReproduceConfig, drives: Sequence[Source], pieces: Pieces, step: Step | None
+    config: ReproduceConfig, drives: Sequence[Source], pieces: WorkCache, step: Step | None
 ) -> MapStudy:
     """Make the maps of every drive; what is stored already is taken as it is.
 
@@ -105,7 +105,7 @@ def study_maps(
         DataError: a drive cannot be made or read, or the folder cannot be written.
     """
     maps = [
-        _mapped(source, odometry, method, preset, pieces, step)
+        _make_map(source, odometry, method, preset, pieces, step)
         for source in drives
         for odometry in ODOMETRIES
         for method in config.views
@@ -118,11 +118,11 @@ def study_maps(
     return MapStudy(words, made, config.views, maps)
 
 
-def _mapped(
-    source: Source, odometry: str, method: str, preset: Preset, pieces: Pieces, step: Step | None
+def _make_map(
+    source: Source, odometry: str, method: str, preset: Preset, pieces: WorkCache, step: Step | None
 ) -> Mapped:
     frame, slam = ODOMETRIES[odometry], RatSlamConfig(preset=preset)
-    views = recognised(source, frame, method, pieces, step)
+    views = recognise_views(source, frame, method, pieces, step)
     about = (source.world, odometry, method, preset)
     if views.run is None:
         return Mapped(*about, None, views.note)
@@ -134,12 +134,12 @@ def _mapped(
     }
     make = _maker(source, odometry, method, slam, views.run, step)
     name = f"{source.world}-map-{method}-{odometry}-{preset}"
-    run = pieces.kept(name, known, make, RatSlamRun.save, RatSlamRun.load)
+    run = pieces.load_or_make(name, known, make, RatSlamRun.save, RatSlamRun.load)
     return Mapped(*about, run)
 
 
 def _digest(run: ViewRun) -> str:
-    """What changes when other views are recognised."""
+    """A digest of the view ids of a run."""
     content = run.ids.tobytes() + np.ascontiguousarray(run.stamps).tobytes()
     return hashlib.sha256(content).hexdigest()[:12]
 
@@ -161,13 +161,13 @@ def _maker(
             slam, events = RatSlam(config), _sightings(source, odometry, views)
         recorder = RunRecorder(slam, events)
         what = f"{source.world}: map by {title}, {odometry}, {config.preset}"
-        run_events(recorder, None if step is None else _called(step, what))
+        run_events(recorder, None if step is None else _relabel(step, what))
         return replace(recorder.record(), views=title)
 
     return make
 
 
-def _called(step: Step, label: str) -> Step:
+def _relabel(step: Step, label: str) -> Step:
     return lambda _, done, total: step(label, done, total)
 
 

@@ -64,7 +64,7 @@ def _colors(study: DescriptorStudy, folder: Path) -> Chapter:
     chapter.show(f"c-M2DP on {case}, LiDAR and camera, as its author computes it", table, "colours")
     curves = {SPACES[space]: _color_curve(study, space) for space in COLOR_SPACES}
     caption = f"Figure 4.1: c-M2DP in three colour spaces, on {case}. {_MARKS}"
-    chapter.picture(_drawn(curves, folder, "descriptors_colors", caption))
+    chapter.picture(_draw(curves, folder, "descriptors_colors", caption))
     return chapter
 
 
@@ -127,14 +127,14 @@ def _recalls(study: DescriptorStudy, folder: Path) -> Chapter:
             "simulated and has another difficulty."
         )
     if study.stored is not None:
-        _stored(chapter, study)
+        _stored_chapter(chapter, study)
     for case in study.cases:
         for source in study.sources(case):
             chapter.picture(_figure(study, case, source, folder))
     return chapter
 
 
-def _stored(chapter: Chapter, study: DescriptorStudy) -> None:
+def _stored_chapter(chapter: Chapter, study: DescriptorStudy) -> None:
     stored = study.stored
     assert stored is not None  # the caller has seen to it
     chapter.say(
@@ -190,10 +190,10 @@ def _figure(study: DescriptorStudy, case: str, source: str, folder: Path) -> Pic
     if sequence in KITTI_SEQUENCES and source in _FIRST_FIGURE:
         where = f"Figure 4.{_FIRST_FIGURE[source] + KITTI_SEQUENCES.index(sequence)}"
     caption = f"{where}: {case}, {_SOURCES.get(source, source)}. {_MARKS}"
-    return _drawn(curves, folder, f"descriptors_{case}_{source}", caption)
+    return _draw(curves, folder, f"descriptors_{case}_{source}", caption)
 
 
-def _drawn(
+def _draw(
     curves: dict[str, PrecisionRecall | None], folder: Path, name: str, caption: str
 ) -> Picture | None:
     """The curves of those that found anything; None if none did."""

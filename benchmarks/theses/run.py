@@ -16,7 +16,7 @@ from benchmarks.theses import (
     stastny2022_section58 as chapter58,
 )
 from benchmarks.theses.conclusions import Claim, view_claims
-from benchmarks.theses.config import PARTS, ReproduceConfig, checked
+from benchmarks.theses.config import PARTS, ReproduceConfig, check_config
 from benchmarks.theses.descriptor_study import sequences_of_kitti, study_descriptors
 from benchmarks.theses.differences import (
     Difference,
@@ -34,7 +34,7 @@ from benchmarks.theses.page import (
     write_page,
 )
 from benchmarks.theses.view_study import study_views
-from benchmarks.theses.work_cache import Pieces, save_json
+from benchmarks.theses.work_cache import WorkCache, save_json
 from fusionslam.pipelines.drives import Step
 from fusionslam.report.page.figures import styled
 from fusionslam.report.page.html import about_report, check_extra
@@ -61,7 +61,7 @@ class _Report:
     ) -> None:
         self.config, self.drives, self.folder = config, drives, folder
         self.jobs, self.step = jobs, step
-        self.pieces = Pieces(folder / "pieces")
+        self.pieces = WorkCache(folder / "pieces")
         self.chapters: list[Chapter] = []
         self.claims: list[Claim] = []
         self.differences: list[Difference] = []
@@ -127,7 +127,7 @@ def reproduce(
         FusionSlamError: an extra that is needed is not installed.
     """
     check_extra()
-    checked(config)
+    check_config(config)
     if config.kitti is not None and "descriptors" in config.parts:
         sequences_of_kitti(Path(config.kitti).expanduser())  # not after hours of views and maps
     drives, target = sources(config, jobs, step), Path(folder)

@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.theses.config import WITHOUT_SENSOR, ReproduceConfig
 from benchmarks.theses.drives import Source
-from benchmarks.theses.work_cache import Pieces, load_json, save_json
+from benchmarks.theses.work_cache import WorkCache, load_json, save_json
 from fusionslam.errors import FusionSlamError
 from fusionslam.evaluation import ViewCurve, ViewReport, ViewRun
 from fusionslam.pipelines.compare_views import run_method
@@ -113,7 +113,7 @@ class _NotHad(FusionSlamError):
 
 
 def study_views(
-    config: ReproduceConfig, drives: Sequence[Source], pieces: Pieces, step: Step | None
+    config: ReproduceConfig, drives: Sequence[Source], pieces: WorkCache, step: Step | None
 ) -> ViewStudy:
     """Give every drive to every way in every frame; what is stored already is taken as it is.
 
@@ -130,7 +130,7 @@ def study_views(
     return ViewStudy([_facts(source, pieces) for source in drives], outcomes)
 
 
-def _facts(source: Source, pieces: Pieces) -> DriveFacts:
+def _facts(source: Source, pieces: WorkCache) -> DriveFacts:
     def make() -> dict[str, Any]:
         scenes = source.drive.scenes
         poses = scenes.true_poses()
@@ -145,20 +145,20 @@ def _facts(source: Source, pieces: Pieces) -> DriveFacts:
 
     known = {"source": source.identity}
     name = f"{source.world}-drive"
-    facts = pieces.kept(name, known, make, save_json, load_json, ".json")
+    facts = pieces.load_or_make(name, known, make, save_json, load_json, ".json")
     return DriveFacts(source.world, source.words, source.made, **facts)
 
 
-def recognised(
-    source: Source, frame: FrameName, method: str, pieces: Pieces, step: Step | None
+def recognise_views(
+    source: Source, frame: FrameName, method: str, pieces: WorkCache, step: Step | None
 ) -> Outcome:
     """What one way gives in one world and frame, without its curve. Raises as ``study_views``."""
     task = _task(source, frame, method, step)
     try:
-        run = pieces.kept(
+        run = pieces.load_or_make(
             f"{source.world}-{method}-{own_frame(frame, method)}",
             _known(source, frame, method),
-            lambda: _ran(find_method(method), task()),
+            lambda: _run_method(find_method(method), task()),
             ViewRun.save,
             ViewRun.load,
         )
@@ -182,10 +182,10 @@ def _task(source: Source, frame: FrameName, method: str, step: Step | None) -> C
 
 
 def _outcome(
-    source: Source, frame: FrameName, method: str, pieces: Pieces, step: Step | None
+    source: Source, frame: FrameName, method: str, pieces: WorkCache, step: Step | None
 ) -> Outcome:
     """With the curve, where there is one and the frame is not that of drifting odometry."""
-    outcome, own = recognised(source, frame, method, pieces, step), own_frame(frame, method)
+    outcome, own = recognise_views(source, frame, method, pieces, step), own_frame(frame, method)
     # The thesis has curves of its own methods.
     known = find_method(method)
     compared = known.matcher is not None and known.published is not None
@@ -193,10 +193,10 @@ def _outcome(
     if outcome.run is None or not swept:
         return outcome
     rule, task = RULES[frame], _task(source, frame, method, step)
-    curve = pieces.kept(
+    curve = pieces.load_or_make(
         f"{source.world}-{method}-{own}-curve",
         _known(source, frame, method) | {"rule": rule},
-        lambda: _swept(method, task(), rule),
+        lambda: _sweep(method, task(), rule),
         ViewCurve.save,
         ViewCurve.load,
         ".json",
@@ -204,14 +204,14 @@ def _outcome(
     return replace(outcome, run=replace(outcome.run, curve=curve))
 
 
-def _ran(entry: Method, task: Task) -> ViewRun:
+def _run_method(entry: Method, task: Task) -> ViewRun:
     run, note = run_method(entry, task)
     if run is None:
         raise _NotHad(note)
     return run
 
 
-def _swept(method: str, task: Task, rule: Rule) -> ViewCurve:
+def _sweep(method: str, task: Task, rule: Rule) -> ViewCurve:
     """Precision and recall at other thresholds of the first stage."""
     make: Callable[[], Any] | None = find_method(method).matcher
     assert make is not None  # the caller has seen to it

@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Pieces:
+class WorkCache:
     """A folder of pieces.
 
     A piece counts as finished if its file is there: files appear whole, and their names carry a
@@ -30,7 +30,7 @@ class Pieces:
 
     folder: Path
 
-    def kept(
+    def load_or_make(
         self,
         name: str,
         made_with: Mapping[str, Any],

@@ -10,9 +10,9 @@ from bags import SECOND, drive
 from fusionslam.datasets.bags.messages import plain_type, ros_type
 from fusionslam.datasets.bags.reader import Topic
 from fusionslam.ros.check.master import Graph
-from fusionslam.ros.check.observed_topics import Heard, choose, roles_of
+from fusionslam.ros.check.observed_topics import ObservedTopic, choose, roles_of
 from fusionslam.ros.check.robot import Check, Evidence, judge
-from fusionslam.ros.check.trial_fusion import Trial
+from fusionslam.ros.check.trial_fusion import TrialFusion
 from fusionslam.ros.nodes.data_fusion import DataFusionConfig
 from fusionslam.ros.runtime.config import from_parameters
 from fusionslam.sensors.messages import Event, FrameTransforms
@@ -50,11 +50,11 @@ def checked(
         nodes,
         sim_time,
     )
-    trial = Trial(from_parameters(DataFusionConfig(), parameters or {}))
+    trial = TrialFusion(from_parameters(DataFusionConfig(), parameters or {}))
     roles = roles_of(trial.config.fusion.source)
     choices = choose(graph.topics, nodes, {role: asked[role] for role in roles})
     heard = {
-        role: Heard(choice.topic, types[choice.topic])
+        role: ObservedTopic(choice.topic, types[choice.topic])
         for role, choice in choices.items()
         if choice.topic
     }
@@ -64,7 +64,7 @@ def checked(
     return judge(Evidence(graph, choices, heard, trial, 5.0, unreachable or {}, clock))
 
 
-def _arrive(event: Event, heard: Mapping[str, Heard], trial: Trial) -> None:
+def _arrive(event: Event, heard: Mapping[str, ObservedTopic], trial: TrialFusion) -> None:
     if isinstance(event.message, FrameTransforms):
         trial.take(event.topic, event.message, event.time_ns)
         return

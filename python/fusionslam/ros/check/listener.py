@@ -12,9 +12,9 @@ import rospy
 
 from fusionslam.datasets.bags.reader import RawMessage
 from fusionslam.errors import DataError, one_line
-from fusionslam.ros.check.master import look_at_master
-from fusionslam.ros.check.observed_topics import Heard, choose
-from fusionslam.ros.check.trial_fusion import Trial
+from fusionslam.ros.check.master import read_graph
+from fusionslam.ros.check.observed_topics import ObservedTopic, choose
+from fusionslam.ros.check.trial_fusion import TrialFusion
 from fusionslam.ros.messages.types import CLOUD, IMAGES, deserialized
 from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, Arrival, Inbox
 from fusionslam.ros.runtime.rospy_node import BUFFER_BYTES
@@ -29,7 +29,7 @@ _LOOK_S = 0.2
 _POLL_S = 0.05
 
 
-class Ears:
+class TopicListener:
     """Listens to the topics of the nodes, or to the best guess where one is not there.
 
     Args:
@@ -46,8 +46,8 @@ class Ears:
         FusionSlamError: the master does not answer.
     """
 
-    def __init__(self, asked: Mapping[str, str], trial: Trial) -> None:
-        self.heard: dict[str, Heard] = {}
+    def __init__(self, asked: Mapping[str, str], trial: TrialFusion) -> None:
+        self.heard: dict[str, ObservedTopic] = {}
         self._asked = {role: topic for role, topic in asked.items() if role not in TRANSFORMS}
         self._trial = trial
         common = trial.config.node
@@ -57,22 +57,22 @@ class Ears:
         # Before anybody publishes them: a bag tells its static transforms once, at its start.
         for role in TRANSFORMS:
             self._subscribe(role, asked[role])
-        self._look()
+        self._subscribe_new()
 
     def listen(self, seconds: float, progress: Progress) -> None:
         """Wait so long for the first sensor, then listen so long. Raises as the constructor."""
-        self._until("waiting", seconds, progress, self._any)
-        if self._any():
-            self._until("listening", seconds, progress, rospy.is_shutdown)
-        self._look()
+        self._poll_until("waiting", seconds, progress, self._has_messages)
+        if self._has_messages():
+            self._poll_until("listening", seconds, progress, rospy.is_shutdown)
+        self._subscribe_new()
         for subscriber in self._subscribers.values():
             subscriber.unregister()
         self._trial.end()
 
-    def _any(self) -> bool:
+    def _has_messages(self) -> bool:
         return any(heard.count for heard in self.heard.values())
 
-    def _until(
+    def _poll_until(
         self, what: str, seconds: float, progress: Progress, done: Callable[[], bool]
     ) -> None:
         begin = looked = time.monotonic()
@@ -80,21 +80,21 @@ class Ears:
             progress(what, int(since), round(seconds))
             arrival = self._inbox.get(_POLL_S)
             if arrival is not None:
-                self._work_off(arrival)
+                self._process(arrival)
             if time.monotonic() - looked > _LOOK_S:
-                self._look()
+                self._subscribe_new()
                 looked = time.monotonic()
         progress(what, round(seconds), round(seconds))
 
-    def _look(self) -> None:
+    def _subscribe_new(self) -> None:
         """Listen to what was not there before."""
-        self.graph = look_at_master()
+        self.graph = read_graph()
         self.choices = choose(self.graph.topics, self.graph.publishers, self._asked)
         for role, choice in self.choices.items():
             present = self.heard.get(role)
             # What ended meanwhile was heard all the same.
             if choice.topic and (present is None or present.topic != choice.topic):
-                self.heard[role] = Heard(choice.topic, self.graph.topics[choice.topic].type)
+                self.heard[role] = ObservedTopic(choice.topic, self.graph.topics[choice.topic].type)
                 self._subscribe(role, choice.topic)
 
     def _subscribe(self, role: str, topic: str) -> None:
@@ -103,13 +103,13 @@ class Ears:
         self._subscribers[role] = rospy.Subscriber(
             topic,
             rospy.AnyMsg,
-            self._arrived,
+            self._queue,
             callback_args=(role, topic),
             buff_size=BUFFER_BYTES,
             tcp_nodelay=True,
         )
 
-    def _arrived(self, message: Any, place: tuple[str, str]) -> None:
+    def _queue(self, message: Any, place: tuple[str, str]) -> None:
         """In a thread of rospy: note when it came, and leave the rest to the main thread."""
         role, topic = place
         about, now_ns = message._connection_header, rospy.Time.now().to_nsec()
@@ -124,7 +124,7 @@ class Ears:
             header = deserialized(message, "std_msgs/Header")
             self.heard[role].series.add(replace(raw, content=SimpleNamespace(header=header)))
 
-    def _work_off(self, arrival: Arrival) -> None:
+    def _process(self, arrival: Arrival) -> None:
         """Read a message, of images and clouds only those until a first cloud came of them."""
         role, raw = arrival.topic, arrival.message
         if raw.type in _LARGE and self._trial.first is not None:

@@ -38,7 +38,7 @@ class Graph:
     sim_time: bool
 
 
-def look_at_master() -> Graph:
+def read_graph() -> Graph:
     """Ask the master that ROS_MASTER_URI names.
 
     Raises:
@@ -47,7 +47,7 @@ def look_at_master() -> Graph:
     import rosgraph
 
     uri = rosgraph.get_master_uri()
-    reason = _unreachable(uri)
+    reason = _check_address(uri)
     try:
         if reason:
             raise OSError(reason)
@@ -78,12 +78,12 @@ def silent_nodes(nodes: Sequence[str]) -> dict[str, str]:
             uri = master.lookupNode(node)
         except (OSError, rosgraph.MasterException):
             continue
-        if _unreachable(uri):
+        if _check_address(uri):
             found[node] = str(uri)
     return found
 
 
-def _unreachable(uri: str) -> str:
+def _check_address(uri: str) -> str:
     """Why nothing answers there; empty if something does. A call of ROS might wait for minutes."""
     place = urlparse(uri)
     try:

@@ -108,7 +108,7 @@ def _is_own(nodes: Iterable[str]) -> bool:
 
 
 @dataclass(eq=False)
-class Heard:
+class ObservedTopic:
     """What arrived on a topic.
 
     Attributes:

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 from fusionslam.doctor import Finding
 from fusionslam.errors import ConfigError
 from fusionslam.ros.check import topics
-from fusionslam.ros.check.master import CLOCK, Graph, look_at_master, silent_nodes
+from fusionslam.ros.check.master import CLOCK, Graph, read_graph, silent_nodes
 from fusionslam.ros.check.observed_topics import (
     INPUTS,
     LAUNCH_ARGUMENTS,
     Choice,
-    Heard,
+    ObservedTopic,
     needed_roles,
     roles_of,
 )
 from fusionslam.ros.check.transforms import cloud_finding, frame_findings
-from fusionslam.ros.check.trial_fusion import Trial
+from fusionslam.ros.check.trial_fusion import TrialFusion
 from fusionslam.ros.environment import need_ros
 from fusionslam.sensors.messages import CameraInfo, Odometry, Picture, Scan
 
@@ -51,8 +51,8 @@ class Evidence:
 
     graph: Graph
     choices: Mapping[str, Choice]
-    heard: Mapping[str, Heard]
-    trial: Trial
+    heard: Mapping[str, ObservedTopic]
+    trial: TrialFusion
     seconds: float
     unreachable: Mapping[str, str]
     clock: bool
@@ -100,28 +100,28 @@ def check_robot(arguments: Sequence[str], seconds: float, progress: "Progress") 
     if wrong := [argument for argument in arguments if ":=" not in argument]:
         raise ConfigError(f"{wrong[0]!r} is no remapping, expected NAME:=TOPIC")
     need_ros()
-    look_at_master()  # rospy would wait for it for ever
+    read_graph()  # rospy would wait for it for ever
     import rospy
 
     # Remappings of topics are left to us: the topics that are guessed are as they are.
     own = [argument for argument in arguments if argument.startswith("_")]
     try:
         rospy.init_node(_NAME, argv=[_NAME, *own], anonymous=True, disable_signals=True)
-        return judge(_listened(_spelled_out(arguments), seconds, progress))
+        return judge(_listen(_expand_launch_arguments(arguments), seconds, progress))
     except rospy.ROSInitException as error:
         raise ConfigError(f"{' '.join(own)}: {error}") from error
     finally:
-        _leave()
+        _clean_up()
 
 
-def _spelled_out(arguments: Sequence[str]) -> Sequence[str]:
+def _expand_launch_arguments(arguments: Sequence[str]) -> Sequence[str]:
     """Arguments of launch files as the remappings that they make of them."""
     names = {short: INPUTS[role] for role, short in LAUNCH_ARGUMENTS.items()}
     pairs = [argument.partition(":=") for argument in arguments]
     return [f"{names.get(name, name)}:={value}" for name, _, value in pairs]
 
 
-def _leave() -> None:
+def _clean_up() -> None:
     """Leave nothing behind: neither parameters of ours nor a node that the master knows."""
     import rospy
 
@@ -131,7 +131,7 @@ def _leave() -> None:
     rospy.signal_shutdown("checked")
 
 
-def _remapped(arguments: Sequence[str], names: Mapping[str, str]) -> dict[str, str]:
+def _resolve_topics(arguments: Sequence[str], names: Mapping[str, str]) -> dict[str, str]:
     """The full names of topics, as nodes with these arguments know them."""
     import rospy
     from rosgraph.names import load_mappings, resolve_name
@@ -144,23 +144,34 @@ def _remapped(arguments: Sequence[str], names: Mapping[str, str]) -> dict[str, s
     return {key: resolve_name(name, node, mappings) for key, name in names.items()}
 
 
-def _listened(arguments: Sequence[str], seconds: float, progress: "Progress") -> Evidence:
+def _listen(arguments: Sequence[str], seconds: float, progress: "Progress") -> Evidence:
     import rospy
 
-    from fusionslam.ros.check.listener import TRANSFORMS, Ears
+    from fusionslam.ros.check.listener import TRANSFORMS, TopicListener
     from fusionslam.ros.nodes.data_fusion import DataFusion
     from fusionslam.ros.runtime.config import from_parameters
 
-    trial = Trial(from_parameters(DataFusion.defaults, rospy.get_param("~", {})))
+    trial = TrialFusion(from_parameters(DataFusion.defaults, rospy.get_param("~", {})))
     inputs = {role: INPUTS[role] for role in roles_of(trial.config.fusion.source)}
-    ears = Ears(_remapped(arguments, inputs | {name: name for name in TRANSFORMS}), trial)
-    ears.listen(seconds, progress)
-    silent = [ears.choices[role].topic for role, heard in ears.heard.items() if not heard.count]
-    nodes = {node for topic in silent for node in ears.graph.publishers.get(topic, ())}
+    listener = TopicListener(
+        _resolve_topics(arguments, inputs | {name: name for name in TRANSFORMS}), trial
+    )
+    listener.listen(seconds, progress)
+    silent = [
+        listener.choices[role].topic for role, heard in listener.heard.items() if not heard.count
+    ]
+    nodes = {node for topic in silent for node in listener.graph.publishers.get(topic, ())}
     clock = not rospy.Time.now().is_zero()
     unreachable = silent_nodes(sorted(nodes))
     return Evidence(
-        ears.graph, ears.choices, ears.heard, trial, seconds, unreachable, clock, arguments
+        listener.graph,
+        listener.choices,
+        listener.heard,
+        trial,
+        seconds,
+        unreachable,
+        clock,
+        arguments,
     )
 
 
@@ -168,12 +179,12 @@ def judge(evidence: Evidence) -> Check:
     """What the evidence says."""
     config = evidence.trial.config
     needed = needed_roles(config.fusion.source)
-    findings = [*_clock(evidence)]
+    findings = [*_clock_findings(evidence)]
     for role in evidence.choices:
-        findings += _sensor(evidence, role, role in needed)
-    findings += _together(evidence)
-    findings += frame_findings(evidence.trial, *_ends(evidence))
-    findings.append(cloud_finding(evidence.trial, _lacking(evidence, needed)))
+        findings += _sensor_findings(evidence, role, role in needed)
+    findings += _joint_findings(evidence)
+    findings += frame_findings(evidence.trial, *_sensor_frames(evidence))
+    findings.append(cloud_finding(evidence.trial, _describe_missing(evidence, needed)))
     remappings = [each.remapping for each in evidence.choices.values() if each.is_guess]
     found = all(not evidence.choices[role].is_guess for role in needed)
     works = found and evidence.trial.first is not None
@@ -181,17 +192,17 @@ def judge(evidence: Evidence) -> Check:
     verdict = _verdict(evidence, files, bool(remappings))
     # The last one does most.
     launch = [files[-1], *_launch_arguments(evidence, files[-1])] if files else []
-    again = _again(evidence.arguments, remappings) if remappings else []
+    again = _merge_remappings(evidence.arguments, remappings) if remappings else []
     return Check(findings, remappings, again, verdict, launch, works)
 
 
-def _again(arguments: Sequence[str], remappings: Sequence[str]) -> Sequence[str]:
+def _merge_remappings(arguments: Sequence[str], remappings: Sequence[str]) -> Sequence[str]:
     """The arguments with these remappings in the place of older ones."""
     names = {each.partition(":=")[0] for each in remappings}
     return [*(each for each in arguments if each.partition(":=")[0] not in names), *remappings]
 
 
-def _clock(evidence: Evidence) -> Iterator[Finding]:
+def _clock_findings(evidence: Evidence) -> Iterator[Finding]:
     graph = evidence.graph
     has_clock = CLOCK in graph.topics
     time = "sim time" if graph.sim_time else "wall time"
@@ -207,7 +218,7 @@ def _clock(evidence: Evidence) -> Iterator[Finding]:
         yield found
 
 
-def _sensor(evidence: Evidence, role: str, needed: bool) -> Iterator[Finding]:
+def _sensor_findings(evidence: Evidence, role: str, needed: bool) -> Iterator[Finding]:
     graph, choice, heard = evidence.graph, evidence.choices[role], evidence.heard.get(role)
     yield topics.topic_finding(choice, graph.topics, graph.publishers, needed)
     if heard is None:
@@ -220,10 +231,10 @@ def _sensor(evidence: Evidence, role: str, needed: bool) -> Iterator[Finding]:
     yield topics.rate_finding(role, heard, by_arrival, config.online.sync.jump)
     if heard.unreadable:
         yield topics.unreadable_finding(role, heard)
-    yield from _content(evidence, role, heard)
+    yield from _content_findings(evidence, role, heard)
 
 
-def _content(evidence: Evidence, role: str, heard: Heard) -> Iterator[Finding]:
+def _content_findings(evidence: Evidence, role: str, heard: ObservedTopic) -> Iterator[Finding]:
     value = heard.value
     if isinstance(value, Scan):
         yield topics.scan_finding(value)
@@ -237,7 +248,7 @@ def _content(evidence: Evidence, role: str, heard: Heard) -> Iterator[Finding]:
         yield topics.odometry_finding(role, value, evidence.trial.config.online)
 
 
-def _together(evidence: Evidence) -> Iterator[Finding]:
+def _joint_findings(evidence: Evidence) -> Iterator[Finding]:
     """Whether what several sensors say goes together."""
     heard, config = evidence.heard, evidence.trial.config
     by_arrival, sync = config.node.stamps == "arrival", config.online.sync
@@ -266,7 +277,7 @@ def _together(evidence: Evidence) -> Iterator[Finding]:
         yield topics.pair_finding(left, right, names)
 
 
-def _ends(evidence: Evidence) -> tuple[str, str]:
+def _sensor_frames(evidence: Evidence) -> tuple[str, str]:
     """The frames of scanner and camera, as far as they are known."""
     scan, info, picture = (evidence.value(role) for role in ("points", "camera_info", "left"))
     frames = [each.frame_id for each in (info, picture) if isinstance(each, CameraInfo | Picture)]
@@ -274,7 +285,7 @@ def _ends(evidence: Evidence) -> tuple[str, str]:
     return (scan.frame_id if isinstance(scan, Scan) else ""), camera
 
 
-def _lacking(evidence: Evidence, needed: Sequence[str]) -> str:
+def _describe_missing(evidence: Evidence, needed: Sequence[str]) -> str:
     lacking = [topics.WORDS[role] for role in needed if evidence.value(role) is None]
     return f"no {' and no '.join(lacking)}" if lacking else ""
 
@@ -310,13 +321,13 @@ def _verdict(evidence: Evidence, files: Sequence[str], remapped: bool) -> str:
     nodes += [] if clouds or not images else ["lv_matching with _source:=visual_templates"]
     lacks = [] if clouds else ["there are no coloured clouds"]
     lacks += [] if odometry else ["ratslam lacks odometry"]
-    lacks += [] if truth or not clouds else [f"{_listed(_ON_TRUTH)} lack true poses"]
+    lacks += [] if truth or not clouds else [f"{_join_names(_ON_TRUTH)} lack true poses"]
     start = "With these remappings, this" if remapped else "This"
-    launch = f" (launch files {_listed(files)})" if files else ""
-    suffices = f"{start} suffices for {_listed(nodes)}{launch}" if nodes else _NOTHING
+    launch = f" (launch files {_join_names(files)})" if files else ""
+    suffices = f"{start} suffices for {_join_names(nodes)}{launch}" if nodes else _NOTHING
     return "; ".join([suffices, *lacks]) + "."
 
 
-def _listed(names: Sequence[str]) -> str:
+def _join_names(names: Sequence[str]) -> str:
     *first, last = names
     return f"{', '.join(first)} and {last}" if first else last

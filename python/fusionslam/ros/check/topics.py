@@ -12,7 +12,7 @@ from fusionslam.doctor import Finding
 from fusionslam.errors import DataError, one_line
 from fusionslam.pipelines.bag_overview import rate_words, step_words
 from fusionslam.pipelines.overview import calibration_words
-from fusionslam.ros.check.observed_topics import Choice, Heard
+from fusionslam.ros.check.observed_topics import Choice, ObservedTopic
 from fusionslam.sensors.camera_info import camera_from, check_pair, rectified
 from fusionslam.sensors.frame_builder import OnlineConfig
 from fusionslam.sensors.messages import NANOSECONDS, CameraInfo, Odometry, Picture, Scan
@@ -85,7 +85,7 @@ def silence_finding(
     return Finding(f"{WORDS[choice.role]} rate", False, detail, optional=not needed)
 
 
-def rate_finding(role: str, heard: Heard, by_arrival: bool, jump_s: float) -> Finding:
+def rate_finding(role: str, heard: ObservedTopic, by_arrival: bool, jump_s: float) -> Finding:
     """How often messages come, how late, and whether their stamps can be used.
 
     Args:
@@ -117,7 +117,7 @@ def rate_finding(role: str, heard: Heard, by_arrival: bool, jump_s: float) -> Fi
     return Finding(what, bool((rises >= 0).all()), words, optional=True)
 
 
-def unreadable_finding(role: str, heard: Heard) -> Finding:
+def unreadable_finding(role: str, heard: ObservedTopic) -> Finding:
     """That some messages cannot be used."""
     detail = f"{heard.unreadable} cannot be read, the last one: {heard.why}"
     return Finding(f"{WORDS[role]} content", False, detail, optional=heard.value is not None)
@@ -136,7 +136,7 @@ def scan_finding(scan: Scan) -> Finding:
         f"{count} points ({', '.join(names)}), {100 * (1 - valid.mean()):.0f} % without return, "
         f"{ranges.min():.1f} to {ranges.max():.1f} m away, in '{scan.frame_id}'"
     )
-    return _framed("scans content", detail, scan.frame_id)
+    return _require_frame("scans content", detail, scan.frame_id)
 
 
 def image_finding(role: str, picture: Picture, type_name: str) -> Finding:
@@ -161,7 +161,7 @@ def info_finding(role: str, info: CameraInfo, picture: Picture | None, topic: st
     lens = f"distortion {info.distortion_model}" if is_bent else "no distortion"
     detail = f"{calibration_words(camera)}, {lens}, in '{info.frame_id}'"
     frame = info.frame_id or (picture.frame_id if picture is not None else "")
-    return _framed(f"{WORDS[role]} content", detail, frame)
+    return _require_frame(f"{WORDS[role]} content", detail, frame)
 
 
 def pair_finding(left: CameraInfo, right: CameraInfo, topics: Mapping[str, str]) -> Finding:
@@ -181,11 +181,11 @@ def odometry_finding(role: str, odometry: Odometry, config: OnlineConfig) -> Fin
     if role == "odometry" and truth and frame == truth != config.odometry_frame:
         detail += f", which data_fusion takes for true poses: _online/odometry_frame:={frame}"
         return Finding(f"{WORDS[role]} content", False, detail, optional=True)
-    return _framed(f"{WORDS[role]} content", detail, frame and child, optional=True)
+    return _require_frame(f"{WORDS[role]} content", detail, frame and child, optional=True)
 
 
 def sync_findings(
-    scans: Heard, images: Heard, reach_s: float, by_arrival: bool, what: str
+    scans: ObservedTopic, images: ObservedTopic, reach_s: float, by_arrival: bool, what: str
 ) -> Iterator[Finding]:
     """Whether scans, or left images, have an image near in time; ``what`` says that in words."""
     times = [np.array(h.series.times if by_arrival else h.series.headers) for h in (scans, images)]
@@ -211,7 +211,7 @@ def sync_findings(
     yield Finding("pairs", False, f"{words}: {advice}", optional=bool(near.any()))
 
 
-def motion_finding(scans: Heard, odometry: Heard) -> Finding | None:
+def motion_finding(scans: ObservedTopic, odometry: ObservedTopic) -> Finding | None:
     """That odometry is of another time than the scans that arrive with it, if it is."""
     gap = odometry.delay_s - scans.delay_s
     if not abs(gap) > _APART_S:
@@ -224,7 +224,7 @@ def motion_finding(scans: Heard, odometry: Heard) -> Finding | None:
     return Finding("motion", False, detail, optional=True)
 
 
-def clock_finding(heard: Mapping[str, Heard], sim_time: bool) -> Finding | None:
+def clock_finding(heard: Mapping[str, ObservedTopic], sim_time: bool) -> Finding | None:
     """That stamps are of another clock than ROS time, if they are."""
     far = {h.topic: h.delay_s for h in heard.values() if abs(h.delay_s) >= FAR_S}
     if not far or sim_time:
@@ -241,7 +241,7 @@ def clock_finding(heard: Mapping[str, Heard], sim_time: bool) -> Finding | None:
     return Finding("clock", True, detail)
 
 
-def _framed(what: str, detail: str, frame: str, optional: bool = False) -> Finding:
+def _require_frame(what: str, detail: str, frame: str, optional: bool = False) -> Finding:
     if frame:
         return Finding(what, True, detail)
     return Finding(

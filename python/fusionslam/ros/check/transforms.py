@@ -11,7 +11,7 @@ from fusionslam.errors import DataError, one_line
 from fusionslam.pipelines.bag_overview import rate_words, step_words
 from fusionslam.ros.check.observed_topics import delay_s
 from fusionslam.ros.check.topics import FAR_S
-from fusionslam.ros.check.trial_fusion import Trial
+from fusionslam.ros.check.trial_fusion import TrialFusion
 
 _PUBLISH = (
     "start robot_state_publisher with the robot's URDF, or rosrun tf2_ros "
@@ -22,7 +22,7 @@ _AT_START = (
 )
 
 
-def frame_findings(trial: Trial, scanner: str, camera: str) -> Iterator[Finding]:
+def frame_findings(trial: TrialFusion, scanner: str, camera: str) -> Iterator[Finding]:
     """What TF says of the frames that matter.
 
     Args:
@@ -39,17 +39,17 @@ def frame_findings(trial: Trial, scanner: str, camera: str) -> Iterator[Finding]
         if robot:
             ways.append(("TF robot", robot, scanner or camera))
         else:
-            yield _no_robot(tree.frames)
+            yield _no_robot_finding(tree.frames)
     used, advise = {robot}, True
     for what, target, source in ways:
-        finding, chain = _link(trial, what, target, source, advise)
+        finding, chain = _link_finding(trial, what, target, source, advise)
         used.update(chain)
         advise &= finding.fine
         yield finding
-    yield from _moving(trial, used)
+    yield from _moving_findings(trial, used)
 
 
-def _no_robot(frames: Collection[str]) -> Finding:
+def _no_robot_finding(frames: Collection[str]) -> Finding:
     detail = (
         f"the robot's frame is not known: TF has {', '.join(frames) or 'no frames'}, no "
         "base_footprint or base_link, and there is no odometry; name it with "
@@ -58,8 +58,8 @@ def _no_robot(frames: Collection[str]) -> Finding:
     return Finding("TF robot", False, detail)
 
 
-def _link(
-    trial: Trial, what: str, target: str, source: str, advise: bool
+def _link_finding(
+    trial: TrialFusion, what: str, target: str, source: str, advise: bool
 ) -> tuple[Finding, Sequence[str]]:
     """Whether TF links two frames, with what to do if not; and the frames on the way."""
     tree, ends = trial.links.tree, (target.removeprefix("/"), source.removeprefix("/"))
@@ -76,7 +76,7 @@ def _link(
     return Finding(what, True, " <- ".join(chain)), chain
 
 
-def _moving(trial: Trial, used: Set[str]) -> Iterator[Finding]:
+def _moving_findings(trial: TrialFusion, used: Set[str]) -> Iterator[Finding]:
     """How late the transforms come that something depends on."""
     wait = trial.config.online.wait
     for child in sorted(used & trial.links.moving.keys()):
@@ -89,7 +89,7 @@ def _moving(trial: Trial, used: Set[str]) -> Iterator[Finding]:
         yield Finding("TF rate", fine, f"'{child}' {words}{advice * late}", optional=True)
 
 
-def cloud_finding(trial: Trial, lacking: str) -> Finding:
+def cloud_finding(trial: TrialFusion, lacking: str) -> Finding:
     """Whether a cloud came of what arrived.
 
     Args:

@@ -63,7 +63,7 @@ class Links:
         return FrameTransforms(transforms=tuple(used))
 
 
-class Trial:
+class TrialFusion:
     """Fuses what arrives until a cloud comes of it.
 
     Args:
@@ -94,11 +94,11 @@ class Trial:
         camera = "right" if role in _RIGHT else "left"
         # A topic of true poses is no business of data_fusion.
         if role != "truth":
-            self._try(self.frames.process(message, camera))
+            self._fuse_first(self.frames.process(message, camera))
 
     def end(self) -> None:
         """Nothing more will come."""
-        self._try(self.frames.flush())
+        self._fuse_first(self.frames.flush())
 
     def reason(self) -> str:
         """Why there is no cloud; empty where nothing could be tried."""
@@ -107,9 +107,13 @@ class Trial:
             return self._why
         # Pairs that were given up, unlike scans without an image, lack TF or a calibration.
         given_up = dropped & {NO_TRANSFORM, NO_CAMERA_INFO, BAD_CALIBRATION}
-        return self._last_pair() if given_up else "; ".join(REASONS[why] for why in sorted(dropped))
+        return (
+            self._diagnose_last_pair()
+            if given_up
+            else "; ".join(REASONS[why] for why in sorted(dropped))
+        )
 
-    def _try(self, frames: list[Frame]) -> None:
+    def _fuse_first(self, frames: list[Frame]) -> None:
         for frame in frames:
             if self.first is not None:
                 return
@@ -126,7 +130,7 @@ class Trial:
             return
         self.above, self.first = len(fuse(frame, config)), found
 
-    def _last_pair(self) -> str:
+    def _diagnose_last_pair(self) -> str:
         """What is wrong with a frame of the last messages, whatever their times."""
         pictures = {
             name: picture
