@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-.PHONY: demo test bench bench-quick bench-ros reproduce reproduce-quick sanitize lint docs nightly release format stub setup ros clean
+.PHONY: demo test bench bench-quick bench-ros reproduce reproduce-quick sanitize lint tidy docs nightly release format stub setup ros clean
 
 # Another Python: make test PYTHON=python3.13 VENV=.venv-3.13
 export PYTHON ?= python3
@@ -56,6 +56,11 @@ nightly: lint docs sanitize
 
 release: setup
 	scripts/release.sh
+
+# About ten minutes of one core, so no part of lint.
+tidy: setup
+	cmake -S . -B build/tidy -G Ninja -DCMAKE_BUILD_TYPE=Release -DFUSIONSLAM_BINDINGS=ON -DCMAKE_EXPORT_COMPILE_COMMANDS=ON -DPython_EXECUTABLE=$$PWD/$(BIN)/python -Dpybind11_DIR=$$($(BIN)/python -m pybind11 --cmakedir) > build/tidy-configure.log 2>&1 || (cat build/tidy-configure.log; exit 1)
+	$(BIN)/run-clang-tidy.py -p build/tidy -clang-tidy-binary $(BIN)/clang-tidy -quiet '/(cpp/src|bindings)/'
 
 format: setup
 	$(BIN)/ruff check --fix .

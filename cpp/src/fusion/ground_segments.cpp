@@ -82,7 +82,7 @@ class Moments {
         products_[4], products_[2], products_[4], products_[5];
     covariance = covariance / n - mean * mean.transpose();
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance);
-    const Eigen::Vector3d spread = solver.eigenvalues();  // ascending
+    const Eigen::Vector3d& spread = solver.eigenvalues();  // ascending
     if (!(spread[1] > 9 * spread[0] && spread[1] > 1e-6 * spread[2])) return std::nullopt;
     Eigen::Vector3d normal = solver.eigenvectors().col(0);
     if (normal[2] < 0) normal = -normal;
