@@ -13,7 +13,7 @@ from fusionslam.loop_closure.detector import Loop, LoopDetector
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.views.alignment_comparison import AlignmentConfig, align_scenes
-from fusionslam.views.scene_set import packed, unpacked
+from fusionslam.views.scene_set import pack_bytes, unpack_bytes
 from fusionslam.views.scenes import Scene, SceneConfig, build_scene
 
 FORMAT = "fusionslam.aligned_loops.1"
@@ -82,9 +82,9 @@ class AlignedLoopDetector:
         loop = self.detector.add(cloud, stamp_ns=stamp_ns)
         self._stored.append(Scene(scene.objects[:0], scene.image).to_bytes())
         self._stamps_ns.append(stamp_ns)
-        return None if loop is None else self._aligned(loop, scene)
+        return None if loop is None else self._align(loop, scene)
 
-    def _aligned(self, loop: Loop, scene: Scene) -> AlignedLoop:
+    def _align(self, loop: Loop, scene: Scene) -> AlignedLoop:
         older, stamp_ns = Scene.from_bytes(self._stored[loop.match]), self._stamps_ns[loop.match]
         found = align_scenes(scene, older, config=self._alignment)
         if not found.probability:
@@ -97,7 +97,7 @@ class AlignedLoopDetector:
         Raises:
             DataError: nothing was added yet, or the folder cannot be written.
         """
-        joined, offsets = packed(self._stored)
+        joined, offsets = pack_bytes(self._stored)
         stamps = np.array(self._stamps_ns, np.int64)
         # Before the detector: a folder may hold more scenes than descriptors, never fewer.
         arrays = {"scenes": joined, "offsets": offsets, "stamps_ns": stamps}
@@ -116,7 +116,7 @@ class AlignedLoopDetector:
         loops = cls(LoopDetector.load(folder), scene=scene, alignment=alignment)
         path = Path(folder) / _SCENES
         with load_archive(path, FORMAT, "scenes of stored loops") as (_, stored):
-            loops._stored = unpacked(stored["scenes"], stored["offsets"])[: len(loops)]
+            loops._stored = unpack_bytes(stored["scenes"], stored["offsets"])[: len(loops)]
             loops._stamps_ns = stored["stamps_ns"].tolist()[: len(loops)]
         if not len(loops._stored) == len(loops._stamps_ns) == len(loops):
             raise DataError(f"{path}: {len(loops._stored)} scenes of {len(loops)} clouds")

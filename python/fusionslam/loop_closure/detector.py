@@ -102,7 +102,7 @@ class LoopDetector:
         """
         if isinstance(frame_or_cloud, Frame):
             stamp_ns = frame_or_cloud.stamp_ns if stamp_ns is None else stamp_ns
-            cloud = self._fused(frame_or_cloud)
+            cloud = self._fuse_frame(frame_or_cloud)
         elif isinstance(frame_or_cloud, Cloud):
             cloud = frame_or_cloud
         else:
@@ -138,7 +138,7 @@ class LoopDetector:
         accepted = self.nearest and self.nearest.distance <= self.config.threshold
         return self.nearest if accepted else None
 
-    def _fused(self, frame: Frame) -> Cloud:
+    def _fuse_frame(self, frame: Frame) -> Cloud:
         """The frame's cloud; an error says which source was meant and how to name another."""
         try:
             return fuse(frame, self.fusion_config)

@@ -71,7 +71,7 @@ class GivenViews:
 
     def look(self, item: Any, stamp_ns: int) -> Sighting:
         """As ``ViewSource``, of a ``GivenView``."""
-        given = _checked(item)
+        given = _check_view(item)
         place, turn, reason = given.relative_place, given.relative_rotation, given.reason
         if given.view_id == NO_VIEW:
             return Sighting(stamp_ns, NO_VIEW, turn, place, reason)
@@ -121,7 +121,7 @@ class GivenViews:
         self._count, self._numbers, self._beyond = count, numbers, max(numbers, default=-1) + 1
 
 
-def _checked(item: Any) -> GivenView:
+def _check_view(item: Any) -> GivenView:
     """Raises DataError for what no map can take, before anything is counted."""
     if not isinstance(item, GivenView):
         raise DataError(f"{type(item).__name__}: expected a GivenView")

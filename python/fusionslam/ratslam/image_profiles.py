@@ -33,7 +33,7 @@ def profile(pixels: NDArray[np.uint8], first: int, end: int) -> Floats:
     return means
 
 
-def standardised(values: Floats) -> Floats:
+def standardise(values: Floats) -> Floats:
     """With mean 0 and deviation 1, which no exposure changes; zeros where there is no contrast."""
     centred = values - values.mean()
     deviation = centred.std()

@@ -96,7 +96,7 @@ def write_map_json(path: PathLike, run: MapRecord) -> None:
             "stamps_ns": run.stamps_ns.tolist(),
             "node": run.node_ids.tolist(),
             "view": run.view_ids.tolist(),
-            **{which: _listed(_poses(run, which)) for which in TRAJECTORIES},
+            **{which: _to_lists(_poses(run, which)) for which in TRAJECTORIES},
         },
     }
     save_json(path, MAP_FORMAT, content)
@@ -230,7 +230,7 @@ def _poses(run: MapRecord, which: str) -> Floats | None:
     return found
 
 
-def _listed(poses: Floats | None) -> list[list[float] | None] | None:
+def _to_lists(poses: Floats | None) -> list[list[float] | None] | None:
     """Poses as JSON holds them; None for those that are not known."""
     if poses is None:
         return None

@@ -36,7 +36,7 @@ class Limits(NamedTuple):
     max_way: float = math.inf
 
 
-class Stride(NamedTuple):
+class MotionStep(NamedTuple):
     """One step of odometry: m/s forwards, rad/s, seconds; and what is to be said of it.
 
     Over a long one the robot did not drive an arc: then ``bearing`` says where it went straight to,
@@ -70,7 +70,7 @@ class Odometry2D(NamedTuple):
     speed: tuple[float, float] | None
 
 
-def said_by(event: Event) -> Odometry2D | None:
+def odometry_of(event: Event) -> Odometry2D | None:
     """The odometry in an event, on the ground; None if it has none.
 
     Poses count where there are any: their differences hold whatever the rate. Velocities are used
@@ -94,7 +94,7 @@ def said_by(event: Event) -> Odometry2D | None:
     return said
 
 
-def stride_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -> Stride | None:
+def step_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -> MotionStep | None:
     """How the robot moved from one message to the next; None of the first one.
 
     A silence longer than ``limits.gap`` is noted. Poses tell all the same how far the robot came in
@@ -114,31 +114,31 @@ def stride_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -
     if before is None:
         return None
     if before.stamp_ns == FORGOTTEN_NS:
-        return _after_jump(before, now, limits)
+        return _step_after_jump(before, now, limits)
     dt = (now.stamp_ns - before.stamp_ns) / NANOSECONDS
     if dt <= 0:
         raise DataError(
             f"odometry at {now.stamp_ns} ns: expected a stamp later than {before.stamp_ns} ns"
         )
     if before.pose is None or now.pose is None:
-        return _by_speed(now, dt, limits)
-    forward, turn = _moved(before.pose, now.pose)
+        return _step_by_speed(now, dt, limits)
+    forward, turn = _displacement_between(before.pose, now.pose)
     way = float(np.hypot(now.pose[0] - before.pose[0], now.pose[1] - before.pose[1]))
     known = now._replace(speed=now.speed or (0.0, 0.0))
     if way > min(limits.max_speed * dt, limits.max_way):
-        return _by_speed(known, dt, limits, f"odometry jumped {way:.4g} m, which is left out")
+        return _step_by_speed(known, dt, limits, f"odometry jumped {way:.4g} m, which is left out")
     if dt > limits.gap and _began_anew(before.pose, now.pose):
         note = (
             f"odometry began anew after {dt:.2f} s: the {way:.2f} m back to its origin are left out"
         )
-        return _by_speed(known, dt, limits, note)
+        return _step_by_speed(known, dt, limits, note)
     if dt <= limits.gap:
-        return Stride(forward / dt, turn / dt, dt)
+        return MotionStep(forward / dt, turn / dt, dt)
     silent = f"odometry was silent for {dt:.2f} s: {way:.2f} m in one step"
-    return _straight(before.pose, now.pose, dt, silent)
+    return _straight_step(before.pose, now.pose, dt, silent)
 
 
-def _after_jump(before: Odometry2D, now: Odometry2D, limits: Limits) -> Stride | None:
+def _step_after_jump(before: Odometry2D, now: Odometry2D, limits: Limits) -> MotionStep | None:
     """From where odometry was when the clock went back to where it is, in whatever time."""
     if before.pose is None or now.pose is None:
         return None
@@ -147,10 +147,10 @@ def _after_jump(before: Odometry2D, now: Odometry2D, limits: Limits) -> Stride |
         return None
     note = f"the clock went back, and odometry is {way:.2f} m from where it was"
     dt = max(limits.gap, 2 * way / limits.max_speed)
-    return _straight(before.pose, now.pose, dt, note)
+    return _straight_step(before.pose, now.pose, dt, note)
 
 
-def _straight(before: Ground, now: Ground, dt: float, note: str) -> Stride:
+def _straight_step(before: Ground, now: Ground, dt: float, note: str) -> MotionStep:
     """The step from one pose straight to another one."""
     way = float(np.hypot(now[0] - before[0], now[1] - before[1]))
     turn = float(wrapped(np.asarray(now[2] - before[2])))
@@ -158,18 +158,18 @@ def _straight(before: Ground, now: Ground, dt: float, note: str) -> Stride:
     ahead = float(wrapped(np.asarray(bearing - before[2])))
     if abs(ahead) > np.pi / 2:  # backwards
         way, ahead = -way, ahead - float(np.copysign(np.pi, ahead))
-    return Stride(way / dt, turn / dt, dt, note, ahead)
+    return MotionStep(way / dt, turn / dt, dt, note, ahead)
 
 
-def _by_speed(now: Odometry2D, dt: float, limits: Limits, note: str = "") -> Stride:
+def _step_by_speed(now: Odometry2D, dt: float, limits: Limits, note: str = "") -> MotionStep:
     if now.speed is None:
         raise DataError(f"odometry at {now.stamp_ns} ns: no pose before it, and no velocity")
     v, w = now.speed
     if abs(v) > limits.max_speed or abs(v) * min(dt, limits.gap) > limits.max_way:
-        return Stride(0.0, 0.0, dt, f"odometry says {v:.4g} m/s, which is left out")
+        return MotionStep(0.0, 0.0, dt, f"odometry says {v:.4g} m/s, which is left out")
     if not note and dt > limits.gap:
         note = f"odometry was silent for {dt:.2f} s: its velocity counts for {limits.gap:g} s"
-    return Stride(v, w, min(dt, limits.gap), note)
+    return MotionStep(v, w, min(dt, limits.gap), note)
 
 
 def _began_anew(before: Ground, now: Ground) -> bool:
@@ -178,7 +178,7 @@ def _began_anew(before: Ground, now: Ground) -> bool:
     return bool(away and np.hypot(*now[:2]) <= _ORIGIN_M and abs(now[2]) <= _ORIGIN_RAD)
 
 
-def _moved(before: Ground, now: Ground) -> tuple[float, float]:
+def _displacement_between(before: Ground, now: Ground) -> tuple[float, float]:
     """Metres forwards, seen from the heading in the middle of the step, and radians turned."""
     turn = float(wrapped(np.asarray(now[2] - before[2])))
     middle = before[2] + turn / 2

@@ -25,7 +25,7 @@ from fusionslam.ratslam.event_order import OrderConfig, StampOrder
 from fusionslam.ratslam.events import Event, Look, Motion, is_looking, stamp_of
 from fusionslam.ratslam.external_views import GivenViews
 from fusionslam.ratslam.map_snapshot import LiveMap
-from fusionslam.ratslam.odometry import Ground, said_by
+from fusionslam.ratslam.odometry import Ground, odometry_of
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.sensors.messages import NANOSECONDS, Odometry
 from fusionslam.storage.arrays import Matrix
@@ -110,7 +110,7 @@ class OnlineRatSlam:
                 and logged once per cause; the map is unchanged.
         """
         with uninterrupted(), self._lock:
-            return self._take(self._ordered(event))
+            return self._take(self._order_events(event))
 
     def flush(self) -> list[Step]:
         """The steps of all that waits: nothing more will come."""
@@ -170,7 +170,7 @@ class OnlineRatSlam:
         online._go_on(slam)
         return online
 
-    def _ordered(self, event: Any) -> list[Event]:
+    def _order_events(self, event: Any) -> list[Event]:
         late = self._order.too_late
         try:
             if not isinstance(event, Odometry | Motion | Look):
@@ -261,13 +261,13 @@ def map_from_odometry(pose: Ground, odometry: Odometry) -> Matrix | None:
     Raises:
         DataError: odometry with neither a finite pose nor velocity.
     """
-    said = said_by(odometry)
+    said = odometry_of(odometry)
     if said is None or said.pose is None:
         return None
-    return _lifted(pose) @ np.linalg.inv(_lifted(said.pose))
+    return _lift_pose(pose) @ np.linalg.inv(_lift_pose(said.pose))
 
 
-def _lifted(pose: Ground) -> Matrix:
+def _lift_pose(pose: Ground) -> Matrix:
     """float64 (4, 4) of a pose on the ground."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     return np.array([[c, -s, 0, pose[0]], [s, c, 0, pose[1]], [0, 0, 1, 0], [0, 0, 0, 1]])

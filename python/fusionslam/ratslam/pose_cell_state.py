@@ -30,7 +30,7 @@ def checked_state(state: Arrays) -> dict[str, NDArray[Any]]:
     missing = [name for name in NAMES if name not in state]
     if missing:
         raise DataError(f"pose cells: no array {missing[0]!r} in the state")
-    arrays = {name: _typed(name, np.asarray(state[name])) for name in NAMES}
+    arrays = {name: _check_type(name, np.asarray(state[name])) for name in NAMES}
     for name, shape in _FIXED.items():
         _check_shape(name, arrays[name], shape)
     views = _check_table(arrays, VIEW_TABLES)
@@ -44,7 +44,7 @@ def checked_state(state: Arrays) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def _typed(name: str, array: NDArray[Any]) -> NDArray[Any]:
+def _check_type(name: str, array: NDArray[Any]) -> NDArray[Any]:
     dtype = np.dtype(_DTYPES.get(name, np.float64))
     if not np.can_cast(array.dtype, dtype, "safe"):
         raise DataError(f"pose cells: {name} is {array.dtype}, expected {dtype}")

@@ -158,7 +158,7 @@ class PoseCells:
             DataError: an id that skips numbers or is negative, a rotation or place that is not
                 finite. Nothing is changed.
         """
-        known, relative = len(self._places), self._checked(relative_rotation, relative_place)
+        known, relative = len(self._places), self._check_place(relative_rotation, relative_place)
         try:
             view = operator.index(view_id)
         except TypeError:
@@ -174,7 +174,7 @@ class PoseCells:
         self._previous, self._view = self._view, view
         self._relative, self._seen = relative, True
 
-    def _checked(self, rotation: float, place: tuple[float, float]) -> Place:
+    def _check_place(self, rotation: float, place: tuple[float, float]) -> Place:
         try:
             x, y = place
             values = np.array((x, y, rotation), np.float64)
@@ -266,20 +266,20 @@ class PoseCells:
             return Action(ActionKind.NONE)
         known = self._known[self._view].all
         if not len(known):
-            return self._created(self._current)
+            return self._create_node(self._current)
         far = self._distances([self._current])[0] > self.config.delta_pc
         if not far and self._view == self._previous:
             return Action(ActionKind.NONE)
         others = known[known != self._current]
         if not len(others):
-            return self._created(self._current) if far else Action(ActionKind.NONE)
+            return self._create_node(self._current) if far else Action(ActionKind.NONE)
         distances = self._distances(others)
         nearest = int(distances.argmin())
         if distances[nearest] >= self.config.delta_pc:
-            return self._created(self._current)
-        return self._joined(int(others[nearest]))
+            return self._create_node(self._current)
+        return self._create_edge(int(others[nearest]))
 
-    def _created(self, source: int) -> Action:
+    def _create_node(self, source: int) -> Action:
         target = len(self._experiences)
         self._experiences.append(self.best)
         self._views_of.append(self._view)
@@ -289,7 +289,7 @@ class PoseCells:
         rotation = 0.0 if self._robust else self._relative.th * LAYER
         return Action(ActionKind.CREATE_NODE, source, target, rotation)
 
-    def _joined(self, target: int) -> Action:
+    def _create_edge(self, target: int) -> Action:
         source, self._current = self._current, target
         self._previous, self._in_doubt = self._view, True
         way = self._way_from(target)
@@ -319,7 +319,7 @@ class PoseCells:
         self._network.go_back()
         if self._robust:
             self._wear(self._view, _WORN)
-        return self._created(action.source)
+        return self._create_node(action.source)
 
     def _way_from(self, experience: int) -> Place:
         """The robot in the frame of an experience of the current view, in cells, by its match."""
@@ -333,14 +333,14 @@ class PoseCells:
         places = self._experiences.all[experiences]
         if self._robust:
             same = self._views_of.all[experiences] == self._view
-            places = np.where(same[:, None], self._expected(experiences), places)
+            places = np.where(same[:, None], self._predict(experiences), places)
         else:
             places = places + np.array((0, 0, self._relative.th))
         apart = differences(self.best, places, self.config.size)
         distances: Floats = np.sqrt((apart**2).sum(axis=-1))
         return distances
 
-    def _expected(self, experiences: Any) -> Floats:
+    def _predict(self, experiences: Any) -> Floats:
         """Where the robot is by the match of these experiences' view, float64 (k, 3)."""
         places, offsets = self._experiences.all[experiences], self._offsets.all[experiences]
         # The view's frame, then the robot in it.

@@ -33,10 +33,10 @@ from fusionslam.ratslam.odometry import (
     FORGOTTEN_NS,
     Ground,
     Limits,
+    MotionStep,
     Odometry2D,
-    Stride,
-    said_by,
-    stride_between,
+    odometry_of,
+    step_between,
 )
 from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
 from fusionslam.ratslam.view_sources import KINDS, ViewSource
@@ -194,7 +194,7 @@ class RatSlam:
         if sighting is not None:
             self._see(event, sighting, watch)
         done = self._act(stride, sighting, watch)
-        return self._told(event, stride, sighting, done, watch)
+        return self._make_step(event, stride, sighting, done, watch)
 
     def forget_clock(self) -> None:
         """Take whatever stamp comes next, as where a recording begins again.
@@ -265,17 +265,17 @@ class RatSlam:
         if found != (nodes, nodes):
             raise DataError(f"{nodes} nodes, but stamps and views of {found}")
 
-    def _check(self, event: Event) -> tuple[Odometry2D | None, Stride | None]:
+    def _check(self, event: Event) -> tuple[Odometry2D | None, MotionStep | None]:
         stamp_ns, known = stamp_of(event), self.memory
         if known.newest_ns is not None and stamp_ns < known.newest_ns:
             raise DataError(f"stamp {stamp_ns} ns: expected {known.newest_ns} ns or later")
         if is_looking(event) and stamp_ns == known.looked_ns:
             raise DataError(f"view at {stamp_ns} ns: expected a stamp later than the last view's")
-        said = said_by(event)
-        stride = None if said is None else stride_between(known.odometry, said, self._limits)
+        said = odometry_of(event)
+        stride = None if said is None else step_between(known.odometry, said, self._limits)
         return said, stride
 
-    def _move(self, said: Odometry2D | None, stride: Stride | None, watch: Stopwatch) -> None:
+    def _move(self, said: Odometry2D | None, stride: MotionStep | None, watch: Stopwatch) -> None:
         if stride is not None:
             for v, w, dt in stride.legs:
                 pieces = self._pieces(v * dt)
@@ -314,16 +314,18 @@ class RatSlam:
             self.memory.view = int(sighting.view_id)
         self.memory.looked_ns = self.memory.newest_ns = int(event.stamp_ns)
 
-    def _act(self, stride: Stride | None, sighting: Sighting | None, watch: Stopwatch) -> "_Done":
+    def _act(
+        self, stride: MotionStep | None, sighting: Sighting | None, watch: Stopwatch
+    ) -> "_ActionResult":
         # The original's cells act on odometry only, and on a view with the odometry after it.
         if stride is None and (sighting is None or self.cells.config.preset == "openratslam"):
-            return _Done(NOTHING)
+            return _ActionResult(NOTHING)
         with watch.of("cells"):
             action = self.cells.action()
         if not action.kind:
-            return _Done(action)
+            return _ActionResult(action)
         with watch.of("map"):
-            done = self._checked(action)
+            done = self._check_action(action)
             self.map.apply(done.action)
             # Before nodes are moved, which Ctrl-C may interrupt: each node has its stamp and view.
             if done.action.kind == ActionKind.CREATE_NODE:
@@ -331,23 +333,23 @@ class RatSlam:
                 self.memory.node_views.append(self.memory.view)
             return done._replace(relaxation=self.map.relax())
 
-    def _checked(self, action: Action) -> "_Done":
+    def _check_action(self, action: Action) -> "_ActionResult":
         """An edge that does not fit the map is not made: the place becomes a node of its own."""
         if action.kind != ActionKind.CREATE_EDGE or self.preset == "openratslam":
-            return _Done(action)
+            return _ActionResult(action)
         loop = self.map.check(action)
         if loop.accepted and not self._fits(loop):
-            loop = self._doubted(action, loop)
+            loop = self._doubt(action, loop)
         if loop.accepted:
-            return _Done(action, loop)
-        return _Done(self.cells.refuse(action), loop, refused=action)
+            return _ActionResult(action, loop)
+        return _ActionResult(self.cells.refuse(action), loop, refused=action)
 
     @staticmethod
     def _fits(loop: LoopCheck) -> bool:
         """Whether odometry alone believes it; else other loops had to speak for it."""
         return loop.error_m <= loop.allowed_m and loop.error_rad <= loop.allowed_rad
 
-    def _doubted(self, action: Action, loop: LoopCheck) -> LoopCheck:
+    def _doubt(self, action: Action, loop: LoopCheck) -> LoopCheck:
         """A view that is seen all over the map says nothing against odometry.
 
         Where everything looks the same, loops agree with each other, and are wrong.
@@ -361,12 +363,12 @@ class RatSlam:
         reason = f"{loop.reason}; but the view was seen at {elsewhere} other places, too"
         return loop._replace(accepted=False, reason=reason)
 
-    def _told(
+    def _make_step(
         self,
         event: Event,
-        stride: Stride | None,
+        stride: MotionStep | None,
         sighting: Sighting | None,
-        done: "_Done",
+        done: "_ActionResult",
         watch: Stopwatch,
     ) -> Step:
         known = sighting is not None and sighting.view_id != NO_VIEW
@@ -388,7 +390,7 @@ class RatSlam:
         )
 
     def _reasons(
-        self, stride: Stride | None, sighting: Sighting | None, done: "_Done"
+        self, stride: MotionStep | None, sighting: Sighting | None, done: "_ActionResult"
     ) -> Iterator[str]:
         """What happened, sentence by sentence."""
         yield stride.note if stride is not None else ""
@@ -426,7 +428,7 @@ def _empty_source(kind: str | None, given: ViewSource | None) -> ViewSource | No
     return KINDS[kind]()
 
 
-class _Done(NamedTuple):
+class _ActionResult(NamedTuple):
     """What was done to the map: the action, how well a loop fitted, and the edge not made."""
 
     action: Action

@@ -25,10 +25,14 @@ from fusionslam.ratslam.events import Sighting
 from fusionslam.ratslam.external_views import GivenViews
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Picture
+from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.files import PathLike
 from fusionslam.views.match import ViewMatch
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig, describe_method, find_recogniser
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
+
+FORMAT = "fusionslam.view_source.1"
 
 Pose = tuple[float, float, float]
 
@@ -210,6 +214,25 @@ def build_view_source(name: str, options: SourceOptions | None = None) -> ViewSo
         descriptors=options.descriptors,
     )
     return MatcherSource(matcher)
+
+
+def save_source(source: ViewSource, path: PathLike) -> None:
+    """Write one .npz, whole or not at all. Raises DataError where that is impossible."""
+    arrays = {"views": np.frombuffer(source.to_bytes(), np.uint8)}
+    save_archive(path, FORMAT, {"kind": source.kind}, arrays)
+
+
+def restore_source(source: ViewSource, path: PathLike) -> None:
+    """Restore an empty source to what ``save_source`` wrote.
+
+    Raises:
+        DataError: missing, cut short, damaged, or of another kind of source; the message names the
+            file.
+    """
+    with load_archive(path, FORMAT, "stored views") as (about, arrays):
+        if about["kind"] != source.kind:
+            raise DataError(f"holds the views of a {about['kind']}, expected {source.kind}")
+        source.restore(arrays["views"].tobytes())
 
 
 def _image_of(item: Any) -> NDArray[Any]:

@@ -24,7 +24,7 @@ from fusionslam.ratslam.image_profiles import (
     best_stretch,
     profile,
     row_range,
-    standardised,
+    standardise,
 )
 from fusionslam.sensors.frame import Camera
 from fusionslam.sensors.messages import NANOSECONDS
@@ -235,8 +235,8 @@ class VisualOdometry:
 
     def _robust(self, before: Sight, now: Sight, dt: float) -> VisualSpeed:
         config, lens = self.config, self._lens(now.shape[1])
-        turned, turns = (standardised(lens.by_angle(sight.turn)) for sight in (before, now))
-        sped, speeds = (standardised(lens.by_angle(sight.speed)) for sight in (before, now))
+        turned, turns = (standardise(lens.by_angle(sight.turn)) for sight in (before, now))
+        sped, speeds = (standardise(lens.by_angle(sight.speed)) for sight in (before, now))
         if not all(values.any() for values in (turned, turns, sped, speeds)):
             return VisualSpeed(0.0, 0.0, dt, 0.0, 0.0, "an image without contrast")
         reach = min(int(np.ceil(config.max_turn * dt / lens.step)), lens.width // 2)

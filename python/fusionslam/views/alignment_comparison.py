@@ -89,7 +89,7 @@ class AlignmentComparison(SceneComparison):
         found = self._index.query(view.content, threads=self._threads)[:most]
         return [Candidate(slot, a.probability, (a.x, a.y, a.yaw)) for slot, a in found]
 
-    def _stored(self, scene: Scene) -> bytes:
+    def _encode(self, scene: Scene) -> bytes:
         return Scene(scene.objects[:0], scene.image).to_bytes()
 
     def explain(self, similarity: float, threshold: float) -> str:

@@ -46,7 +46,7 @@ class ClusteredScan:
         return np.flatnonzero(free)
 
 
-def clustered(number: int, cloud: Cloud, config: SceneConfig) -> ClusteredScan:
+def cluster_scan(number: int, cloud: Cloud, config: SceneConfig) -> ClusteredScan:
     """The scene of a cloud, with the points of each object.
 
     Raises:

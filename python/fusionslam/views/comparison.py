@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Cloud
-from fusionslam.views.scene_set import packed, scene_values, unpacked
+from fusionslam.views.scene_set import pack_bytes, scene_values, unpack_bytes
 from fusionslam.views.scenes import (
     Scene,
     SceneConfig,
@@ -146,7 +146,7 @@ class SceneComparison(ABC):
         """What compares scenes: it has add(scene) and remove(number)."""
 
     @abstractmethod
-    def _stored(self, scene: Scene) -> bytes:
+    def _encode(self, scene: Scene) -> bytes:
         """What is kept of a scene."""
 
     def made_with(self) -> dict[str, Any]:
@@ -183,7 +183,7 @@ class SceneComparison(ABC):
 
     def add(self, view: View) -> int:
         """Store the scene."""
-        self._append(self._stored(view.content))
+        self._append(self._encode(view.content))
         return len(self._bytes[-1])
 
     def _append(self, stored: bytes) -> None:
@@ -201,11 +201,11 @@ class SceneComparison(ABC):
 
     def state(self) -> dict[str, NDArray[Any]]:
         """The bytes of all scenes, and where each begins."""
-        joined, offsets = packed(self._bytes)
+        joined, offsets = pack_bytes(self._bytes)
         return {"scenes": joined, "offsets": offsets}
 
     def restore(self, state: Arrays) -> None:
         """As ``Comparison``."""
         self._bytes, self._index = [], self._empty_index()
-        for stored in unpacked(state["scenes"], state["offsets"]):
+        for stored in unpack_bytes(state["scenes"], state["offsets"]):
             self._append(stored)

@@ -46,7 +46,7 @@ class DescriptorComparison:
     def view(self, item: Item) -> View:
         """A descriptor, float32 (D,), or that of a cloud."""
         if isinstance(item, Cloud):
-            return self._described(item)
+            return self._describe(item)
         if not isinstance(item, np.ndarray) or item.shape != (self._length,):
             found = f"shape {item.shape}" if isinstance(item, np.ndarray) else type(item).__name__
             raise ShapeError(
@@ -57,7 +57,7 @@ class DescriptorComparison:
             raise DataError("the descriptor is not finite")
         return View(item.astype(np.float32), 1)
 
-    def _described(self, cloud: Cloud) -> View:
+    def _describe(self, cloud: Cloud) -> View:
         name = self._descriptor.name
         if not np.isfinite(cloud.points).all():
             raise DataError(f"{name}: the cloud holds NaN or infinity")

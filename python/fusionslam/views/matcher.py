@@ -93,7 +93,7 @@ class ViewMatcher:
             return self._nothing(view)
         best = next(iter(self.comparison.compare(view, 1)), None) if self._slots else None
         if best is not None and not best.rejected and best.similarity >= self.threshold:
-            match = self._matched(view, best)
+            match = self._match_view(view, best)
         else:
             match = self._new(view, best)
         single = self._stats.single + (view.objects == 1)
@@ -111,7 +111,7 @@ class ViewMatcher:
         reason = f"nothing to recognise: {view.objects} objects, min_objects is "
         return ViewMatch(NO_VIEW, 0.0, False, f"{reason}{self.config.min_objects}", False)
 
-    def _matched(self, view: View, best: Candidate) -> ViewMatch:
+    def _match_view(self, view: View, best: Candidate) -> ViewMatch:
         slot = self._slots[best.slot]
         slot.used = self._stats.processed
         stored = self._is_another_view_of(slot.id, best)

@@ -38,7 +38,7 @@ class ObjectComparison(SceneComparison):
     def _empty_index(self) -> SceneIndex:
         return SceneIndex(self._similarity)
 
-    def _stored(self, scene: Scene) -> bytes:
+    def _encode(self, scene: Scene) -> bytes:
         return scene.to_bytes(image=False)
 
     def compare(self, view: View, most: int) -> list[Candidate]:

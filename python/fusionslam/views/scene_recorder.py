@@ -78,7 +78,7 @@ class SceneRecorder:
                 where clouds are kept. Nothing is kept or counted where this raises.
         """
         stamp = next_stamp(stamp_ns, self._last_ns)
-        held = _copied(item) if self._config is None else _rounded(item)
+        held = _copy_cloud(item) if self._config is None else _round_scene(item)
         poses = None if pose is None else checked_poses([pose])
         number = len(self._kept) + self.without_pose + self.dropped
         self._last_ns = stamp
@@ -114,7 +114,7 @@ class SceneRecorder:
         self.scene_set().save(path)
 
 
-def _copied(item: Cloud | Scene) -> Cloud:
+def _copy_cloud(item: Cloud | Scene) -> Cloud:
     if not isinstance(item, Cloud):
         raise ShapeError(f"expected a Cloud, got {type(item).__name__}")
     if item.colors is None:
@@ -131,7 +131,7 @@ def _copied(item: Cloud | Scene) -> Cloud:
     return Cloud(item.points.copy(), item.colors.copy())
 
 
-def _rounded(item: Cloud | Scene) -> Scene:
+def _round_scene(item: Cloud | Scene) -> Scene:
     if not isinstance(item, Scene):
         raise ShapeError(f"expected a Scene, got {type(item).__name__}")
     return Scene.from_bytes(item.to_bytes())

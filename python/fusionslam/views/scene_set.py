@@ -199,7 +199,7 @@ class SceneSet:
         if self.clouds is not None:
             arrays |= {name: getattr(self.clouds, name) for name in _CLOUDS}
         if self.scenes is not None:
-            arrays["scene_bytes"], arrays["scene_offsets"] = packed(
+            arrays["scene_bytes"], arrays["scene_offsets"] = pack_bytes(
                 [scene.to_bytes() for scene in self.scenes]
             )
         arrays |= {_FEATURE + name: rows for name, rows in self.features.items()}
@@ -222,13 +222,13 @@ def scene_values(config: SceneConfig) -> dict[str, Any]:
     return {option["name"]: getattr(config, option["name"]) for option in SceneConfig.options()}
 
 
-def packed(texts: Sequence[bytes]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+def pack_bytes(texts: Sequence[bytes]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
     """Byte strings one after the other, uint8 (m,), and where each begins, int64 (n + 1)."""
     offsets = np.cumsum([0, *map(len, texts)]).astype(np.int64)
     return np.frombuffer(b"".join(texts), np.uint8), offsets
 
 
-def unpacked(array: NDArray[np.uint8], offsets: NDArray[np.int64]) -> list[bytes]:
+def unpack_bytes(array: NDArray[np.uint8], offsets: NDArray[np.int64]) -> list[bytes]:
     """The byte strings that ``packed`` joined. Raises DataError if the two do not fit."""
     edges = offsets.tolist()
     if not edges or edges[0] != 0 or edges[-1] != len(array) or (np.diff(offsets) < 0).any():
@@ -249,7 +249,7 @@ def _restored(arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
         _check_clouds(clouds)
     scenes = None
     if "scene_bytes" in arrays:
-        texts = unpacked(arrays.pop("scene_bytes"), arrays.pop("scene_offsets"))
+        texts = unpack_bytes(arrays.pop("scene_bytes"), arrays.pop("scene_offsets"))
         scenes = [Scene.from_bytes(text) for text in texts]
     names = [name for name in arrays if name.startswith(_FEATURE)]
     features = {name.removeprefix(_FEATURE): arrays.pop(name) for name in names}

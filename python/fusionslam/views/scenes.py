@@ -66,16 +66,18 @@ def scene_from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Scene:
         DataError: another dtype or shape, or what no cloud gives, such as NaN.
         KeyError: an array is missing.
     """
-    cells = _checked(arrays, "cells", _PACKED_CELLS)
-    directions = _checked(arrays, "directions", np.dtype(np.float32))
+    cells = _check_array(arrays, "cells", _PACKED_CELLS)
+    directions = _check_array(arrays, "directions", np.dtype(np.float32))
     if directions.shape != (5,) or not np.isfinite(directions).all():
         raise DataError(f"directions are {directions.tolist()}, expected 5 finite numbers")
     azimuth_step, elevation_step, *sensor = directions.tolist()
     image = RangeImage(cells.astype(_CELLS), azimuth_step, elevation_step, sensor)
-    return Scene(_checked(arrays, "objects", _OBJECTS), image)
+    return Scene(_check_array(arrays, "objects", _OBJECTS), image)
 
 
-def _checked(arrays: Mapping[str, NDArray[Any]], name: str, dtype: np.dtype[Any]) -> NDArray[Any]:
+def _check_array(
+    arrays: Mapping[str, NDArray[Any]], name: str, dtype: np.dtype[Any]
+) -> NDArray[Any]:
     array = arrays[name]
     if array.ndim != 1 or array.dtype != dtype:
         raise DataError(f"{name} is {array.dtype} {array.shape}, expected {dtype} (n,)")

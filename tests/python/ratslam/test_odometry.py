@@ -14,7 +14,7 @@ from drives import SECOND, circle_events, circles, everything, left_out, odometr
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.ratslam import Motion, RatSlam, Sighting, StampOrder
 from fusionslam.ratslam.events import Event
-from fusionslam.ratslam.odometry import Limits, Odometry2D, said_by, stride_between
+from fusionslam.ratslam.odometry import Limits, Odometry2D, odometry_of, step_between
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Odometry
 
@@ -36,20 +36,20 @@ def at(seconds: float, x: float, y: float = 0.0, yaw: float = 0.0, v: float = 0.
 
 def test_poses_tell_the_way_along_an_arc_and_the_turn() -> None:
     # A quarter of a circle of radius 1, in a second: the chord is sqrt(2) long.
-    before, now = said_by(at(0, 0, 0, 0)), said_by(at(1, 1, 1, np.pi / 2))
-    stride = stride_between(before, now, Limits(gap=2, max_speed=50))
+    before, now = odometry_of(at(0, 0, 0, 0)), odometry_of(at(1, 1, 1, np.pi / 2))
+    stride = step_between(before, now, Limits(gap=2, max_speed=50))
     assert stride is not None and stride.note == ""
     np.testing.assert_allclose(stride[:3], [np.sqrt(2), np.pi / 2, 1])
 
 
 def test_headings_that_cross_the_half_turn_are_a_small_turn() -> None:
-    stride = stride_between(said_by(at(0, 0, 0, 3.1)), said_by(at(0.1, 0, 0, -3.1)), LIMITS)
+    stride = step_between(odometry_of(at(0, 0, 0, 3.1)), odometry_of(at(0.1, 0, 0, -3.1)), LIMITS)
     assert stride is not None
     assert stride.w * stride.dt == pytest.approx(2 * np.pi - 6.2)
 
 
 def test_driving_backwards_is_a_negative_speed() -> None:
-    stride = stride_between(said_by(at(0, 0)), said_by(at(0.1, -0.05)), LIMITS)
+    stride = step_between(odometry_of(at(0, 0)), odometry_of(at(0.1, -0.05)), LIMITS)
     assert stride is not None and stride.v == pytest.approx(-0.5)
 
 
@@ -204,7 +204,7 @@ def test_odometry_in_frames_moves_the_robot() -> None:
 def test_a_frame_without_pose_history_needs_one() -> None:
     said = Odometry2D(TENTH, None, (0.1, 0.0))
     with pytest.raises(DataError, match="no pose before it, and no velocity"):
-        stride_between(said, Odometry2D(2 * TENTH, (0, 0, 0), None), LIMITS)
+        step_between(said, Odometry2D(2 * TENTH, (0, 0, 0), None), LIMITS)
 
 
 def test_a_drive_with_faults_ends_where_one_without_does() -> None:

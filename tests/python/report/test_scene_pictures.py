@@ -17,7 +17,7 @@ from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views import SceneConfig, SceneSet, SimilarityConfig, scene_similarity
 from fusionslam.views.alignment_comparison import AlignmentConfig
-from fusionslam.views.clusters import ClusteredScan, clustered, object_similarities
+from fusionslam.views.clusters import ClusteredScan, cluster_scan, object_similarities
 from scenes import NOTHING, drive, place, write_recording
 
 pytest.importorskip("matplotlib")
@@ -45,7 +45,7 @@ def cloud(seed: int, groups: int = 9) -> Cloud:
 
 
 def scan(number: int, visit: int = 0, preset: str = "robust") -> ClusteredScan:
-    return clustered(number, place(number, visit), SceneConfig(preset=preset))
+    return cluster_scan(number, place(number, visit), SceneConfig(preset=preset))
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -53,7 +53,7 @@ def scan(number: int, visit: int = 0, preset: str = "robust") -> ClusteredScan:
 def test_the_points_of_each_object_are_those_that_the_core_made_it_of(
     preset: str, seed: int
 ) -> None:
-    found = clustered(seed, cloud(seed), SceneConfig(preset=preset))
+    found = cluster_scan(seed, cloud(seed), SceneConfig(preset=preset))
     assert len(found.members) == len(found.scene) > 3
     for indices, thing in zip(found.members, found.scene.objects, strict=True):
         points = found.points[indices]
@@ -108,7 +108,7 @@ def test_a_line_joins_each_object_with_the_one_it_is_most_like() -> None:
 
 
 def test_the_way_back_is_drawn_where_it_ends_elsewhere_and_counts() -> None:
-    three, one = scan(3), clustered(9, place(3, 1, objects=1), SceneConfig())
+    three, one = scan(3), cluster_scan(9, place(3, 1, objects=1), SceneConfig())
     for symmetric, lines in ((True, 3), (False, 1)):
         config = SimilarityConfig(symmetric=symmetric)
         figure = draw_pair(one, three, config)
@@ -125,7 +125,7 @@ def test_aligned_scans_get_a_panel_of_their_own() -> None:
 
 
 def test_a_scan_without_points_is_drawn_empty(tmp_path: Path) -> None:
-    nothing = clustered(0, NOTHING, SceneConfig())
+    nothing = cluster_scan(0, NOTHING, SceneConfig())
     write_scene_picture(tmp_path / "empty.png", nothing)
     assert not draw_pair(nothing, scan(1), SimilarityConfig(), AlignmentConfig()).artists
 
@@ -141,7 +141,7 @@ def test_without_matplotlib_the_line_that_installs_it_is_named(
 
 def test_a_scan_without_colours_is_refused_by_its_number() -> None:
     with pytest.raises(DataError, match="scan 7 has no colours"):
-        clustered(7, dataclasses.replace(place(1), colors=None), SceneConfig())
+        cluster_scan(7, dataclasses.replace(place(1), colors=None), SceneConfig())
 
 
 def test_the_command_draws_scans_of_recordings_sets_and_bags(tmp_path: Path) -> None:

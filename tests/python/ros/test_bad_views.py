@@ -123,7 +123,7 @@ def test_views_of_another_configuration_or_damaged_leave_the_memory_as_it_was(
     matcher.give(VIEWS, *good[1:], *views(3, first=3))
     assert ids(matcher) == [0, 1, 2, 0, 1, 2]
     said = {
-        "comparison 'descriptor', expected 'alignment'": "need the same configuration",
+        "comparison 'cm2dp', expected 'alignment'": "need the same configuration",
         "cut short or damaged": "",
         "view: begins with": "expected fusionslam.view.1",
     }

@@ -19,7 +19,7 @@ from fusionslam.pipelines.views import run_views, sweep_thresholds
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
-from fusionslam.views.scene_set import CloudArray, SceneSet, is_scene_set, packed, unpacked
+from fusionslam.views.scene_set import CloudArray, SceneSet, is_scene_set, pack_bytes, unpack_bytes
 from fusionslam.views.scenes import SceneConfig, build_scene
 from scenes import LAPS, NOTHING, drive, place
 
@@ -101,10 +101,10 @@ def test_digests_tell_other_scans_poses_and_scenes_apart() -> None:
 
 def test_byte_strings_are_joined_and_parted() -> None:
     texts = [b"ab", b"", b"c"]
-    array, offsets = packed(texts)
-    assert unpacked(array, offsets) == texts and unpacked(*packed([])) == []
+    array, offsets = pack_bytes(texts)
+    assert unpack_bytes(array, offsets) == texts and unpack_bytes(*pack_bytes([])) == []
     with pytest.raises(DataError, match="do not fit the 3 bytes"):
-        unpacked(array, offsets[:-1])
+        unpack_bytes(array, offsets[:-1])
 
 
 @pytest.mark.parametrize(

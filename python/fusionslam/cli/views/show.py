@@ -37,7 +37,7 @@ def show(
     from fusionslam.pipelines import scenes
     from fusionslam.report.views.scene_figures import write_pair_picture, write_scene_picture
     from fusionslam.views import recognisers
-    from fusionslam.views.clusters import ClusteredScan, clustered
+    from fusionslam.views.clusters import ClusteredScan, cluster_scan
 
     if output.suffix.lower() != ".png":
         raise ConfigError(f"--output is {output}, expected the name of a .png")
@@ -49,7 +49,7 @@ def show(
         cloud = scenes.recorded_cloud(
             dataset, number, fusion=whole.fusion, recording=whole.recording
         )
-        return clustered(number, cloud, recognisers.scene_config(whole.views))
+        return cluster_scan(number, cloud, recognisers.scene_config(whole.views))
 
     if against is None:
         write_scene_picture(output, scan(frame))

@@ -13,7 +13,7 @@ from fusionslam.ros.nodes.view_config import EMPTY, ViewsConfig, cloud_of, match
 from fusionslam.ros.runtime.node import Input, Node, Outlet
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.messages import Scan
-from fusionslam.views.clusters import clustered
+from fusionslam.views.clusters import cluster_scan
 from fusionslam.views.recognisers import scene_config
 from fusionslam.views.serialization import view_to_bytes
 
@@ -62,7 +62,7 @@ class ViewBuilder(Node[ViewsConfig]):
         wanted = {name for name in (CLUSTERS, HULLS) if self.outlet.is_wanted(name)}
         if not wanted:
             return
-        objects = clustered(0, cloud, self._scenes)
+        objects = cluster_scan(0, cloud, self._scenes)
         if CLUSTERS in wanted:
             self.outlet.publish(CLUSTERS, builder.build(clustered_cloud(scan, objects)))
         if HULLS in wanted:

@@ -10,8 +10,7 @@ from typing import Any, ClassVar
 from fusionslam.config import Section, option
 from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.ratslam.events import Sighting
-from fusionslam.ratslam.source_files import restore_source, save_source
-from fusionslam.ratslam.view_sources import TemplateSource, ViewSource
+from fusionslam.ratslam.view_sources import TemplateSource, ViewSource, restore_source, save_source
 from fusionslam.ros.messages.types import IMAGES, VIEW_DESCRIPTION, VIEW_TEMPLATE, header, make
 from fusionslam.ros.nodes.data_fusion import LEFT
 from fusionslam.ros.nodes.lv_builder import DESCRIPTIONS
