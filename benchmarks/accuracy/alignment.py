@@ -23,6 +23,8 @@ from scipy.special import expit
 
 from benchmarks.accuracy.data import data_folder
 from benchmarks.accuracy.markdown import table, write_between
+from fusionslam.cli.options import build_recording
+from fusionslam.datasets.range_recording import RecordingConfig
 from fusionslam.evaluation import judge_views
 from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.views import AlignmentConfig, AlignmentIndex, build_scene
@@ -188,9 +190,10 @@ def drives() -> Iterator[tuple[Drive, bool]]:
     for name, shapes in (*RECORDED, *UNSEEN):
         path = folder / "recordings" / f"{name}.npz"
         if path.exists():
-            yield open_drive(path, shapes=shapes), (name, shapes) in RECORDED
+            ranges = RecordingConfig.model_validate({"shapes": shapes})
+            yield open_drive(path, ranges=ranges), (name, shapes) in RECORDED
     for name in (*MADE, *UNSEEN_MADE):
-        yield open_drive(name), name in MADE
+        yield open_drive(build_recording(Path(name))), name in MADE
 
 
 def main() -> None:

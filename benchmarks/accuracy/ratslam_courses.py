@@ -10,20 +10,23 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.cli.options import build_recording
 from fusionslam.errors import DataError
 from fusionslam.evaluation import RatSlamRun
 from fusionslam.evaluation.views.rules import view_rule
 from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.pipelines.compare_views import known_recordings
+from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.pipelines.map_events import RunEvents, during, events_of, motions_of
 from fusionslam.pipelines.maps import RunRecorder, truth_at
-from fusionslam.pipelines.tours import Tour, open_tour
 from fusionslam.ratslam import RatSlam, RatSlamConfig, Sighting, ViewSource
 from fusionslam.ratslam.view_sources import build_view_source
+from fusionslam.sim.rendered_images import rendered_images
 from fusionslam.views.match import NO_VIEW
 
 VIEWS = ("alignment", "objects", "two_stages", "cm2dp", "visual_templates")
@@ -37,11 +40,11 @@ class Course:
     """A drive through a world with one source of views.
 
     Attributes:
-        tour: the drive.
+        drive: scans or images, and the motion.
         views: name of the recogniser.
     """
 
-    tour: Tour
+    drive: Drive
     views: str
 
     @cached_property
@@ -51,7 +54,7 @@ class Course:
 
     @cached_property
     def _looks(self) -> RunEvents:
-        return events_of(self.tour, self.source, "truth", jobs=os.cpu_count() or 1)
+        return events_of(self.drive, self.source, "truth", jobs=os.cpu_count() or 1)
 
     @cached_property
     def sightings(self) -> list[Sighting]:
@@ -62,12 +65,12 @@ class Course:
     @cached_property
     def places(self) -> NDArray[np.float64]:
         """float64 (n, 3): true poses of the sightings."""
-        found = truth_at(self.tour.truth, self._looks.look_stamps_ns.tolist())
+        found = truth_at(self.drive.truth, self._looks.look_stamps_ns.tolist())
         if found is None:
-            raise DataError(f"{self.tour.name}: no true poses, without which nothing is judged")
+            raise DataError(f"{self.drive.name}: no true poses, without which nothing is judged")
         return found
 
-    def drive(
+    def run(
         self,
         config: RatSlamConfig,
         errors: OdometryConfig,
@@ -81,7 +84,7 @@ class Course:
             sightings: one for each look; None for what the source says.
         """
         seen = self.sightings if sightings is None else sightings
-        title, motions = motions_of(self.tour, "truth+noise", errors)
+        title, motions = motions_of(self.drive, "truth+noise", errors)
         events = replace(
             self._looks,
             odometry=title,
@@ -98,14 +101,16 @@ def courses(worlds: Sequence[str] = (), views: Sequence[str] = ()) -> Iterator[C
     """The recordings that are there and the procedural worlds, each with each source of views.
 
     Args:
-        worlds: names of tours, "simulated warehouse" for a procedural one; none for all.
+        worlds: names of drives, "simulated warehouse" for a procedural one; none for all.
         views: names of sources; none for all.
     """
     for place in [*known_recordings(), *MADE]:
-        tour = open_tour(place, jobs=os.cpu_count() or 1)
+        drive = open_drive(
+            build_recording(Path(place)), render=rendered_images, jobs=os.cpu_count() or 1
+        )
         for name in views or VIEWS:
-            if not worlds or tour.name in worlds:
-                yield Course(tour, name)
+            if not worlds or drive.name in worlds:
+                yield Course(drive, name)
 
 
 def with_false_matches(course: Course, share: float, seed: int = 0) -> tuple[list[Sighting], int]:

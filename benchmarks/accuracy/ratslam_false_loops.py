@@ -75,11 +75,11 @@ def outcome(course: Course, share: float) -> Outcome:
     """A share of wrong views on a course; without any, all seeds are one."""
     told = [with_false_matches(course, share, seed) for seed in (SEEDS if share else SEEDS[:1])]
     reports = {
-        way: [judge_map(course.drive(config, DRIFT, sightings)) for sightings, _ in told]
+        way: [judge_map(course.run(config, DRIFT, sightings)) for sightings, _ in told]
         for way, config in WAYS.items()
     }
-    print(f"{course.tour.name}: {share:.0%} done", flush=True)
-    return Outcome(course.tour.name, share, float(np.mean([wrong for _, wrong in told])), reports)
+    print(f"{course.drive.name}: {share:.0%} done", flush=True)
+    return Outcome(course.drive.name, share, float(np.mean([wrong for _, wrong in told])), reports)
 
 
 def cells_of(one: Outcome) -> list[str]:

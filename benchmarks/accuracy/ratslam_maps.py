@@ -69,11 +69,11 @@ def driven(course: Course) -> list[Row]:
     """A course with both kinds of odometry and both presets."""
     rows = []
     for title, errors in ODOMETRY.items():
-        runs = {preset: course.drive(config, errors) for preset, config in PRESETS.items()}
+        runs = {preset: course.run(config, errors) for preset, config in PRESETS.items()}
         reports = {preset: judge_map(run) for preset, run in runs.items()}
         rows.append(Row(course, title, runs, reports))
         shown = ", ".join(f"{preset} {_m(report.nodes)}" for preset, report in reports.items())
-        print(f"{course.tour.name}, {course.views}, {title}: {shown}", flush=True)
+        print(f"{course.drive.name}, {course.views}, {title}: {shown}", flush=True)
     return rows
 
 
@@ -90,7 +90,7 @@ def cells_of(row: Row) -> list[str]:
     """Metres unless they say otherwise."""
     robust, original = (row.reports[preset] for preset in PRESETS)
     return [
-        row.course.tour.name,
+        row.course.drive.name,
         row.course.views,
         _m(robust.dead_reckoning),
         _m(robust.nodes),
@@ -108,7 +108,7 @@ def cells_of(row: Row) -> list[str]:
 def draw(rows: Sequence[Row]) -> None:
     """A picture for each world: the maps of drifting odometry, the original's last."""
     drifting = [row for row in rows if row.odometry == next(iter(ODOMETRY))]
-    for name, found in groupby(drifting, lambda row: row.course.tour.name):
+    for name, found in groupby(drifting, lambda row: row.course.drive.name):
         of_world = list(found)
         panels = [(row, "robust", row.course.views) for row in of_world]
         panels += [(of_world[-1], "openratslam", f"{of_world[-1].course.views}, openratslam")]

@@ -20,15 +20,17 @@ from numpy.typing import NDArray
 
 from benchmarks.accuracy.data import ROOT, world_files
 from benchmarks.accuracy.markdown import table, write_between
+from fusionslam.cli.options import build_recording
 from fusionslam.evaluation.maps.judge import judge_map
 from fusionslam.geometry.trajectory import Trajectory, read_trajectory
-from fusionslam.pipelines.drive_images import Images, rendered_images
+from fusionslam.pipelines.drives import open_drive
 from fusionslam.pipelines.map_events import events_of, expected_drift
 from fusionslam.pipelines.maps import RunRecorder, run_events
-from fusionslam.pipelines.tours import open_tour
 from fusionslam.pipelines.visual_odometry import image_stamps_ns, visual_motions, visual_speeds
 from fusionslam.ratslam import RatSlam, RatSlamConfig, TemplateSource
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualSpeed, fit_speed
+from fusionslam.sensors.images import Images
+from fusionslam.sim.rendered_images import rendered_images
 
 PAGE = ROOT / "docs" / "guides" / "visual_odometry.md"
 CAMERA = Path(__file__).with_name("quarter_camera.yaml")
@@ -88,10 +90,10 @@ def drives() -> Iterator[Seen]:
 
 def made_drives() -> Iterator[Seen]:
     for name in MADE:
-        tour = open_tour(name)
-        made = tour.images()
+        drive = open_drive(build_recording(Path(name)))
+        made = drive.images()
         assert made is not None
-        yield Seen(tour.name, made, tour.true_way())
+        yield Seen(drive.name, made, drive.true_way())
 
 
 def rows(seen: Seen) -> Iterator[list[str]]:
@@ -124,13 +126,13 @@ def rows(seen: Seen) -> Iterator[list[str]]:
 
 def map_rows(seen: Seen) -> Iterator[list[str]]:
     """Maps of a drive out of one camera: its speed, and visual templates."""
-    tour = open_tour(world_files()[seen.name].parents[1] / "recordings" / f"{seen.name}.npz")
+    drive = open_drive(world_files()[seen.name].parents[1] / "recordings" / f"{seen.name}.npz")
     odometry = VisualOdometry(camera=seen.images.camera)
     speeds = visual_speeds(seen.images, odometry)
     motions = visual_motions(image_stamps_ns(seen.images), speeds)
     for preset in ("robust", "openratslam"):
         source = TemplateSource()
-        events = replace(events_of(tour, source, "truth"), motions=motions, odometry="visual")
+        events = replace(events_of(drive, source, "truth"), motions=motions, odometry="visual")
         config = RatSlamConfig.model_validate({"preset": preset, "map": expected_drift("visual")})
         recorder = RunRecorder(RatSlam(config, views=source), events)
         run_events(recorder)

@@ -13,10 +13,13 @@ import os
 from pathlib import Path
 
 from benchmarks.accuracy.markdown import write_between
-from fusionslam.pipelines.compare_views import bench_views, known_recordings
+from fusionslam.cli.bench_views import default_data
+from fusionslam.cli.options import build_recording
+from fusionslam.pipelines.compare_views import bench_views
 from fusionslam.pipelines.drives import FRAMES, open_drive
 from fusionslam.pipelines.methods import METHODS
 from fusionslam.report.views.comparison_tables import markdown
+from fusionslam.sim.rendered_images import rendered_images
 
 PAGE = Path(__file__).parents[2] / "docs" / "results" / "views.md"
 
@@ -27,7 +30,10 @@ def main() -> None:
     parser.add_argument("-m", "--methods", default=",".join(METHODS))
     parser.add_argument("--write", action="store_true")
     arguments = parser.parse_args()
-    drives = [open_drive(source) for source in arguments.data or known_recordings()]
+    drives = [
+        open_drive(build_recording(Path(source)), render=rendered_images)
+        for source in arguments.data or default_data()
+    ]
     results = bench_views(
         drives, arguments.methods.split(","), frames=list(FRAMES), jobs=os.cpu_count() or 1
     )

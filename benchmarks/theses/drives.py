@@ -3,8 +3,7 @@
 """The drives of chapter 5: worlds that are made and recorded here, or recordings."""
 
 import logging
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,10 @@ from benchmarks.theses.work_cache import state_of
 from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.evaluation.views.published import world_of
-from fusionslam.pipelines.drive_images import Images
 from fusionslam.pipelines.drives import Drive, Step, open_drive
-from fusionslam.pipelines.tours import Tour, open_tour
+from fusionslam.pipelines.recording import Recording
+from fusionslam.sensors.images import Images
+from fusionslam.sim.rendered_images import rendered_images
 
 logger = logging.getLogger(__name__)
 
@@ -79,16 +79,14 @@ class Source:
     @cached_property
     def drive(self) -> Drive:
         """The scans, which take a while to be read. Raises as ``open_drive``."""
-        where = self.world if self.path is None and not self.quick else self.recording
-        opened = open_drive(where, jobs=self.jobs, step=self.step)
-        if self.path is None:
-            return replace(opened, name=f"simulated {self.world}", world=None)
-        return _thin_drive(opened) if self.quick else opened
+        return ThinnedDrive(self.whole_drive) if self.quick and self.path else self.whole_drive
 
     @cached_property
-    def tour(self) -> Tour:
-        """The way as the robot drove it. Raises as ``open_tour``."""
-        return open_tour(self.recording, jobs=self.jobs, progress=self.step)
+    def whole_drive(self) -> Drive:
+        """All scans, and the way as the robot drove it. Raises as ``open_drive``."""
+        simulated = self.world if self.path is None else None
+        recording = Recording.at(self.recording, simulated=simulated)
+        return open_drive(recording, render=rendered_images, jobs=self.jobs, step=self.step)
 
     @property
     def _config(self) -> Any:
@@ -133,17 +131,24 @@ def _thin_config(config: Any) -> Any:
     return merged(config, {"robot": slower, "plan": {"length_m": QUICK_M}})
 
 
-def _thin_drive(drive: Drive) -> Drive:
-    """A part of the scans and as many images."""
-    rows = np.arange(0, len(drive.scenes), QUICK_EACH)
-    find: Callable[[int | None], Images | None] = drive.find_images
+class ThinnedDrive(Drive):
+    """A drive with a part of the scans and as many images."""
 
-    def images(bottom: int | None) -> Images | None:
-        found = find(bottom)
-        return None if found is None else _thin_images(found, drive.scenes.seconds[rows])
+    def __init__(self, drive: Drive) -> None:
+        self.__dict__.update(drive.__dict__)
+        rows = np.arange(0, len(drive.scenes), QUICK_EACH)
+        self.scenes = drive.scenes.subset(rows.astype(np.int64))
+        self._whole = drive
 
-    scenes = drive.scenes.subset(rows.astype(np.int64))
-    return replace(drive, scenes=scenes, find_images=images)
+    @property
+    def dropped(self) -> int:
+        """As of the whole drive."""
+        return self._whole.dropped
+
+    def placed_images(self, bottom: int | None = None) -> Images | None:
+        """The last image up to each scan."""
+        found = self._whole.placed_images(bottom)
+        return None if found is None else _thin_images(found, self.scenes.seconds)
 
 
 def _thin_images(images: Images, seconds: np.ndarray[Any, np.dtype[np.float64]]) -> Images:

@@ -192,7 +192,7 @@ def _looks(source: Source, odometry: str) -> RunEvents:
 def _events(
     kind: type[RunEvents], source: Source, odometry: str, stamps_ns: Any, item: Callable[[int], Any]
 ) -> RunEvents:
-    tour = source.tour
-    title, motions = motions_of(tour, odometry, DRIFT)
+    drive = source.whole_drive
+    title, motions = motions_of(drive, odometry, DRIFT)
     motions = during(motions, stamps_ns)[:: QUICK_EACH if source.quick else 1]
-    return kind(source.drive.name, title, motions, stamps_ns, item, tour.truth)
+    return kind(source.drive.name, title, motions, stamps_ns, item, drive.truth)

@@ -23,10 +23,10 @@ _WIDTH = 80
 def bench_views(
     ctx: typer.Context,
     data: Annotated[
-        list[str] | None,
+        list[Path] | None,
         typer.Argument(
             metavar="DATA",
-            help="Recordings (.npz), bags, folders, scene sets, or warehouse, house, hospital.",
+            help="Recordings, scene sets, worlds, or town, warehouse, house, hospital.",
         ),
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
@@ -54,11 +54,12 @@ def bench_views(
     Beside each stand the figures of the thesis and of its program run again. Without DATA the
     recordings below FUSIONSLAM_TEST_DATA are compared, or else drives through made worlds.
     """
-    from fusionslam.datasets.range_recording import SHAPES
+    from fusionslam.config import merged
+    from fusionslam.datasets.range_recording import SHAPES, RecordingConfig
     from fusionslam.pipelines.compare_views import bench_views as bench
-    from fusionslam.pipelines.compare_views import known_recordings
     from fusionslam.pipelines.drives import FRAMES, open_drive
     from fusionslam.pipelines.methods import BASELINES, METHODS, find_method
+    from fusionslam.sim.rendered_images import rendered_images
 
     if methods == "list":
         print_methods()
@@ -71,11 +72,13 @@ def bench_views(
     # Accuracy alone says little: what scores without a sensor stands in every table.
     wanted += [name for name in BASELINES if name not in wanted]
     needs_extra("report")
+    recordings = [opt.build_recording(Path(path)) for path in data or default_data()]
     keep_parts(ctx, output)
+    ranges = merged(RecordingConfig(), {"shapes": shapes})
     with progress() as step:
         drives = [
-            open_drive(source, shapes=shapes, jobs=opt.cores(jobs), step=step)
-            for source in data or known_recordings()
+            open_drive(one, ranges=ranges, render=rendered_images, jobs=opt.cores(jobs), step=step)
+            for one in recordings
         ]
         frames = list(FRAMES) if frame == "all" else [name for name in FRAMES if name == frame]
         results = bench(drives, wanted, frames=frames, jobs=opt.cores(jobs), step=step)
@@ -83,6 +86,14 @@ def bench_views(
     show(drives, results)
     for page in pages:
         print(page)
+
+
+def default_data() -> list[str]:
+    """What is compared where no DATA is given: known recordings, else simulated worlds."""
+    from fusionslam.pipelines.compare_views import known_recordings
+    from fusionslam.sim.recordings import EMBEDDED
+
+    return known_recordings() or list(EMBEDDED)
 
 
 def print_methods() -> None:

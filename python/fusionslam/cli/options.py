@@ -56,7 +56,9 @@ def _said_once() -> "Callable[[LogRecord], bool]":
 Data = Annotated[
     Path,
     typer.Argument(
-        metavar="DATA", help="A recording: folder, bag or .npz; its kind is recognised."
+        metavar="DATA",
+        help="A recording (folder, bag, .npz), a world (.glb, .world, .sdf), or town, warehouse, "
+        "house, hospital; its kind is recognised.",
     ),
 ]
 Results = Annotated[Path, typer.Argument(metavar="OUT", help="Folder with stored runs.")]
@@ -113,7 +115,8 @@ def build_recording(
     kind: Annotated[
         str | None,
         typer.Option(
-            help="kitti-odometry, kitti-raw, kitti-object, folder, rosbag1, rosbag2 or mcap."
+            help="kitti-odometry, kitti-raw, kitti-object, folder, ranges, rosbag1, rosbag2, "
+            "mcap or scenes."
         ),
     ] = None,
     sequence: Annotated[
@@ -148,20 +151,24 @@ def build_recording(
     gt: Truth = None,
 ) -> "Recording":
     """The recording that the options name."""
+    from fusionslam.cli.worlds import record_if_world
     from fusionslam.datasets.bags.index import STAMPS
     from fusionslam.pipelines.recording import Recording
 
     one_of("--stamps", stamps, STAMPS)
+    topics, changes = _topics(topic or []), _sync_changes(sync or [])
+    path, simulated = record_if_world(data, cores(None))
     return Recording.at(
-        data,
+        path,
         kind=kind,
         sequence=sequence,
         gaps="skip" if skip_gaps else "error",
         poses=gt,
-        topics=_topics(topic or []),
+        topics=topics,
         stamps=stamps,
-        sync=_sync_changes(sync or []),
+        sync=changes,
         calibration=calib,
+        simulated=simulated,
     )
 
 

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from fusionslam.pipelines.map_events import RunEvents
     from fusionslam.pipelines.maps import RunRecorder, Watch
     from fusionslam.pipelines.recording import Recording
-    from fusionslam.pipelines.tours import Tour
     from fusionslam.ratslam.slam import RatSlam
 
 _OF_THE_STATE = ("ratslam.", "views.", "visual_templates.", "fusion.", "descriptors.")
@@ -29,13 +28,6 @@ _OF_THE_STATE = ("ratslam.", "views.", "visual_templates.", "fusion.", "descript
 @opt.reading_options()
 def ratslam(
     *,
-    data: Annotated[
-        str,
-        typer.Argument(
-            metavar="DATA",
-            help="A .npz recording, a bag, another recording, or warehouse, house, hospital.",
-        ),
-    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")],
     views: Annotated[
         str | None,
@@ -91,8 +83,14 @@ def ratslam(
 
     Ctrl-C keeps the map so far, and what is needed to go on with it.
     """
+    from contextlib import suppress
+
+    from fusionslam.config import merged
+    from fusionslam.errors import DataError
+    from fusionslam.pipelines.drives import open_drive
     from fusionslam.pipelines.map_events import ODOMETRY, events_of, expected_drift
     from fusionslam.pipelines.maps import RunRecorder
+    from fusionslam.sim.rendered_images import rendered_images
 
     if not no_report:
         needs_extra("report")
@@ -104,13 +102,22 @@ def ratslam(
         opt.one_of("--odometry", odometry, ODOMETRY)
     first = {"recording": {"shapes": "collision"}, "ratslam": {"map": expected_drift(odometry)}}
     whole = build_config(None, config, changes, **first)
+    # Images alone make no clouds: whether views need any is found out when they look.
+    with suppress(DataError):
+        whole = merged(whole, {"fusion": {"source": opt.source_of(None, whole, recording)}})
     slam, earlier = _mapper(whole, views, resume, changes)
     with made_folder(output), ExitStack() as shown:
         with progress() as step:
-            tour = _open_tour(data, recording, whole, step, opt.cores(jobs))
+            drive = open_drive(
+                recording,
+                ranges=whole.recording,
+                render=rendered_images,
+                jobs=opt.cores(jobs),
+                step=step,
+            )
             assert slam.views is not None  # every source that has a name
             events = events_of(
-                tour,
+                drive,
                 slam.views,
                 odometry,
                 whole.odometry,
@@ -174,19 +181,6 @@ def _mapper(
     if given:
         raise ConfigError(f"{given[0]}: {resume} says how its map is made; leave the option out")
     return RatSlam.load(resume), load_run(resume)
-
-
-def _open_tour(data: str, recording: "Recording", whole: Any, step: Step, jobs: int) -> "Tour":
-    """The tour that DATA and the reading options name."""
-    from fusionslam.datasets.range_recording import is_recording
-    from fusionslam.pipelines.tours import DatasetTour, open_tour
-
-    path = Path(data).expanduser()
-    if path.exists():
-        dataset = recording.open()
-        if not is_recording(path):
-            return DatasetTour(dataset)
-    return open_tour(data, recording=whole.recording, jobs=jobs, progress=step)
 
 
 def _interrupted(recorder: "RunRecorder", step: Step, watch: "Watch | None") -> bool:

@@ -19,6 +19,8 @@ from fusionslam.datasets.pose_files import read_timestamps
 from fusionslam.datasets.streams import Request, Stream
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera, Cloud, Frame
+from fusionslam.sensors.images import Images
+from fusionslam.sensors.messages import Odometry
 from fusionslam.storage.arrays import Image
 
 
@@ -86,6 +88,10 @@ class Dataset(ABC):
         """The topic of true poses, whether or not ``poses`` come from it; None without one."""
         return None
 
+    def motion(self, role: str) -> list[Odometry]:
+        """The messages of "odometry" or "truth", by their stamps. Raises DataError without any."""
+        raise DataError(f"{self.name} has no {role} messages")
+
     @property
     def odometry_origin(self) -> OdometryOrigin:
         """Where the odometry of the frames comes from."""
@@ -131,6 +137,18 @@ class Dataset(ABC):
     def has_stereo(self) -> bool:
         """Whether the frames have both images of a stereo pair."""
         return "left" in self.sensors and "right" in self.sensors
+
+    def camera_images(self) -> Images | None:
+        """The left camera's images, one a frame, without poses; None where there is none."""
+        if "left" not in self.sensors:
+            return None
+        return Images(
+            self.stamps_ns / 1e9,
+            None,
+            lambda index: self[index].images["left"],
+            "images of the recording",
+            camera=self.cameras.get("left"),
+        )
 
     def __len__(self) -> int:
         return len(self.numbers)

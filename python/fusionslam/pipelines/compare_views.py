@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recognisers of places side by side: tables 5.2 to 5.5 of Stastny 2022 for any drive.
 
-drive = open_drive("recordings/warehouse.npz")
+drive = open_drive("recordings/warehouse.npz", render=rendered_images)
 for result in bench_views([drive], ["objects:author", "visual_templates"], frames=["robot"]):
     print(result.title, result.paper.accuracy, result.paper.loop_recall)
 """
@@ -92,6 +92,9 @@ def bench_views(
     for frame in frames:
         if frame not in FRAMES:
             raise ConfigError(f"frame is {frame!r}, expected one of {', '.join(FRAMES)}")
+    for drive in drives:
+        # What is wrong with one is found before the others are compared.
+        logger.info("%s: %d scans", drive.name, len(drive.scenes))
     results = []
     for drive in drives:
         of_any_frame: dict[str, tuple[ViewRun | None, str]] = {}
@@ -136,12 +139,7 @@ def _result(name: str, method: Method, task: Task, run: ViewRun | None, note: st
 
 
 def known_recordings() -> list[str]:
-    """The default data: recordings where there are some, else simulated worlds.
-
-    Recordings are those in ``recordings`` below the folder that FUSIONSLAM_TEST_DATA names.
-    """
-    from fusionslam.sim.recordings import EMBEDDED
-
+    """The paths in ``recordings`` below the folder that FUSIONSLAM_TEST_DATA names."""
     folder = os.environ.get(DATA_VARIABLE)
     found = sorted(Path(folder).glob("recordings/*.npz")) if folder else []
-    return [str(path) for path in found] or list(EMBEDDED)
+    return [str(path) for path in found]

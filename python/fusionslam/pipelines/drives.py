@@ -1,39 +1,47 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Drives on which ways to recognise views are compared: scans, true poses and images of each."""
+"""Drives: recordings with the robot's way, as RatSLAM and the comparison of methods take them."""
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusionslam.config import merged
+from fusionslam.datasets.base import CloudDataset, PosesOrigin
 from fusionslam.datasets.range_recording import (
-    SHAPES,
     RangeRecording,
     RecordingConfig,
     is_recording,
+    shapes_in,
 )
 from fusionslam.errors import DataError
 from fusionslam.evaluation.views.published import world_of
 from fusionslam.fusion import ROBOT_FUSION
-from fusionslam.geometry.odometry_noise import OdometryConfig, measured_places
-from fusionslam.pipelines.drive_images import Images, recorded_images, rendered_images, world_beside
+from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, measured_places
+from fusionslam.geometry.se2 import places_of
+from fusionslam.geometry.trajectory import Trajectory, read_trajectory
+from fusionslam.pipelines.recording import Recording
+from fusionslam.pipelines.scene_recording import SceneRecording
 from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Image
-from fusionslam.views.scene_set import CloudArray, SceneSet, is_scene_set
+from fusionslam.sensors.images import Images
+from fusionslam.sensors.messages import Odometry
+from fusionslam.storage.arrays import Floats, Image
+from fusionslam.views.scene_set import CloudArray, SceneSet
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
-from fusionslam.geometry.odometry_noise import DRIFT
 
 Step = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
+Render = Callable[..., Images]
+"""Renders a drive's images in a world: ``fusionslam.sim.rendered_images.rendered_images``."""
 FrameName = Literal["robot", "odometry", "drift"]
 
 FRAMES: dict[FrameName, str] = {
@@ -44,29 +52,149 @@ FRAMES: dict[FrameName, str] = {
 """The frames that clouds may be in, and what they are."""
 
 
-@dataclass(frozen=True, eq=False)
 class Drive:
-    """Scans with something above the floor, in the robot's frame, and what else is known.
+    """A robot's way through a world: what it saw, how it moved, and where it truly was.
 
-    Attributes:
-        name: for people.
-        scenes: clouds without ground, true poses; no scan is empty.
-        dropped: scans that were left out because nothing stands above the floor there.
+    Args:
+        dataset: scans, images, or both.
+        name: for people; None for the dataset's.
         world: the thesis's world that it is a drive through; None for any other.
-        shapes: what the scanner met, "collision" or "visual"; empty where nobody knows.
-        record: makes the same set with the ground left in, all scans; None where it is gone.
-        find_images: the images, given the row after the last that is needed; None for none.
-        picture: the image of a scan, by its number, where it was recorded.
+        ranges: how scans of a range recording become clouds.
+        render: renders the images of a range recording in the world beside it; None for no images.
+        jobs: frames worked on at a time.
+        step: told about progress.
     """
 
-    name: str
-    scenes: SceneSet
-    dropped: int
-    world: str | None = None
-    shapes: str = ""
-    record: Callable[[], SceneSet] | None = None
-    find_images: Callable[[int | None], Images | None] = lambda bottom: None
-    picture: Callable[[int], Image] | None = None
+    def __init__(
+        self,
+        dataset: "Dataset",
+        *,
+        name: str | None = None,
+        world: str | None = None,
+        ranges: RecordingConfig | None = None,
+        render: Render | None = None,
+        jobs: int = 1,
+        step: Step | None = None,
+    ) -> None:
+        self.dataset = dataset
+        self.name = name or dataset.short_name
+        self.world = world
+        self.stamps_ns: NDArray[np.int64] = np.asarray(dataset.stamps_ns, np.int64)
+        self._ranges = ranges or RecordingConfig()
+        self._render, self._jobs, self._step = render, jobs, step
+
+    @property
+    def shapes(self) -> str:
+        """What the scanner met, "collision" or "visual"; empty where nobody knows."""
+        return self.dataset.shapes if isinstance(self.dataset, RangeRecording) else ""
+
+    @property
+    def topic(self) -> str | None:
+        """The topic of odometry; None without one."""
+        return self.dataset.odometry_topic
+
+    def odometry(self) -> list[Odometry]:
+        """The odometry messages, by their stamps. Raises DataError without any."""
+        return self.dataset.motion("odometry")
+
+    @cached_property
+    def truth(self) -> Trajectory | None:
+        """Where the robot truly was; None where nobody knows. Odometry is no truth."""
+        dataset = self.dataset
+        if isinstance(dataset, RangeRecording):
+            return _range_truth(dataset)
+        if dataset.truth_topic is not None and dataset.poses_origin is not PosesOrigin.FILE:
+            messages = dataset.motion("truth")
+            poses = np.stack([message.pose for message in messages])
+            seconds = np.array([message.stamp_ns for message in messages]) / 1e9
+            return _between(seconds, places_of(poses))
+        if dataset.poses is None or dataset.poses_origin is PosesOrigin.ODOMETRY:
+            return None
+        return _between(self.stamps_ns / 1e9, places_of(dataset.poses))
+
+    def true_way(self) -> Trajectory:
+        """The truth. Raises DataError where nobody knows it."""
+        if self.truth is None:
+            raise DataError(f"{self.name}: no true poses, in the data or beside them (gt)")
+        return self.truth
+
+    def scan(self, index: int, *, ground: bool) -> Any:
+        """A cloud in the robot's frame, or a frame to be fused.
+
+        Args:
+            index: of the scan.
+            ground: whether a cloud keeps its ground; of a frame, whoever fuses it decides.
+        """
+        if isinstance(self.dataset, RangeRecording):
+            height = None if ground else self._ranges.ground_height
+            config = self._ranges.model_copy(update={"ground_height": height})
+            return self.dataset.cloud(index, config)
+        if isinstance(self.dataset, CloudDataset):
+            return self.dataset.whole_cloud(index)
+        return self.dataset[index]
+
+    def images(self, bottom: int | None = None) -> Images | None:
+        """What the camera saw; None for none.
+
+        Args:
+            bottom: the row after the last that is needed.
+        """
+        dataset = self.dataset
+        if not isinstance(dataset, RangeRecording):
+            return dataset.camera_images()
+        world = world_beside(dataset.root)
+        if world is None or dataset.places is None or self._render is None:
+            return None
+        return self._render(world, dataset.seconds, dataset.places, bottom=bottom)
+
+    def placed_images(self, bottom: int | None = None) -> Images | None:
+        """As ``images``, with the true places of the images between those of the scans."""
+        images = self.images(bottom)
+        if images is None or images.poses is not None:
+            return images
+        scans = self._all_scenes
+        return replace(images, poses=places_at(images.seconds, scans.seconds, scans.poses))
+
+    @cached_property
+    def scenes(self) -> SceneSet:
+        """Clouds without ground and true poses of all scans with something above the floor.
+
+        Raises:
+            DataError: no true poses, a scene set in another frame than the robot's, or nothing
+                above the floor; or as ``record_scenes``.
+        """
+        whole = self._all_scenes
+        whole.true_poses()
+        if whole.frame != "robot":
+            raise DataError(f"{whole.name}: scenes in the frame {whole.frame!r}, expected 'robot'")
+        scenes = whole.without_empty()
+        if not len(scenes):
+            raise DataError(
+                f"{whole.name}: none of {len(whole)} scans holds anything above the floor"
+            )
+        return scenes
+
+    @property
+    def dropped(self) -> int:
+        """Scans that were left out because nothing stands above the floor there."""
+        return len(self._all_scenes) - len(self.scenes)
+
+    @cached_property
+    def with_ground(self) -> SceneSet | None:
+        """The same scans with the ground left in; None where it is gone."""
+        if isinstance(self.dataset, SceneRecording):
+            return None
+        whole = self._record(ground=True)
+        return whole.subset(np.flatnonzero(np.isin(whole.numbers, self.scenes.numbers)))
+
+    @property
+    def picture(self) -> Callable[[int], Image] | None:
+        """Gives the left image of a scan, by its number; None where there is none."""
+        dataset = self.dataset
+        if "left" not in dataset.sensors:
+            return None
+        rows = {number: row for row, number in enumerate(dataset.numbers.tolist())}
+        return lambda number: dataset[rows[number]].images["left"]
 
     def cloud(self, number: int) -> Cloud:
         """The cloud of a scan, by its number. Raises DataError where the set holds none."""
@@ -76,43 +204,105 @@ class Drive:
         return self.scenes.clouds[int(row[0])]
 
     @cached_property
-    def with_ground(self) -> SceneSet | None:
-        """The same scans with the ground left in; None where it is gone."""
-        if self.record is None:
-            return None
-        whole = self.record()
-        return whole.subset(np.flatnonzero(np.isin(whole.numbers, self.scenes.numbers)))
+    def _all_scenes(self) -> SceneSet:
+        return self._record(ground=False)
+
+    def _record(self, *, ground: bool) -> SceneSet:
+        """All scans as clouds, with or without their ground."""
+        fusion = merged(ROBOT_FUSION, {"source": _source(self.dataset)})
+        ranges, step, label = self._ranges, self._step, f"fusing {self.name}"
+        if ground:
+            fusion = merged(fusion, {"ground": "none"})
+            ranges = ranges.model_copy(update={"ground_height": None})
+        scenes = record_scenes(
+            self.dataset,
+            fusion=fusion,
+            recording=ranges,
+            jobs=self._jobs,
+            progress=None if step is None else lambda done, total: step(label, done, total),
+        )
+        return replace(scenes, name=self.name)
 
 
 def open_drive(
-    source: str | os.PathLike[str],
+    source: Recording | str | os.PathLike[str],
     *,
-    shapes: str = "collision",
+    ranges: RecordingConfig | None = None,
+    render: Render | None = None,
     jobs: int = 1,
     step: Step | None = None,
 ) -> Drive:
-    """A recording, a bag, a scene set, or the embedded drive of a world that is made, by its name.
+    """Open a recording as a drive.
 
     Args:
-        source: path, or name: "warehouse", "house", "hospital".
-        shapes: what the scanner met, where a recording has both.
+        source: the recording, or its path.
+        ranges: how scans of a range recording become clouds; None for the collision shapes. Where
+            the recording lacks the shapes asked for, the others are taken.
+        render: makes the images of a range recording in the world beside it; None for no images.
         jobs: frames worked on at a time.
         step: told about progress.
 
     Raises:
-        DataError: nothing there, nothing recognised, no true poses, nothing above the floor, or
-            a scene set in another frame than the robot's.
-        FusionSlamError: an extra that is needed is not installed.
+        DataError, ConfigError: as ``Recording.open``.
     """
-    path, made = Path(source).expanduser(), None
-    if not path.exists():
-        path, made = embedded(str(source), jobs, step), str(source)
-    if is_scene_set(path):
-        scenes = SceneSet.load(path)
-        return _drive(scenes, world=world_of(scenes.name))
-    if is_recording(path):
-        return _of_recording(path, shapes)
-    return _of_dataset(path, jobs, step, made)
+    recording = source if isinstance(source, Recording) else Recording.at(source)
+    ranges = ranges or RecordingConfig(shapes="collision")
+    if recording.shapes is None and is_recording(recording.path):
+        shapes = ranges.shapes if ranges.shapes in shapes_in(recording.path) else None
+        recording = replace(recording, shapes=shapes)
+    dataset, simulated = recording.open(), recording.simulated
+    place = dataset.name if isinstance(dataset, SceneRecording) else dataset.root.stem
+    return Drive(
+        dataset,
+        name=f"simulated {simulated}" if simulated else None,
+        # A simulated world is another one than the thesis's of the same name.
+        world=None if simulated else world_of(place),
+        ranges=ranges,
+        render=render,
+        jobs=jobs,
+        step=step,
+    )
+
+
+def _source(dataset: "Dataset") -> str:
+    """What clouds of a dataset are made of."""
+    if dataset.has_points and "left" in dataset.sensors:
+        return "lidar"
+    return "stereo" if dataset.has_stereo else "cloud"
+
+
+def _range_truth(data: RangeRecording) -> Trajectory | None:
+    """The drive that was recorded, else straight lines between the poses of the scans."""
+    if data.places is None:
+        return None
+    world = world_beside(data.root)
+    beside = None if world is None else world.with_suffix(".trajectory.csv")
+    if beside is not None and beside.is_file():
+        return read_trajectory(beside)
+    return _between(data.seconds, data.places)
+
+
+def world_beside(recording: Path) -> Path | None:
+    """The world that a recording is named after, in ``worlds`` beside its folder; None if none."""
+    found = recording.resolve().parent.parent / "worlds" / f"{recording.stem}.glb"
+    return found if found.is_file() else None
+
+
+def _between(seconds: Floats, places: Floats) -> Trajectory | None:
+    """Straight lines between places (n, 3); none between fewer than two, or the same times."""
+    rising = np.concatenate([[True], np.diff(seconds) > 0])
+    if np.count_nonzero(rising) < 2:
+        return None
+    x, y, yaw = places[rising].T
+    return Trajectory(seconds[rising], x, y, np.unwrap(yaw))
+
+
+def places_at(times: Floats, seconds: Floats, poses: Floats | None) -> Floats | None:
+    """float64 (k, 3): places at times, straight between poses (n, 3) at increasing seconds (n)."""
+    if poses is None:
+        return None
+    columns = (poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2]))
+    return np.stack([np.interp(times, seconds, values) for values in columns], axis=1)
 
 
 def moved(scenes: SceneSet, frame: FrameName) -> SceneSet:
@@ -144,74 +334,3 @@ def _placed(cloud: Cloud, x: float, y: float, yaw: float) -> Cloud:
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     points = np.einsum("ij,kj->ik", cloud.points.astype(np.float64), turn) + np.array([x, y, 0])
     return replace(cloud, points=points.astype(np.float32))
-
-
-def embedded(name: str, jobs: int, step: Step | None) -> Path:
-    """The bag of a world that is made, recorded if it has yet to be."""
-    from fusionslam.sim.catalogue import check_world
-    from fusionslam.sim.recordings import EMBEDDED, embedded_bag
-
-    check_world(name)
-    if name not in EMBEDDED:
-        raise DataError(f"{name}: expected a recording, or one of {', '.join(EMBEDDED)}")
-    label = f"driving: {name}"
-    progress = (lambda done, total: step(label, done, total)) if step else None
-    return embedded_bag(name, jobs=jobs, progress=progress)
-
-
-def _of_recording(path: Path, shapes: str) -> Drive:
-    with np.load(path) as held:
-        known = [name for name in SHAPES if f"{name}_offsets" in held.files]
-    met = shapes if shapes in known else None
-    data = RangeRecording.open(path, met)
-    bare = RecordingConfig(ground_height=None)
-
-    def images(bottom: int | None) -> Images | None:
-        world = world_beside(path)
-        if world is None or data.places is None:
-            return None
-        return rendered_images(world, data.seconds, data.places, bottom=bottom)
-
-    return _drive(
-        record_scenes(data),
-        world=world_of(path.stem),
-        shapes=met or known[0],
-        record=lambda: record_scenes(data, recording=bare),
-        find_images=images,
-    )
-
-
-def _of_dataset(path: Path, jobs: int, step: Step | None, made: str | None) -> Drive:
-    from fusionslam.datasets import open_dataset
-
-    dataset = open_dataset(path)
-    label = f"fusing {made or dataset.name}"
-    progress = (lambda done, total: step(label, done, total)) if step else None
-    whole = record_scenes(dataset, jobs=jobs, progress=progress)
-    bare = merged(ROBOT_FUSION, {"ground": "none"})
-    return _drive(
-        # A made world is another one than the thesis's of the same name.
-        replace(whole, name=f"simulated {made}" if made else whole.name.partition(" (")[0]),
-        world=None if made else world_of(path.stem),
-        record=lambda: record_scenes(dataset, fusion=bare, jobs=jobs, progress=progress),
-        find_images=lambda bottom: recorded_images(dataset, whole.seconds, whole.poses),
-        picture=_pictures(dataset),
-    )
-
-
-def _pictures(dataset: "Dataset") -> Callable[[int], Image] | None:
-    """The left image of a scan, by its number."""
-    if "left" not in dataset.sensors:
-        return None
-    rows = {number: row for row, number in enumerate(dataset.numbers.tolist())}
-    return lambda number: dataset[rows[number]].images["left"]
-
-
-def _drive(whole: SceneSet, **known: Any) -> Drive:
-    whole.true_poses()
-    if whole.frame != "robot":
-        raise DataError(f"{whole.name}: scenes in the frame {whole.frame!r}, expected 'robot'")
-    scenes = whole.without_empty()
-    if not len(scenes):
-        raise DataError(f"{whole.name}: none of {len(whole)} scans holds anything above the floor")
-    return Drive(whole.name, scenes, dropped=len(whole) - len(scenes), **known)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The stamped events of a tour: odometry of one kind, and what a source of views looks at."""
+"""The stamped events of a drive: odometry of one kind, and what a source of views looks at."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, simulate_odometry
 from fusionslam.geometry.trajectory import Trajectory
-from fusionslam.pipelines.drive_images import template_views
-from fusionslam.pipelines.tours import Progress, Tour
+from fusionslam.pipelines.drives import Drive, Step
+from fusionslam.pipelines.template_views import template_views
 from fusionslam.pipelines.visual_odometry import seen_motions
 from fusionslam.ratslam.events import Event, Look, Motion
 from fusionslam.ratslam.view_sources import MatcherSource, TemplateSource, ViewSource
@@ -55,7 +55,7 @@ class RunEvents:
     """What RatSLAM is fed with.
 
     Attributes:
-        name: of the tour.
+        name: of the drive.
         odometry: what tells the motion, for people.
         motions: odometry in the order of stamps.
         look_stamps_ns: int64 (m), increasing, when something is looked at.
@@ -118,19 +118,19 @@ class RunEvents:
 
 
 def events_of(
-    tour: Tour,
+    drive: Drive,
     source: ViewSource,
     odometry: str | None = None,
     errors: OdometryConfig = DRIFT,
     *,
     seen: VisualOdometryConfig | None = None,
     jobs: int = 1,
-    progress: Progress | None = None,
+    progress: Step | None = None,
 ) -> RunEvents:
-    """What RatSLAM is fed with on a tour, from the first view to the last.
+    """What RatSLAM is fed with on a drive, from the first view to the last.
 
     Args:
-        tour: scans or images, and the motion.
+        drive: scans or images, and the motion.
         source: what recognises places.
         odometry: one of ``ODOMETRY``; None for the topic where there is one, else the truth.
         errors: of truth+noise.
@@ -139,32 +139,32 @@ def events_of(
         progress: told about that.
 
     Raises:
-        DataError: the tour lacks what is asked for. ConfigError: an unknown kind of odometry.
+        DataError: the drive lacks what is asked for. ConfigError: an unknown kind of odometry.
     """
-    stamps_ns, item = _looks(tour, source, jobs, progress)
+    stamps_ns, item = _looks(drive, source, jobs, progress)
     if odometry == "visual":
-        title, motions = seen_motions(tour, seen, jobs=jobs, progress=progress)
+        title, motions = seen_motions(drive, seen, jobs=jobs, progress=progress)
     else:
-        title, motions = motions_of(tour, odometry, errors)
-    return RunEvents(tour.name, title, during(motions, stamps_ns), stamps_ns, item, tour.truth)
+        title, motions = motions_of(drive, odometry, errors)
+    return RunEvents(drive.name, title, during(motions, stamps_ns), stamps_ns, item, drive.truth)
 
 
 def motions_of(
-    tour: Tour, odometry: str | None, errors: OdometryConfig
+    drive: Drive, odometry: str | None, errors: OdometryConfig
 ) -> tuple[str, list[Odometry | Motion]]:
     """What tells the motion, for people, and all that it says. Raises as ``events_of``."""
-    if odometry is None and tour.topic is None and tour.truth is None:
+    if odometry is None and drive.topic is None and drive.truth is None:
         raise DataError(
-            f"{tour.name} has neither odometry messages nor true poses; odometry may be 'visual' "
+            f"{drive.name} has neither odometry messages nor true poses; odometry may be 'visual' "
             "where there are images"
         )
-    chosen = odometry or ("topic" if tour.topic is not None else "truth")
+    chosen = odometry or ("topic" if drive.topic is not None else "truth")
     if chosen == "topic":
-        return f"topic {tour.topic}", [*tour.odometry()]
+        return f"topic {drive.topic}", [*drive.odometry()]
     if chosen == "truth":
-        return "truth", _made(tour.true_way(), _NO_ERRORS)
+        return "truth", _made(drive.true_way(), _NO_ERRORS)
     if chosen == "truth+noise":
-        return _drift_title(errors), _made(tour.true_way(), errors)
+        return _drift_title(errors), _made(drive.true_way(), errors)
     raise ConfigError(f"odometry is {odometry!r}, expected one of {', '.join(ODOMETRY)}")
 
 
@@ -190,27 +190,27 @@ def _drift_title(errors: OdometryConfig) -> str:
 
 
 def _looks(
-    tour: Tour, source: ViewSource, jobs: int, progress: Progress | None
+    drive: Drive, source: ViewSource, jobs: int, progress: Step | None
 ) -> tuple[NDArray[np.int64], Callable[[int], Any]]:
     """When there is something to look at, and what."""
     if isinstance(source, TemplateSource):
-        return _image_looks(tour, source, jobs, progress)
+        return _image_looks(drive, source, jobs, progress)
     ground = isinstance(source, MatcherSource) and source.matcher.fusion_config.ground == "none"
-    return tour.stamps_ns, lambda index: tour.scan(index, ground=ground)
+    return drive.stamps_ns, lambda index: drive.scan(index, ground=ground)
 
 
 def _image_looks(
-    tour: Tour, source: TemplateSource, jobs: int, progress: Progress | None
+    drive: Drive, source: TemplateSource, jobs: int, progress: Step | None
 ) -> tuple[NDArray[np.int64], Callable[[int], Any]]:
     """Images; of rendered ones what templates keep of them, which is cached."""
     config = source.templates.config
-    images = tour.images(config.bottom)
+    images = drive.images(config.bottom)
     if images is None or not len(images):
-        raise DataError(f"{tour.name}: no images, which visual templates look at")
+        raise DataError(f"{drive.name}: no images, which visual templates look at")
     stamps_ns = np.round(images.seconds * 1e9).astype(np.int64)
     if images.key is None:
         return stamps_ns, images.image
-    label = f"{tour.name}: {images.origin}"
+    label = f"{drive.name}: {images.origin}"
     show = None if progress is None else lambda done, total: progress(label, done, total)
     made = template_views(images, config, jobs=jobs, progress=show)
     return stamps_ns, made.views.__getitem__

@@ -16,8 +16,9 @@ from fusionslam.evaluation.maps.run import NO_NODE, REFUSED, RatSlamRun
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
 from fusionslam.geometry.se2 import wrapped
 from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.pipelines.drives import Drive, open_drive
+from fusionslam.pipelines.drives import Step as Progress
 from fusionslam.pipelines.map_events import RunEvents, Unreadable, events_of, expected_drift
-from fusionslam.pipelines.tours import Progress, open_tour
 from fusionslam.ratslam.events import Event
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.ratslam.view_sources import SourceOptions, build_view_source
@@ -128,7 +129,7 @@ class RunRecorder:
 
 
 def run_ratslam(
-    source: str | os.PathLike[str],
+    source: Drive | str | os.PathLike[str],
     views: str = "alignment",
     odometry: str | None = None,
     config: RatSlamConfig | None = None,
@@ -143,7 +144,7 @@ def run_ratslam(
     """Make a map of a recording.
 
     Args:
-        source: as ``open_tour`` takes it.
+        source: a drive, or what ``open_drive`` takes.
         views: what recognises places, one of ``RECOGNISERS``.
         odometry: what tells the motion, one of ``ODOMETRY``; None for the topic where there is one,
             else the truth.
@@ -161,8 +162,8 @@ def run_ratslam(
             name.
     """
     chosen = build_view_source(views, options)
-    opened = open_tour(source, jobs=jobs, progress=progress)
-    events = events_of(opened, chosen, odometry, errors, seen=seen, jobs=jobs, progress=progress)
+    drive = source if isinstance(source, Drive) else open_drive(source, jobs=jobs, step=progress)
+    events = events_of(drive, chosen, odometry, errors, seen=seen, jobs=jobs, progress=progress)
     config = config or RatSlamConfig.model_validate({"map": expected_drift(odometry)})
     recorder = RunRecorder(RatSlam(config, views=chosen), events)
     run_events(recorder, progress, watch)

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from fusionslam.config import explain_choice, merged
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import ViewRun, baselines
-from fusionslam.pipelines.drive_images import Images, TemplateViews, template_views
 from fusionslam.pipelines.drives import Drive, FrameName, Step, moved
+from fusionslam.pipelines.template_views import TemplateViews, template_views
 from fusionslam.pipelines.views import run_views
+from fusionslam.sensors.images import Images
 from fusionslam.storage.arrays import Floats
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import RECOGNISERS, RENAMED, ViewMatcherConfig
@@ -113,7 +114,7 @@ def run_templates(
     """
 
     def run_task(task: Task) -> ViewRun:
-        drive, images = task.drive, task.drive.find_images(config.bottom)
+        drive, images = task.drive, task.drive.placed_images(config.bottom)
         if images is None or not len(images):
             raise DataError("no images")
         views = template_views(

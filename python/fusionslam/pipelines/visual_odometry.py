@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
-from fusionslam.pipelines.drive_images import Images
-from fusionslam.pipelines.tours import Progress, Tour
+from fusionslam.pipelines.drives import Drive, Step
 from fusionslam.ratslam.events import Motion
 from fusionslam.ratslam.visual_odometry import (
     Sight,
@@ -23,16 +22,17 @@ from fusionslam.ratslam.visual_odometry import (
     VisualOdometryConfig,
     VisualSpeed,
 )
+from fusionslam.sensors.images import Images
 from fusionslam.sensors.messages import Odometry
 from fusionslam.storage.archive import load_arrays, save_arrays
 from fusionslam.storage.parallel import in_order
-from fusionslam.storage.progress import Progress as Counted
+from fusionslam.storage.progress import Progress
 
 logger = logging.getLogger(__name__)
 
 
 def visual_speeds(
-    images: Images, odometry: VisualOdometry, *, jobs: int = 1, progress: Counted | None = None
+    images: Images, odometry: VisualOdometry, *, jobs: int = 1, progress: Progress | None = None
 ) -> list[VisualSpeed | None]:
     """What visual odometry says at each image; None where it cannot say anything.
 
@@ -54,16 +54,16 @@ def visual_speeds(
 
 
 def seen_motions(
-    tour: Tour,
+    drive: Drive,
     config: VisualOdometryConfig | None = None,
     *,
     jobs: int = 1,
-    progress: Progress | None = None,
+    progress: Step | None = None,
 ) -> tuple[str, list[Odometry | Motion]]:
-    """What visual odometry is called, for people, and what it says on a tour.
+    """What visual odometry is called, for people, and what it says on a drive.
 
     Args:
-        tour: with images.
+        drive: with images.
         config: None for the defaults.
         jobs: images that are read or rendered at a time; the result does not depend on it.
         progress: told about that.
@@ -71,13 +71,13 @@ def seen_motions(
     Raises:
         DataError: no images, or as ``visual_speeds``.
     """
-    images = tour.images()
+    images = drive.images()
     if images is None or not len(images):
-        raise DataError(f"{tour.name}: no images, which visual odometry looks at")
+        raise DataError(f"{drive.name}: no images, which visual odometry looks at")
     odometry = VisualOdometry(config, camera=images.camera)
     if images.camera is not None and images.camera.size is not None:
-        images = tour.images(odometry.rows_used(images.camera.size[1])) or images
-    label = f"{tour.name}: {images.origin}"
+        images = drive.images(odometry.rows_used(images.camera.size[1])) or images
+    label = f"{drive.name}: {images.origin}"
     show = None if progress is None else lambda done, total: progress(label, done, total)
     speeds = visual_speeds(images, odometry, jobs=jobs, progress=show)
     title = f"visual odometry ({odometry.config.preset})"
@@ -110,7 +110,7 @@ def image_stamps_ns(images: Images) -> NDArray[np.int64]:
 
 
 def all_sights(
-    images: Images, odometry: VisualOdometry, jobs: int = 1, progress: Counted | None = None
+    images: Images, odometry: VisualOdometry, jobs: int = 1, progress: Progress | None = None
 ) -> list[Sight]:
     """What is used of each image; of rendered ones it is kept in the user's cache.
 
@@ -129,7 +129,7 @@ def all_sights(
 
 
 def _made(
-    images: Images, odometry: VisualOdometry, jobs: int, progress: Counted | None
+    images: Images, odometry: VisualOdometry, jobs: int, progress: Progress | None
 ) -> Iterator[Sight]:
     with ThreadPoolExecutor(max(jobs, 1)) as pool:
         try:

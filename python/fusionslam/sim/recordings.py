@@ -4,6 +4,7 @@
 
 import hashlib
 import json
+import os
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,15 @@ from fusionslam.config import Section, merged, option
 from fusionslam.datasets.bags import open_writer
 from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import Trajectory
-from fusionslam.sim.catalogue import MADE, ROBOT, Entry, drive_through, limits_of
+from fusionslam.sim.catalogue import (
+    MADE,
+    ROBOT,
+    Entry,
+    check_world,
+    drive_through,
+    limits_of,
+    read_world,
+)
 from fusionslam.sim.folder_writer import FolderWriter, check_folder, first_lidar, folder_writer
 from fusionslam.sim.motion.planner import PlanConfig
 from fusionslam.sim.robot import RobotConfig, robot_named
@@ -24,7 +33,9 @@ from fusionslam.sim.simulator import (
     scan_count,
     simulate,
 )
+from fusionslam.sim.town.kitti_recorder import embedded_drive
 from fusionslam.sim.world import World
+from fusionslam.sim.worlds import world_file
 from fusionslam.storage.cache import cache_folder
 from fusionslam.storage.progress import Progress
 
@@ -181,10 +192,59 @@ def embedded_bag(
     return path
 
 
+def record_world(
+    world: str | os.PathLike[str], *, jobs: int = 1, progress: Progress | None = None
+) -> Path:
+    """A recorded drive through a world, kept in the user's cache and made when first asked for.
+
+    A world's own drive is followed, or one of 100 m is planned.
+
+    Args:
+        world: name of a simulated world, or what ``load_world`` reads.
+        jobs: threads.
+        progress: called with (messages or frames written, those in all).
+
+    Returns:
+        A bag; of the town a folder like KITTI's.
+
+    Raises:
+        DataError: no such world, one that cannot be read, or a cache that cannot be written.
+    """
+    name = str(world)
+    check_world(name)
+    if name in EMBEDDED:
+        return embedded_bag(name, jobs=jobs, progress=progress)
+    if name in MADE:
+        return embedded_drive(jobs=jobs, progress=progress)
+    config = merged(recording_config(), {"robot": _EMBEDDED["robot"]})
+    file = world_file(world)
+    path = _cached_bag(file.stem, {"files": _digest(file), "config": _values(config)})
+    if not path.exists():
+        place, drive = drive_through(read_world(name), config.robot, config.plan)
+        write_recording(place, drive, config, path, jobs=jobs, progress=progress)
+    return path
+
+
+def _digest(world: Path) -> str:
+    """What differs between worlds of other files; meshes and textures elsewhere do not count."""
+    found = hashlib.sha256()
+    for suffix in (world.suffix, ".collision.glb", ".map.yaml", ".trajectory.csv"):
+        file = world.with_suffix(suffix)
+        found.update(file.read_bytes() if file.is_file() else b"-")
+    return found.hexdigest()
+
+
 def embedded_path(name: str, config: RecordingConfig) -> Path:
     """Where ``embedded_bag`` keeps its bag, whether it has been made or not."""
-    identity = {"format": _FORMAT, "config": config.model_dump(mode="json", serialize_as_any=True)}
-    text = json.dumps(identity, sort_keys=True)
+    return _cached_bag(name, {"config": _values(config)})
+
+
+def _values(config: RecordingConfig) -> dict[str, Any]:
+    return config.model_dump(mode="json", serialize_as_any=True)
+
+
+def _cached_bag(name: str, identity: dict[str, Any]) -> Path:
+    text = json.dumps({"format": _FORMAT, **identity}, sort_keys=True)
     return cache_folder() / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:12]}.bag"
 
 

@@ -11,13 +11,10 @@ import pytest
 
 from fusionslam.errors import ShapeError
 from fusionslam.geometry.trajectory import Trajectory, write_trajectory
-from fusionslam.pipelines.drive_images import (
-    Images,
-    places_at,
-    rendered_images,
-    template_views,
-    world_beside,
-)
+from fusionslam.pipelines.drives import places_at, world_beside
+from fusionslam.pipelines.template_views import template_views
+from fusionslam.sensors.images import Images
+from fusionslam.sim.rendered_images import rendered_images
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 
 SECONDS = np.array([0.0, 0.5, 1.0])

@@ -14,9 +14,9 @@ from drives import SECOND, circles
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.odometry_noise import OdometryConfig
+from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.pipelines.map_events import RunEvents, events_of
 from fusionslam.pipelines.maps import RunRecorder, joined, run_events, run_ratslam
-from fusionslam.pipelines.tours import DatasetTour, RecordedTour, open_tour
 from fusionslam.ratslam.events import Motion
 from fusionslam.ratslam.slam import RatSlam, Step
 from fusionslam.ratslam.view_sources import TemplateSource, build_view_source
@@ -163,7 +163,7 @@ def test_events_begin_with_the_odometry_before_the_first_look_and_end_after_the_
     recording: Path,
 ) -> None:
     source = build_view_source(OBJECTS)
-    found = events_of(open_tour(recording), source)
+    found = events_of(open_drive(recording), source)
     stamps = [motion.stamp_ns for motion in found.motions]
     assert stamps[0] <= found.look_stamps_ns[0] and stamps[1] > found.look_stamps_ns[0]
     assert stamps[-2] < found.look_stamps_ns[-1]
@@ -185,8 +185,8 @@ def test_a_bag_is_driven_by_its_topic_whatever_order_it_arrived_in(tmp_path: Pat
     runs = []
     for name, written in (("in_turn.bag", in_turn), ("late.bag", late)):
         write_bag(tmp_path / name, written)
-        tour = open_tour(tmp_path / name)
-        assert isinstance(tour, DatasetTour) and tour.topic == "/odom"
+        tour = open_drive(tmp_path / name)
+        assert tour.topic == "/odom"
         source = TemplateSource(columns=16, rows=8, bottom=None)
         taking = RunRecorder(RatSlam(views=source), events_of(tour, source))
         run_events(taking)
@@ -199,7 +199,7 @@ def test_a_bag_is_driven_by_its_topic_whatever_order_it_arrived_in(tmp_path: Pat
 def test_odometry_of_made_truth_is_that_of_the_simulator() -> None:
     from fusionslam.pipelines.map_events import motions_of
 
-    class Walk(RecordedTour):
+    class Walk(Drive):
         def __init__(self) -> None:
             self.name, self.truth = "walk", circles(0.1)
 

@@ -14,8 +14,8 @@ from fusionslam import DataError
 from fusionslam.config import merged
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
+from fusionslam.pipelines.drives import open_drive
 from fusionslam.pipelines.maps import run_ratslam
-from fusionslam.pipelines.tours import open_tour
 from fusionslam.ratslam import (
     Action,
     ActionKind,
@@ -120,7 +120,7 @@ def mapped(course: LittleCourse, delay_s: float) -> ExperienceMap:
 
 @pytest.fixture(scope="module")
 def warehouse(test_data: Path) -> Course:
-    return Course(open_tour(test_data / "recordings" / "warehouse.npz"), "objects")
+    return Course(open_drive(test_data / "recordings" / "warehouse.npz"), "objects")
 
 
 def errors_of(report: MapReport) -> tuple[float, float, float]:
@@ -136,25 +136,25 @@ def test_views_that_are_looked_at_once_give_the_map_of_a_run(
 ) -> None:
     recording = test_data / "recordings" / "warehouse.npz"
     again = run_ratslam(recording, "objects", "truth+noise", ROBUST, errors=DRIFT)
-    once = warehouse.drive(ROBUST, DRIFT)
+    once = warehouse.run(ROBUST, DRIFT)
     assert np.array_equal(again.nodes, once.nodes)
     assert np.array_equal(again.links, once.links)
     assert np.array_equal(again.final_poses, once.final_poses)
 
 
 def test_the_map_of_the_warehouse_beats_its_odometry_and_the_original(warehouse: Course) -> None:
-    report = judge_map(warehouse.drive(ROBUST, DRIFT))
+    report = judge_map(warehouse.run(ROBUST, DRIFT))
     nodes, reckoned, trajectory = errors_of(report)
     assert nodes < 0.6 * reckoned
     assert trajectory < 0.6 * reckoned
     assert report.false_loops == 0
     assert report.linked_revisits > 0.8 * report.revisits
-    original = judge_map(warehouse.drive(RatSlamConfig(preset="openratslam"), DRIFT))
+    original = judge_map(warehouse.run(RatSlamConfig(preset="openratslam"), DRIFT))
     assert nodes < 0.6 * errors_of(original)[0]
 
 
 def test_odometry_without_errors_suffers_little(warehouse: Course) -> None:
-    nodes, reckoned, _ = errors_of(judge_map(warehouse.drive(ROBUST, OdometryConfig())))
+    nodes, reckoned, _ = errors_of(judge_map(warehouse.run(ROBUST, OdometryConfig())))
     assert reckoned < 0.01
     assert nodes < 0.1
 
@@ -162,7 +162,7 @@ def test_odometry_without_errors_suffers_little(warehouse: Course) -> None:
 def test_wrong_views_in_the_warehouse_do_not_fold_its_map(warehouse: Course) -> None:
     told, wrong = with_false_matches(warehouse, 0.2)
     assert wrong > 50
-    report = judge_map(warehouse.drive(ROBUST, DRIFT, told))
+    report = judge_map(warehouse.run(ROBUST, DRIFT, told))
     nodes, reckoned, _ = errors_of(report)
     assert nodes < 0.75 * reckoned
     # One that is no farther off than odometry may be is believed.

@@ -33,9 +33,9 @@ from drives import (
 )
 from fusionslam.errors import ConfigError
 from fusionslam.geometry.odometry_noise import DRIFT
+from fusionslam.pipelines.drives import open_drive
 from fusionslam.pipelines.map_events import during, events_of, motions_of
 from fusionslam.pipelines.maps import run_ratslam
-from fusionslam.pipelines.tours import open_tour
 from fusionslam.ratslam import (
     GivenView,
     Look,
@@ -339,7 +339,7 @@ class Recorded(NamedTuple):
 def recorded(source: Path, views: str) -> Recorded:
     steps: list[Step] = []
     run_ratslam(source, views, watch=lambda step, *_: steps.append(step))
-    tour, matcher = open_tour(source), build_view_source(views)
+    tour, matcher = open_drive(source), build_view_source(views)
     assert isinstance(matcher, MatcherSource)
     events = events_of(tour, matcher)
     looks: list[Message] = []

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import Trajectory
-from fusionslam.pipelines.drive_images import Images
+from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.pipelines.map_events import events_of
-from fusionslam.pipelines.tours import Tour, open_tour
 from fusionslam.pipelines.visual_odometry import (
     image_stamps_ns,
     seen_motions,
@@ -25,6 +24,7 @@ from fusionslam.pipelines.visual_odometry import (
 )
 from fusionslam.ratslam import Look, Motion, RatSlam, TemplateSource
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualOdometryConfig
+from fusionslam.sensors.images import Images
 from worlds import VIEW, room_image
 
 TENTH = 100_000_000
@@ -90,7 +90,7 @@ def test_the_references_images_get_its_templates_on_their_way_to_the_map(test_da
     assert slam.map.current == seen_again[-1] == 11
 
 
-class PaintedRoom(Tour):
+class PaintedRoom(Drive):
     """A robot that turns on the spot in a painted room, seen by its camera only."""
 
     name = "painted room"
@@ -111,10 +111,10 @@ class PaintedRoom(Tour):
 @pytest.mark.parametrize("preset", ["robust", "openratslam"])
 def test_a_camera_alone_maps_turns_on_the_spot(preset: str) -> None:
     turns = 2.5
-    tour = PaintedRoom(lambda seconds: 2 * np.pi * turns / 20 * seconds, seconds=20)
+    drive = PaintedRoom(lambda seconds: 2 * np.pi * turns / 20 * seconds, seconds=20)
     source = TemplateSource(**ROOM_TEMPLATES)
     seen = VisualOdometryConfig(preset=preset, field_of_view=VIEW)
-    events = events_of(tour, source, "visual", seen=seen)
+    events = events_of(drive, source, "visual", seen=seen)
     assert events.odometry == f"visual odometry ({preset})"
     slam = RatSlam(preset="openratslam", views=source)
     nodes, facing = [], []
@@ -130,18 +130,18 @@ def test_a_camera_alone_maps_turns_on_the_spot(preset: str) -> None:
 
 
 def test_a_bags_images_tell_its_motion_and_its_places(test_data: Path) -> None:
-    tour = open_tour(test_data / "bags" / "small_house_20s.bag")
+    drive = open_drive(test_data / "bags" / "small_house_20s.bag")
     source = TemplateSource()
-    seen = events_of(tour, source, "visual", jobs=2)
+    seen = events_of(drive, source, "visual", jobs=2)
     assert [motion.stamp_ns for motion in seen.motions] == seen.look_stamps_ns.tolist()
-    again = events_of(tour, source, "visual", seen=VisualOdometryConfig(distance_m=8.0))
+    again = events_of(drive, source, "visual", seen=VisualOdometryConfig(distance_m=8.0))
     slow, fast = (np.array([(m.v, m.w) for m in one.motions]) for one in (seen, again))
     free = np.abs(fast[:, 0]) < 1
     np.testing.assert_allclose(fast[free, 0], 2 * slow[free, 0])
     np.testing.assert_array_equal(fast[:, 1], slow[:, 1])
     wheels = [
         (m.stamp_ns / 1e9, m.pose[0, 3], m.pose[1, 3], np.arctan2(m.pose[1, 0], m.pose[0, 0]))
-        for m in events_of(tour, source, "topic").motions
+        for m in events_of(drive, source, "topic").motions
     ]
     seconds, x, y, yaw = np.array(wheels).T
     times = seen.look_stamps_ns / 1e9
@@ -153,10 +153,10 @@ def test_a_bags_images_tell_its_motion_and_its_places(test_data: Path) -> None:
 
 
 def test_a_tour_without_images_says_that_it_cannot_be_seen_how_it_moved() -> None:
-    tour = PaintedRoom(lambda seconds: seconds, seconds=2)
-    tour.images = lambda bottom=None: None  # type: ignore
+    drive = PaintedRoom(lambda seconds: seconds, seconds=2)
+    drive.images = lambda bottom=None: None  # type: ignore[method-assign, assignment]
     with pytest.raises(DataError, match="painted room: no images, which visual odometry looks at"):
-        seen_motions(tour)
+        seen_motions(drive)
 
 
 def test_a_robot_that_cannot_see_stands_still_and_it_is_told(

@@ -250,10 +250,10 @@ def test_shifts_between_the_references_images_are_those_that_it_was_given(test_d
 def test_turns_and_speeds_of_a_simulated_drive_are_near_the_truth(test_data: Path) -> None:
     from fusionslam.datasets import open_dataset
     from fusionslam.geometry.trajectory import read_trajectory
-    from fusionslam.pipelines.drive_images import recorded_images
 
     dataset = open_dataset(test_data / "bags" / "small_house_20s.bag")
-    images = recorded_images(dataset, dataset.stamps_ns / 1e9, None)
+    images = dataset.camera_images()
+    assert images is not None
     way = read_trajectory(test_data / "worlds" / "small_house.trajectory.csv")
     x, y, yaw = way.places(images.seconds - images.seconds[0])
     middle = yaw[:-1] + np.diff(yaw) / 2

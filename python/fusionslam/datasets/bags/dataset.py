@@ -5,15 +5,16 @@
 import functools
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.datasets.bags import pairing
 from fusionslam.datasets.bags.indexed_bag import IndexedBag
-from fusionslam.datasets.bags.pairing import Matched, match, motion, open_indexed, with_poses
+from fusionslam.datasets.bags.pairing import Matched, match, open_indexed, with_poses
 from fusionslam.datasets.bags.topics import INFO_ROLES
 from fusionslam.datasets.base import Dataset, OdometryOrigin, PosesOrigin
 from fusionslam.datasets.pose_files import match_poses
@@ -21,7 +22,8 @@ from fusionslam.datasets.streams import SENSORS, MissingSensorError, Request, it
 from fusionslam.errors import DataError
 from fusionslam.sensors.camera_info import cameras_from, check_pair, rectified
 from fusionslam.sensors.frame import Camera, Frame
-from fusionslam.sensors.messages import Picture, Scan
+from fusionslam.sensors.images import Images
+from fusionslam.sensors.messages import Odometry, Picture, Scan
 
 logger = logging.getLogger(__name__)
 
@@ -88,6 +90,33 @@ class BagDataset(Dataset):
         """When the sensor measured each frame, int64 (N)."""
         return _stamps(self.source, self.matched, sensor)
 
+    def camera_images(self) -> Images | None:
+        """All images of the left camera from the first frame to the last, by their stamps."""
+        images = super().camera_images()
+        if images is None:
+            return None
+        series, topic = self.source.series("left"), self.source.roles["left"]
+        rows = np.argsort(series.stamps_ns, kind="stable")
+        seconds = series.stamps_ns[rows] / 1e9
+        inside = (seconds >= images.seconds[0]) & (seconds <= images.seconds[-1])
+        rows = rows[inside]
+
+        def image(index: int) -> NDArray[np.uint8]:
+            picture = self.source.bag.message(topic, *series.place(int(rows[index])))
+            assert isinstance(picture, Picture)
+            return picture.image
+
+        return replace(images, seconds=seconds[inside], image=image, origin="images of the bag")
+
+    def motion(self, role: str) -> list[Odometry]:
+        """The messages of "odometry" or "truth" by their stamps, whatever order they arrived in."""
+        found, by_arrival = [], self.source.stamps == "bag"
+        for event in self.source.bag.events([self.source.roles[role]]):
+            assert isinstance(event.message, Odometry)
+            stamp_ns = event.time_ns if by_arrival else event.message.stamp_ns
+            found.append(replace(event.message, stamp_ns=stamp_ns))
+        return sorted(found, key=lambda message: message.stamp_ns)
+
     def _frame(self, index: int) -> Frame:
         scan = functools.cache(functools.partial(self._scan, index))
         stamp_ns, robot = int(self.stamps_ns[index]), self.source.index.frames.robot
@@ -146,7 +175,7 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
     """The frames of a bag that is open. Raises as ``open_bag_dataset``."""
     path, sensors = source.bag.path, _sensors(source, request.sensors)
     matched = match(source, sensors, request.sync)
-    moved = motion(source, _stamps(source, matched, sensors[0]))
+    moved = pairing.motion(source, _stamps(source, matched, sensors[0]))
     poses, origin = moved.poses, moved.origin
     if request.poses is None:
         matched = with_poses(source, matched, moved)

@@ -13,7 +13,7 @@ from fusionslam.sim.worlds.gltf import read_glb
 from fusionslam.sim.worlds.missing_resources import Unresolved
 from fusionslam.sim.worlds.sdf import read_sdf
 
-__all__ = ["load_world"]
+__all__ = ["load_world", "world_file"]
 
 
 def load_world(path: str | os.PathLike[str], *, lenient: bool = False) -> World:
@@ -31,8 +31,7 @@ def load_world(path: str | os.PathLike[str], *, lenient: bool = False) -> World:
         DataError: no such world, one that cannot be read, or whose map or trajectory cannot; or,
             unless lenient, something that it names is missing: the message lists all of it.
     """
-    target = Path(path)
-    file = _world_in(target) if target.is_dir() else target
+    file = world_file(path)
     if not file.is_file():
         raise DataError(f"{file}: no such world, expected .glb, .world, .sdf or a folder")
     missing = Unresolved()
@@ -55,8 +54,11 @@ def load_world(path: str | os.PathLike[str], *, lenient: bool = False) -> World:
     )
 
 
-def _world_in(folder: Path) -> Path:
-    """The one world of a folder."""
+def world_file(path: str | os.PathLike[str]) -> Path:
+    """The file of a world, given itself or its folder. Raises DataError unless there is one."""
+    folder = Path(path)
+    if not folder.is_dir():
+        return folder
     found = sorted(p for s in ("world", "sdf") for p in (folder / "worlds").glob(f"*.{s}"))
     if len(found) == 1:
         return found[0]

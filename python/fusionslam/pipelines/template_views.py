@@ -1,0 +1,105 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What visual templates keep of a drive's images, cached for rendered ones."""
+
+import hashlib
+import json
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError
+from fusionslam.sensors.images import Images
+from fusionslam.storage.archive import load_arrays, save_arrays
+from fusionslam.storage.parallel import in_order
+from fusionslam.storage.progress import Progress
+from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
+
+# Other values of VisualTemplatesConfig do not change what is kept of an image.
+_OF_VIEWS = ("columns", "rows", "top", "bottom", "left", "right", "mean", "patch")
+
+
+@dataclass(frozen=True, eq=False)
+class TemplateViews:
+    """What templates keep of a drive's images.
+
+    Attributes:
+        views: float32 (n, columns * rows).
+        build_ms: median time to make one of an image.
+    """
+
+    views: NDArray[np.float32]
+    build_ms: float
+
+
+def template_views(
+    images: Images,
+    config: VisualTemplatesConfig,
+    *,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> TemplateViews:
+    """What templates keep of each image; of rendered ones it is kept in the user's cache.
+
+    Args:
+        images: of the drive.
+        config: of the templates.
+        jobs: images read or rendered at a time; the result does not depend on it.
+        progress: called with (images done, images in all).
+
+    Raises:
+        DataError: an image that cannot be read or rendered, or the cache cannot be written.
+        ShapeError: an image that cannot become a template.
+    """
+    path = None if images.key is None else _cache_path(images.key, config)
+    stored = None if path is None else _load_views(path, images, config)
+    if stored is not None:
+        return stored
+    made = _make_views(images, config, jobs, progress)
+    if path is not None:
+        save_arrays(path, {"views": made.views, "build_ms": np.array(made.build_ms)})
+    return made
+
+
+def _make_views(
+    images: Images, config: VisualTemplatesConfig, jobs: int, progress: Progress | None
+) -> TemplateViews:
+    templates = VisualTemplates(config)
+    views = np.empty((len(images), config.columns * config.rows), np.float32)
+    spent = np.empty(len(images))
+    with ThreadPoolExecutor(max(jobs, 1)) as pool:
+        try:
+            loaded = in_order(pool, images.image, range(len(images)), 4 * max(jobs, 1))
+            for index, image in enumerate(loaded):
+                begin = time.perf_counter()
+                views[index] = templates.view(image)
+                spent[index] = time.perf_counter() - begin
+                if progress is not None:
+                    progress(index + 1, len(images))
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+    return TemplateViews(views, float(np.median(spent) * 1e3) if len(images) else 0.0)
+
+
+def _cache_path(key: str, config: VisualTemplatesConfig) -> Path:
+    from fusionslam.storage.cache import cache_folder
+
+    blocks = {name: getattr(config, name) for name in _OF_VIEWS}
+    text = json.dumps([key, blocks], sort_keys=True)
+    return cache_folder() / f"template-views-{hashlib.sha256(text.encode()).hexdigest()[:12]}.npz"
+
+
+def _load_views(path: Path, images: Images, config: VisualTemplatesConfig) -> TemplateViews | None:
+    """What the cache has; None for nothing, or for a file that is none of ours."""
+    try:
+        with load_arrays(path, "template views") as stored:
+            views, build_ms = stored["views"], float(stored["build_ms"])
+    except DataError:
+        return None
+    fits = views.dtype == np.float32 and views.shape == (len(images), config.columns * config.rows)
+    return TemplateViews(views, build_ms) if fits else None

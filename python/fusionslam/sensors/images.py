@@ -1,0 +1,40 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The images that one camera took on a drive."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fusionslam.sensors.frame import Camera
+from fusionslam.storage.arrays import Floats, Image
+
+
+@dataclass(frozen=True, eq=False)
+class Images:
+    """Images of one camera in the order of time.
+
+    Attributes:
+        seconds: float64 (n), increasing, on the clock of the scans.
+        poses: float64 (n, 3), true x, y in metres and yaw in radians; None where there is none.
+        image: reads or renders the i-th, uint8 (H, W) or (H, W, 3); may be called by any thread.
+        origin: where they come from, for people.
+        key: what they are made of, for the cache; None for images that need not be kept.
+        camera: of the whole images; None where nobody knows.
+    """
+
+    seconds: Floats
+    poses: Floats | None
+    image: Callable[[int], Image]
+    origin: str
+    key: str | None = None
+    camera: Camera | None = None
+
+    def __len__(self) -> int:
+        return len(self.seconds)
+
+    @property
+    def rate_hz(self) -> float:
+        """Images a second, the median; 0 where there are fewer than two."""
+        return float(1 / np.median(np.diff(self.seconds))) if len(self) > 1 else 0.0
