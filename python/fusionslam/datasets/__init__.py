@@ -133,7 +133,7 @@ def open_dataset(
     try:
         found = _kind(root, kind)
         if topics and found not in BAGS:
-            raise ConfigError(f"topics are of bags, but {root} is of kind {found.name}")
+            raise ConfigError(f"topics (--topic) are of bags, but {root} is of kind {found.name}")
         if calibration and found not in (*BAGS, FOLDER):
             raise ConfigError(
                 f"a calibration can be given for bags and plain folders, but {root} is of kind "
