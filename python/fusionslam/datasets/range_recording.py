@@ -173,7 +173,6 @@ def _names(path: str | os.PathLike[str]) -> set[str]:
 def _open(root: Path, request: Request) -> RangeRecording:
     given = {
         "--sequence": request.sequence,
-        "--skip-gaps": request.gaps == "skip",
         "--gt": request.poses,
         "--topic": request.topics,
         "--stamps": request.stamps != "header",

@@ -103,7 +103,6 @@ class Recording:
         given = {
             "--kind": self.kind not in (None, "scenes"),
             "--sequence": self.sequence,
-            "--skip-gaps": self.gaps == "skip",
             "--gt": self.poses,
             "--topic": self.topics,
             "--stamps": self.stamps != "header",
