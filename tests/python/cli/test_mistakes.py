@@ -17,34 +17,9 @@ from cli import (
     run,
     succeeds,
 )
-from fusionslam.datasets import KINDS, write_cloud
+from fusionslam.datasets import write_cloud
 from fusionslam.pipelines import describe as pipeline
 from fusionslam.sensors.frame import Cloud
-
-USAGE_ERRORS = [
-    (("--set", "fusion.voxl=1"), "did you mean 'voxel'?"),
-    (("--set", "fusoin.voxel=1"), "did you mean 'fusion'?"),
-    (("--set", "sim.seed=1"), "unknown configuration key 'sim'"),
-    (("--set", "fusion.voxel=big"), "fusion.voxel is 'big'"),
-    (("--set", "fusion.voxel=-1"), "fusion.voxel is -1"),
-    (("--set", "fusion.voxel"), "expected stage.key=value"),
-    (("--config", "nowhere.yaml"), "nowhere.yaml"),
-    (("-d", "m3dp"), "unknown descriptor 'm3dp'"),
-    (("--source", "sterio"), "did you mean 'stereo'?"),
-    (("--kind", "kiti"), "kind is 'kiti'"),
-    (("--sync", "policy"), "--sync policy: expected KEY=VALUE"),
-    (("--sync", "polcy=nearest"), "--sync polcy=nearest: unknown configuration key 'polcy'"),
-    (("--topic", "point=/x"), "--topic point=/x: WHAT is 'point', expected one of points, left"),
-    (("--stamps", "arrival"), "--stamps is 'arrival', expected one of header, bag"),
-]
-
-
-@pytest.mark.parametrize(("words", "expected"), USAGE_ERRORS, ids=lambda value: str(value)[:30])
-def test_a_wrong_option_is_named_with_what_was_expected(
-    kitti: Path, tmp_path: Path, words: tuple[str, ...], expected: str
-) -> None:
-    assert expected in fails(2, "describe", kitti, "-o", tmp_path / "out", *words)
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -62,33 +37,6 @@ def test_a_wrong_option_is_named_with_what_was_expected(
 def test_a_wrong_use_is_one_line_too(kitti: Path, words: tuple[str, ...], expected: str) -> None:
     line = fails(2, *(str(kitti) if word == "DATA" else word for word in words))
     assert expected in line and "--help" in line
-
-
-@pytest.mark.parametrize("command", ["info", "bench", "describe", "loops", "fuse"])
-def test_a_path_without_a_recording_is_named(command: str, tmp_path: Path) -> None:
-    output = () if command == "info" else ("-o", tmp_path / "out")
-    assert "nowhere does not exist" in fails(1, command, tmp_path / "nowhere", *output)
-    (tmp_path / "something").mkdir()
-    line = fails(1, command, tmp_path / "something", *output)
-    before, _, after = line.partition("something is no recording that is known here; looked for")
-    assert all(kind in after for kind in KINDS) and ".mcap" in after
-    assert before and len(after) < 350
-    (tmp_path / "empty" / "velodyne").mkdir(parents=True)
-    assert "empty has no frames" in fails(1, command, tmp_path / "empty", *output)
-
-
-def test_results_that_are_not_there_are_missed_by_name(kitti: Path, tmp_path: Path) -> None:
-    for command in ("eval", "report"):
-        assert "nowhere" in fails(1, command, tmp_path / "nowhere")
-        assert "holds no descriptor runs" in fails(1, command, tmp_path)
-    words = ("--protocol", "revist")
-    assert "did you mean 'revisit'?" in described_then_fails(kitti, tmp_path, *words)
-    assert "evaluation.radius is -1" in described_then_fails(kitti, tmp_path, "--radius", "-1")
-
-
-def described_then_fails(kitti: Path, folder: Path, *words: str) -> str:
-    succeeds("describe", kitti, "-d", "m2dp", "-o", folder)
-    return fails(2, "eval", folder, *words)
 
 
 def test_poses_shorter_than_the_recording_are_refused(kitti: Path, tmp_path: Path) -> None:

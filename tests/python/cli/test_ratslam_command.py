@@ -200,25 +200,13 @@ def test_ctrl_c_before_the_first_step_writes_nothing(
 
 
 @pytest.mark.parametrize(
-    ("code", "words", "said"),
-    [
-        (2, ("--views", "object"), "--views is 'object', expected one of alignment, objects"),
-        (2, ("--odometry", "wheels"), "--odometry is 'wheels', expected one of topic, visual"),
-        (2, ("--preset", "openrat"), "preset"),
-        (2, ("--seed", "-1"), "--seed"),
-        (2, ("--set", "ratslam.cells.sizes=30"), "sizes"),
-        (2, ("--set", "ratslam.cells.size=5"), "size"),
-        (2, ("--topic", "points=/x"), "--topic"),
-        (1, ("--odometry", "topic"), "drive has no odometry messages"),
-        (1, ("--odometry", "visual"), "drive: no images, which visual odometry looks at"),
-        (1, ("--views", "visual_templates"), "drive: no images, which visual templates look at"),
-        (1, ("--resume", "nowhere.npz"), "nowhere.npz is missing"),
-    ],
+    ("code", "words"),
+    [(2, ("--views", "none")), (2, ("--seed", "-1")), (1, ("--odometry", "topic"))],
 )
-def test_mistakes_are_one_line_that_names_them(
-    recording: Path, tmp_path: Path, code: int, words: tuple[str, ...], said: str
+def test_a_mistake_leaves_no_folder(
+    recording: Path, tmp_path: Path, code: int, words: tuple[str, ...]
 ) -> None:
-    assert said in fails(code, "ratslam", recording, *words, "-o", tmp_path / "out", *QUICK)
+    fails(code, "ratslam", recording, *words, "-o", tmp_path / "out", *QUICK)
     assert not (tmp_path / "out").exists()
 
 

@@ -88,12 +88,6 @@ def test_settings_win_over_the_file(kitti: Path, tmp_path: Path) -> None:
     assert (config["fusion"]["voxel"], config["fusion"]["ground"]) == (1.5, "height")
 
 
-def test_the_configuration_shows_units_ranges_and_help() -> None:
-    text = succeeds("config", "fusion").stdout
-    row = next(line for line in text.splitlines() if line.lstrip().startswith("fusion.voxel"))
-    assert "0.0" in row and " m " in row and ">= 0" in row and "one point a cube" in row
-
-
 def test_the_report_names_the_configuration_of_each_run(kitti: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     succeeds("describe", kitti, "-d", "m2dp", "--set", "descriptors.preset=author", "-o", out)

@@ -186,26 +186,10 @@ def test_a_file_configures_what_the_options_do_not(tmp_path: Path, way: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("code", "words", "message"),
-    [
-        (1, ("warehous",), "warehous: no such world, file or folder, expected warehouse, house"),
-        (1, ("warehous",), "did you mean 'warehouse'?"),
-        (2, ("warehouse", "--robot", "husky"), "robot 'husky': expected car"),
-        (2, ("warehouse", "--format", "rosbag"), "--format is 'rosbag', expected one of bag"),
-        (2, ("warehouse", "--set", "robot.lidars.velodyne.ringz=1"), "did you mean 'rings'?"),
-        (2, ("warehouse", "--set", "speed=1"), "unknown configuration key 'speed'"),
-        (2, ("warehouse", "--seconds", "-3"), "seconds is -3.0"),
-        (2, ("warehouse", "--obstacles", "-1"), "'--obstacles'"),
-        (2, ("warehouse", "--seed", "-1"), "'--seed'"),
-        (2, ("warehouse", "--set", "robot.lidars.velo.noise_m=1"), "did you mean 'velodyne'?"),
-        (2, ("warehouse", "--set", "world.rows=99"), "world.rows is 99"),
-        (1, ("warehouse", "--trajectory", "none.csv"), "none.csv"),
-    ],
+    ("code", "words"), [(1, ("warehous",)), (2, ("warehouse", "--obstacles", "-1"))]
 )
-def test_a_mistake_is_one_line_that_names_it(
-    tmp_path: Path, code: int, words: tuple[str, ...], message: str
-) -> None:
-    assert message in fails(code, "sim", *words, "-o", tmp_path / "out")
+def test_a_mistake_leaves_no_folder(tmp_path: Path, code: int, words: tuple[str, ...]) -> None:
+    fails(code, "sim", *words, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

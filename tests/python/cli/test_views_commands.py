@@ -176,28 +176,7 @@ def test_values_that_come_along_are_used_by_name(scenes: Path, tmp_path: Path) -
     assert "unknown tuned values 'none'" in fails(2, *words, "none")
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--set", "views.threshold=1.5"), "views.threshold is 1.5"),
-        (("--set", "views.similarity.colour_x0=1"), "did you mean 'color_x0'"),
-        (("--rule", "mine"), "--rule is 'mine', expected one of paper, author"),
-    ],
-)
-def test_wrong_values_are_named(
-    words: tuple[str, ...], said: str, scenes: Path, tmp_path: Path
-) -> None:
-    assert said in fails(2, "views", "match", scenes, "-o", tmp_path, *words)
-
-
 def test_a_set_that_is_cut_or_missing_is_named(scenes: Path, tmp_path: Path) -> None:
     scenes.write_bytes(scenes.read_bytes()[:-200])
     assert "scenes.npz" in fails(1, "views", "match", scenes, "-o", tmp_path)
     assert "does not exist" in fails(1, "views", "match", tmp_path / "none.npz", "-o", tmp_path)
-
-
-def test_the_configuration_of_views_is_printed() -> None:
-    text = succeeds("config", "views").stdout
-    for key in ("views.threshold", "views.similarity.color_x0", "views.max_views"):
-        assert key in text
-    assert "tuning.population" in succeeds("config", "tuning").stdout
