@@ -11,7 +11,7 @@ graph.apply(cells.action())                # nodes and links
 graph.relax()
 """
 
-from fusionslam.evaluation.maps.run import ActionKind
+from fusionslam._core import ActionKind
 from fusionslam.ratslam.actions import Action
 from fusionslam.ratslam.event_order import OrderConfig, StampOrder
 from fusionslam.ratslam.events import Look, Motion, Sighting

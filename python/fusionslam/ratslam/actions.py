@@ -4,7 +4,7 @@
 
 from typing import NamedTuple
 
-from fusionslam.evaluation.maps.run import ActionKind
+from fusionslam._core import ActionKind
 
 
 class Action(NamedTuple):

@@ -17,9 +17,9 @@ from typing import Any, Literal, SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam._core import ActionKind
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
-from fusionslam.evaluation.maps.run import ActionKind
 from fusionslam.ratslam.actions import Action
 from fusionslam.ratslam.attractor import Network, ReferenceNetwork, SteadyNetwork
 from fusionslam.ratslam.pose_cell_sheet import (

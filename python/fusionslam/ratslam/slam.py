@@ -18,9 +18,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam._core import ActionKind
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
-from fusionslam.evaluation.maps.run import ActionKind, RatSlamRun
+from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam.actions import Action
 from fusionslam.ratslam.events import Event, Look, Sighting, is_looking, stamp_of
 from fusionslam.ratslam.experience_map import (

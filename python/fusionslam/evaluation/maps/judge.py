@@ -68,7 +68,7 @@ class _Judge:
 
     def __init__(self, run: "RatSlamRun", rule: ViewRule) -> None:
         # Not above: ratslam takes its views from fusionslam.views, which import this package.
-        from fusionslam.evaluation.maps.run import ActionKind
+        from fusionslam._core import ActionKind
 
         self.run, self.rule = run, rule
         if (back := np.flatnonzero(np.diff(run.stamps_ns) < 0)).size:

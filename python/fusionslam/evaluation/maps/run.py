@@ -4,7 +4,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from enum import IntEnum
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -71,14 +70,6 @@ _PER_NODE: Mapping[str, tuple[type, tuple[int, ...]]] = {
 }
 _PER_VIEW = ("activity_th", "activity_x", "activity_y")
 _ARRAYS = (*_PER_STEP, *_PER_NODE, *_PER_VIEW, "links", "refused", "truth")
-
-
-class ActionKind(IntEnum):
-    """What happens to the map; the values are those of the reference run."""
-
-    NONE = 0
-    CREATE_NODE = 1
-    CREATE_EDGE = 2
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fusionslam._core import ActionKind
 from fusionslam.evaluation import MapReport, PoseErrors
-from fusionslam.evaluation.maps.run import ActionKind, RatSlamRun
+from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.se2 import wrapped
 from fusionslam.storage.arrays import Floats, Integers, Mask
 

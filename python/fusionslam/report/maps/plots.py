@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.evaluation.maps.run import ActionKind, RatSlamRun
+from fusionslam._core import ActionKind
+from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.report.maps.aligned_run import Scene, moved
 from fusionslam.report.maps.map_figures import DENIED, MAP, RECKONED, RIGHT, WRONG
 from fusionslam.report.page.figures import CURVE_COLORS, PATH, new_figure

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam._core import ActionKind
 from fusionslam.evaluation import MapReport, PoseErrors
-from fusionslam.evaluation.maps.run import ActionKind, RatSlamRun
+from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.report.maps.aligned_run import Scene, denied, link_misfits, near, offs, steps_at
 from fusionslam.report.page.tables import Cell, Column, Table, build_table
 

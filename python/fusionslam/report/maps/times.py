@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.evaluation.maps.run import ActionKind, RatSlamRun
+from fusionslam._core import ActionKind
+from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.report.page.figures import CURVE_COLORS, new_figure
 from fusionslam.report.page.tables import Column, Table, build_table
 
