@@ -26,8 +26,7 @@ void bind_result(py::module_& module) {
       .def_readonly("probability", &Alignment::probability,
                     "That both scans were taken within 0.8 m and 22.9 deg of each other; 0 beyond "
                     "reach and turn of the configuration.")
-      .def_property_readonly("evidence", &evidence_of,
-                             "What speaks for and against it, by name.")
+      .def_property_readonly("evidence", &evidence_of, "What speaks for and against it, by name.")
       .def("__repr__", [](const Alignment& self) {
         std::ostringstream text;
         text << "<Alignment x " << self.x << " m, y " << self.y << " m, yaw " << self.yaw
