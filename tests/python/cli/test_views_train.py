@@ -94,7 +94,11 @@ def test_simulated_places_of_other_settings_or_damaged_are_refused(tmp_path: Pat
     from fusionslam.learning.training_data import simulated_places
 
     path = tmp_path / "train.npz"
-    np.savez(path, about=np.array("{}"), **{name: np.zeros(1) for name in _FIELDS})
+    np.savez(
+        path,
+        about=np.array('{"format": "fusionslam.places.1"}'),
+        **{name: np.zeros(1) for name in _FIELDS},
+    )
     with pytest.raises(ConfigError, match=r"train\.npz holds places of another configuration"):
         simulated_places(SimulatedPlacesConfig(), path)
     path.write_bytes(path.read_bytes()[:100])

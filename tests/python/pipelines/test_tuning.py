@@ -90,7 +90,7 @@ def test_the_numbers_to_begin_with_are_tried_so_the_end_is_no_worse() -> None:
 
 def test_what_is_found_is_for_objects_whatever_the_default_compares() -> None:
     result = tune([DRIVE], ViewMatcherConfig(), quick(numbers="robust", generations=1))
-    assert result.config.method == "scenes" and result.config.threshold == 0.74
+    assert result.config.method == "objects" and result.config.threshold == 0.74
 
 
 def test_several_drives_count_alike() -> None:
@@ -177,7 +177,7 @@ def test_what_cannot_be_tuned_is_refused() -> None:
         tune([drive(LAPS, poses=False)], BAD, quick())
     with pytest.raises(DataError, match="no scene set"):
         tune([], BAD, quick())
-    with pytest.raises(ConfigError, match="tuning needs 'scenes'"):
+    with pytest.raises(ConfigError, match="tuning needs 'objects'"):
         tune([DRIVE], ViewMatcherConfig(method="cm2dp"), quick())
 
 

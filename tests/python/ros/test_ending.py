@@ -44,7 +44,7 @@ def state_of(world: RosWorld) -> tuple[set[str], set[str]]:
             "_online/wiat:=1",
             "unknown parameter '~online/wiat'; did you mean 'wait'?",
         ),
-        ("lv_builder", "_source:=alignmnt", "~source is 'alignmnt': Input should be 'alignment'"),
+        ("lv_builder", "_source:=alignmnt", "~source is 'alignmnt': expected one of alignment"),
         ("loop_closure", "_memory/file:={folder}", "cannot go on from ~memory/file: {folder}"),
     ],
 )

@@ -87,9 +87,10 @@ def test_a_former_name_is_refused_with_the_name_of_today(former: str, name: str)
 
 
 def test_commands_refuse_former_and_unknown_names(tmp_path: Path) -> None:
-    out = ("-o", tmp_path / "out")
-    assert "called two_stages now" in fails(2, "ratslam", "x.npz", *out, "--views", "two-stage")
-    assert "expected one of alignment" in fails(2, "ratslam", "x.npz", *out, "--views", "smell")
+    out, data = ("-o", tmp_path / "out"), tmp_path / "x.npz"
+    data.touch()
+    assert "called two_stages now" in fails(2, "ratslam", data, *out, "--views", "two-stage")
+    assert "expected one of alignment" in fails(2, "ratslam", data, *out, "--views", "smell")
     assert "called objects:author now" in fails(2, "bench", "views", *out, "-m", "first_stage")
     assert "called objects now" in fails(2, "config", "--set", "views.method=scenes")
     assert "method=cm2dp" in fails(2, "config", "--set", "views.descriptor=shot")
