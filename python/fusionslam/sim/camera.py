@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A pinhole camera, with distortion or without, and the pictures it takes.
+"""A pinhole camera with optional distortion, and the images it renders.
 
-Optical frame: x right, y down, z forward; pixel (0, 0) is the centre of the upper left one.
+Optical frame: x right, y down, z forward; (0, 0) is the centre of the upper left pixel.
 """
 
 from functools import lru_cache
@@ -19,13 +19,13 @@ from fusionslam.sensors.messages import CameraInfo
 from fusionslam.sim.lidar import Caster, Vector
 from fusionslam.storage.arrays import Floats, Floats32
 
-# Columns: the optical frame's axes in a frame that is x forward, y left, z up.
+# Columns: the axes of the optical frame in a frame with x forward, y left, z up.
 _OPTICAL = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], np.float64)
 _STEPS, _CLOSE = 200, 1e-10
 
 
 class LensConfig(Section):
-    """A picture's geometry and noise. The defaults are those of the town's car."""
+    """Geometry and noise of a camera's images. The defaults are those of the town's car."""
 
     width: int = option(620, "columns", unit="px", ge=8, le=4096)
     height: int = option(188, "rows", unit="px", ge=8, le=4096)
@@ -43,12 +43,12 @@ class LensConfig(Section):
         return _matrix(self.focal_px, self.centre_px)
 
     def coefficients(self) -> tuple[float, ...]:
-        """Of the distortion; none."""
+        """Distortion coefficients; always empty."""
         return ()
 
 
 class CameraMount(LensConfig):
-    """A camera on a robot, and what it publishes."""
+    """A camera mounted on a robot, and how it publishes its images."""
 
     topic: str = option(
         "/camera/image_raw", "where pictures are published; compressed ones below it", min_length=1
@@ -80,7 +80,7 @@ class CameraMount(LensConfig):
             raise ValueError(f"distortion has {len(self.distortion)} numbers, expected 5 or none")
         if self.coefficients():
             columns, rows = np.arange(self.width), np.arange(self.height)
-            # What can be undone at the edge, where it is strongest, can be undone inside.
+            # Distortion is strongest at the edge: if it has an inverse there, it has one inside.
             for edge in (
                 _places(self, columns, np.array([0, self.height - 1])),
                 _places(self, np.array([0, self.width - 1]), rows),
@@ -89,18 +89,18 @@ class CameraMount(LensConfig):
         return self
 
     def picture_topic(self) -> str:
-        """Where the pictures are: image_transport puts compressed ones below the topic."""
+        """Topic of the images; image_transport publishes compressed ones on a subtopic."""
         return self.topic if self.stored == "raw" else f"{self.topic}/compressed"
 
     def matrix(self) -> Floats:
-        """K, float64 (3, 3). A field of view puts the centre at half width and height."""
+        """K, float64 (3, 3). With a field of view, the centre is at half width and height."""
         if self.view_rad is None:
             return super().matrix()
         focal = self.width / 2 / np.tan(self.view_rad / 2)
         return _matrix(focal, (self.width / 2, self.height / 2))
 
     def coefficients(self) -> tuple[float, ...]:
-        """Of the distortion; none where all are zero."""
+        """Distortion coefficients; empty if all are zero."""
         return self.distortion if any(self.distortion) else ()
 
 
@@ -119,14 +119,14 @@ def parent_from_camera(config: LensConfig, *, right: bool = False) -> Floats:
 
 
 def projection(config: LensConfig, *, right: bool = False) -> Floats:
-    """P from the left camera's frame to the undistorted picture, float64 (3, 4)."""
+    """P from the left camera's frame to the undistorted image, float64 (3, 4)."""
     matrix = np.hstack([config.matrix(), np.zeros((3, 1))])
     matrix[0, 3] = -matrix[0, 0] * config.baseline_m if right else 0.0
     return matrix
 
 
 def distorted(places: Floats, coefficients: tuple[float, ...]) -> Floats:
-    """Plumb bob (Brown 1966): undistorted places x / z, y / z (N, 2) to distorted ones."""
+    """Plumb bob (Brown 1966): maps undistorted points x / z, y / z (N, 2) to distorted ones."""
     factor, shift = _distortion(places, coefficients)
     moved: Floats = places * factor + shift
     return moved
@@ -136,10 +136,10 @@ def undistorted(places: Floats, coefficients: tuple[float, ...]) -> Floats:
     """The inverse of ``distorted`` by fixed-point iteration, float64 (N, 2).
 
     Raises:
-        ConfigError: it does not converge: no ray, or more than one, belongs to a place.
+        ConfigError: it does not converge: a point corresponds to no ray, or to more than one.
     """
     found = places.copy()
-    # Where the iteration runs away, numbers overflow before it is told.
+    # A diverging iteration overflows before it is detected.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for _ in range(_STEPS):
             factor, shift = _distortion(found, coefficients)
@@ -162,7 +162,7 @@ def _distortion(places: Floats, coefficients: tuple[float, ...]) -> tuple[Floats
 
 @lru_cache(maxsize=8)
 def camera_rays(config: LensConfig) -> Floats32:
-    """Directions through the pixels' centres, z = 1, optical frame, float32 (H * W, 3).
+    """Directions through the pixel centres, z = 1, optical frame, float32 (H * W, 3).
 
     Raises:
         ConfigError: the distortion has no inverse at some pixel.
@@ -184,9 +184,9 @@ def _places(config: LensConfig, columns: NDArray[np.int64], rows: NDArray[np.int
 def photograph(
     caster: Caster, config: LensConfig, pose: Floats, gain: Vector, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
-    """One picture, uint8 (H, W, 3) RGB, from world_from_camera ``pose`` with gains per channel."""
+    """Render one image, uint8 (H, W, 3) RGB, at world_from_camera ``pose``, one gain a channel."""
     rays = camera_rays(config)
-    # Not a matrix product: BLAS would wake all its threads for three columns.
+    # einsum, not a matrix product: BLAS would wake all its threads for three columns.
     directions = np.einsum("ij,kj->ik", rays, pose[:3, :3].astype(np.float32))
     hits = caster.cast(pose[:3, 3].astype(np.float32), directions)
     rgb = caster.colors(hits, directions, float(1 / config.matrix()[0, 0]))
@@ -197,9 +197,9 @@ def photograph(
 
 
 def gains(config: CameraMount, seconds: float, rng: np.random.Generator) -> Vector:
-    """Exposure of red, green and blue at a time: four slow waves each, about 1.
+    """Exposure of red, green and blue at a time: each is the sum of four slow waves, around 1.
 
-    A fresh generator of the same seed gives the same waves.
+    A fresh generator with the same seed gives the same waves.
     """
     periods = config.gain_period_s * rng.uniform(0.5, 2.0, (4, 3))
     phases = rng.uniform(0, 2 * np.pi, (4, 3))
@@ -209,7 +209,7 @@ def gains(config: CameraMount, seconds: float, rng: np.random.Generator) -> Vect
 
 
 def camera_info(config: CameraMount, stamp_ns: int) -> CameraInfo:
-    """The model of a camera as it is published."""
+    """The camera model as published on ``info_topic``."""
     return CameraInfo(
         stamp_ns=stamp_ns,
         frame_id=config.frame_id,

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Textured triangles and the few shapes that worlds are built of.
+"""Textured triangle meshes and the basic shapes that worlds are built from.
 
-Metres, z up. Texture coordinates count whole images: (0, 0) is the lower left corner of the image,
+Metres, z up. Texture coordinates are in images: (0, 0) is the lower left corner of the image,
 (1, 1) the upper right one, and images repeat.
 """
 
@@ -19,11 +19,11 @@ _BOX_FACES = ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (4, 5, 6, 
 
 @dataclass(frozen=True)
 class Paint:
-    """What covers a surface: a texture, the colour that tints it, and one image's extent.
+    """Appearance of a surface: a texture, the colour that tints it, and the size of one image.
 
     Attributes:
         texture: index into the scene's textures.
-        tint: RGB factor, 1 leaves the texture as it is.
+        tint: RGB factor; 1 leaves the texture unchanged.
         extent: width and height in metres that one image covers.
         offset: texture coordinate of a panel's first corner, in images.
     """
@@ -36,14 +36,14 @@ class Paint:
 
 @dataclass(frozen=True)
 class Mesh:
-    """T triangles.
+    """A mesh of T textured triangles.
 
     Attributes:
         triangles: float32 (T, 3, 3), corners in metres, counter-clockwise seen from outside.
         uv: float32 (T, 3, 2), texture coordinates of the corners.
         texture: int32 (T,), index into the scene's textures.
         tint: float32 (T, 3), RGB factor on the tinted parts of the texture.
-        normals: float32 (T, 3), unit vectors used for light (foliage bends them).
+        normals: float32 (T, 3), unit vectors used for shading (foliage tilts them).
     """
 
     triangles: Floats32
@@ -56,7 +56,7 @@ class Mesh:
         return len(self.triangles)
 
     def moved(self, position: ArrayLike, yaw: float = 0.0) -> "Mesh":
-        """The mesh turned by ``yaw`` (radians, about z), then shifted by ``position``."""
+        """The mesh rotated by ``yaw`` (radians, about z), then translated by ``position``."""
         turn = _turn(yaw)
         return Mesh(
             self.triangles @ turn.T + np.asarray(position, np.float32),
@@ -78,7 +78,7 @@ class Mesh:
 
 
 def joined(meshes: Sequence[Mesh]) -> Mesh:
-    """One mesh of all the triangles, in order."""
+    """Concatenate meshes into one, in order."""
     return Mesh(
         np.concatenate([mesh.triangles for mesh in meshes]),
         np.concatenate([mesh.uv for mesh in meshes]),
@@ -89,12 +89,12 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def triangles(corners: ArrayLike, uv: ArrayLike, paint: Paint) -> Mesh:
-    """Triangles of one paint.
+    """A mesh of triangles with one paint.
 
     Args:
         corners: (T, 3, 3), metres. Triangles without area are left out.
         uv: (T, 3, 2), texture coordinates.
-        paint: what covers them; its extent and offset are not applied.
+        paint: texture and tint; its extent and offset are not applied.
     """
     points = np.asarray(corners, np.float32)
     cross = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
@@ -132,9 +132,9 @@ def box(
     *,
     bottom: bool = False,
 ) -> Mesh:
-    """A box between two opposite corners, the roof in another paint if given.
+    """A box between two opposite corners; ``top`` paints its upper face if given.
 
-    The bottom is left out unless asked for: few boxes are seen from below.
+    The bottom is left out by default: few boxes are seen from below.
     """
     corners = _box_corners(low, high)
     faces = list(_BOX_FACES if bottom else _BOX_FACES[:5])
@@ -145,7 +145,7 @@ def box(
 
 
 def tapered(low: ArrayLike, high: ArrayLike, top_scale: tuple[float, float], paint: Paint) -> Mesh:
-    """A box whose top face is scaled by ``top_scale`` (x, y) about its centre, no bottom."""
+    """A box without bottom whose top face is scaled by ``top_scale`` (x, y) about its centre."""
     corners = _box_corners(low, high)
     centre = corners[4:].mean(axis=0)
     corners[4:, :2] = centre[:2] + (corners[4:, :2] - centre[:2]) * np.asarray(top_scale)
@@ -174,7 +174,7 @@ def _box_corners(low: ArrayLike, high: ArrayLike) -> Floats32:
 
 
 def _split(quads: Floats32) -> Floats32:
-    """(Q, 4, k) -> (2 Q, 3, k): the two halves of each four-sided panel."""
+    """Split each four-sided panel into two triangles: (Q, 4, k) -> (2 Q, 3, k)."""
     return np.stack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(
         -1, 3, quads.shape[-1]
     )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Textures at halved sizes (Williams 1983), so that distant surfaces do not glitter."""
+"""Mipmaps (Williams 1983): textures at successively halved sizes, against aliasing."""
 
 from collections.abc import Sequence
 
@@ -14,11 +14,11 @@ _WHITE = np.full((1, 1, 4), 255, np.uint8)
 
 
 class MipMaps:
-    """All textures of a scene and their halvings in one flat array of packed RGBA texels.
+    """All textures of a scene and their mipmap levels in one flat array of packed RGBA texels.
 
     Args:
-        images: uint8 (H, W, 4) each: RGB and tint. Sides that are no powers of two are resized.
-            Without any, texture 0 is white and tinted.
+        images: uint8 (H, W, 4) each: RGB and tint. Sides are resized to powers of two.
+            Without images, texture 0 is white and fully tinted.
 
     Attributes:
         texels: float32 (K,), number of texels of each texture's finest level.
@@ -39,9 +39,9 @@ class MipMaps:
         self.texels = (self._width[:, 0] * self._height[:, 0]).astype(np.float32)
 
     def _rows(self, pyramids: Sequence[Sequence[object]]) -> NDArray[np.intp]:
-        """Place of each texture's levels among all that are stored, (textures, levels).
+        """Row of each level of each texture among all stored levels, (textures, levels).
 
-        Small textures have fewer levels than large ones: past the last one it stays in use.
+        Small textures have fewer levels than large ones; their last level is repeated.
         """
         counts = np.array([len(pyramid) for pyramid in pyramids])
         level = np.minimum(np.arange(self._last + 1), counts[:, None] - 1)
@@ -56,7 +56,7 @@ class MipMaps:
         Args:
             texture: int32 (R,), index of the texture.
             u, v: float32 (R,), texture coordinates in images, v upwards; images repeat.
-            level: float32 (R,), log2 of the number of texels under a pixel's width.
+            level: float32 (R,), log2 of the number of texels that a pixel's width covers.
         """
         nearest = np.clip(np.rint(level), 0, self._last).astype(np.int32)
         width, height = self._width[texture, nearest], self._height[texture, nearest]
@@ -80,7 +80,7 @@ class MipMaps:
 
 
 def _split(coordinate: Floats32, size: NDArray[np.int32]) -> tuple[NDArray[np.int32], Floats32]:
-    """Index of the texel before each coordinate, wrapped, and the way on to the next, 0 .. 1."""
+    """Index of the texel before each coordinate, wrapped, and the fraction to the next, 0 .. 1."""
     whole = coordinate - np.floor(coordinate)
     place = whole * size.astype(np.float32) - np.float32(0.5)
     before = np.floor(place)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Boxes that move to and fro near the robot's way, and the world with them in it."""
+"""Boxes that move back and forth near the robot's path, and the world with them in it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,13 +20,13 @@ from fusionslam.storage.arrays import Floats, Floats32, Mask
 
 _STEP_S = 0.1
 _TRIES = 200
-# Directions looked into from each start: the box takes that with the longest way.
+# Directions tried from each start; the box takes the one with the longest path.
 _WAYS = 8
 _SHORTEST_M = 1.0
 
 
 class ObstacleConfig(Section):
-    """Boxes that move on straight paths over free ground, wait for the robot and make way."""
+    """Boxes that move on straight paths over free ground, and wait for the robot or back off."""
 
     number: int = option(0, "moving boxes", ge=0, le=100)
     size_m: Vector = option((0.5, 0.4, 1.2), "length, width, height; each box is a bit different")
@@ -38,13 +38,13 @@ class ObstacleConfig(Section):
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """A box and where it is.
+    """A moving box and its positions over time.
 
     Attributes:
-        mesh: the box around z, on the ground, x along its path.
+        mesh: the box centred on the z axis, on the ground, x along its path.
         radius_m: of the circle around its footprint.
-        seconds: float64 (T,), times of the robot's trajectory.
-        places: float64 (T, 2), x, y in metres; straight lines between them.
+        seconds: float64 (T,), times, on the clock of the robot's trajectory.
+        places: float64 (T, 2), x, y in metres at these times, interpolated linearly.
         yaw: direction of the path, radians.
     """
 
@@ -55,7 +55,7 @@ class Obstacle:
     yaw: float
 
     def at(self, seconds: float) -> Mesh:
-        """The box in the world at a time; it rests before the first and after the last one."""
+        """The box in the world at a time; it stands still before the first and after the last."""
         x, y = (np.interp(seconds, self.seconds, axis) for axis in self.places.T)
         return self.mesh.moved((x, y, 0.0), self.yaw)
 
@@ -68,18 +68,18 @@ def plan_obstacles(
     seed: int,
     duration_s: float | None = None,
 ) -> tuple[Obstacle, ...]:
-    """Boxes that stay on free ground and out of each other's and the robot's way at all times.
+    """Plan boxes that stay on free ground and never collide with each other or the robot.
 
     Args:
-        config: how many, how large, how fast.
-        grid: where there is room.
-        trajectory: the robot's, which gives way to nobody.
-        robot_radius_m: of its footprint.
+        config: number, size and speed of the boxes.
+        grid: map of the free space.
+        trajectory: of the robot, which does not give way.
+        robot_radius_m: radius of the robot's footprint.
         seed: decides everything else.
-        duration_s: how long from the trajectory's start they move; None: to its end.
+        duration_s: how long they move from the trajectory's start; None: to its end.
 
     Raises:
-        DataError: there is no room for so many.
+        DataError: there is no room for that many boxes.
     """
     rng = np.random.default_rng([seed, 0x0B])
     whole = trajectory.duration_s
@@ -110,10 +110,10 @@ def _one(
     others: Sequence[tuple[Floats, float]],
     rng: np.random.Generator,
 ) -> Obstacle | None:
-    """The first of many random boxes and paths that never meets the others, or None."""
+    """The first of many random boxes and paths that never collides with the others, or None."""
     length, width, height = np.asarray(config.size_m) * rng.uniform(0.75, 1.25, 3)
     radius = float(np.hypot(length, width) / 2)
-    # A cell's clearance is that of its middle.
+    # A cell's clearance is measured at its centre.
     room, step = radius + grid.resolution_m, config.speed_m_s * _STEP_S
     starts = _starts(grid, free >= room, others[0][0], config.near_m)
     for _ in range(_TRIES if len(starts) else 0):
@@ -130,7 +130,7 @@ def _one(
 
 
 def _starts(grid: OccupancyMap, roomy: Mask, way: Floats, near_m: float) -> Floats:
-    """Middles of the cells with room near the robot's way, (N, 2)."""
+    """Centres of the cells with enough room near the robot's path, (N, 2)."""
     from scipy.spatial import KDTree
 
     cells = np.stack(grid.centres(*np.nonzero(roomy)), axis=1)
@@ -148,7 +148,7 @@ def _path(
     step: float,
     room: float,
 ) -> Floats:
-    """Places on a straight line from the start as far as there is room, (S, 2)."""
+    """Points on a straight line from the start up to the first without room, (S, 2)."""
     along = np.arange(0.0, config.path_m, step)[:, None]
     line: Floats = start + along * np.array([np.cos(yaw), np.sin(yaw)])
     row, column, inside = grid.cells(line[:, 0], line[:, 1])
@@ -157,22 +157,22 @@ def _path(
 
 
 def _meets(path: Floats, radius: float, others: Sequence[tuple[Floats, float]]) -> Mask:
-    """Whether a box at each place of its path would touch another at each time, (T, S)."""
+    """True where a box at a point of its path would touch another at a time, bool (T, S)."""
     meets = np.zeros((len(others[0][0]), len(path)), dtype=bool)
     own = np.linalg.norm(path[1] - path[0])
     for places, other_radius in others:
         distance = np.linalg.norm(places[:, None] - path[None], axis=2)
         step = np.linalg.norm(np.diff(places, axis=0), axis=1).max(initial=0)
-        # Between two times both come closer by half a step each at most.
+        # Between two times each of them comes closer by half a step at most.
         meets |= distance < radius + other_radius + (own + step) / 2
     return meets
 
 
 def _moves(meets: Mask, rng: np.random.Generator) -> NDArray[np.int64] | None:
-    """A way to and fro along the path that never meets anything: place at each time, (T,).
+    """Index on the path at each time, (T,), moving back and forth without a collision.
 
-    Seen from the end, a place is safe at a time if it is free and one that is safe at the next
-    time is in reach. None if no place is safe at the start.
+    Backward pass: a point is safe at a time if it is free then and a point that is safe at the
+    next time is within reach. None if no point is safe at the start.
     """
     safe = ~meets
     for time in range(len(safe) - 2, -1, -1):
@@ -202,7 +202,7 @@ def _box(length: float, width: float, height: float, rng: np.random.Generator) -
 
 
 def _speckles() -> NDArray[np.uint8]:
-    """What covers the boxes: grey speckles that take any colour, uint8 (32, 32, 4)."""
+    """Texture of the boxes: grey speckles that take any tint, uint8 (32, 32, 4)."""
     grey = np.random.default_rng(0x0B).integers(150, 256, (32, 32, 1))
     return np.concatenate([np.repeat(grey, 3, axis=2), np.full((32, 32, 1), 255)], axis=2).astype(
         np.uint8
@@ -210,7 +210,7 @@ def _speckles() -> NDArray[np.uint8]:
 
 
 class _Share(NamedTuple):
-    """The hits that one caster knows: which rows of all hits they are, and as it counts them."""
+    """The hits of one caster: their rows among all hits, and the hits with its own indices."""
 
     caster: RayCaster
     rows: slice | NDArray[np.intp]
@@ -218,9 +218,9 @@ class _Share(NamedTuple):
 
 
 class Crowd:
-    """A world at rest with moving boxes in it, seen at one time; a ``Caster``.
+    """A static world with moving boxes in it at one point in time; a ``Caster``.
 
-    Triangles of the boxes are counted after those of the world, and so are their objects.
+    Triangles and objects of the boxes are numbered after those of the world.
     """
 
     def __init__(self, rest: RayCaster, scene: Scene, boxes: Sequence[Mesh] = ()) -> None:
@@ -261,14 +261,14 @@ class Crowd:
         return grey
 
     def colors(self, hits: Hits, directions: Floats32, pixel: float) -> Floats32:
-        """What a camera sees along each ray, (R, 3)."""
+        """RGB that a camera sees along each ray, (R, 3)."""
         rgb = np.empty((len(hits.distance), 3), np.float32)
         for part in self._split(hits):
             rgb[part.rows] = part.caster.colors(part.hits, directions[part.rows], pixel)
         return rgb
 
     def objects(self, hits: Hits) -> NDArray[np.uint16]:
-        """Number of the object behind each hit from 1 on, boxes last; 0 where nobody knows."""
+        """Number of the object at each hit, counted from 1, boxes last; 0 if unknown."""
         number = np.zeros(len(hits.triangle), np.uint16)
         rest, *boxes = self._split(hits)
         number[rest.rows] = self._rest.part_of(rest.hits) + 1
@@ -277,7 +277,7 @@ class Crowd:
         return number
 
     def _split(self, hits: Hits) -> list[_Share]:
-        """What the world at rest was hit by, and then, if they were, what the boxes were."""
+        """The hits on the static world, then, if there are any, the hits on the boxes."""
         boxes = np.flatnonzero(hits.triangle >= self._count)
         if self._moving is None or not len(boxes):
             return [_Share(self._rest, slice(None), hits)]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a robot's camera sees on its way through a world, rendered."""
+"""Camera images rendered along a robot's drive through a world."""
 
 import hashlib
 import threading
@@ -20,8 +20,8 @@ from fusionslam.sim.worlds import load_world
 from fusionslam.storage.arrays import Floats, Image
 
 RATE_HZ = 10.0
-"""Images a second that are rendered: those of the original's runs."""
-# Part of the cache's key: raise it when the same key gives other bytes.
+"""Images rendered per second: the rate of the original's runs."""
+# Part of the cache key: increment when the same key gives different bytes.
 _FORMAT = 1
 
 
@@ -34,15 +34,15 @@ def rendered_images(
     robot: str = "turtlebot3_waffle_pi",
     rate_hz: float = RATE_HZ,
 ) -> Images:
-    """What the robot's camera sees on its way through a world: rendered when it is asked for.
+    """Images of the robot's camera along its drive through a world, rendered on demand.
 
     Args:
-        world: a file that ``load_world`` reads, with the drive beside it, if there is one.
+        world: a file that ``load_world`` reads; a drive stored beside it is used.
         seconds: float64 (m), times of the scans, on the clock of that drive.
-        poses: float64 (m, 3), true places then: the way, where there is no drive.
-        bottom: the row after the last that is needed; what is below it is not rendered.
-        robot: whose camera; the first one that it has.
-        rate_hz: images a second.
+        poses: float64 (m, 3), true poses at these times, used if no drive is stored.
+        bottom: the row after the last one needed; rows from here on are not rendered.
+        robot: its first camera is used.
+        rate_hz: images per second.
 
     Raises:
         DataError: the world or its drive cannot be read.
@@ -67,7 +67,7 @@ def rendered_images(
 
 
 class _Renderer:
-    """Renders the i-th image; the world is read when the first one is asked for."""
+    """Renders the i-th image; reads the world when the first image is requested."""
 
     def __init__(
         self, world: Path, drive: Trajectory, robot: str, camera: CameraMount, times: Floats
@@ -90,7 +90,7 @@ class _Renderer:
 
 
 def _upper_part(camera: CameraMount, bottom: int | None) -> CameraMount:
-    """The camera with fewer rows: each pixel of those that are left sees what it saw."""
+    """The camera cropped to its upper rows; the remaining pixels keep their rays."""
     matrix = camera.matrix()
     rows = camera.height if bottom is None else min(bottom, camera.height)
     changes = {

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Descriptions of robots: their frames, drive, sensors and what they publish.
+"""Robot descriptions: frames, drive limits, sensors and published topics.
 
-A description is a YAML file with the keys of ``RobotConfig``; some are part of the package.
+A description is a YAML file with the keys of ``RobotConfig``; some come with the package.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ _ROBOTS = Path(__file__).with_name("robots")
 
 
 class FrameConfig(Section):
-    """A frame at rest on the robot."""
+    """A frame fixed to the robot."""
 
     parent: str = option("base_footprint", "frame it is fixed to", min_length=1)
     position_m: Vector = option((0.0, 0.0, 0.0), "place in that frame", unit="m")
@@ -33,7 +33,7 @@ class FrameConfig(Section):
 
 
 class OdometryMount(Section):
-    """What the robot publishes of its own movement."""
+    """The odometry that the robot publishes."""
 
     topic: str = option("/odom", "where odometry is published", min_length=1)
     frame_id: str = option("odom", "frame it starts from: the world's, but for errors")
@@ -42,7 +42,7 @@ class OdometryMount(Section):
 
 
 class RobotConfig(Section):
-    """A robot on wheels with LiDARs and cameras."""
+    """A wheeled robot with LiDARs and cameras."""
 
     base_frame: str = option("base_footprint", "frame on the ground that is driven", min_length=1)
     radius_m: float = option(0.22, "radius of the footprint", unit="m", gt=0, le=10)
@@ -70,7 +70,7 @@ class RobotConfig(Section):
         return topics + [camera.info_topic for camera in cameras]
 
     def _check_pairs(self) -> None:
-        """The right camera's P counts from the left one (REP 104), whose frame it names."""
+        """Require each right camera to use its left one's frame, as its P does (REP 104)."""
         left = {c.frame_id: c for c in self.cameras.values() if c.side == "left"}
         for name, camera in self.cameras.items():
             other = left.get(camera.frame_id)
@@ -82,21 +82,21 @@ class RobotConfig(Section):
 
 
 WORLD = "world"
-"""The frame of the true poses."""
+"""The frame of the ground-truth poses."""
 TRUTH_TOPIC, TF_TOPIC, TF_STATIC_TOPIC = "/ground_truth", "/tf", "/tf_static"
 OWN_TOPICS = (TRUTH_TOPIC, TF_TOPIC, TF_STATIC_TOPIC)
 
 
 def robot_names() -> list[str]:
-    """The robots that are part of the package."""
+    """Names of the robots that come with the package."""
     return sorted(path.stem for path in _ROBOTS.glob("*.yaml"))
 
 
 def robot_named(name: str | Path) -> RobotConfig:
-    """A robot of the package by its name, or any by the path of its YAML file.
+    """Load a robot by its name in the package or by the path of its YAML file.
 
     Raises:
-        ConfigError: there is no such robot, or its description is wrong: file and key are named.
+        ConfigError: no such robot, or an invalid description: the message names file and key.
     """
     known = robot_names()
     path = _ROBOTS / f"{name}.yaml" if str(name) in known else Path(name)
@@ -113,7 +113,7 @@ def robot_named(name: str | Path) -> RobotConfig:
 
 
 def static_transforms(robot: RobotConfig) -> tuple[FrameTransform, ...]:
-    """The frames of the robot and of its sensors as TF, in the order of the description."""
+    """TF transforms of the robot's and its sensors' frames, in the order of the description."""
     poses = [(name, frame.parent, _pose(frame)) for name, frame in robot.frames.items()]
     poses += [(mount.frame_id, mount.parent, _pose(mount)) for mount in robot.lidars.values()]
     poses += [
@@ -128,7 +128,7 @@ def static_transforms(robot: RobotConfig) -> tuple[FrameTransform, ...]:
 
 
 def base_from(robot: RobotConfig, frame: str) -> Floats:
-    """Pose of one of the robot's frames in its base frame, float64 (4, 4).
+    """Pose of one of the robot's frames in the base frame, float64 (4, 4).
 
     Raises:
         ConfigError: the chain of parents does not end at the base frame.
@@ -146,7 +146,7 @@ def base_from(robot: RobotConfig, frame: str) -> Floats:
 
 
 def base_from_camera(robot: RobotConfig, camera: CameraMount) -> Floats:
-    """Pose of a camera, be it left or right, in the base frame, float64 (4, 4)."""
+    """Pose of a camera, left or right, in the base frame, float64 (4, 4)."""
     pose = base_from(robot, camera.frame_id)
     if camera.side == "right":
         pose[:3, 3] += pose[:3, 0] * camera.baseline_m

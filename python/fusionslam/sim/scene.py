@@ -14,7 +14,7 @@ from fusionslam.sim.mesh import Mesh
 from fusionslam.sim.mipmaps import MipMaps
 from fusionslam.storage.arrays import Floats32
 
-# Rays coloured at a time: pieces that fit the processor's cache take a fifth less time.
+# Rays coloured at a time: chunks that fit the processor's cache take a fifth less time.
 _PIECE = 1 << 14
 _LUMINANCE = np.array((0.299, 0.587, 0.114), np.float32)
 
@@ -23,7 +23,7 @@ _LUMINANCE = np.array((0.299, 0.587, 0.114), np.float32)
 class Light:
     """Sun, sky and haze; colours are RGB factors, directions unit vectors, z up.
 
-    Without haze ``visibility_m`` is infinite.
+    An infinite ``visibility_m`` means no haze.
     """
 
     sun_direction: tuple[float, float, float] = (0.48, -0.42, 0.77)
@@ -34,8 +34,8 @@ class Light:
     visibility_m: float = 700.0
 
 
-# Lamps all over the ceiling: no direction is dark, walls at an angle to one another differ, and
-# where a world has no ceiling one sees an even grey.
+# Lamps all over the ceiling: no direction is dark, walls of different orientation differ in
+# brightness, and a world without a ceiling shows an even grey above.
 INDOOR_LIGHT = Light(
     sun_direction=(0.45, -0.28, 0.848),
     sun=(0.18, 0.175, 0.165),
@@ -48,15 +48,15 @@ INDOOR_LIGHT = Light(
 
 @dataclass(frozen=True)
 class Scene:
-    """A world at rest: triangles, the images that cover them, and the light.
+    """A static world: triangles, their textures, and the light.
 
     Attributes:
         mesh: all triangles.
-        textures: uint8 (H, W, 4) each, RGB and tint; where there are none, tints are colours.
+        textures: uint8 (H, W, 4) each, RGB and tint; without textures the tints are the colours.
         light: sun, sky and haze.
-        part: int32 (T,), the object that each triangle belongs to; empty where nobody knows.
+        part: int32 (T,), the object that each triangle belongs to; empty if unknown.
         names: names of the objects.
-        ground: bool, one an object: whether it is something to drive on.
+        ground: bool, one per object: True if a robot can drive on it.
     """
 
     mesh: Mesh
@@ -69,11 +69,11 @@ class Scene:
 
 @dataclass(frozen=True)
 class Hits:
-    """Where R rays first meet the scene.
+    """First intersections of R rays with the scene.
 
     Attributes:
-        distance: float32 (R,), in lengths of the ray's direction; infinite where nothing is hit.
-        triangle: int32 (R,), -1 where nothing is hit.
+        distance: float32 (R,), in lengths of the ray's direction; infinite for a miss.
+        triangle: int32 (R,), -1 for a miss.
         u, v: float32 (R,), barycentric coordinates of the second and third corner.
     """
 
@@ -87,7 +87,7 @@ class Hits:
 
 
 class RayCaster:
-    """Casts rays into one scene. Safe to share between threads once it is made."""
+    """Casts rays into one scene. Safe to share between threads once constructed."""
 
     def __init__(self, scene: Scene) -> None:
         self._mesh = scene.mesh
@@ -113,20 +113,20 @@ class RayCaster:
     def part_of(self, hits: Hits) -> NDArray[np.int32]:
         """The object that each ray hits, int32 (R,), an index into ``Scene.names``.
 
-        -1 where nothing is hit, and where the scene does not know its objects.
+        -1 for a miss, and for all rays if the scene has no objects listed.
         """
         if not len(self._part):
             return np.full(len(hits.triangle), -1, np.int32)
         return np.where(hits.triangle < 0, np.int32(-1), self._part[hits.triangle])
 
     def incidence(self, hits: Hits, directions: Floats32) -> Floats32:
-        """Cosine between ray and surface normal, (R,): negative from in front of the triangle."""
+        """Cosine between ray and surface normal, (R,): negative if the ray hits the front side."""
         length = np.sqrt(np.einsum("ij,ij->i", directions, directions))
         cosine: Floats32 = np.einsum("ij,ij->i", self._flat[hits.triangle], directions) / length
         return cosine
 
     def brightness(self, hits: Hits) -> Floats32:
-        """Grey value of the surface at each hit, (R,), 0 .. 1, without light: what a LiDAR sees."""
+        """Grey value of the unlit surface at each hit, (R,), 0 .. 1, as a LiDAR measures it."""
         u, v = self._texture_coordinates(hits)
         texture = self._mesh.texture[hits.triangle]
         texels = self._maps.sample(texture, u, v, np.zeros(len(u), np.float32))
@@ -135,11 +135,11 @@ class RayCaster:
         return grey
 
     def colors(self, hits: Hits, directions: Floats32, pixel: float) -> Floats32:
-        """What a camera sees along each ray, float32 (R, 3), 0 .. 1 (more in glare).
+        """RGB that a camera sees along each ray, float32 (R, 3), 0 .. 1 (more in glare).
 
         Args:
             hits: result of ``cast`` for the same directions.
-            directions: float32 (R, 3), the rays; all of them whose z is 1 in the camera frame.
+            directions: float32 (R, 3), the rays; z is 1 in the camera frame for all of them.
             pixel: width of a pixel at distance 1, metres.
         """
         rgb = np.empty(directions.shape, np.float32)
@@ -150,7 +150,7 @@ class RayCaster:
 
     def _colors(self, hits: Hits, directions: Floats32, pixel: float) -> Floats32:
         missed = np.flatnonzero(hits.triangle < 0)
-        if not len(missed):  # indoors nearly always: spares picking the rays that hit
+        if not len(missed):  # nearly always indoors; skips selecting the rays that hit
             return self._surface(hits, directions, pixel)
         seen = np.flatnonzero(hits.triangle >= 0)
         rgb = np.empty(directions.shape, np.float32)
@@ -195,7 +195,7 @@ class RayCaster:
 
 
 def _embree_scene(mesh: Mesh) -> Any:
-    # Heavy and needed here only: reading a configuration must not load the ray tracer.
+    # A heavy import: reading a configuration must not load the ray tracer.
     try:
         from embreex.mesh_construction import TriangleMesh  # type: ignore[import-untyped]
         from embreex.rtcore_scene import EmbreeScene  # type: ignore[import-untyped]
@@ -225,7 +225,7 @@ def _flat_normals(mesh: Mesh) -> Floats32:
 
 
 def _texel_sizes(mesh: Mesh, maps: MipMaps) -> Floats32:
-    """Metres per texel of the finest image, (T,)."""
+    """Metres per texel at the finest level, (T,)."""
     a, b, c = mesh.triangles.transpose(1, 0, 2)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     p, q, r = mesh.uv.transpose(1, 0, 2)

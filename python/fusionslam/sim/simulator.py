@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the sensors of a robot publish while it drives through a world."""
+"""Simulate the messages that a robot publishes while it drives through a world."""
 
 import heapq
 import math
@@ -44,12 +44,12 @@ from fusionslam.sim.scene import RayCaster, Scene
 from fusionslam.sim.world import World
 from fusionslam.storage.arrays import Floats
 
-# Events that may be under way for each thread: what is rendered ahead stays in memory.
+# Most events in flight per thread: events rendered ahead stay in memory.
 _AHEAD = 8
 
 
 class SimulationConfig(Section):
-    """A simulated recording: the same configuration gives the same values."""
+    """Settings of a simulated recording; the same configuration gives the same values."""
 
     seed: int = option(0, "decides noise, drop-outs, odometry and moving boxes", ge=0)
     start_s: int = option(1000, "time of the first message", unit="s", ge=0, lt=2**32 - 2**20)
@@ -62,13 +62,13 @@ Select = Callable[[Iterable["Task"]], Iterable["Task"]]
 
 @dataclass(frozen=True)
 class Task:
-    """A message to be made.
+    """A message that has yet to be rendered.
 
     Attributes:
-        stamp_ns: its time.
-        rank: place among those of the same time.
-        topic: where it is published.
-        make: makes the message.
+        stamp_ns: its time stamp.
+        rank: order among messages with the same time stamp.
+        topic: topic it is published on.
+        make: renders the message.
     """
 
     stamp_ns: int
@@ -77,7 +77,7 @@ class Task:
     make: Callable[[], Message]
 
     def event(self) -> Event:
-        """Make it."""
+        """Render the message."""
         return Event(self.topic, self.stamp_ns, self.make())
 
 
@@ -90,19 +90,19 @@ def simulate(
     jobs: int = 1,
     select: Select = iter,
 ) -> Iterator[Event]:
-    """Drive a robot through a world and yield what it publishes, in the order of the stamps.
+    """Drive a robot through a world and yield the messages it publishes, in time order.
 
-    Topics are those of the robot's description, and ``/tf_static`` (first, once), ``/tf`` and
-    ``/ground_truth``: the true poses of the base frame in the frame "world", in which the
-    odometry starts, too. Arrival times are the stamps; the stamp of a turn is its first shot.
+    Topics are those of the robot's description, plus ``/tf_static`` (first, once), ``/tf`` and
+    ``/ground_truth``: the true poses of the base frame in the frame "world", in which odometry
+    also starts. Arrival times equal the time stamps; a scan is stamped with its first shot.
 
     Args:
-        world: what there is to see and to hit.
+        world: shapes that cameras see and rays hit.
         robot: frames, sensors, odometry.
         trajectory: of the robot's base; its first time becomes ``config.start_s``.
         config: seed, length, moving boxes.
         jobs: threads that render ahead. The values do not depend on it.
-        select: picks, of all messages in their order, those that are made.
+        select: given all messages in order, returns those to render.
 
     Raises:
         DataError: the trajectory meets an obstacle, or there is no room for moving boxes.
@@ -115,7 +115,7 @@ def simulate(
 
 
 def map_of(world: World, robot: RobotConfig) -> OccupancyMap:
-    """The world's own map, else what stands as high as the robot, for rays or for cameras.
+    """The world's own map, or one of all collision and visual shapes up to the robot's height.
 
     Raises:
         DataError: the world has no triangles.
@@ -124,7 +124,7 @@ def map_of(world: World, robot: RobotConfig) -> OccupancyMap:
 
 
 def event_count(robot: RobotConfig, trajectory: Trajectory, config: SimulationConfig) -> int:
-    """How many events ``simulate`` yields."""
+    """Number of events that ``simulate`` yields."""
     seconds = recorded_seconds(trajectory, config)
     rates = [lidar.rate_hz for lidar in robot.lidars.values()]
     rates += [camera.rate_hz for camera in robot.cameras.values()] * 2
@@ -133,23 +133,23 @@ def event_count(robot: RobotConfig, trajectory: Trajectory, config: SimulationCo
 
 
 def scan_count(lidar: LidarMount, trajectory: Trajectory, config: SimulationConfig) -> int:
-    """How many scans of a LiDAR ``simulate`` yields."""
+    """Number of scans of a LiDAR that ``simulate`` yields."""
     return _ticks(lidar.rate_hz, recorded_seconds(trajectory, config))
 
 
 def recorded_seconds(trajectory: Trajectory, config: SimulationConfig) -> float:
-    """How much of a drive is recorded."""
+    """Seconds of a drive that are recorded."""
     whole = trajectory.duration_s
     return whole if config.seconds is None else min(config.seconds, whole)
 
 
 def _ticks(rate_hz: float, seconds: float) -> int:
-    """Number of times k / rate before the end."""
+    """Number of ticks k / rate_hz before the end."""
     return math.ceil(round(rate_hz * seconds, 6))
 
 
 class _Simulation:
-    """Everything that does not change during a drive."""
+    """State that stays fixed during a drive, and the functions that render each message."""
 
     def __init__(
         self,
@@ -172,7 +172,7 @@ class _Simulation:
         )
 
     def tasks(self) -> Iterator[Task]:
-        """All messages to be made, in the order of their times."""
+        """All messages to render, in time order."""
         first = static_transforms(self.robot)
         fixed = FrameTransforms(
             transforms=tuple(replace(link, stamp_ns=self.start_ns) for link in first)
@@ -182,7 +182,7 @@ class _Simulation:
         yield from heapq.merge(*streams, key=lambda task: (task.stamp_ns, task.rank))
 
     def _streams(self) -> Iterator[tuple[float, str, Callable[[int, int], Message]]]:
-        """Rate, topic and maker (of number and stamp) of everything that is published."""
+        """Rate, topic and render function (of number and stamp) of each published stream."""
         odometry, cameras = self.robot.odometry, list(self.robot.cameras.values())
         yield odometry.rate_hz, TF_TOPIC, self._transform
         told = partial(self._moved, self.odometry, odometry.frame_id)
@@ -206,7 +206,7 @@ class _Simulation:
         return float(self.trajectory.seconds[0]) + (stamp_ns - self.start_ns) / NANOSECONDS
 
     def _poses(self, seconds: Floats) -> Floats:
-        """world_from_base, (M, 4, 4): the robot rests after the end of its drive."""
+        """world_from_base, (M, 4, 4); after the end of its drive the robot stands still."""
         return self.trajectory.at(np.minimum(seconds, self.trajectory.seconds[-1]))
 
     def _rng(self, kind: int, sensor: int, number: int) -> np.random.Generator:
@@ -237,7 +237,7 @@ class _Simulation:
     def _picture(self, camera: CameraMount, sensor: int, number: int, stamp_ns: int) -> Picture:
         seconds = self._drive_seconds(stamp_ns)
         pose = self._poses(np.array([seconds]))[0] @ base_from_camera(self.robot, camera)
-        # Both cameras of a pair see the same light.
+        # Both cameras of a pair share the exposure.
         gain = gains(camera, seconds, np.random.default_rng([self.config.seed, 3]))
         image = photograph(
             self._around("visual", seconds), camera, pose, gain, self._rng(2, sensor, number)
@@ -268,25 +268,25 @@ class _Simulation:
 
 
 def odometry_errors(robot: RobotConfig, config: SimulationConfig) -> OdometryConfig:
-    """The robot's errors; their seed is the recording's where it is not set on its own."""
+    """The robot's odometry errors, seeded like the recording unless they set their own seed."""
     errors = robot.odometry.errors
     return errors if "seed" in errors.model_fields_set else merged(errors, {"seed": config.seed})
 
 
 def _casters(world: World, robot: RobotConfig) -> dict[str, RayCaster]:
-    """Ray casters of the shapes that some sensor meets."""
+    """Ray casters of the shapes that the robot's sensors use."""
     needed: dict[str, Scene] = {}
     if robot.cameras:
         needed["visual"] = world.visual
     for lidar in robot.lidars.values():
         needed[lidar.shapes] = world.visual if lidar.shapes == "visual" else world.collision
-    # Where both are the same scene, its tree is built once.
+    # If both are the same scene, its tree is built once.
     made = {id(scene): RayCaster(scene) for scene in needed.values()}
     return {shapes: made[id(scene)] for shapes, scene in needed.items()}
 
 
 def _made(tasks: Iterable[Task], jobs: int) -> Iterator[Event]:
-    """Events in the order of their tasks; threads work ahead, but not far."""
+    """Render events in the order of their tasks; threads work ahead by a limited number."""
     if jobs <= 1:
         yield from (task.event() for task in tasks)
         return

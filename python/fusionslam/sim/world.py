@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A world that robots drive through: what cameras see, what rays hit, and where there is room."""
+"""A world that robots drive through: visual and collision shapes, and a map of free space."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,9 +19,9 @@ class Part:
     """One object of a world.
 
     Attributes:
-        name: unique or not; "shelf_3".
+        name: not necessarily unique; "shelf_3".
         mesh: its triangles in the world's frame.
-        is_ground: whether a robot could drive on it: floors, carpets, roads.
+        is_ground: True if a robot can drive on it: floors, carpets, roads.
     """
 
     name: str
@@ -31,15 +31,15 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class World:
-    """Metres, z up, the ground at z = 0 as far as it is flat.
+    """A world in metres, z up, with flat ground at z = 0.
 
     Attributes:
-        name: for people and file names.
-        visual: what cameras see.
-        collision: what simple ray sensors hit; the same as ``visual`` where nothing else is known.
-        map: where there is room for a robot; None if it has yet to be made.
-        trajectory: a drive that belongs to the world, if there is one.
-        unresolved: what the description names and could not be found.
+        name: for display and file names.
+        visual: shapes that cameras see.
+        collision: shapes that simple ray sensors hit; ``visual`` if there are no others.
+        map: free space for a robot; None if it has yet to be computed.
+        trajectory: a drive that comes with the world, if there is one.
+        unresolved: resources that the description refers to and that could not be found.
     """
 
     name: str
@@ -55,11 +55,11 @@ def scene_of(
     textures: Sequence[NDArray[np.uint8]],
     light: Light | None = None,
 ) -> Scene:
-    """A scene whose triangles remember the part they belong to.
+    """A scene of parts, in which each triangle records the part it belongs to.
 
     Args:
-        parts: in any order; ``Scene.part`` counts them.
-        textures: uint8 (H, W, 4) each, RGB and tint, which the meshes' texture indices mean.
+        parts: in any order; ``Scene.part`` indexes them.
+        textures: uint8 (H, W, 4) each, RGB and tint; the meshes' texture indices refer to them.
         light: the default is that of the town.
     """
     counts = [len(part.mesh) for part in parts]
