@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A square image measured in metres, on which textures are painted."""
+"""A square image with coordinates in metres, on which textures are painted."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ class Canvas:
 
     Attributes:
         rgb: float32 (SIDE, SIDE, 3), 0 .. 1, row 0 on top.
-        tint: float32 (SIDE, SIDE), 0 .. 1, how far the surface's tint colours the texel.
+        tint: float32 (SIDE, SIDE), 0 .. 1, how strongly the surface's tint colours the texel.
     """
 
     def __init__(self, extent: tuple[float, float], rgb: Rgb, tint: float) -> None:
@@ -36,7 +36,7 @@ class Canvas:
         self.tint[area] = tint
 
     def disc(self, centre: ArrayLike, radius: float, rgb: ArrayLike, tint: float) -> None:
-        """Fill a disc; centre and radius in metres. What reaches over an edge is cut off."""
+        """Fill a disc, clipped at the edges; centre and radius in metres."""
         texels = np.arange(SIDE) + 0.5
         x = texels / self.scale[0] - np.asarray(centre)[0]
         y = (SIDE - texels) / self.scale[1] - np.asarray(centre)[1]
@@ -54,7 +54,7 @@ class Canvas:
         joint_rgb: Rgb,
         spread: float,
     ) -> None:
-        """Courses of bricks (width, height in metres), every other one shifted by half a brick."""
+        """Paint courses of bricks (width, height in metres), every other one shifted by half."""
         columns, rows = np.maximum(np.round(SIDE / self.scale / brick).astype(int), 1)
         across = np.linspace(0, columns, SIDE, endpoint=False)
         upward = np.linspace(0, rows, SIDE, endpoint=False)[::-1, None]
@@ -77,7 +77,7 @@ class Canvas:
 
 
 def noise(rng: np.random.Generator, roughness: float) -> NDArray[np.float32]:
-    """Noise that repeats, float32 (SIDE, SIDE), mean 0, deviation 1, limited to -3 .. 3.
+    """Periodic noise, float32 (SIDE, SIDE), mean 0, deviation 1, clipped to -3 .. 3.
 
     Its amplitude falls with frequency to the power ``roughness``: 0 is white, 1 is cloudy.
     """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Worlds by name or file, and drives through them."""
+"""Find worlds by name or file, and get drives through them."""
 
 import logging
 from collections.abc import Callable
@@ -29,15 +29,15 @@ from fusionslam.sim.worlds import load_world
 logger = logging.getLogger(__name__)
 
 ROBOT = "turtlebot3_waffle_pi"
-"""The robot where no other suits a world better."""
+"""The default robot, unless a world suggests another one."""
 _TOWN_CELL_M = 0.25
 _PLAN_ROOM_M = 0.05
-# Of a robot's limits: recorded drives have some noise.
+# Factor on a robot's limits: recorded drives have some noise.
 _TOLERANCE = 1.1
 
 
 class Entry(NamedTuple):
-    """A world that is made, not read: its settings, the maker, and the robot that suits it."""
+    """A procedural world: its settings, the function that builds it, and a suitable robot."""
 
     settings: Section
     make: Callable[[Any], World]
@@ -45,10 +45,10 @@ class Entry(NamedTuple):
 
 
 def town_world(config: TownConfig) -> World:
-    """The town of the embedded drive on its first lap, with that drive's way.
+    """The town of the embedded drive, as on its first lap, with the trajectory of that drive.
 
     Raises:
-        ConfigError: the town is too small for it.
+        ConfigError: the town is too small for the drive.
     """
     whole = merged(SimConfig(), {"town": config.model_dump()})
     scene = make_town(config, lap=0)
@@ -69,7 +69,7 @@ MADE: dict[str, Entry] = {
 
 
 def check_world(name: str) -> None:
-    """Raise DataError unless there is a world, made or on disk, of that name."""
+    """Raise DataError unless the name is a procedural world or an existing path."""
     if name not in MADE and not Path(name).exists():
         near = get_close_matches(name, MADE, n=1, cutoff=0.5)
         hint = f"; did you mean {near[0]!r}?" if near else ""
@@ -79,10 +79,10 @@ def check_world(name: str) -> None:
 
 
 def read_world(path: str | Path, *, lenient: bool = False) -> World:
-    """A world from a file or folder, as ``load_world`` reads it; its name is no world that is made.
+    """Read a world from a file or folder with ``load_world``; procedural worlds are not read here.
 
     Raises:
-        DataError: no such world, or one that cannot be read.
+        DataError: no such world, or it cannot be read.
     """
     check_world(str(path))
     return load_world(path, lenient=lenient)
@@ -91,7 +91,7 @@ def read_world(path: str | Path, *, lenient: bool = False) -> World:
 def drive_through(world: World, robot: RobotConfig, plan: PlanConfig) -> tuple[World, Trajectory]:
     """The world with a map, and its own drive or a planned one.
 
-    What ``plan`` does not set, limits and room, is the robot's.
+    Limits and clearance that ``plan`` does not set are taken from the robot.
 
     Raises:
         DataError: there is no room to drive.
@@ -112,7 +112,7 @@ def drive_through(world: World, robot: RobotConfig, plan: PlanConfig) -> tuple[W
 
 
 def _warn_of_haste(name: str, drive: Trajectory, limits: DriveLimits) -> None:
-    """Say so if a given drive needs more than the robot can do: it is driven all the same."""
+    """Log a warning if a given drive exceeds the robot's limits; it is driven all the same."""
     gaps = np.diff(drive.seconds)
     speeds = np.hypot(np.diff(drive.x), np.diff(drive.y)) / gaps
     turns = np.abs(np.diff(drive.yaw)) / gaps
@@ -129,6 +129,6 @@ def _warn_of_haste(name: str, drive: Trajectory, limits: DriveLimits) -> None:
 
 
 def limits_of(robot: RobotConfig, plan: PlanConfig) -> dict[str, Any]:
-    """What a plan leaves to the robot, as changes of the plan."""
+    """Limits and clearance of the robot that a plan does not set, as changes to the plan."""
     own = {"limits": robot.drive.model_dump(), "clearance_m": robot.radius_m + _PLAN_ROOM_M}
     return {key: value for key, value in own.items() if key not in plan.model_fields_set}

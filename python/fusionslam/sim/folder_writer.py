@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated recording as a plain folder: a scan and the last picture before it a frame."""
+"""Write a simulated recording as a plain folder; a frame is a scan and the last image before it."""
 
 import io
 import logging
@@ -32,17 +32,18 @@ logger = logging.getLogger(__name__)
 def folder_writer(path: str | os.PathLike[str], robot: RobotConfig) -> Iterator["FolderWriter"]:
     """Write what ``simulate`` yields as a folder that ``open_dataset`` reads.
 
-    ``clouds/NNNNNN.bin`` (float32 x y z intensity) of the robot's first LiDAR, ``left/`` and, of a
-    pair, ``right/`` with PNG pictures, ``calib.yaml``, ``times.txt``, and ``poses.txt``: the true
-    poses of the LiDAR. If the block ends with an error, the frames written until then are kept.
+    The folder holds ``clouds/NNNNNN.bin`` (float32 x y z intensity) of the robot's first LiDAR,
+    ``left/`` and, for a stereo pair, ``right/`` with PNG images, ``calib.yaml``, ``times.txt``,
+    and ``poses.txt`` with the true poses of the LiDAR. If the block ends with an error, the frames
+    written so far are kept.
 
     Args:
-        path: the folder: new or empty.
-        robot: whose events will be written.
+        path: the folder, new or empty.
+        robot: the robot whose events are written.
 
     Raises:
-        DataError: the folder holds something, or cannot be written.
-        ConfigError: the robot has no LiDAR, or a camera with distortion: a folder's pictures are
+        DataError: the folder is not empty, or cannot be written.
+        ConfigError: the robot has no LiDAR, or a camera with distortion: a folder's images are
             rectified.
     """
     root = Path(path).expanduser()
@@ -51,7 +52,7 @@ def folder_writer(path: str | os.PathLike[str], robot: RobotConfig) -> Iterator[
     try:
         yield writer
     except BaseException:
-        # A full disk may have no room for these either: what failed first is what is told.
+        # This may fail too, for example on a full disk: report the first error.
         with suppress(DataError):
             writer.finish()
             logger.warning("%s is not complete; its first %d frames are kept", root, writer.count)
@@ -71,7 +72,7 @@ def check_folder(root: Path) -> None:
 
 
 class FolderWriter:
-    """A folder that is being written; made by ``folder_writer``."""
+    """A folder that is being written; created by ``folder_writer``."""
 
     def __init__(self, root: Path, robot: RobotConfig) -> None:
         self._root = root
@@ -84,11 +85,11 @@ class FolderWriter:
 
     @property
     def count(self) -> int:
-        """Frames written."""
+        """Number of frames written."""
         return len(self._stamps)
 
     def needed(self, tasks: Iterable[Task]) -> Iterator[Task]:
-        """Of all messages those that a folder keeps: most pictures need not be rendered."""
+        """The tasks whose messages the folder keeps: most images need not be rendered."""
         sides = {camera.picture_topic() for camera in self._cameras.values()}
         pictures: dict[str, Task] = {}
         for task in tasks:
@@ -102,7 +103,7 @@ class FolderWriter:
                 pictures.clear()
 
     def write(self, event: Event) -> None:
-        """Take a message in the order of its stamp; scans before the first picture are left out.
+        """Take the next message in time order; scans before the first image are left out.
 
         Raises:
             DataError: the folder cannot be written.
@@ -131,7 +132,7 @@ class FolderWriter:
             for path, data in files.items():
                 _write(path, data)
         except BaseException:
-            # Half a frame would keep the others from being read.
+            # An incomplete frame would make the folder unreadable.
             for path in files:
                 path.unlink(missing_ok=True)
             raise
@@ -141,7 +142,7 @@ class FolderWriter:
         """Write calibration, times and poses of the frames.
 
         Raises:
-            DataError: there are none, or the folder cannot be written.
+            DataError: there are no frames, or the folder cannot be written.
         """
         if not self._stamps:
             raise DataError(f"{self._root}: no scan with a picture before it was recorded")
@@ -154,11 +155,11 @@ class FolderWriter:
             _write(self._root / "calib.yaml", text.encode())
 
     def _poses(self, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
-        """world_from_lidar at times, between the true poses that were seen."""
+        """world_from_lidar at time stamps, interpolated between the received true poses."""
         known = np.array([truth.stamp_ns for truth in self._truth], dtype=np.int64)
         poses = np.array([truth.pose for truth in self._truth])
         yaw = np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))
-        # Nanoseconds since 1970 do not fit into a float64.
+        # A float64 cannot hold nanoseconds since 1970 exactly.
         places = (
             np.interp(stamps - known[0], known - known[0], values)
             for values in (poses[:, 0, 3], poses[:, 1, 3], yaw)
@@ -170,7 +171,7 @@ class FolderWriter:
         return {
             side: {
                 "projection": projection(camera, right=side == "right").ravel().tolist(),
-                # P of the right camera counts from the left one's frame.
+                # P of the right camera refers to the left camera's frame.
                 "rectified_from_points": (
                     np.linalg.inv(base_from(self._robot, camera.frame_id)) @ base_from_lidar
                 )
@@ -183,14 +184,14 @@ class FolderWriter:
 
 
 def first_lidar(robot: RobotConfig) -> LidarMount:
-    """The LiDAR whose scans are the frames. Raises ConfigError if there is none."""
+    """The LiDAR whose scans define the frames. Raises ConfigError if there is none."""
     if not robot.lidars:
         raise ConfigError("lidars is empty: a folder of frames needs a LiDAR")
     return next(iter(robot.lidars.values()))
 
 
 def _chosen(robot: RobotConfig) -> Mapping[str, CameraMount]:
-    """The robot's first camera, and its right neighbour if it has one."""
+    """The robot's first camera, and the right camera of its pair if there is one."""
     left = next((c for c in robot.cameras.values() if c.side == "left"), None)
     if left is None:
         return {}

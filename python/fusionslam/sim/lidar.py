@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A LiDAR of several rings that turns: which rays it shoots and what comes back.
+"""A spinning multi-beam LiDAR: the rays it shoots and the returns it measures.
 
-Frame: x forward, y left, z up. A turn has ``azimuths`` columns of ``rings`` rays each.
+Frame: x forward, y left, z up. A sweep has ``azimuths`` columns of ``rings`` rays each.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ Field = Literal["intensity", "ring", "time", "object"]
 
 
 class LidarConfig(Section):
-    """The rays of a LiDAR, its place and its errors. The defaults are those of the town's car."""
+    """Rays, mounting position and errors of a LiDAR. The defaults are those of the town's car."""
 
     rings: int = option(64, "laser beams", ge=1, le=256)
     azimuths: int = option(800, "shots per turn and beam", ge=1, le=8192)
@@ -53,7 +53,7 @@ class LidarConfig(Section):
 
 
 class LidarMount(LidarConfig):
-    """A LiDAR on a robot, and what it publishes."""
+    """A LiDAR mounted on a robot, and how it publishes its scans."""
 
     topic: str = option("/points", "where clouds are published", min_length=1)
     frame_id: str = option("lidar", "frame of the points", min_length=1)
@@ -69,7 +69,7 @@ class LidarMount(LidarConfig):
 
 
 class Caster(Protocol):
-    """What sensors see of the world: a ``RayCaster``, or several as one."""
+    """The interface through which sensors see the world: one ``RayCaster`` or a combination."""
 
     def cast(self, origin: Floats32, directions: Floats32) -> Hits:
         """First hits of rays from ``origin`` (3,) or (R, 3) along ``directions`` (R, 3)."""
@@ -81,18 +81,18 @@ class Caster(Protocol):
         """Grey value of the surface at each hit, (R,)."""
 
     def colors(self, hits: Hits, directions: Floats32, pixel: float) -> Floats32:
-        """What a camera sees along each ray, (R, 3)."""
+        """RGB that a camera sees along each ray, (R, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """What came back of one turn, N returns in the order of their rays.
+    """The N returns of one sweep, in the order of their rays.
 
     Attributes:
         points: float32 (N, 3), metres, in the LiDAR's frame at the time of the shot.
-        intensity: float32 (N,), brightness and angle of the surface, 0 .. 1.
+        intensity: float32 (N,), 0 .. 1, from the surface's brightness and angle of incidence.
         ray: int64 (N,), index of the ray: column + azimuths * row, the highest beam is row 0.
-        hits: where the rays met the world, without noise.
+        hits: intersections with the world, without noise.
     """
 
     points: Floats32
@@ -102,7 +102,7 @@ class Sweep:
 
 
 def azimuths(config: LidarConfig) -> Floats:
-    """Direction of each column, float64 (azimuths,), radians to the left of x."""
+    """Azimuth of each column, float64 (azimuths,), radians, positive to the left of x."""
     if config.sector_rad is None:
         return -2 * np.pi * np.arange(config.azimuths) / config.azimuths
     return np.linspace(*config.sector_rad, config.azimuths)
@@ -110,7 +110,7 @@ def azimuths(config: LidarConfig) -> Floats:
 
 @lru_cache(maxsize=8)
 def lidar_rays(config: LidarConfig) -> Floats32:
-    """Unit directions in the LiDAR's frame, float32 (rings * azimuths, 3), ring by ring."""
+    """Unit directions of the rays in the LiDAR's frame, float32 (rings * azimuths, 3), by ring."""
     elevation = np.deg2rad(np.linspace(config.top_deg, config.bottom_deg, config.rings))[:, None]
     azimuth = azimuths(config)
     flat = np.cos(elevation)
@@ -120,14 +120,14 @@ def lidar_rays(config: LidarConfig) -> Floats32:
 
 
 def column_seconds(config: LidarMount) -> Floats:
-    """When each column is shot, float64 (azimuths,), seconds after the first: full turns."""
+    """Time of each column, float64 (azimuths,), seconds after the first, from the turn rate."""
     turned = azimuths(config)
     seconds: Floats = np.abs(turned - turned[0]) / (2 * np.pi * config.rate_hz)
     return seconds
 
 
 def scan(caster: Caster, config: LidarConfig, poses: Floats, rng: np.random.Generator) -> Sweep:
-    """One LiDAR sweep.
+    """Simulate one LiDAR sweep.
 
     Args:
         caster: the world.
@@ -138,7 +138,8 @@ def scan(caster: Caster, config: LidarConfig, poses: Floats, rng: np.random.Gene
     rays = lidar_rays(config)
     origins, directions = _placed(config, rays, poses)
     hits = caster.cast(origins, directions)
-    # Every ray draws its numbers, hit or not: a change of the world moves no other point's noise.
+    # Every ray draws its random numbers, hit or miss, so a change of the world does not alter the
+    # noise of other points.
     chance = rng.random(len(rays), dtype=np.float32)
     noise = np.float32(config.noise_m) * rng.standard_normal(len(rays), dtype=np.float32)
     cosine = np.abs(caster.incidence(hits, directions))
@@ -153,7 +154,7 @@ def scan(caster: Caster, config: LidarConfig, poses: Floats, rng: np.random.Gene
 def _placed(config: LidarConfig, rays: Floats32, poses: Floats) -> tuple[Floats32, Floats32]:
     """Origins (3,) or (R, 3) and directions (R, 3) of the rays in the world."""
     turn, place = poses[..., :3, :3].astype(np.float32), poses[..., :3, 3].astype(np.float32)
-    # Not matrix products: BLAS would wake all its threads for three columns.
+    # einsum, not a matrix product: BLAS would wake all its threads for three columns.
     if poses.ndim == 2:
         return place, np.einsum("ij,kj->ik", rays, turn)
     columns = rays.reshape(config.rings, config.azimuths, 3)
@@ -175,13 +176,13 @@ def point_fields(
     """The values that the LiDAR publishes with each point, in the order of the configuration.
 
     Args:
-        config: says which.
+        config: its ``fields`` selects the values.
         sweep: the returns.
         objects: uint16 (N,), number of the object behind each return.
 
     Returns:
         intensity float32, ring uint16 (0 is the lowest beam), time float32 (seconds after the
-        first column, 0 where the turn is taken at one instant), object uint16; (N,) each.
+        first column, 0 if the sweep is taken at one instant), object uint16; (N,) each.
     """
     row, column = np.divmod(sweep.ray, config.azimuths)
     seconds = column_seconds(config) * config.scan_motion

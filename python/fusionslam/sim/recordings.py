@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Drives through worlds as bags or folders, and the embedded ones that need no data."""
+"""Record drives through worlds as bags or folders, including the embedded recordings."""
 
 import hashlib
 import json
@@ -40,15 +40,15 @@ from fusionslam.storage.cache import cache_folder
 from fusionslam.storage.progress import Progress
 
 FOLDER = "folder"
-"""The kind of output that is no bag."""
+"""The kind of output that is a folder instead of a bag."""
 EMBEDDED = tuple(name for name, entry in MADE.items() if entry.robot == ROBOT)
-"""Worlds of which a recording is kept in the user's cache."""
-# Part of the cache's key: raise it when the same configuration gives other bytes.
+"""Worlds whose embedded recording is kept in the user's cache."""
+# Part of the cache key: increment when the same configuration gives different bytes.
 _FORMAT = 1
-# A whole tour takes up to half an hour of driving, and hours to render.
+# Default length: a full tour takes up to half an hour of driving, and hours to render.
 _LENGTH_M = 100.0
-# What the embedded recordings change: a short way through all of the world, parts of it again and
-# back, and one image a scan. All of the hospital would take twice this.
+# Changes for the embedded recordings: a short tour of the whole world, parts of it repeated and
+# reversed, and one image per scan. The hospital is cut: all of it would take twice this.
 _EMBEDDED: dict[str, Any] = {
     "plan": {"length_m": None, "spacing_m": 8.0, "again": 0.2, "back": 0.2},
     "robot": {"cameras": {"camera": {"rate_hz": 2.0}}},
@@ -57,7 +57,7 @@ _HOSPITAL_M = 350.0
 
 
 class RecordingConfig(SimulationConfig):
-    """A drive through a world and what is recorded of it."""
+    """A drive through a world and how it is recorded."""
 
     robot: RobotConfig = option(robot_named(ROBOT), "the robot")
     plan: PlanConfig = option(PlanConfig(length_m=_LENGTH_M), "the drive, where it is planned")
@@ -65,10 +65,10 @@ class RecordingConfig(SimulationConfig):
 
 
 def recording_config(entry: Entry | None = None, robot: str | None = None) -> RecordingConfig:
-    """All there is to configure of a recording, with its defaults.
+    """The full configuration of a recording, with defaults.
 
     Args:
-        entry: the world, if it is one that is made; its settings are ``world``.
+        entry: the world, if it is procedural; its settings become ``world``.
         robot: name or file of the robot; None for the one that suits the world.
 
     Raises:
@@ -86,18 +86,18 @@ def recording_config(entry: Entry | None = None, robot: str | None = None) -> Re
 
 
 def resolved(config: RecordingConfig) -> RecordingConfig:
-    """The configuration with what would follow from other values written out."""
+    """The configuration with derived values (plan limits, odometry seed) filled in."""
     seed = odometry_errors(config.robot, config).seed
     own = limits_of(config.robot, config.plan)
     return merged(config, {"plan": own, "robot": {"odometry": {"errors": {"seed": seed}}}})
 
 
 def check_output(output: Path, kind: str, robot: RobotConfig) -> None:
-    """Find out before a world is made what can be known of the output.
+    """Check the output path before the costly building of a world.
 
     Raises:
-        DataError: something else is in its place.
-        ConfigError: the robot does not fit a folder.
+        DataError: something else exists at this path.
+        ConfigError: the robot's sensors cannot be written as a folder.
     """
     target = output.expanduser()
     check_parents(target)
@@ -111,7 +111,7 @@ def check_output(output: Path, kind: str, robot: RobotConfig) -> None:
 
 
 def check_parents(path: Path) -> None:
-    """Raise DataError if a file is where a folder above the path should be."""
+    """Raise DataError if a parent of the path is a file."""
     for folder in path.parents:
         if folder.is_file():
             raise DataError(f"cannot write {path}: {folder} is a file, expected a folder")
@@ -127,20 +127,20 @@ def write_recording(
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> int:
-    """Write what the robot publishes, and return the number of messages, or of frames in a folder.
+    """Record a drive; return the number of messages written, or of frames in a folder.
 
     Args:
-        world: with its map.
-        drive: of the robot through it.
-        config: robot and sensors; its plan and world have been followed already.
+        world: the world, with its map.
+        drive: the robot's drive through it.
+        config: robot and sensors; its ``plan`` and ``world`` are not used here.
         output: bag or folder.
         kind: "rosbag1", "rosbag2", "mcap" or ``FOLDER``.
         jobs: threads that render ahead. The bytes do not depend on it.
-        progress: called with (messages or frames written, those in all).
+        progress: called with (messages or frames written, total).
 
     Raises:
-        DataError: the drive meets an obstacle, or the output cannot be written; what is whole is
-            kept as ``open_writer`` or ``folder_writer`` say.
+        DataError: the drive meets an obstacle, or the output cannot be written; complete parts
+            are kept as described in ``open_writer`` and ``folder_writer``.
     """
     total = recording_size(drive, config, kind)
     with _writer(output, kind, config.robot) as writer:
@@ -153,7 +153,7 @@ def write_recording(
 
 
 def recording_size(drive: Trajectory, config: RecordingConfig, kind: str) -> int:
-    """How many messages, or frames in a folder, ``write_recording`` writes."""
+    """Number of messages, or of frames in a folder, that ``write_recording`` writes."""
     robot = config.robot
     if kind != FOLDER:
         return event_count(robot, drive, config)
@@ -161,7 +161,7 @@ def recording_size(drive: Trajectory, config: RecordingConfig, kind: str) -> int
 
 
 def embedded_config(name: str) -> RecordingConfig:
-    """How the embedded recording of a world is made: one of ``EMBEDDED``."""
+    """Configuration of the embedded recording of a world, one of ``EMBEDDED``."""
     config = merged(recording_config(MADE[name]), _EMBEDDED)
     return merged(config, {"plan": {"length_m": _HOSPITAL_M}}) if name == "hospital" else config
 
@@ -173,13 +173,13 @@ def embedded_bag(
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> Path:
-    """The recording of a world that is made: a bag in the user's cache, made when first asked for.
+    """Path of a procedural world's recording: a bag in the user's cache, made on first use.
 
     Args:
         name: one of ``EMBEDDED``.
-        config: another one than ``embedded_config``, which has a bag of its own.
+        config: replaces ``embedded_config``; each configuration has its own bag.
         jobs: threads.
-        progress: called with (messages written, messages in all).
+        progress: called with (messages written, total).
 
     Raises:
         DataError: the cache cannot be written.
@@ -195,20 +195,20 @@ def embedded_bag(
 def record_world(
     world: str | os.PathLike[str], *, jobs: int = 1, progress: Progress | None = None
 ) -> Path:
-    """A recorded drive through a world, kept in the user's cache and made when first asked for.
+    """Path of a recorded drive through a world, kept in the user's cache and made on first use.
 
-    A world's own drive is followed, or one of 100 m is planned.
+    A world file's own drive is followed; if it has none, one of 100 m is planned.
 
     Args:
-        world: name of a simulated world, or what ``load_world`` reads.
+        world: name of a simulated world, or a path that ``load_world`` reads.
         jobs: threads.
-        progress: called with (messages or frames written, those in all).
+        progress: called with (messages or frames written, total).
 
     Returns:
-        A bag; of the town a folder like KITTI's.
+        A bag; for the town, a folder in KITTI odometry layout.
 
     Raises:
-        DataError: no such world, one that cannot be read, or a cache that cannot be written.
+        DataError: no such world, it cannot be read, or the cache cannot be written.
     """
     name = str(world)
     check_world(name)
@@ -226,7 +226,7 @@ def record_world(
 
 
 def _digest(world: Path) -> str:
-    """What differs between worlds of other files; meshes and textures elsewhere do not count."""
+    """Hash of a world's own files; meshes and textures stored elsewhere are not included."""
     found = hashlib.sha256()
     for suffix in (world.suffix, ".collision.glb", ".map.yaml", ".trajectory.csv"):
         file = world.with_suffix(suffix)
@@ -235,7 +235,7 @@ def _digest(world: Path) -> str:
 
 
 def embedded_path(name: str, config: RecordingConfig) -> Path:
-    """Where ``embedded_bag`` keeps its bag, whether it has been made or not."""
+    """Path of the bag of ``embedded_bag``, whether it exists or not."""
     return _cached_bag(name, {"config": _values(config)})
 
 

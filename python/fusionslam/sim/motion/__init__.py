@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where robots go: maps of free space, routes over them, drives along routes, and odometry."""
+"""Motion planning for simulated robots: occupancy maps, routes over them, drives along routes."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a trajectory keeps its distance from obstacles."""
+"""Check that a trajectory keeps its distance from obstacles."""
 
 import numpy as np
 
@@ -11,18 +11,19 @@ from fusionslam.storage.arrays import Floats
 
 
 def check_trajectory(trajectory: Trajectory, grid: OccupancyMap, radius_m: float) -> None:
-    """Raise DataError unless a round robot finds room all along a trajectory.
+    """Raise DataError unless a round robot has room along the whole trajectory.
 
-    The way between places is checked, too, at steps of half a cell, so that no wall is jumped.
+    Segments between poses are checked too, in steps of half a cell, so that no wall is skipped.
 
     Args:
         trajectory: to be driven.
-        grid: what is in the way.
+        grid: map of the obstacles.
         radius_m: of the robot.
 
     Raises:
-        DataError: names when and where it first meets an obstacle, and for how long in all.
-        ConfigError: the radius is no length.
+        DataError: the robot meets an obstacle; the message gives the first time and position, and
+            the total time blocked.
+        ConfigError: the radius is negative or not finite.
     """
     times = _dense_times(trajectory, grid.resolution_m / 2)
     x, y, _ = trajectory.places(times)
@@ -49,12 +50,12 @@ def _extent(grid: OccupancyMap) -> str:
 
 
 def _digits(seconds: float) -> str:
-    """Hundredths, or as many digits as a short time needs."""
+    """Seconds with two decimals; times below 1 s with three significant digits."""
     return f"{seconds:.2f}" if abs(seconds) >= 1 or seconds == 0 else f"{seconds:.3g}"
 
 
 def _dense_times(trajectory: Trajectory, step_m: float) -> Floats:
-    """The trajectory's times and as many between them as steps of ``step_m`` need."""
+    """The trajectory's times, subdivided so that no step is longer than ``step_m``."""
     distance = np.hypot(np.diff(trajectory.x), np.diff(trajectory.y))
     counts = np.maximum(np.ceil(distance / step_m), 1).astype(np.int64)
     number = np.repeat(np.arange(len(counts)), counts)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Occupancy maps as files of ROS map_server: a YAML description and a grey image."""
+"""Read and write occupancy maps as ROS map_server files: a YAML description and a grey image."""
 
 import math
 from collections.abc import Mapping
@@ -22,14 +22,14 @@ _EXPECTED = "a map of ROS map_server (YAML with image, resolution, origin)"
 
 
 def read_map(path: PathLike) -> OccupancyMap:
-    """The map that a map_server YAML file describes; ``reachable`` is its largest free part.
+    """Read the map of a map_server YAML file; ``reachable`` is its largest free part.
 
     A pixel's occupancy is (255 - grey) / 255, or grey / 255 if ``negate`` is set: above
     ``occupied_thresh`` it is occupied, below ``free_thresh`` free, else unknown, which is neither.
 
     Raises:
-        DataError: a file is missing, truncated or of another kind; a value is missing or senseless;
-            the map is turned (origin's third value), or its mode is not trinary.
+        DataError: a file is missing, truncated or of another kind; a value is missing or invalid;
+            the map is rotated (origin's third value), or its mode is not trinary.
     """
     path = Path(path)
     values = _description(path)
@@ -46,7 +46,7 @@ def read_map(path: PathLike) -> OccupancyMap:
 
 
 def write_map(path: PathLike, grid: OccupancyMap) -> None:
-    """Write ``path`` (YAML) and beside it the image, of the same name and suffix ``.pgm``.
+    """Write ``path`` (YAML) and the image beside it, with the same name and suffix ``.pgm``.
 
     Occupied cells are 0, reachable ones 254, others 205, which map_server reads as unknown.
 
@@ -106,7 +106,7 @@ def _number(path: Path, values: Mapping[str, Any], key: str, default: float | No
 def _finite(path: Path, key: str, value: Any) -> float:
     number = math.nan
     if isinstance(value, int | float | str) and not isinstance(value, bool):
-        # YAML 1.1 takes 1e-05, as other programs write it, for a text.
+        # YAML 1.1 parses 1e-05, as other programs write it, as a string.
         with suppress(ValueError):
             number = float(value)
     if not math.isfinite(number):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where there is room for a robot."""
+"""Occupancy maps: the free space that a robot can reach."""
 
 from dataclasses import dataclass
 
@@ -12,9 +12,9 @@ from fusionslam.sim.motion.rasterize import cells_touched
 from fusionslam.sim.scene import Scene
 from fusionslam.storage.arrays import Floats, Mask
 
-# Room around what stands in a world: worlds without walls are driven around, too.
+# Margin around the obstacles, so that a robot can drive around a world without walls.
 _MARGIN_M = 1.0
-# A part of the map that walls enclose is a room only from this share of the map on.
+# An enclosed part of the map counts as a room if it covers at least this share of the map.
 _ROOM_SHARE = 0.1
 _MOST_CELLS = 100_000_000
 
@@ -25,13 +25,13 @@ class OccupancyMap:
 
     Attributes:
         occupied: bool (rows, columns), row 0 at the lowest y, column 0 at the lowest x.
-        reachable: bool (rows, columns), free cells that belong together; False where occupied.
+        reachable: bool (rows, columns), connected free cells; False where occupied.
         resolution_m: side of a cell.
         origin: x, y of the lower left corner of cell (0, 0), metres.
 
     Raises:
-        ShapeError: the two grids differ in shape, or are none.
-        DataError: a cell is both, or the resolution is no length.
+        ShapeError: the grids are not two-dimensional, or differ in shape.
+        DataError: a cell is both occupied and reachable, or the resolution is not positive.
     """
 
     occupied: Mask
@@ -51,34 +51,34 @@ class OccupancyMap:
             raise DataError("cells of the map are occupied and reachable, expected one of them")
 
     def cells(self, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp], Mask]:
-        """Rows and columns of places in metres, any shape, and whether they are on the map.
+        """Rows and columns of points in metres, any shape, and a mask of those on the map.
 
-        Where they are not, row and column are 0.
+        Off the map, row and column are 0.
         """
         column = np.floor((np.asarray(x, np.float64) - self.origin[0]) / self.resolution_m)
         row = np.floor((np.asarray(y, np.float64) - self.origin[1]) / self.resolution_m)
         rows, columns = self.occupied.shape
-        # Comparisons with NaN are False: a place that is no number is not on the map.
+        # Comparisons with NaN are False, so a NaN point is off the map.
         inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
         clean = [np.where(inside, index, 0).astype(np.intp) for index in (row, column)]
         return clean[0], clean[1], inside
 
     def centres(self, row: ArrayLike, column: ArrayLike) -> tuple[Floats, Floats]:
-        """x, y of the middles of cells, metres."""
+        """x, y of the centres of cells, metres."""
         x = self.origin[0] + (np.asarray(column) + 0.5) * self.resolution_m
         y = self.origin[1] + (np.asarray(row) + 0.5) * self.resolution_m
         return x, y
 
     def is_free(self, x: ArrayLike, y: ArrayLike) -> Mask:
-        """Whether places in metres, any shape, are reachable; False beyond the map."""
+        """True where points in metres, any shape, are reachable; False off the map."""
         row, column, inside = self.cells(x, y)
         free: Mask = inside & self.reachable[row, column]
         return free
 
     def clearance(self) -> Floats:
-        """float64 (rows, columns): metres from each cell's middle to that of an occupied one.
+        """Metres from each cell's centre to that of the nearest occupied cell, (rows, columns).
 
-        Nobody knows what lies beyond the map: cells there count as occupied.
+        float64. Cells beyond the map are unknown and count as occupied.
         """
         from scipy import ndimage
 
@@ -87,18 +87,18 @@ class OccupancyMap:
         return distance
 
     def inflated(self, radius_m: float) -> "OccupancyMap":
-        """The map for the middle of a round robot: obstacles grown by its radius.
+        """The map for the centre of a round robot: obstacles grown by its radius.
 
-        Cells whose middle lies within ``radius_m`` of the middle of an occupied one, or of one
-        beyond the map, become occupied; of what is left of ``reachable``, the largest connected
-        part stays.
+        Cells whose centre lies within ``radius_m`` of the centre of an occupied cell, or of one
+        beyond the map, become occupied; of the remaining ``reachable`` cells, only the largest
+        connected part is kept.
 
         Raises:
-            ConfigError: the radius is no length.
+            ConfigError: the radius is negative or not finite.
         """
         if not (np.isfinite(radius_m) and radius_m >= 0):
             raise ConfigError(f"radius_m is {radius_m}: expected metres, 0 or more")
-        # The distance transform's roots are rounded: equal distances must compare as equal.
+        # Tolerance: the distance transform's roots are rounded, but equal distances must match.
         near = self.clearance() <= radius_m * (1 + 1e-9)
         occupied = self.occupied | near
         reachable = largest_part(self.reachable & ~occupied)
@@ -106,7 +106,7 @@ class OccupancyMap:
 
 
 def largest_part(free: Mask) -> Mask:
-    """The largest part of a grid that hangs together over the sides of cells."""
+    """The largest 4-connected part of a grid."""
     labels, count = _labelled(free)
     if not count:
         return np.zeros_like(free)
@@ -116,7 +116,7 @@ def largest_part(free: Mask) -> Mask:
 
 
 def part_holding(free: Mask, row: int, column: int) -> Mask:
-    """The part of a grid that hangs together with a cell; empty where that cell is not free."""
+    """The 4-connected part of a grid that contains a cell; empty if that cell is not free."""
     labels, _ = _labelled(free)
     part: Mask = (labels == labels[row, column]) & free
     return part if free[row, column] else np.zeros_like(free)
@@ -129,22 +129,22 @@ def occupancy_of(
     resolution_m: float = 0.05,
     start: tuple[float, float] | None = None,
 ) -> OccupancyMap:
-    """The map of a world: what stands between two heights above z = 0 is in a robot's way.
+    """The map of a world: surfaces between two heights above z = 0 are obstacles.
 
-    Every cell that a surface touches within the band is occupied, so the thinnest wall has no
-    gap; what walls enclose is not reachable. The grid covers what stands in the band and 1 m
-    around it, its origin a multiple of the resolution.
+    Every cell that a surface touches within the height band is occupied, so even the thinnest
+    wall has no gap; parts of the map that walls cut off are not reachable. The grid covers
+    everything in the band with a margin of 1 m; its origin is a multiple of the resolution.
 
     Args:
-        scenes: collision shapes, and visual ones where a camera must not pass through them.
-        low_m: what lies lower can be driven over.
-        high_m: what lies higher can be driven under.
+        scenes: collision shapes, and visual ones that a camera must not pass through.
+        low_m: lower surfaces can be driven over.
+        high_m: higher surfaces can be driven under.
         resolution_m: side of a cell.
-        start: a place (x, y) that is reachable. Without it, the largest part of the map that
-            walls enclose and that takes at least a tenth of it; if there is none, the largest.
+        start: a point (x, y) that is reachable. Without it, the largest enclosed part that covers
+            at least a tenth of the map is reachable; if there is none, the largest part.
 
     Raises:
-        ConfigError: heights or resolution without sense, or a grid of more than 1e8 cells.
+        ConfigError: invalid heights or resolution, or a grid of more than 1e8 cells.
         DataError: the scene has no triangle, or one that is not finite; the start is not free.
     """
     if not (np.isfinite([low_m, high_m, resolution_m]).all() and low_m < high_m):
@@ -171,7 +171,7 @@ def occupancy_of(
 def _grid(
     triangles: Floats, low: float, high: float, resolution: float
 ) -> tuple[tuple[float, float], tuple[int, int]]:
-    """Origin and (rows, columns) of a grid around what stands in the band, or around all."""
+    """Origin and (rows, columns) of a grid around the triangles in the band, or all if none is."""
     if not len(triangles):
         raise DataError("the scene has no triangles: expected something to map")
     if (bad := np.flatnonzero(~np.isfinite(triangles).all(axis=(1, 2)))).size:
@@ -192,7 +192,7 @@ def _grid(
 
 
 def _main_part(free: Mask) -> Mask:
-    """The largest part that does not reach the map's edge, if it is a room; else the largest."""
+    """The largest part that does not touch the map's edge, if it is a room; else the largest."""
     labels, _ = _labelled(free)
     edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
     room = largest_part(free & ~np.isin(labels, edge))
@@ -200,7 +200,7 @@ def _main_part(free: Mask) -> Mask:
 
 
 def _labelled(free: Mask) -> tuple[NDArray[np.int32], int]:
-    """The number of each cell's part from 1, 0 where it is not free, and how many there are."""
+    """The connected part of each cell, numbered from 1 (0: not free), and the number of parts."""
     from scipy import ndimage
 
     labels, count = ndimage.label(free)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a robot with two driven wheels follows paths: forwards, within its limits."""
+"""Drives of a differential-drive robot along paths: forwards, within its limits."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,20 +17,20 @@ from fusionslam.storage.arrays import Floats
 
 Places = Callable[[Floats], Floats]
 
-# Metres between the points at which speeds are decided; less where the path turns more.
+# Metres between the points at which speeds are set; halved until no step turns more than _TURN_RAD.
 _STEP_M = 0.01
 _TURN_RAD = 0.05
 _FEWEST_STEPS = 64
 _MOST_STEPS = 1 << 20
 _CORNER_RAD = np.deg2rad(60)
-# Of the limits: curves are known at steps only, so what is planned stays a little below.
+# Factor on the limits: curvature is known at the steps only, so the plan stays a little below.
 _CAUTION = 0.98
 # Steps are straight lines, a little shorter than the path.
 _ROUNDING = 0.9999
 
 
 class DriveLimits(Section):
-    """What a robot with differential drive can do. The defaults suit a TurtleBot3 Waffle Pi."""
+    """Limits of a differential-drive robot. The defaults suit a TurtleBot3 Waffle Pi."""
 
     max_speed_m_s: float = option(0.69, "highest speed forwards", unit="m/s", gt=0, le=50)
     max_turn_rad_s: float = option(1.2, "highest turn rate", unit="rad/s", gt=0, le=50)
@@ -45,7 +45,7 @@ class DriveLimits(Section):
 
 @dataclass(frozen=True)
 class _Leg:
-    """A part of a drive, from rest to rest: its duration and x, y, yaw (3, M) at times (M,)."""
+    """A part of a drive from stop to stop: its duration, and x, y, yaw (3, M) at times (M,)."""
 
     duration_s: float
     places: Places
@@ -56,19 +56,19 @@ class _Leg:
 def drive(paths: Sequence[ArrayLike], limits: DriveLimits) -> Trajectory:
     """Follow paths one after the other, turning on the spot between them.
 
-    The robot rests where a path ends, and at corners of more than 60 degrees. Between them it
-    always looks along the path, and slows down where curvature, or a change of it, asks for more
-    than the robot can do: with speed v and curvature k, the turn rate is v k and its change
-    v' k + v^2 dk/ds, of which each half is given half the limit.
+    The robot stops at the end of each path, and at corners of more than 60 degrees. In between it
+    always faces along the path, and slows down where curvature, or its change, would exceed the
+    robot's limits: with speed v and curvature k, the turn rate is v k and its change is
+    v' k + v^2 dk/ds; each of the two terms may use half the limit.
 
     Args:
-        paths: (N, 2) each, N >= 2 points x, y in metres that a cubic spline joins; each path
+        paths: (N, 2) each, N >= 2 points x, y in metres, joined by a cubic spline; each path
             starts where the one before ends.
         limits: of the robot.
 
     Raises:
         ShapeError: no path, or a path of another shape.
-        DataError: a path without length, with a value that is not finite, or with a gap before it.
+        DataError: a path of zero length, with a value that is not finite, or with a gap before it.
     """
     checked = [_checked(np.asarray(path, np.float64), k) for k, path in enumerate(paths)]
     if not checked:
@@ -107,7 +107,7 @@ def _without_corners(path: Floats) -> list[Floats]:
 
 
 def _follow(path: Floats, limits: DriveLimits) -> _Leg:
-    """The way along one path, as fast as the limits allow."""
+    """Follow one path as fast as the limits allow."""
     from scipy.interpolate import CubicSpline
 
     along, points, yaw, curvature = _curve(path)
@@ -116,7 +116,7 @@ def _follow(path: Floats, limits: DriveLimits) -> _Leg:
     places = CubicSpline(along, np.column_stack([points, yaw]))
 
     def at(seconds: Floats) -> Floats:
-        """Between two points the acceleration is constant."""
+        """x, y, yaw at times, with constant acceleration between two points."""
         k = np.searchsorted(times, seconds, side="right").clip(1, len(times) - 1) - 1
         part = (seconds - times[k]).clip(0, times[k + 1] - times[k])
         gain = (speed[k + 1] - speed[k]) / (times[k + 1] - times[k])
@@ -127,11 +127,11 @@ def _follow(path: Floats, limits: DriveLimits) -> _Leg:
 
 
 def _curve(path: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """A path at small steps: metres along it (M,), points (M, 2), yaw (M,), curvature (M,)."""
+    """Sample a path densely: metres along it (M,), points (M, 2), yaw (M,), curvature (M,)."""
     from scipy.interpolate import CubicSpline
 
     chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    # A straight end: the robot starts and stops without turning.
+    # Straight ends: the robot starts and stops without turning.
     spline = CubicSpline(chord, path, bc_type="natural")
     steps = max(_FEWEST_STEPS, int(np.ceil(chord[-1] / _STEP_M)))
     yaw = _yaw(spline, chord[-1], steps)
@@ -152,10 +152,10 @@ def _yaw(spline: Any, length: float, steps: int) -> Floats:
 
 
 def _speeds(along: Floats, curvature: Floats, limits: DriveLimits) -> Floats:
-    """The highest speed at each step that no limit forbids, 0 at both ends, (M,).
+    """The highest speed at each step within all limits, 0 at both ends, (M,).
 
-    A pass forwards bounds how it grows, a pass backwards how it falls (Kunz and Stilman 2012 do
-    the same for robot arms).
+    A forward pass bounds acceleration, a backward pass deceleration (as Kunz and Stilman 2012 do
+    for robot arms).
     """
     turning = _CAUTION * limits.max_turn_acceleration_rad_s2 / 2
     bent = np.maximum(_widest(np.abs(curvature)), 1e-9)
@@ -174,13 +174,13 @@ def _speeds(along: Floats, curvature: Floats, limits: DriveLimits) -> Floats:
 
 
 def _widest(values: Floats) -> Floats:
-    """The largest of each value and its two neighbours."""
+    """The maximum of each value and its two neighbours."""
     padded = np.pad(values, 1, mode="edge")
     return np.maximum(np.maximum(padded[:-2], padded[2:]), values)
 
 
 def _turn(place: Floats, before: float, after: float, limits: DriveLimits) -> _Leg:
-    """Turn on the spot the shorter way round: speed up, turn steadily, slow down."""
+    """Turn on the spot the shorter way round: accelerate, turn at a constant rate, decelerate."""
     angle = (after - before + np.pi) % (2 * np.pi) - np.pi
     growth = _CAUTION * limits.max_turn_acceleration_rad_s2
     rate = min(_CAUTION * limits.max_turn_rad_s, float(np.sqrt(abs(angle) * growth)))
@@ -198,7 +198,7 @@ def _turn(place: Floats, before: float, after: float, limits: DriveLimits) -> _L
 
 
 def _sampled(legs: Sequence[_Leg], rate_hz: float) -> Trajectory:
-    """Places at equal times from 0 to the end of the last leg, and rest until the next time."""
+    """Sample the legs at a fixed rate, from 0 to the first sample at or after their end."""
     ends = np.cumsum([leg.duration_s for leg in legs])
     seconds = np.arange(int(np.ceil(ends[-1] * rate_hz - 1e-9)) + 1) / rate_hz
     leg_at = np.searchsorted(ends, seconds, side="left").clip(max=len(legs) - 1)
@@ -208,7 +208,7 @@ def _sampled(legs: Sequence[_Leg], rate_hz: float) -> Trajectory:
         chosen = leg_at == number
         within = seconds[chosen] - (ends[number] - leg.duration_s)
         found[:, chosen] = leg.places(within.clip(0, leg.duration_s))
-        # Each leg counts its yaw from a zero of its own; the robot's goes on without a jump.
+        # Each leg has its own zero of yaw; the robot's yaw continues without a jump.
         found[2, chosen] += yaw - leg.first_yaw
         yaw += leg.last_yaw - leg.first_yaw
     return Trajectory(seconds, *found)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Drives through all of a map that come back to places from the same and the other side."""
+"""Plan drives through a whole map that revisit places in the same and the opposite direction."""
 
 from collections.abc import Iterator
 from itertools import cycle
@@ -17,17 +17,17 @@ from fusionslam.sim.motion.routes import RouteFinder, round_trip, spread_cells, 
 from fusionslam.sim.motion.smoothing import lengths, smoothed
 from fusionslam.storage.arrays import Floats, Integers
 
-# Smoothing shortens ways: so much more is planned than driven.
+# Smoothing shortens paths: the planned length is this factor times the driven length.
 _RESERVE = 1.2
 _STARTS = 4
 # Where a path turns by more than this, the robot stops and turns on the spot.
 _SHARP_RAD = np.deg2rad(100)
-# Metres before and after a way-point between which its turn is measured.
+# The turn at a way-point is measured over this many metres before and after it.
 _LOOK_M = 0.4
 
 
 class PlanConfig(Section):
-    """A tour through the whole map, a part of it again, and a part the other way round."""
+    """A tour through the whole map, with a part repeated and a part driven in reverse."""
 
     seed: int = option(0, "decides way-points and drift", ge=0)
     length_m: float | None = option(
@@ -64,15 +64,16 @@ class PlanConfig(Section):
 def plan_trajectory(grid: OccupancyMap, config: PlanConfig) -> Trajectory:
     """A drive over the reachable area that revisits places in both directions.
 
-    Way-points spread over the area are joined to a round trip, which is driven once, then in part
-    again, then in part backwards, and so on until the length is reached. All of it keeps the
-    clearance. The same map and configuration give the same places, bit for bit.
+    Way-points spread over the area are joined into a round trip, which is driven once, then partly
+    repeated, then partly driven in the opposite direction, and so on until the length is reached.
+    The whole drive keeps the clearance. The same map and configuration give the same poses, bit
+    for bit.
 
     Raises:
-        DataError: the map has no room for a robot with this clearance, or hardly any.
+        DataError: the map has no room, or hardly any, for a robot with this clearance.
     """
     rng = np.random.default_rng([config.seed, 0x9A7])
-    # Smoothing needs two cells: what moves within them stays clear.
+    # Two cells of extra clearance, within which smoothing may move the path.
     finder = RouteFinder(grid, config.clearance_m + 2 * grid.resolution_m)
     bounds = grid.inflated(config.clearance_m)
     tour, length_m = _tour(finder, config, rng)
@@ -84,7 +85,7 @@ def plan_trajectory(grid: OccupancyMap, config: PlanConfig) -> Trajectory:
 def _tour(
     finder: RouteFinder, config: PlanConfig, rng: np.random.Generator
 ) -> tuple[Integers, float]:
-    """Cells of a round trip, and the length of the drive of which it takes its share."""
+    """Cells of a round trip, and the length of the whole drive."""
     cells, costs = spread_cells(finder, config.spacing_m, rng)
     if len(cells) < 2:
         raise DataError(
@@ -94,7 +95,7 @@ def _tour(
         )
     share = 1 - config.again - config.back
     most = np.inf if config.length_m is None else share * config.length_m
-    # A tour that must be short sees more from some places than from others.
+    # A tour of limited length reaches more way-points from some starts than from others.
     starts = rng.permutation(len(cells))[: 1 if np.isinf(most) else _STARTS]
     tour = max((round_trip(costs, most, int(start)) for start in starts), key=len)
     return cells[tour], config.length_m or tour_cost(tour, costs) / share
@@ -107,7 +108,7 @@ def _legs(
     config: PlanConfig,
     rng: np.random.Generator,
 ) -> list[Floats]:
-    """Ways from each way-point to the next, (N, 2) each, longer in all than the drive."""
+    """Paths from each way-point to the next, (N, 2) each; together longer than the drive."""
     legs: list[Floats] = []
     phases = _phases(config, length_m)
     direction, end_m = next(phases)
@@ -126,7 +127,7 @@ def _legs(
 
 
 def _phases(config: PlanConfig, length_m: float) -> Iterator[tuple[int, float]]:
-    """Directions round the tour and the length at which each ends, without end."""
+    """Endless sequence of directions round the tour and the driven length at which each ends."""
     first = 1 - config.again - config.back
     end_m = 0.0
     for direction, share in cycle([(1, first), (1, config.again), (-1, config.back)]):
@@ -135,7 +136,7 @@ def _phases(config: PlanConfig, length_m: float) -> Iterator[tuple[int, float]]:
 
 
 def _nearby(finder: RouteFinder, cell: int, apart_m: float, rng: np.random.Generator) -> int:
-    """A reachable cell within ``apart_m`` of one: nobody passes a place twice exactly alike."""
+    """A random reachable cell within ``apart_m`` of one, so that no two passes are identical."""
     radius, angle = apart_m * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
     x = float(finder.x[cell] + radius * np.cos(angle))
     y = float(finder.y[cell] + radius * np.sin(angle))
@@ -143,7 +144,7 @@ def _nearby(finder: RouteFinder, cell: int, apart_m: float, rng: np.random.Gener
 
 
 def _joined(legs: list[Floats]) -> list[Floats]:
-    """Legs made one as long as the way does not turn sharply between them."""
+    """Join consecutive legs unless the path turns sharply between them."""
     paths = [legs[0]]
     for leg in legs[1:]:
         if _turns_sharply(paths[-1], leg):
@@ -159,14 +160,14 @@ def _turns_sharply(before: Floats, after: Floats) -> bool:
 
 
 def _heading(path: Floats) -> Floats:
-    """From the first point of a path to the one ``_LOOK_M`` further, (2,)."""
+    """Vector from the first point of a path to the one ``_LOOK_M`` further on, (2,)."""
     along = lengths(path)
     ahead: Floats = path[min(int(np.searchsorted(along, _LOOK_M)), len(along) - 1)] - path[0]
     return ahead
 
 
 def _shortened(paths: list[Floats], length_m: float) -> list[Floats]:
-    """The first ``length_m`` of paths that follow each other."""
+    """The first ``length_m`` metres of consecutive paths."""
     kept = []
     for path in paths:
         along = lengths(path)

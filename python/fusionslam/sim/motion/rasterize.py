@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which cells of a grid over the ground triangles touch, exactly and without gaps."""
+"""Rasterise triangles onto a grid over the ground, exactly and without gaps."""
 
 from collections.abc import Iterator
 
@@ -11,11 +11,11 @@ from fusionslam.storage.arrays import Floats
 
 Cells = NDArray[np.int64]
 
-# A triangle cut by two planes has at most so many corners.
+# Most corners of a triangle cut by two planes.
 _CORNERS = 5
 # Pairs of polygon and cell tested at a time.
 _PIECE = 1 << 20
-# Cells: what lies this near to a border of two cells lies on it.
+# In cells: a point this close to the border of two cells counts as on it.
 _ON_BORDER = 1e-4
 
 
@@ -28,7 +28,7 @@ def cells_touched(
 ) -> NDArray[np.bool_]:
     """Cells above or below any part of a triangle that lies between two heights.
 
-    What lies exactly on the border of two cells counts as in the upper or right one only.
+    A point exactly on the border of two cells belongs to the upper or right one only.
 
     Args:
         triangles: float64 (T, 3, 3), metres.
@@ -69,7 +69,7 @@ def clipped(triangles: Floats, band: tuple[float, float]) -> Floats:
 
 
 def _cut(triangle: Floats, band: tuple[float, float]) -> Floats:
-    """The part of one triangle, which meets the band, (5, 3)."""
+    """The part within the band of one triangle that meets it, (5, 3)."""
     corners = list(triangle)
     for bound, side in ((band[0], 1.0), (band[1], -1.0)):
         kept: list[Floats] = []
@@ -85,7 +85,7 @@ def _cut(triangle: Floats, band: tuple[float, float]) -> Floats:
 
 
 def _pairs(low: Cells, high: Cells) -> Iterator[tuple[Cells, Cells]]:
-    """Every polygon with every cell of its bounding rectangle, (K,) and (K, 2), in pieces.
+    """Pairs of each polygon and the cells of its bounding rectangle, (K,) and (K, 2), in chunks.
 
     Args:
         low, high: int64 (P, 2), first and last column and row.
@@ -102,9 +102,10 @@ def _pairs(low: Cells, high: Cells) -> Iterator[tuple[Cells, Cells]]:
 
 
 def _overlap(polygons: Floats, cell: Cells) -> NDArray[np.bool_]:
-    """Whether convex polygons meet cells within their bounding rectangles, (K,).
+    """True where convex polygons meet cells within their bounding rectangles, (K,).
 
-    No side's normal separates them (the rectangles' own normals do not, by construction).
+    Separating axis test on the polygons' sides (the axes of the cells never separate them, by
+    construction).
 
     Args:
         polygons: float64 (K, 5, 2), in cells.
@@ -117,7 +118,7 @@ def _overlap(polygons: Floats, cell: Cells) -> NDArray[np.bool_]:
         normal = np.stack([-side[:, 1], side[:, 0]], axis=1)
         reach = 0.5 * np.abs(normal).sum(axis=1)
         along = np.einsum("kij,kj->ki", centred, normal)
-        # At least twice what moved a line on a border into its cell's rectangle.
+        # At least twice the shift that moved a line on a border into its cell's rectangle.
         slack = 4 * _ON_BORDER * reach
         apart |= (along.min(axis=1) > reach + slack) | (along.max(axis=1) < -reach - slack)
     return ~apart

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Shortest ways over an occupancy map, and round trips through many places."""
+"""Shortest paths over an occupancy map, and round trips through many places."""
 
 from typing import Any
 
@@ -12,22 +12,22 @@ from fusionslam.storage.arrays import Floats, Integers
 
 Place = tuple[float, float]
 
-# A way costs up to (1 + _AVERSION) times its length within _COMFORT_M of where there is no room.
+# Within _COMFORT_M of an inflated obstacle, a path costs up to (1 + _AVERSION) times its length.
 _COMFORT_M = 0.5
 _AVERSION = 3.0
-# Costs up to which the search for a way looks first: most ways are short.
+# Cost limits of the first searches for a path: most paths are short.
 _NEAR = (5.0, 20.0)
-# Neighbours of a cell in rows and columns; the other four are those of its neighbours.
+# Offsets (row, column) to four neighbours of a cell; the other four follow by symmetry.
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 class RouteFinder:
-    """Ways between the reachable cells of a map, numbered from 0 by row, then column.
+    """Paths between the reachable cells of a map, numbered from 0 by row, then column.
 
     Attributes:
-        room: the map, grown by the clearance that was asked for.
-        x, y: float64 (N), middle of each reachable cell, metres.
-        comfort: float64 (N), 0 beside an obstacle to 1 at 0.5 m from it and beyond.
+        room: the map, its obstacles inflated by the requested clearance.
+        x, y: float64 (N), centre of each reachable cell, metres.
+        comfort: float64 (N), from 0 beside an inflated obstacle to 1 at 0.5 m and beyond.
     """
 
     def __init__(self, grid: OccupancyMap, clearance_m: float) -> None:
@@ -47,7 +47,7 @@ class RouteFinder:
         self._graph = self._edges(1 + _AVERSION * (1 - self.comfort))
 
     def cell(self, place: Place) -> int:
-        """The number of the cell that holds a place. Raises DataError if it is not reachable."""
+        """The number of the cell that contains a point. Raises DataError if it is not reachable."""
         if not self.room.is_free(*place):
             raise DataError(
                 f"({place[0]:.2f}, {place[1]:.2f}) m is not reachable with the clearance asked for"
@@ -56,11 +56,11 @@ class RouteFinder:
         return int(self._number[row, column])
 
     def costs(self, cell: int) -> Floats:
-        """What the best way from a cell to each other one costs, float64 (N)."""
+        """Costs of the best paths from a cell to every other one, float64 (N)."""
         return self._search(cell, np.inf)[0]
 
     def way(self, start: int, end: int) -> Integers:
-        """The cells of the best way between two, both included."""
+        """The cells of the best path between two cells, both included."""
         for limit in (*_NEAR, np.inf):
             costs, before = self._search(end, limit)
             if np.isfinite(costs[start]):
@@ -71,7 +71,7 @@ class RouteFinder:
         return np.array(chain)
 
     def _search(self, cell: int, limit: float) -> tuple[Floats, Integers]:
-        """Costs of the best ways from a cell, up to a limit, and the cell before each."""
+        """Costs of the best paths from a cell, up to a limit, and the predecessor of each cell."""
         from scipy.sparse.csgraph import dijkstra
 
         found: tuple[Floats, Integers] = dijkstra(
@@ -80,7 +80,7 @@ class RouteFinder:
         return found
 
     def _edges(self, cost: Floats) -> Any:
-        """The graph of neighbouring cells, as long as they are apart times what they cost."""
+        """The graph of neighbouring cells; a weight is their distance times their mean cost."""
         from scipy.sparse import coo_matrix
 
         starts, ends, weights = [], [], []
@@ -102,18 +102,18 @@ class RouteFinder:
 def spread_cells(
     finder: RouteFinder, spacing_m: float, rng: np.random.Generator
 ) -> tuple[Integers, Floats]:
-    """Cells spread over the reachable area, and what the ways between them cost.
+    """Choose cells spread over the reachable area, and compute the path costs between them.
 
-    Each next one is far from all before it, and rather in the open than at a wall (farthest point
-    sampling, Gonzalez 1985), until every cell is near one.
+    Each new cell is far from all earlier ones and preferably in the open rather than at a wall
+    (farthest point sampling, Gonzalez 1985), until every cell is near a chosen one.
 
     Args:
-        finder: of ways.
-        spacing_m: no cell costs more than this to reach from the nearest one chosen.
-        rng: decides the first one, and among those about equally far.
+        finder: finds the paths.
+        spacing_m: no cell costs more than this to reach from the nearest chosen one.
+        rng: decides the first cell, and among cells about equally far.
 
     Returns:
-        int64 (K), and float64 (K, K).
+        The cells, int64 (K), and the costs, float64 (K, K).
     """
     taste = (0.5 + 0.5 * finder.comfort) * rng.uniform(0.9, 1.0, len(finder.x))
     chosen: list[int] = []
@@ -133,14 +133,14 @@ def spread_cells(
 
 
 def round_trip(costs: Floats, most: float, start: int = 0) -> Integers:
-    """An order of places, from one of them, that makes a short way through them and back.
+    """Order places into a short closed tour from one of them.
 
-    Cheapest insertion (Rosenkrantz, Stearns and Lewis 1977), then the exchanges of 2-opt (Croes
-    1958) while one helps, until all places are in it or the next one would cost too much.
+    Cheapest insertion (Rosenkrantz, Stearns and Lewis 1977), each followed by 2-opt exchanges
+    (Croes 1958) while they help, until all places are in or the next one would cost too much.
 
     Args:
-        costs: float64 (K, K), of the ways between them, symmetric.
-        most: what the way may cost; two places are in it in any case.
+        costs: float64 (K, K), symmetric path costs between the places.
+        most: upper limit of the tour's cost; a tour has at least two places in any case.
         start: the first place.
 
     Returns:
@@ -158,12 +158,12 @@ def round_trip(costs: Floats, most: float, start: int = 0) -> Integers:
 
 
 def tour_cost(tour: Integers, costs: Floats) -> float:
-    """What a way through places and back costs."""
+    """Cost of a closed tour."""
     return float(costs[tour, np.roll(tour, -1)].sum())
 
 
 def _inserted(tour: Integers, costs: Floats) -> Integers:
-    """The tour with one more place, where that costs least."""
+    """The tour with one more place, chosen and inserted at the least extra cost."""
     left = np.setdiff1d(np.arange(len(costs)), tour)
     after = np.roll(tour, -1)
     more = costs[np.ix_(tour, left)] + costs[np.ix_(after, left)] - costs[tour, after][:, None]
@@ -172,7 +172,7 @@ def _inserted(tour: Integers, costs: Floats) -> Integers:
 
 
 def _exchanged(tour: Integers, costs: Floats) -> Integers | None:
-    """The tour with the stretch turned round that saves most; None if none saves anything."""
+    """The tour after the 2-opt reversal that saves most; None if none saves anything."""
     after = np.roll(tour, -1)
     old = costs[tour, after]
     gain = old[:, None] + old[None, :] - costs[np.ix_(tour, tour)] - costs[np.ix_(after, after)]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""From chains of grid cells to paths that a robot can follow, within the free space."""
+"""Smooth chains of grid cells into paths that a robot can follow, within the free space."""
 
 import numpy as np
 
@@ -11,9 +11,9 @@ STEP_M = 0.05
 # Rounds of averaging neighbours: corners are rounded over half a metre.
 _ROUNDS = 200
 _AFTER_DRIFT = 40
-# Metres over which a last filter rounds what is left, the widest that stays in the free space.
+# Widths of the final filter in metres; the widest that stays in the free space is used.
 _WIDTHS_M = (0.2, 0.1, 0.05)
-# Metres over which the robot drifts from side to side.
+# Length scale of the sideways drift, metres.
 _DRIFT_M = 2.0
 
 
@@ -28,9 +28,9 @@ def smoothed(
 
     Args:
         path: (M, 2) corners in metres; all of them free in ``room``.
-        room: where points may be moved to.
-        bounds: what the result stays within; wider than ``room`` by two cells.
-        wander_m: deviation of a slow drift to the sides; less where there is no room.
+        room: the space that points may be moved to.
+        bounds: the space that the result stays within; wider than ``room`` by two cells.
+        wander_m: standard deviation of a slow sideways drift; less where there is no room.
         rng: decides the drift.
     """
     straight = resampled(path, STEP_M)
@@ -46,7 +46,7 @@ def smoothed(
 
 
 def resampled(path: Floats, step_m: float) -> Floats:
-    """Points at equal steps of about ``step_m`` along straight lines, ends included, (N, 2)."""
+    """Resample a polyline at equal steps of about ``step_m``, ends included, (N, 2)."""
     along = lengths(path)
     count = max(2, round(float(along[-1]) / step_m) + 1)
     where = np.linspace(0, along[-1], count)
@@ -54,12 +54,12 @@ def resampled(path: Floats, step_m: float) -> Floats:
 
 
 def lengths(path: Floats) -> Floats:
-    """Metres from the start to each point, (N,)."""
+    """Metres along the path from the start to each point, (N,)."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
 
 
 def _relaxed(points: Floats, room: OccupancyMap, rounds: int) -> Floats:
-    """Points pulled towards their neighbours as long as that keeps them in the room."""
+    """Pull points towards their neighbours as long as they stay in the room."""
     points = points.copy()
     for _ in range(rounds):
         pulled = (points[:-2] + 2 * points[1:-1] + points[2:]) / 4
@@ -71,11 +71,11 @@ def _relaxed(points: Floats, room: OccupancyMap, rounds: int) -> Floats:
 def _drifted(
     points: Floats, room: OccupancyMap, wander_m: float, rng: np.random.Generator
 ) -> Floats:
-    """Points moved aside by a smooth random function of the way, less where room is scarce."""
+    """Shift points sideways by a smooth random function of path length, less in narrow places."""
     from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
     width = _DRIFT_M / STEP_M
-    # The filtered noise has the deviation 1 / sqrt(2 width sqrt(pi)): see the Gaussian's energy.
+    # The filtered noise has deviation 1 / sqrt(2 width sqrt(pi)), from the Gaussian's energy.
     drift = gaussian_filter1d(rng.standard_normal(len(points)), width)
     aside = wander_m * drift * np.sqrt(2 * width * np.sqrt(np.pi))
     aside *= np.minimum(1, np.minimum(lengths(points), lengths(points[::-1])[::-1]) / _DRIFT_M)
@@ -92,7 +92,7 @@ def _drifted(
 
 
 def _filtered(points: Floats, width: float) -> Floats:
-    """Points after a Gaussian filter, ``width`` in points; the ends stay where they are."""
+    """Apply a Gaussian filter to points, ``width`` in points; the ends stay fixed."""
     from scipy.ndimage import gaussian_filter1d
 
     reach = int(np.ceil(4 * width)) + 1
