@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Worlds from files: binary glTF and Gazebo's SDF."""
+"""Read worlds from files: binary glTF and Gazebo's SDF."""
 
 import os
 from pathlib import Path
@@ -17,10 +17,10 @@ __all__ = ["load_world", "world_file"]
 
 
 def load_world(path: str | os.PathLike[str], *, lenient: bool = False) -> World:
-    """A world from NAME.glb, NAME.world, NAME.sdf, or a folder with worlds/NAME.world and models/.
+    """Read NAME.glb, NAME.world, NAME.sdf, or a folder with worlds/NAME.world and models/.
 
-    NAME.collision.glb beside NAME.glb is what rays hit. NAME.map.yaml and NAME.trajectory.csv
-    beside the world's file are its map and a drive through it.
+    NAME.collision.glb beside NAME.glb holds its collision shapes. NAME.map.yaml and
+    NAME.trajectory.csv beside the world's file are its map and a drive through it.
 
     Args:
         path: file or folder.
@@ -28,8 +28,8 @@ def load_world(path: str | os.PathLike[str], *, lenient: bool = False) -> World:
             in ``World.unresolved``, instead of raising.
 
     Raises:
-        DataError: no such world, one that cannot be read, or whose map or trajectory cannot; or,
-            unless lenient, something that it names is missing: the message lists all of it.
+        DataError: no such world, or the world, its map or its trajectory cannot be read; or,
+            unless lenient, resources that it refers to are missing: the message lists them all.
     """
     file = world_file(path)
     if not file.is_file():
@@ -55,7 +55,7 @@ def load_world(path: str | os.PathLike[str], *, lenient: bool = False) -> World:
 
 
 def world_file(path: str | os.PathLike[str]) -> Path:
-    """The file of a world, given itself or its folder. Raises DataError unless there is one."""
+    """The file of a world, given that file or its folder. Raises DataError if there is none."""
     folder = Path(path)
     if not folder.is_dir():
         return folder

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The geometry element of SDF as pieces in the frame of its visual or collision."""
+"""Convert SDF geometry elements into pieces in the frame of their visual or collision."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -18,11 +18,11 @@ from fusionslam.storage.arrays import Floats
 
 
 class GeometryReader:
-    """Reads geometries of one world; each mesh file is read once.
+    """Reads the geometries of one world; each mesh file is read once.
 
     Args:
-        library: finds files and notes what is missing.
-        looks: whether colours and textures matter.
+        library: finds files and records what is missing.
+        looks: True to read colours and textures.
     """
 
     def __init__(self, library: Library, looks: bool) -> None:
@@ -39,13 +39,13 @@ class GeometryReader:
     def read(
         self, holder: ET.Element, folder: Path, owner: str, color: Color | None
     ) -> list[Piece]:
-        """Pieces of a visual or collision; none, and noted, where it cannot be had.
+        """Pieces of a visual or collision; empty, and recorded as missing, if it cannot be read.
 
         Args:
             holder: the visual or collision element.
-            folder: of the file that holds it.
-            owner: for messages.
-            color: of its own material, which replaces those of a mesh.
+            folder: of the file that contains it.
+            owner: name used in messages.
+            color: of its own material, which replaces the materials of a mesh.
         """
         for shape in holder.findall("geometry/*"):
             if shape.tag == "empty":
@@ -108,7 +108,7 @@ class GeometryReader:
     def _numbers(
         self, shape: ET.Element, key: str, count: int, owner: str, default: str | None = None
     ) -> Floats | None:
-        """So many numbers, positive where they are lengths; None, and noted, otherwise."""
+        """``count`` numbers, positive if lengths; otherwise None, and recorded as missing."""
         numbers = numbers_of(
             shape.findtext(key, default), f"{key} of {owner}", self._library.missing
         )

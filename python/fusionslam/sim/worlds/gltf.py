@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Worlds in binary glTF: what cameras see in NAME.glb, what rays hit in NAME.collision.glb.
+"""Worlds in binary glTF: visual shapes in NAME.glb, collision shapes in NAME.collision.glb.
 
-glTF means y up; worlds here are stored z up, as robots want them, and are not rotated. The base
-colour factor is taken as displayed: the specification says linear, the tools that write such
-worlds copy Gazebo's displayed colours.
+glTF specifies y up; worlds here are stored z up, as usual in robotics, and are not rotated. The
+base colour factor is read as a displayed colour: the specification says linear, but the tools that
+write such worlds copy Gazebo's displayed colours.
 """
 
 import json
@@ -32,15 +32,15 @@ from fusionslam.sim.worlds.surfaces import (
 
 _HEADER = struct.Struct("<4sII")
 _CHUNK = struct.Struct("<I4s")
-# Extensions that a file may require and that change nothing for us, or that Pillow decodes.
+# Extensions that a file may require and that make no difference here, or that Pillow decodes.
 _HARMLESS = ("KHR_materials_", "EXT_texture_webp")
 
 
 def read_glb(path: Path, missing: Unresolved) -> Scene:
-    """The scene of one file, one object a node.
+    """The scene of one file, with one object per node.
 
     Raises:
-        DataError: no such file, not binary glTF 2, cut short, or without triangles.
+        DataError: no such file, not binary glTF 2, truncated, or without triangles.
     """
     _check(path, missing)
     objects = _objects(path)
@@ -52,7 +52,7 @@ def read_glb(path: Path, missing: Unresolved) -> Scene:
 
 
 def _check(path: Path, missing: Unresolved) -> None:
-    """Refuse what the reader would take for an empty world, or read without its pictures."""
+    """Refuse files that the reader would take for an empty world or read without textures."""
     header = _read_header(path)
     needed = [n for n in header.get("extensionsRequired", ()) if not n.startswith(_HARMLESS)]
     if needed:
@@ -87,12 +87,12 @@ def _read_header(path: Path) -> dict[str, Any]:
 
 
 def _objects(path: Path) -> dict[str, list[Piece]]:
-    """Pieces of each node in the world's frame, in the order of the file."""
+    """Pieces of each node in the world's frame, in file order."""
     import trimesh
 
     try:
         return _pieces(trimesh.load_scene(path, file_type="glb", process=False))
-    except Exception as error:  # the reader raises whatever a damaged file makes of its indices
+    except Exception as error:  # a damaged file can raise almost any exception in the reader
         raise DataError(f"{path}: damaged binary glTF: {type(error).__name__}: {error}") from error
 
 
@@ -109,7 +109,7 @@ def _pieces(scene: Any) -> dict[str, list[Piece]]:
 
 
 def _object_name(scene: Any, node: str, mesh: Any) -> str:
-    """The file's node: the reader hangs meshes of several materials below it, one node each."""
+    """Name of the file's node; the reader adds a child node for each material of a mesh."""
     if mesh.metadata.get("from_gltf_primitive"):
         return str(scene.graph.transforms.parents[node])
     return str(node)

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which triangles of a loaded world are ground: nothing in the files says so.
+"""Find the ground triangles of a loaded world; world files do not mark them.
 
-An object is ground as a whole if its name says so and it is low. Of any other object those
-triangles are ground that face up, level at the height of the ground, if they are large together:
-the floor of a hall that is one object with its walls. What is thin on that floor belongs to it,
-edges included: painted lines, mats, thresholds.
+A whole object is ground if its name says so and it is low. In any other object, level triangles
+that face up at ground height are ground if their total area is large: for example the floor of a
+hall that is one object with its walls. Thin things on that floor belong to it, edges included:
+painted lines, mats, thresholds.
 """
 
 import re
@@ -18,31 +18,31 @@ from fusionslam.sim.mesh import Mesh
 from fusionslam.sim.world import Part
 
 GROUND_WORDS = ("floor", "ground", "carpet", "rug", "road", "pavement", "asphalt")
-# Metres. Robots of this size drive over what is lower.
+# Metres. Robots of this size drive over lower objects.
 LOW_M = 0.05
-# What is on a floor and no thicker than this is part of it.
+# Things on a floor that are no thicker than this are part of it.
 THIN_M = 0.02
-# Level triangles of less than this, in square metres an object, are a shelf's bottom or a book.
+# Square metres per object: a smaller level area is the bottom of a shelf, or a book.
 LARGE_M2 = 1.0
 LEVEL_COSINE = 0.99
 
 
 def parts_of(meshes: Mapping[str, Mesh]) -> list[Part]:
-    """One part an object, or two where a floor belongs to it: "hall" and "hall ground"."""
+    """One part per object, or two if it includes a floor: "hall" and "hall ground"."""
     return [part for name, mesh in meshes.items() for part in _parts(name, mesh)]
 
 
 def level_triangles(
     mesh: Mesh, height_m: float = 0.0, within_m: float = LOW_M
 ) -> NDArray[np.bool_]:
-    """Triangles that face up, level and within reach of a height, (T,)."""
+    """True for level triangles that face up within ``within_m`` of a height, bool (T,)."""
     level = mesh.normals[:, 2] > LEVEL_COSINE
     near = np.abs(mesh.triangles[:, :, 2] - height_m).max(axis=1) <= within_m
     return np.asarray(level & near)
 
 
 def area_m2(mesh: Mesh, chosen: NDArray[np.bool_]) -> float:
-    """Area of the chosen triangles."""
+    """Area of the chosen triangles, square metres."""
     a, b, c = mesh.triangles[chosen].astype(np.float64).transpose(1, 0, 2)
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
@@ -64,7 +64,7 @@ def _parts(name: str, mesh: Mesh) -> Sequence[Part]:
 
 
 def _named_ground(name: str) -> bool:
-    """Whether a word of a name like "aws_FloorB_01" or "ground_plane" means ground."""
+    """True if a word in a name like "aws_FloorB_01" or "ground_plane" means ground."""
     words = re.findall(r"[A-Z]?[a-z]+", name)
     return any(word.lower() in GROUND_WORDS for word in words)
 

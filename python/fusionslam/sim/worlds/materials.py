@@ -8,7 +8,7 @@ from fusionslam.sim.worlds.missing_resources import Unresolved
 
 Color = tuple[float, float, float]
 
-# Diffuse colours of the plain materials that Gazebo brings along.
+# Diffuse colours of Gazebo's built-in plain materials.
 GAZEBO_COLORS: dict[str, Color] = {
     "Black": (0.0, 0.0, 0.0),
     "Blue": (0.0, 0.0, 1.0),
@@ -29,10 +29,10 @@ GAZEBO_COLORS: dict[str, Color] = {
 
 
 def color_of(material: ET.Element | None, owner: str, missing: Unresolved) -> Color | None:
-    """Diffuse colour, else ambient, else that of the script's name; None where none is given.
+    """Diffuse colour, else ambient, else that of the script's name; None if there is none.
 
-    What says more than a colour (textures of scripts and of physically based materials) is noted
-    as missing.
+    Textures of scripts and of physically based materials are not supported and are recorded as
+    missing.
     """
     if material is None:
         return None

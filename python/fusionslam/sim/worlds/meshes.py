@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes that SDF names: COLLADA through pycollada, OBJ and STL through trimesh."""
+"""Read the mesh files that SDF refers to: COLLADA with pycollada, OBJ and STL with trimesh."""
 
 import re
 from pathlib import Path
@@ -14,18 +14,18 @@ from fusionslam.sim.worlds.resource_paths import Library, MeshFolder
 from fusionslam.sim.worlds.surfaces import Look, Piece, checked, rgb_of, triangles_of
 
 _WHITE = (1.0, 1.0, 1.0)
-# Exporters leave effects behind that nothing uses and whose pictures are gone. Where one is used,
-# the geometry that wants it reports another error.
+# Exporters leave unused effects behind whose images are gone. If one is in use after all, the
+# geometry that uses it reports another error.
 _HARMLESS = re.compile("Missing (image|surface|sampler)|Effect not found")
 
 
 def read_mesh(path: Path, library: Library, *, looks: bool) -> list[Piece]:
-    """Pieces of one file in its own frame, metres; none, and noted, if it cannot be read.
+    """Pieces of one file in its own frame, metres; empty, and recorded, if it cannot be read.
 
     Args:
         path: an existing file.
-        library: finds its textures and notes what is missing.
-        looks: whether to read colours and textures; collision shapes need none.
+        library: finds its textures and records what is missing.
+        looks: True to read colours and textures; collision shapes need none.
     """
     readers = {".dae": _read_collada, ".obj": _read_trimesh, ".stl": _read_trimesh}
     reader = readers.get(path.suffix.lower())
@@ -36,13 +36,13 @@ def read_mesh(path: Path, library: Library, *, looks: bool) -> list[Piece]:
         return [checked(piece) for piece in reader(path, library, looks)]
     except FusionSlamError:
         raise
-    except Exception as error:  # the readers raise whatever a damaged file makes of its indices
+    except Exception as error:  # a damaged file can raise almost any exception in the readers
         library.missing.add("mesh", str(path), f"cannot be read: {type(error).__name__}: {error}")
         return []
 
 
 def _read_collada(path: Path, library: Library, looks: bool) -> list[Piece]:
-    """Unit scale applied, up_axis ignored, as Gazebo does."""
+    """Read COLLADA as Gazebo does: apply the unit scale, ignore up_axis."""
     try:
         import collada
     except ImportError as error:
@@ -80,7 +80,7 @@ def _collada_piece(primitive: Any, metres: float, looks: bool) -> Piece | None:
 
 
 def _without_lines(corners: NDArray[np.float64], uv: NDArray[np.float32] | None) -> Piece:
-    """Leave out triangles two of whose corners are the same, which are lines."""
+    """Leave out triangles with two identical corners, which are lines."""
     described = corners if uv is None else np.concatenate([corners, uv], axis=2)
     whole = (described != np.roll(described, 1, axis=1)).any(axis=2).all(axis=1)
     return Piece(corners[whole], None if uv is None else uv[whole])

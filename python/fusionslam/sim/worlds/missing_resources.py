@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a world's description names and cannot be had, each once."""
+"""Collect the resources that a world refers to and that are missing or not supported."""
 
 import logging
 from collections.abc import Iterable
@@ -12,10 +12,11 @@ log = logging.getLogger(__name__)
 
 
 class Unresolved:
-    """Collects what is missing, so that one message tells all of it.
+    """Collects missing resources, so that one message can list them all.
 
     Attributes:
-        items: "texture floor.png: no such file beside models/hall/meshes/hall.dae", each once.
+        items: each missing resource once, like
+            "texture floor.png: no such file beside models/hall/meshes/hall.dae".
     """
 
     def __init__(self) -> None:
@@ -23,16 +24,16 @@ class Unresolved:
         self._seen: set[tuple[str, str]] = set()
 
     def add(self, kind: str, name: str, why: str) -> None:
-        """Note that ``name`` is missing; the first reason is kept."""
+        """Record that ``name`` is missing; the first reason is kept."""
         if (kind, name) not in self._seen:
             self._seen.add((kind, name))
             self.items.append(f"{kind} {name}: {why}")
 
     def settle(self, path: Path, lenient: bool) -> tuple[str, ...]:
-        """Log what is missing and return it if lenient.
+        """If lenient, log and return the missing resources.
 
         Raises:
-            DataError: something is missing, not lenient; the message lists all of it.
+            DataError: not lenient and something is missing; the message lists all of it.
         """
         if self.items and not lenient:
             raise DataError(

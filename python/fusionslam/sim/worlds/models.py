@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The models of an SDF world: includes followed, poses chained, saved states applied."""
+"""Walk the models of an SDF world: follow includes, chain poses, apply saved states."""
 
 import logging
 import xml.etree.ElementTree as ET
@@ -15,19 +15,19 @@ from fusionslam.storage.arrays import Matrix
 
 log = logging.getLogger(__name__)
 
-# Models that include one another are a mistake; worlds nest them two or three deep.
+# Depth limit against models that include one another; real worlds nest two or three deep.
 _DEEPEST = 16
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A visual or a collision where it stands.
+    """A visual or a collision with its pose in the world.
 
     Attributes:
         element: the SDF element.
-        model: name of the object: the outermost model that holds it.
-        owner: "chair_1/link/visual", for messages.
-        folder: of the file that holds it.
+        model: name of the object: the outermost model that contains it.
+        owner: path of names for messages, such as "chair_1/link/visual".
+        folder: of the file that contains it.
         world_from_shape: (4, 4).
     """
 
@@ -39,10 +39,10 @@ class Shape:
 
 
 def shapes_of(path: Path, library: Library) -> Iterator[Shape]:
-    """All visuals and collisions of a world, in the order of its file.
+    """All visuals and collisions of a world, in file order.
 
     Raises:
-        DataError: the file cannot be read, is no XML, or holds no world.
+        DataError: the file cannot be read, is not XML, or contains no world.
     """
     world = _world(path)
     states = {state.get("name"): state for state in world.findall("state/model")}
@@ -55,7 +55,7 @@ def shapes_of(path: Path, library: Library) -> Iterator[Shape]:
 
 
 class _Walk:
-    """Follows the models below one element; holds what stays the same on the way."""
+    """Recursive walk over models; holds the library and the folder of the world's file."""
 
     def __init__(self, library: Library, folder: Path) -> None:
         self._library = library
@@ -82,7 +82,7 @@ class _Walk:
     def _inside(
         self, model: ET.Element, folder: Path, top: str, owner: str, pose: Matrix, depth: int
     ) -> Iterator[Shape]:
-        """Shapes of a model's links, then of the models in it; pose is world_from_model."""
+        """Shapes of a model's links, then of its nested models; pose is world_from_model."""
         if depth > _DEEPEST:
             self._missing.add("model", owner, f"nested deeper than {_DEEPEST}: includes itself?")
             return
@@ -109,7 +109,7 @@ class _Walk:
             yield Shape(element, top, name, folder, placed)
 
     def _resolved(self, element: ET.Element, folder: Path) -> tuple[ET.Element, Path] | None:
-        """The model itself and the folder of its file; None, and noted, if it is not to be had."""
+        """The model and the folder of its file; None, and recorded, if it cannot be read."""
         if element.tag == "model":
             return element, folder
         uri = (element.findtext("uri") or "").strip()
@@ -129,7 +129,7 @@ class _Walk:
 
 
 def _pose_holder(element: ET.Element, model: ET.Element) -> ET.Element:
-    """Whose pose counts: an include's own comes before that of the model it includes."""
+    """The element whose pose applies: an include's own pose overrides the included model's."""
     return element if element.find("pose") is not None else model
 
 

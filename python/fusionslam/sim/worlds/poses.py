@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Poses as SDF writes them."""
+"""Parse SDF poses."""
 
 import xml.etree.ElementTree as ET
 
@@ -15,8 +15,8 @@ def pose_of(element: ET.Element, owner: str, missing: Unresolved) -> Matrix:
     """parent_from_element, (4, 4): "x y z roll pitch yaw", metres and radians.
 
     Rotations are about fixed axes, x first: R = Rz(yaw) Ry(pitch) Rx(roll). ``degrees`` and seven
-    numbers (a quaternion x y z w) as of SDF 1.9 are understood; poses relative to anything but the
-    parent are noted as missing and taken as relative to the parent.
+    numbers (with a quaternion x y z w), both from SDF 1.9, are supported; a pose relative to
+    another frame than the parent is recorded as missing and read as relative to the parent.
     """
     pose = element.find("pose")
     if pose is None or not (pose.text or "").strip():
@@ -31,7 +31,7 @@ def pose_of(element: ET.Element, owner: str, missing: Unresolved) -> Matrix:
 
 
 def numbers_of(text: str | None, owner: str, missing: Unresolved) -> Matrix | None:
-    """Finite numbers of a text, float64 (N,); None, and noted, where it holds anything else."""
+    """Parse finite numbers, float64 (N,); None, and recorded, if the text has anything else."""
     try:
         numbers = np.array((text or "").split(), np.float64)
     except ValueError:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the files lie that a world in SDF names."""
+"""Find the files that an SDF world refers to."""
 
 import os
 import xml.etree.ElementTree as ET
@@ -13,17 +13,17 @@ from PIL import Image
 from fusionslam.sim.worlds.missing_resources import Unresolved
 from fusionslam.sim.worlds.surfaces import rgb_of
 
-# Where Gazebo, old and new, looks for models.
+# Environment variables in which Gazebo, old and new, looks for models.
 MODEL_PATHS = ("GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH")
 
 
 class Library:
-    """Finds models, meshes and textures for one world, and keeps each picture once.
+    """Finds models, meshes and textures for one world; decodes each image once.
 
     Args:
-        world: the world's file. Models are looked for in models/ beside it and above it, in its
+        world: the world's file. Models are searched in models/ beside it and above it, in its
             own folder, and in the folders of MODEL_PATHS.
-        missing: notes what cannot be had.
+        missing: records what cannot be found or read.
     """
 
     def __init__(self, world: Path, missing: Unresolved) -> None:
@@ -36,19 +36,19 @@ class Library:
         self._images: dict[Path, NDArray[np.uint8] | None] = {}
 
     def find(self, uri: str, folder: Path) -> Path | None:
-        """The file or folder of model://NAME/PATH, file://PATH, or a path as seen from folder."""
+        """The file or folder of model://NAME/PATH, file://PATH, or a path relative to folder."""
         scheme, _, rest = uri.strip().rpartition("://")
         if scheme not in ("", "model", "file"):
             return None
         places = [root / rest for root in self._roots]
-        if scheme == "file":  # models of AWS say file://models/NAME/...
+        if scheme == "file":  # AWS models use file://models/NAME/...
             places = [Path("/") / rest, self.root / rest, *places]
         elif not scheme:
             places.insert(0, folder / rest)
         return next((place for place in places if rest and place.exists()), None)
 
     def model_file(self, uri: str, folder: Path) -> Path | None:
-        """The SDF file of an included model: the newest that its model.config lists."""
+        """The SDF file of an included model: the newest one listed in its model.config."""
         place = self.find(uri, folder)
         if place is None or place.is_file():
             return place
@@ -59,7 +59,7 @@ class Library:
         return next((file for file in found if file.is_file()), None)
 
     def texture(self, written: str, mesh: Path) -> NDArray[np.uint8] | None:
-        """The picture that a mesh's file names, uint8 (H, W, 3); None, and noted, if not found."""
+        """An image that a mesh file refers to, uint8 (H, W, 3); None, and recorded, if missing."""
         for place in self.texture_places(written, mesh):
             if place.is_file():
                 return self.picture(place)
@@ -67,17 +67,17 @@ class Library:
         return None
 
     def picture(self, file: Path) -> NDArray[np.uint8] | None:
-        """A picture, uint8 (H, W, 3); None, and noted, if it cannot be decoded."""
+        """Decode an image, uint8 (H, W, 3); None, and recorded, if it cannot be decoded."""
         key = file.resolve()
         if key not in self._images:
             self._images[key] = self._decoded(file)
         return self._images[key]
 
     def texture_places(self, written: str, mesh: Path) -> list[Path]:
-        """As written; in the mesh's folder; in ../materials/textures; below a folder above it.
+        """Candidates: as written, the mesh's folder, ../materials/textures, parent folders.
 
-        The last one mends paths with too many "../" in them: "../../../../photos/a.jpg" is
-        photos/a.jpg in the first of the folders above the mesh that has it, up to the world's.
+        The last kind repairs paths with too many "../": "../../../../photos/a.jpg" is taken as
+        photos/a.jpg in the first folder above the mesh that has it, up to the world's folder.
         """
         path = Path(written.removeprefix("file://").replace("\\", "/"))
         folder = mesh.resolve().parent
@@ -100,17 +100,17 @@ class Library:
 
 
 class MeshFolder:
-    """Gives trimesh the files that a mesh names (materials and textures), noting the others."""
+    """Resolver for trimesh: reads a mesh's material and texture files, records missing ones."""
 
     def __init__(self, library: Library, mesh: Path) -> None:
         self._library = library
         self._mesh = mesh
 
     def get(self, name: str) -> bytes:
-        """Content of a file that the mesh's file names.
+        """Content of a file that the mesh file refers to.
 
         Raises:
-            FileNotFoundError: it does not exist; noted.
+            FileNotFoundError: it does not exist; it is also recorded as missing.
         """
         for place in self._library.texture_places(name, self._mesh):
             if place.is_file():
@@ -123,7 +123,7 @@ class MeshFolder:
 
 
 def _sdf_files(config: Path) -> list[tuple[tuple[int, ...], str]]:
-    """Version and name of the files that a model.config lists; none if it cannot be read."""
+    """Version and name of the files listed in a model.config; empty if it cannot be read."""
     try:
         entries = ET.parse(config).getroot().findall("sdf")
     except (ET.ParseError, OSError):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Worlds in Gazebo's SDF, as far as they stand still: what is seen and what rays hit."""
+"""Read Gazebo SDF worlds as static visual and collision scenes."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -20,16 +20,17 @@ from fusionslam.sim.worlds.models import Shape, shapes_of
 from fusionslam.sim.worlds.resource_paths import Library
 from fusionslam.sim.worlds.surfaces import Piece, TexturePool, mesh_of
 
-# How deep a plane that is seen sinks below a floor that is laid on it, and what counts as on it.
+# How far a visual plane is lowered below a floor laid on it, and the tolerance for "on it".
 _SUNK_M = 0.01
 _LAID_M = 0.005
 
 
 def read_sdf(path: Path, missing: Unresolved) -> tuple[Scene, Scene]:
-    """Visual and collision scene of a world file, one object a model of the world.
+    """Visual and collision scene of a world file, with one object per model of the world.
 
     Raises:
-        DataError: the file is no XML, holds no world, or nothing in it can be seen or hit.
+        DataError: the file is not XML, contains no world, or has neither visual nor collision
+            shapes.
     """
     library = Library(path, missing)
     shapes = list(shapes_of(path, library))
@@ -43,7 +44,7 @@ def read_sdf(path: Path, missing: Unresolved) -> tuple[Scene, Scene]:
 
 
 def _scene(shapes: Iterable[Shape], kind: str, library: Library) -> Scene | None:
-    """The scene of all visuals or all collisions; None where there are none."""
+    """The scene of all visuals or all collisions; None if there are none."""
     reader = GeometryReader(library, looks=kind == "visual")
     pieces: dict[str, list[Piece]] = {}
     planes: set[str] = set()
@@ -71,7 +72,7 @@ def _pieces(shape: Shape, reader: GeometryReader, library: Library) -> list[Piec
 
 
 def _with_sunk_planes(meshes: Mapping[str, Mesh], planes: Iterable[str]) -> dict[str, Mesh]:
-    """Ground planes below floors: of two surfaces at one height, nobody knows which is seen."""
+    """Lower ground planes below floors at the same height, where visibility would be ambiguous."""
     sunk = dict(meshes)
     for name in planes:
         height = float(np.median(meshes[name].triangles[:, :, 2]))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""From what files describe to what the ray caster takes: looks, pieces, meshes, textures."""
+"""Convert surfaces read from files (pieces with looks) into meshes and textures."""
 
 import hashlib
 from collections.abc import Sequence
@@ -13,19 +13,19 @@ from PIL import Image
 
 from fusionslam.sim.mesh import Mesh
 
-# Larger images are halved: nobody's camera comes close enough to see their finest texels, and
-# one of 8192 x 8192 alone takes 700 MB with its halvings.
+# Larger images are halved until they fit: no camera comes close enough to see their finest texels,
+# and one of 8192 x 8192 alone takes 700 MB with its mipmaps.
 LARGEST_SIDE = 2048
-# What Gazebo and most viewers show where no material is given.
+# The colour that Gazebo and most viewers use without a material.
 PLAIN = (0.7, 0.7, 0.7)
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What covers a piece.
+    """Appearance of a piece.
 
     Attributes:
-        tint: RGB factor, 0 .. 1, as displayed: (3,), or (T, 3) for one a triangle.
+        tint: RGB factor, 0 .. 1, as displayed: (3,), or (T, 3) for one per triangle.
         image: uint8 (H, W, 3), or None for a plain colour.
     """
 
@@ -35,12 +35,12 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Triangles that look alike.
+    """Triangles that share a look.
 
     Attributes:
         triangles: float64 (T, 3, 3), corners in metres, counter-clockwise seen from outside.
         uv: float32 (T, 3, 2), texture coordinates in images, v upwards; None without an image.
-        look: what covers them.
+        look: their appearance.
     """
 
     triangles: NDArray[np.float64]
@@ -48,7 +48,7 @@ class Piece:
     look: Look = field(default_factory=Look)
 
     def moved(self, to_from: NDArray[np.float64]) -> "Piece":
-        """The piece in another frame; a mirroring (4, 4) transform keeps the outside outside."""
+        """The piece in another frame, (4, 4); after a mirroring the outside stays outside."""
         corners = self.triangles @ to_from[:3, :3].T + to_from[:3, 3]
         if np.linalg.det(to_from[:3, :3]) >= 0:
             return Piece(corners, self.uv, self.look)
@@ -57,10 +57,10 @@ class Piece:
 
 
 def checked(piece: Piece) -> Piece:
-    """The piece itself.
+    """Check a piece and return it.
 
     Raises:
-        ValueError: a corner or a texture coordinate is no finite number.
+        ValueError: a corner or a texture coordinate is not finite.
     """
     if not np.isfinite(piece.triangles).all():
         raise ValueError("a corner is no finite number")
@@ -70,10 +70,10 @@ def checked(piece: Piece) -> Piece:
 
 
 class TexturePool:
-    """The textures of a scene, each once, however many files and materials hold it.
+    """The textures of a scene, each stored once even if several files or materials use it.
 
     Attributes:
-        textures: uint8 (H, W, 4) each, RGB and a tint mask that is 255 all over.
+        textures: uint8 (H, W, 4) each, RGB and a tint mask that is 255 everywhere.
     """
 
     def __init__(self) -> None:
@@ -81,7 +81,7 @@ class TexturePool:
         self._index: dict[tuple[tuple[int, ...], bytes], int] = {}
 
     def index(self, image: NDArray[np.uint8] | None) -> int:
-        """Number of the texture of uint8 (H, W, 3); None stands for one white texel."""
+        """Index of the texture of an image, uint8 (H, W, 3); None stands for one white texel."""
         pixels = np.full((1, 1, 3), 255, np.uint8) if image is None else np.ascontiguousarray(image)
         key = (pixels.shape, hashlib.sha256(pixels.tobytes()).digest())
         if key not in self._index:
@@ -92,7 +92,7 @@ class TexturePool:
 
 
 def mesh_of(pieces: Sequence[Piece], pool: TexturePool) -> Mesh:
-    """One mesh of all pieces, triangle by triangle in their order, flat ones included."""
+    """One mesh of all pieces' triangles, in order, including those without area."""
     corners = np.concatenate([piece.triangles for piece in pieces])
     return Mesh(
         corners.astype(np.float32),
@@ -104,12 +104,12 @@ def mesh_of(pieces: Sequence[Piece], pool: TexturePool) -> Mesh:
 
 
 def rgb_of(image: Image.Image) -> NDArray[np.uint8]:
-    """Pixels of a picture of any mode, uint8 (H, W, 3), at most LARGEST_SIDE wide and high.
+    """Pixels of an image of any mode, uint8 (H, W, 3), at most LARGEST_SIDE wide and high.
 
-    Transparency is ignored: colours behind transparent texels count as they are stored.
+    Transparency is ignored: transparent texels keep their stored colours.
 
     Raises:
-        OSError, ValueError, SyntaxError: what Pillow raises for a picture that it cannot decode.
+        OSError, ValueError, SyntaxError: raised by Pillow if it cannot decode the image.
     """
     halvings = 0
     while max(image.size) >> halvings > LARGEST_SIDE:
@@ -142,7 +142,7 @@ def _tints(piece: Piece) -> NDArray[np.float32]:
 def _normals(corners: NDArray[np.float64]) -> NDArray[np.float32]:
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(cross, axis=1, keepdims=True)
-    # Triangles without area are never hit; they only need a normal that is one.
+    # Triangles without area are never hit, but need a valid unit normal.
     flat = np.broadcast_to(np.array([0.0, 0.0, 1.0]), cross.shape)
     unit = np.where(length > 0, cross / np.maximum(length, 1e-300), flat)
     return unit.astype(np.float32)
