@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Three indoor worlds that need no data: a warehouse, a house and a hospital.
+"""Three procedural indoor worlds: a warehouse, a house and a hospital.
 
 >>> from fusionslam.sim.indoor import HouseConfig, make_indoor
 >>> world = make_indoor(HouseConfig(seed=7))
@@ -22,12 +22,12 @@ IndoorConfig = WarehouseConfig | HouseConfig | HospitalConfig
 
 @dataclass(frozen=True)
 class IndoorWorld:
-    """How one indoor world is configured and made.
+    """Configuration class and functions of one indoor world.
 
     Attributes:
-        config: its section; ``config()`` is the default world.
+        config: its configuration section; ``config()`` is the default world.
         make: builds the world of a configuration.
-        places: free points of a configuration, x and y in metres, by the name of room or aisle.
+        places: free points of a configuration, x and y in metres, by name of room or aisle.
     """
 
     config: type[IndoorConfig]
@@ -43,7 +43,7 @@ INDOOR_WORLDS: Mapping[str, IndoorWorld] = {
 
 
 def make_indoor(config: IndoorConfig) -> World:
-    """The world that a configuration describes: same configuration, same bytes.
+    """Build the world of a configuration; the same configuration gives the same bytes.
 
     Raises:
         ConfigError: the rooms would be too small or too large.

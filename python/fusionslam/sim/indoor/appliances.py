@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What stands in kitchens and bathrooms. Fronts face -y."""
+"""Furniture of kitchens and bathrooms. Fronts face -y."""
 
 from functools import cache
 
@@ -12,7 +12,7 @@ from fusionslam.sim.mesh import Paint, box
 
 
 def counter(style: Style, units: int, oven: int | None = None) -> Thing:
-    """Base cabinets of 0.6 m under a worktop, with wall cabinets and tiles between them."""
+    """Base cabinets of 0.6 m under a worktop, wall cabinets above, and tiles between them."""
     x, plinth = 0.3 * units, paint(Look.PLAIN, DARK)
     base = box((-x, -0.25, 0.0), (x, 0.3, 0.1), plinth)
     body = block((-x, -0.3, 0.1), (x, 0.3, 0.86), paint(Look.WOOD, style.cloth))
@@ -36,7 +36,7 @@ def fridge(tint: Rgb) -> Thing:
 
 
 def washing_machine() -> Thing:
-    """A front loader."""
+    """A front-loading washing machine."""
     body = box((-0.3, -0.3, 0), (0.3, 0.3, 0.85), paint(Look.PLAIN, WHITE))
     face = front((-0.3, 0), (0.3, 0.85), -0.304, fitted(Look.OVEN, 0.6, 0.85))
     return thing("washing_machine", [body, face], [body])

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Furniture for living in: tables, chairs, sofas, beds, shelves, plants and pictures.
+"""Home furniture: tables, chairs, sofas, beds, shelves, plants and pictures.
 
-Fronts face -y. Legs and frames are modelled, as a low camera sees little else.
+Fronts face -y. Legs and frames are modelled, because a low camera sees little else.
 """
 
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ CLOTHS: tuple[Rgb, ...] = (
 
 @dataclass(frozen=True)
 class Style:
-    """What the furniture of one room shares: colours of wood, cloth and small things."""
+    """Colours that the furniture of one room shares: wood, cloth and small things."""
 
     wood: Rgb
     cloth: Rgb
@@ -47,7 +47,7 @@ class Style:
 
     @staticmethod
     def drawn(rng: np.random.Generator) -> "Style":
-        """A style of any wood and two different cloths."""
+        """Draw a random style: a wood and two different cloths."""
         cloth, accent = rng.choice(len(CLOTHS), 2, replace=False)
         return Style(WOODS[rng.integers(len(WOODS))], CLOTHS[cloth], CLOTHS[accent])
 
@@ -146,7 +146,7 @@ def bed(style: Style, width: float) -> Thing:
 def cupboard(
     style: Style, width: float, depth: float, height: float, look: Look, kind: str
 ) -> Thing:
-    """A closed piece on a plinth: a wardrobe, or a chest with a front of drawers."""
+    """A closed cabinet on a plinth: a wardrobe, or a chest of drawers."""
     wood, x, y = paint(Look.WOOD, style.wood), width / 2, depth / 2
     body = box((-x, -y, 0.0), (x, y, height), wood)
     doors = max(1, round(width / (0.55 if look == Look.CUPBOARD else 1.0)))
@@ -270,7 +270,7 @@ def toys(rng: np.random.Generator) -> Thing:
 
 
 def carpet(tint: Rgb, width: float, depth: float, look: Look = Look.RUG) -> Thing:
-    """A thin carpet, ground to a robot."""
+    """A thin carpet that counts as ground."""
     cover = fitted(look, width, depth, tint) if look == Look.RUG else paint(look, tint)
     x, y, z = width / 2, depth / 2, 0.006
     top = panels([[(-x, -y, z), (x, -y, z), (x, y, z), (-x, y, z)]], cover)
@@ -278,7 +278,7 @@ def carpet(tint: Rgb, width: float, depth: float, look: Look = Look.RUG) -> Thin
 
 
 def picture(number: int, width: float, height: float) -> Thing:
-    """A framed picture; its back lies in y = 0, its lower edge in z = 0."""
+    """A framed picture; its back is at y = 0, its lower edge at z = 0."""
     x = width / 2
     frame = block((-x - 0.02, -0.02, -0.02), (x + 0.02, 0, height + 0.02), paint(Look.WOOD, DARK))
     face = front((-x, 0), (x, height), -0.022, cut(Look.PICTURES, number, width, height))
@@ -286,7 +286,7 @@ def picture(number: int, width: float, height: float) -> Thing:
 
 
 def curtains(tint: Rgb, width: float, height: float) -> Thing:
-    """A pair of drawn-back curtains on a rail; their backs lie in y = 0."""
+    """A pair of drawn-back curtains on a rail; their backs are at y = 0."""
     cloth = paint(Look.CURTAIN, tint)
     x = width / 2
     pair = [block((u, -0.09, 0), (u + 0.3, -0.05, height), cloth) for u in (-x, x - 0.3)]
@@ -295,7 +295,7 @@ def curtains(tint: Rgb, width: float, height: float) -> Thing:
 
 
 def group(kind: str, placed: list[tuple[Thing, float, float, float]]) -> Thing:
-    """Several things, each with x, y and yaw, as one."""
+    """Combine several things, each with x, y and yaw, into one."""
     visual = [item.visual.moved((x, y, 0), yaw) for item, x, y, yaw in placed]
     solid = [
         item.collision.moved((x, y, 0), yaw)

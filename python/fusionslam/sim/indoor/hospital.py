@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Two long corridors joined at their ends, equal wards outside, offices and stores between.
+"""A hospital: two long corridors joined at their ends, wards outside, offices and stores between.
 
-South of one corridor and north of the other lie wards of one plan, turned by half a turn; they
-differ by a curtain, a blanket, a chair, a picture. A waiting room in the middle joins the
+The wards south of one corridor and north of the other share one plan, rotated by 180 degrees;
+they differ by a curtain, a blanket, a chair, a picture. A waiting room in the middle joins the
 corridors.
 """
 
@@ -53,7 +53,7 @@ _CORE_KINDS = ("office", "store", "treatment", "office", "treatment", "store")
 
 
 class HospitalConfig(Section):
-    """A ward block."""
+    """Settings of the hospital."""
 
     seed: int = option(3, "decides what the core rooms are and what stands around", ge=0)
     wards: int = option(7, "wards along each corridor, 5 m each", ge=4, le=24)
@@ -87,12 +87,12 @@ def hospital_rooms(config: HospitalConfig) -> tuple[list[Room], list[Opening]]:
 
 
 def hospital_places(config: HospitalConfig) -> dict[str, tuple[float, float]]:
-    """x, y in the middle of each room, where the floor is free."""
+    """x, y in metres of the centre of each room, where the floor is free."""
     return {room.name: room.centre for room in hospital_rooms(config)[0]}
 
 
 def make_hospital(config: HospitalConfig) -> World:
-    """The hospital as visual and collision scene."""
+    """Build the hospital with visual and collision scene."""
     rooms, openings = hospital_rooms(config)
     site = Site()
     for number, room in enumerate(rooms):
@@ -125,7 +125,7 @@ def _room(
 
 
 def _wards(config: HospitalConfig, half: float, outer: float) -> list[tuple[Room, Opening]]:
-    """The southern row, then the northern one, each with the door towards its corridor."""
+    """The southern row of wards, then the northern one, each with a door to its corridor."""
     found = []
     for row, turn in (("south", 1.0), ("north", -1.0)):
         for number in range(config.wards):
@@ -139,7 +139,7 @@ def _wards(config: HospitalConfig, half: float, outer: float) -> list[tuple[Room
 
 
 def _core(end: float, inner: float, rng: np.random.Generator) -> list[tuple[Room, list[Opening]]]:
-    """An odd number of rooms between the corridors; the middle one opens to both."""
+    """An odd number of rooms between the corridors; the middle one has doors to both."""
     count = 2 * round((2 * end / 4.5 - 1) / 2) + 1
     width = 2 * end / count
     kinds = [str(kind) for kind in rng.permutation(np.resize(_CORE_KINDS, count))]
@@ -160,7 +160,7 @@ def _core(end: float, inner: float, rng: np.random.Generator) -> list[tuple[Room
 
 
 def _furnish_ward(site: Site, room: Room, clutter: float, rng: np.random.Generator) -> None:
-    """Two beds with their heads to one wall; the door lies at +y of the ward's own frame."""
+    """Put two beds with their heads to one wall; the door is at +y in the ward's own frame."""
     turn = 1.0 if room.name.startswith("ward_south") else -1.0
     yaw0 = 0.0 if turn > 0 else np.pi
 
@@ -203,7 +203,7 @@ def _furnish_corridor(
     clutter: float,
     rng: np.random.Generator,
 ) -> None:
-    """Rails and room numbers on both sides; benches and trolleys here and there."""
+    """Put rails and room numbers on both sides, and benches and trolleys at random places."""
     tint = _STRIPES[room.name.split("_")[1]]
     number = int(rng.integers(16))
     for side in sides(room):

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What stands in a hospital: beds on wheels, drip stands, curtains, benches. Fronts face -y.
+"""Hospital furniture: beds on wheels, drip stands, curtains, benches. Fronts face -y.
 
-What many rooms have is made once.
+Objects that many rooms share are built once.
 """
 
 from functools import cache
@@ -18,7 +18,7 @@ _STEEL: Rgb = (0.78, 0.80, 0.82)
 
 
 def _castors(width: float, depth: float, radius: float) -> list[Mesh]:
-    """Four wheels below the corners of a footprint about the origin."""
+    """Four wheels below the corners of a footprint centred on the origin."""
     dark, x, y = paint(Look.PLAIN, DARK), width / 2 - radius, depth / 2 - radius
     return [wheel(u, v, radius, 0.04, dark) for u in (-x, x) for v in (-y, y)]
 
@@ -60,7 +60,7 @@ def cabinet(tint: Rgb) -> Thing:
 
 @cache
 def drip_stand() -> Thing:
-    """A pole on five feet with a bag."""
+    """A drip stand: a pole on five feet with a bag."""
     steel = paint(Look.PLAIN, _STEEL)
     feet = [
         tube((0.27 * np.cos(a), 0.27 * np.sin(a), 0.04), (0, 0, 0.09), (0.02, 0.02), steel, 5)
@@ -80,7 +80,7 @@ def bed_curtain(tint: Rgb, drawn: float) -> Thing:
 
 @cache
 def radiator() -> Thing:
-    """A radiator on feet, to stand below a window."""
+    """A radiator on feet, for the place below a window."""
     body = block((-0.6, -0.05, 0.12), (0.6, 0.05, 0.7), paint(Look.CORRUGATED, (1.05,) * 3))
     feet = [
         box((x, -0.03, 0), (x + 0.05, 0.05, 0.12), paint(Look.PLAIN, GREY)) for x in (-0.5, 0.45)
@@ -136,7 +136,7 @@ def wheelchair() -> Thing:
 
 
 def reception(tint: Rgb) -> Thing:
-    """A counter with a raised front and a screen."""
+    """A reception counter with a raised front and a screen."""
     body = box((-1.2, -0.35, 0), (1.2, -0.15, 1.1), paint(Look.WOOD, tint))
     top = block((-1.25, -0.4, 1.1), (1.25, -0.1, 1.14), paint(Look.WOOD, WHITE))
     shelf = block((-1.2, -0.15, 0.7), (1.2, 0.4, 0.74), paint(Look.WOOD, WHITE))
@@ -156,7 +156,7 @@ def couch(tint: Rgb) -> Thing:
 
 
 def extinguisher() -> Thing:
-    """A red fire extinguisher standing at the wall."""
+    """A red fire extinguisher on the floor at a wall."""
     red = paint(Look.PLAIN, (0.82, 0.10, 0.08))
     body = cylinder((0, 0, 0.04), 0.45, (0.08, 0.08), red, 10)
     neck = cylinder((0, 0, 0.49), 0.1, (0.05, 0.03), paint(Look.PLAIN, DARK), 6)
@@ -165,7 +165,7 @@ def extinguisher() -> Thing:
 
 
 def handrail(length: float, tint: Rgb) -> Thing:
-    """A rail and a bumper board along a wall; their backs lie in y = 0."""
+    """A rail and a bumper board along a wall; their backs are at y = 0."""
     x = length / 2
     rail = block((-x, -0.07, 0.85), (x, -0.03, 0.95), paint(Look.WOOD, (0.8, 0.62, 0.42)))
     board = block((-x, -0.02, 0.2), (x, 0.0, 0.45), paint(Look.PLAIN, tint))
@@ -173,13 +173,13 @@ def handrail(length: float, tint: Rgb) -> Thing:
 
 
 def number_plate(number: int, tint: Rgb) -> Thing:
-    """A room's number; its back lies in y = 0."""
+    """A room's number plate; its back is at y = 0."""
     face = front((-0.14, 0), (0.14, 0.28), -0.012, cut(Look.LABELS, number, 0.28, 0.28, tint))
     return flat("number", [face])
 
 
 def lift(tint: Rgb) -> Thing:
-    """Closed lift doors in a frame; their backs lie in y = 0."""
+    """Closed lift doors in a frame; their backs are at y = 0."""
     doors = [
         front((x, 0), (x + 0.55, 2.1), -0.02, fitted(Look.PLAIN, 0.55, 2.1, _STEEL))
         for x in (-0.55, 0.0)

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A flat of rooms on both sides of a hall, with furniture of many colours.
+"""A flat with rooms on both sides of a hall and furniture in many colours.
 
-Bedrooms and studies are furnished from the same few pieces, so that some rooms resemble others.
+Bedrooms and studies share the same few pieces of furniture, so some rooms look alike.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,7 +25,7 @@ _HEIGHT_M = 2.7
 _HALL_M = 1.8
 _ROOM_M = (2.4, 30.0)
 _KINDS = ("living", "kitchen", "bedroom", "study", "bedroom", "bathroom", "playroom")
-# Width of a room relative to others.
+# Relative width of a room (others: 1).
 _SHARE = {"living": 1.5, "kitchen": 1.1, "bathroom": 0.85}
 _WALLS: tuple[Rgb, ...] = (
     (0.96, 0.92, 0.82),
@@ -40,7 +40,7 @@ _WALLS: tuple[Rgb, ...] = (
 
 
 class HouseConfig(Section):
-    """A furnished flat."""
+    """Settings of the furnished flat."""
 
     seed: int = option(3, "decides rooms, colours and furniture", ge=0)
     size_m: tuple[float, float] = option((16.0, 11.0), "extent along x and y", unit="m")
@@ -73,12 +73,12 @@ def house_rooms(config: HouseConfig) -> tuple[list[Room], list[Opening]]:
 
 
 def house_places(config: HouseConfig) -> dict[str, tuple[float, float]]:
-    """x, y in the middle of each room, where the floor is free."""
+    """x, y in metres of the centre of each room, where the floor is free."""
     return {room.name: room.centre for room in house_rooms(config)[0]}
 
 
 def make_house(config: HouseConfig) -> World:
-    """The house as visual and collision scene."""
+    """Build the house with visual and collision scene."""
     rooms, openings = house_rooms(config)
     site = Site()
     for number, room in enumerate(rooms):
@@ -95,12 +95,12 @@ def _kind(name: str) -> str:
 
 
 def _names(kinds: list[str]) -> list[str]:
-    """kitchen_1, bedroom_1, bedroom_2, ..."""
+    """Number the rooms of each kind: kitchen_1, bedroom_1, bedroom_2, ..."""
     return [f"{kind}_{kinds[: k + 1].count(kind)}" for k, kind in enumerate(kinds)]
 
 
 def _edges(names: list[str], width: float, rng: np.random.Generator) -> list[float]:
-    """Where the walls between the rooms of one row stand."""
+    """x of the walls of one row of rooms, outer walls included."""
     shares = np.array([_SHARE.get(_kind(name), 1.0) for name in names])
     shares *= rng.uniform(0.9, 1.1, len(shares))
     inner = -width / 2 + width * np.cumsum(shares)[:-1] / shares.sum()
@@ -110,7 +110,7 @@ def _edges(names: list[str], width: float, rng: np.random.Generator) -> list[flo
 def _room(
     name: str, low: tuple[float, float], high: tuple[float, float], rng: np.random.Generator
 ) -> Room:
-    """Tiles in kitchen and bathroom; wood or carpet elsewhere; walls of any colour."""
+    """A room: tiles in kitchen and bathroom, wood or carpet elsewhere; random wall colour."""
     wall = paint(
         (Look.PLASTER, Look.PLASTER, Look.STRIPES, Look.FLOWERS)[rng.integers(4)],
         _WALLS[rng.integers(len(_WALLS))],
@@ -126,7 +126,7 @@ def _room(
 
 
 def _check_sizes(rooms: list[Room], config: HouseConfig) -> None:
-    """Refuse plans whose rooms a robot could not turn in."""
+    """Raise ConfigError if a room is too small for a robot to turn in, or too large."""
     for room in rooms[1:]:
         size = np.subtract(room.high, room.low)
         if not (_ROOM_M[0] <= size.min() and size.max() <= _ROOM_M[1]):
@@ -138,7 +138,7 @@ def _check_sizes(rooms: list[Room], config: HouseConfig) -> None:
 
 
 def _openings(rooms: list[Room], rng: np.random.Generator) -> list[Opening]:
-    """Every room opens to the hall; half of the neighbours open to each other as well."""
+    """Every room opens to the hall; some neighbours, but no bathrooms, open to each other too."""
     hall, *others = rooms
     found = []
     for room in others:
@@ -160,7 +160,7 @@ def _openings(rooms: list[Room], rng: np.random.Generator) -> list[Opening]:
 
 
 def _put_windows(layout: Layout, room: Room, config: HouseConfig, rng: np.random.Generator) -> None:
-    """A window in each outer wall that is long enough, most with curtains."""
+    """Put a window in each outer wall that is long enough, most of them with curtains."""
     edges = np.abs(config.size_m) / 2
     tint = CLOTHS[rng.integers(len(CLOTHS))]
     for number, side in enumerate(sides(room)):
@@ -192,7 +192,7 @@ def _kitchen(layout: Layout, style: Style, clutter: float, rng: np.random.Genera
 
 
 def _dining(layout: Layout, style: Style, rng: np.random.Generator) -> None:
-    """A table with chairs, free in the room if they fit, else a small table at a wall."""
+    """Put a table with chairs into the room if they fit, else a small table at a wall."""
     if rng.random() < 0.5:
         chairs = [(home_furniture.chair(style), x, -0.5, 0.0) for x in (-0.35, 0.35)]
         chairs += [(home_furniture.chair(style), x, 0.5, np.pi) for x in (-0.35, 0.35)]
@@ -268,7 +268,7 @@ def _hall(layout: Layout, style: Style, clutter: float, rng: np.random.Generator
 def _small_things(
     layout: Layout, style: Style, clutter: float, rng: np.random.Generator, pictures: int = 2
 ) -> None:
-    """Plants, lamps, bins and pictures: what tells rooms of one kind apart."""
+    """Put plants, lamps, bins and pictures, which distinguish rooms of one kind."""
     makers: tuple[Callable[[], Thing], ...] = (
         lambda: home_furniture.plant(rng),
         lambda: home_furniture.lamp(style),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where things stand in a room: along its walls, never in the way from a door to the middle."""
+"""Place things in a room, keeping the lanes from its doors to the centre free."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fusionslam.sim.indoor.objects import Site, Thing
 from fusionslam.sim.indoor.rooms import WALL_M, Opening, Room, Side, openings_of, sides
 
-# A robot of 0.22 m radius passes a lane with room to spare.
+# A robot of 0.22 m radius passes through a lane with room to spare.
 LANE_M = 0.80
 _GAP_M = 0.03
 _STEP_M = 0.1
@@ -18,7 +18,7 @@ _Rectangle = NDArray[np.float64]
 
 
 class Layout:
-    """Places things in one room; lanes from every door to the room's middle stay free."""
+    """Places things in one room; lanes from every door to the room's centre stay free."""
 
     def __init__(
         self, site: Site, room: Room, openings: Sequence[Opening], rng: np.random.Generator
@@ -34,12 +34,12 @@ class Layout:
             for along, opening in doors:
                 self._taken += _lane(side, along, opening, centre)
         self._hung: list[_Rectangle] = []
-        self._last = (0.0, 0.0, 0.0)  # place and yaw of what was hung last
+        self._last = (0.0, 0.0, 0.0)  # x, y and yaw of the thing hung last
 
     def along_wall(self, thing: Thing, side: int | None = None) -> bool:
         """Stand a thing with its back to a wall (0 south, 1 east, 2 north, 3 west; None: any).
 
-        Returns False, and places nothing, where there is no room for it.
+        Returns False, and places nothing, if there is no room for it.
         """
         width, depth = thing.size
         chosen = self._rng.permutation(4) if side is None else [side]
@@ -54,7 +54,7 @@ class Layout:
         return False
 
     def anywhere(self, thing: Thing, tries: int = 60) -> bool:
-        """Stand a thing free in the room with space for a robot around it, turned by quarters."""
+        """Stand a thing at a random free place in the room, rotated by a multiple of 90 degrees."""
         margin = max(thing.size) / 2 + WALL_M / 2 + 0.1
         low, high = np.asarray(self._room.low) + margin, np.asarray(self._room.high) - margin
         if (low >= high).any():
@@ -66,7 +66,7 @@ class Layout:
         return False
 
     def beside(self, thing: Thing, x: float, y: float, yaw: float) -> bool:
-        """Stand a thing at a place if nothing stands there and it lies within the room."""
+        """Stand a thing at a given place if it is free and within the room."""
         return self._stand(thing, x, y, yaw)
 
     def lay(self, carpet: Thing) -> None:
@@ -76,7 +76,7 @@ class Layout:
         self._site.put(carpet, x, y, 0.0 if wide >= deep else np.pi / 2)
 
     def on_wall(self, thing: Thing, z: float, side: int | None = None) -> bool:
-        """Hang a flat thing (its back in y = 0) on a wall, clear of doors and of its kin."""
+        """Hang a flat thing (its back at y = 0) on a wall, clear of doors and other hung things."""
         half = thing.size[0] / 2 + 0.08
         chosen = self._rng.permutation(4) if side is None else [side]
         for number in chosen:
@@ -93,7 +93,7 @@ class Layout:
         return False
 
     def over_last(self, thing: Thing, z: float) -> None:
-        """Hang a thing in front of what was hung last."""
+        """Hang a thing in front of the one hung last."""
         self._site.put(thing, *self._last, z)
 
     def _hangs_free(self, side: int, along: float, half: float) -> bool:
@@ -125,7 +125,7 @@ class Layout:
 def _lane(
     side: Side, along: float, opening: Opening, centre: NDArray[np.float64]
 ) -> list[_Rectangle]:
-    """Space for the leaf, then straight in from a door, then along to the middle of the room."""
+    """Space for the door leaf, then straight in from the door, then to the room's centre."""
     door = np.array((opening.x, opening.y))
     depth = side.along(*centre)[1]
     knee = np.array(side.at(along, depth))

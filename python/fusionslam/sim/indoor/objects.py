@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Things that stand in rooms, each with what a camera sees and what a simple ray sensor hits.
+"""Objects that stand in rooms, each with a visual and a collision shape.
 
-A thing is made about the origin: z = 0 is the floor, its front faces -y.
+An object is centred on the origin: z = 0 is the floor, its front faces -y.
 """
 
 from collections import Counter
@@ -26,11 +26,11 @@ class Thing:
     """One kind of object.
 
     Attributes:
-        kind: its name without a number; "chair".
-        visual: what cameras see.
-        collision: what rays of simple sensors hit; None for what is flat, such as posters.
+        kind: its name without a number, such as "chair".
+        visual: shape that cameras see.
+        collision: shape that simple ray sensors hit; None for flat things such as posters.
         size: x, y of its footprint, metres, centred on the origin.
-        is_ground: whether a robot may drive over it.
+        is_ground: True if a robot may drive over it.
     """
 
     kind: str
@@ -49,7 +49,7 @@ class Site:
         self._counts: Counter[str] = Counter()
 
     def put(self, thing: Thing, x: float, y: float, yaw: float = 0.0, z: float = 0.0) -> str:
-        """Place a thing, metres and radians; returns the name it gets: its kind and a number."""
+        """Place a thing, metres and radians; return its name, which is its kind and a number."""
         self._counts[thing.kind] += 1
         name = f"{thing.kind}_{self._counts[thing.kind]}"
         place = (x, y, z)
@@ -60,12 +60,12 @@ class Site:
         return name
 
     def world(self, name: str, seed: int, start: tuple[float, float]) -> World:
-        """Everything placed so far.
+        """Build the world from everything placed so far.
 
         Args:
-            name: the world's.
+            name: the world's name.
             seed: decides the textures.
-            start: x, y of a free place, metres; the map's reachable part holds it.
+            start: x, y of a free point, metres; the map's reachable part contains it.
         """
         textures = indoor_textures(seed)
         visual = scene_of(self._visual, textures, INDOOR_LIGHT)
@@ -77,7 +77,7 @@ class Site:
 def thing(
     kind: str, shapes: Sequence[Mesh], solid: Sequence[Mesh] = (), *, is_ground: bool = False
 ) -> Thing:
-    """A thing of shapes; without ``solid`` its collision shape is the box around them."""
+    """A thing made of shapes; without ``solid`` its collision shape is their bounding box."""
     visual = joined(shapes)
     collision = joined(solid) if solid else _around(visual)
     footprint = _footprint(joined([visual, collision]))
@@ -85,18 +85,18 @@ def thing(
 
 
 def flat(kind: str, shapes: Sequence[Mesh], *, is_ground: bool = False) -> Thing:
-    """A thing that rays of simple sensors do not meet, such as a poster or a carpet."""
+    """A thing that rays of simple sensors do not hit, such as a poster or a carpet."""
     visual = joined(shapes)
     return Thing(kind, visual, None, _footprint(visual), is_ground)
 
 
 def block(low: ArrayLike, high: ArrayLike, cover: Paint = _SOLID) -> Mesh:
-    """A closed box, as things that stand on legs need it; unpainted for collision shapes."""
+    """A box with a bottom, for things that stand on legs; unpainted for collision shapes."""
     return box(low, high, cover, bottom=True)
 
 
 def legs(width: float, depth: float, height: float, thick: float, cover: Paint = _SOLID) -> Mesh:
-    """Four square legs at the corners of a footprint about the origin."""
+    """Four square legs at the corners of a footprint centred on the origin."""
     x, y = width / 2, depth / 2
     corners = [(-x, -y), (x - thick, -y), (-x, y - thick), (x - thick, y - thick)]
     return joined([box((u, v, 0), (u + thick, v + thick, height), cover) for u, v in corners])
@@ -109,7 +109,7 @@ def cylinder(
     cover: Paint = _SOLID,
     sides: int = 10,
 ) -> Mesh:
-    """An upright cylinder or cone (radii at its foot and top) with its top face."""
+    """An upright cylinder or cone (radii at bottom and top) with a top face."""
     x, y, z = base
     side = tube(base, (x, y, z + height), radii, cover, sides)
     lid = tube((x, y, z + height), (x, y, z + height + 1e-3), (radii[1], 1e-4), cover, sides)
@@ -117,7 +117,7 @@ def cylinder(
 
 
 def wheel(x: float, y: float, radius: float, width: float, cover: Paint, *, along: int = 0) -> Mesh:
-    """A wheel on the floor with closed sides that rolls along x (``along`` 0) or y (1)."""
+    """A wheel with closed sides on the floor that rolls along x (``along`` 0) or y (1)."""
     axle = np.array(((0.0, width / 2, 0.0), (width / 2, 0.0, 0.0))[along])
     middle = np.array((x, y, radius))
     low, high = middle - axle, middle + axle

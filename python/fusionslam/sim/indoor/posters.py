@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fusionslam.sim.canvas import Canvas, Rgb, noise
 
-# A sheet holds CELLS x CELLS prints, counted from the lower left one, row by row.
+# A sheet holds CELLS x CELLS prints, numbered from the lower left one, row by row.
 CELLS = 4
 
 _COLOURS: tuple[Rgb, ...] = (
@@ -24,7 +24,7 @@ _COLOURS: tuple[Rgb, ...] = (
     (0.30, 0.22, 0.18),
     (0.12, 0.12, 0.14),
 )
-# Segments of a digit, each (x, y, width, height) in a field 1 wide and 2 high.
+# Segments of a digit, each (x, y, width, height) in a cell 1 wide and 2 high.
 _SEGMENTS = {
     "a": (0.0, 1.8, 1.0, 0.2),
     "b": (0.8, 1.0, 0.2, 1.0),
@@ -52,7 +52,7 @@ def pictures(rng: np.random.Generator) -> Canvas:
 
 
 def labels() -> Canvas:
-    """Sixteen plates with the numbers 1 to 16 on a ground that the tint colours."""
+    """Sixteen plates with the numbers 1 to 16 on a background that takes the tint."""
     canvas = Canvas((CELLS, CELLS), (0.95, 0.95, 0.95), 1.0)
     for number, (row, column) in enumerate(np.ndindex(CELLS, CELLS), 1):
         canvas.rectangle((column, row), (1.0, 0.05), (0.1, 0.1, 0.1), 0.0)

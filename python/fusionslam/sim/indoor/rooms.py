@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rooms that share walls: floors, ceilings, walls with openings, frames, door leaves, windows."""
+"""Build rooms that share walls: floors, ceilings, openings, frames, door leaves, windows."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _SAME_M = 1e-6
 
 @dataclass(frozen=True)
 class Room:
-    """A rectangle between the middle lines of its walls, metres."""
+    """A rectangular room, bounded by the centre lines of its walls, metres."""
 
     name: str
     low: tuple[float, float]
@@ -32,7 +32,7 @@ class Room:
 
     @property
     def centre(self) -> tuple[float, float]:
-        """x, y in the middle."""
+        """x, y of the room's centre, metres."""
         return (self.low[0] + self.high[0]) / 2, (self.low[1] + self.high[1]) / 2
 
 
@@ -41,11 +41,11 @@ class Opening:
     """A passage through a wall.
 
     Attributes:
-        x, y: its middle, on the wall's middle line.
+        x, y: its centre, on the wall's centre line, metres.
         width: of the hole in the wall, metres.
-        leaf_in: name of the room its open leaf stands in, "" for none.
+        leaf_in: name of the room that the open leaf stands in, "" for none.
         leaf: colour of leaf and frame.
-        hinge: 1 or -1, the end of the opening (as seen from that room) with the hinges.
+        hinge: 1 or -1, the end of the opening (seen from that room) with the hinges.
     """
 
     x: float
@@ -58,21 +58,21 @@ class Opening:
 
 @dataclass(frozen=True)
 class Side:
-    """One wall of a room, walked with the room to the left; places are (along, inward)."""
+    """One wall of a room, running with the room to its left; positions are (along, inward)."""
 
     start: tuple[float, float]
     yaw: float
     length: float
 
     def at(self, along: float, inward: float) -> tuple[float, float]:
-        """x, y of a place, metres."""
+        """x, y of a position, metres."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         x = self.start[0] + c * along - s * inward
         y = self.start[1] + s * along + c * inward
         return float(x), float(y)
 
     def along(self, x: float, y: float) -> tuple[float, float]:
-        """(along, inward) of a place."""
+        """(along, inward) of a point, metres."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         dx, dy = x - self.start[0], y - self.start[1]
         return float(c * dx + s * dy), float(c * dy - s * dx)
@@ -91,7 +91,7 @@ def sides(room: Room) -> tuple[Side, ...]:
 
 
 def openings_of(side: Side, openings: Sequence[Opening]) -> list[tuple[float, Opening]]:
-    """The openings in one wall with their places along it, in order."""
+    """The openings in one wall with their positions along it, in order."""
     found = []
     for opening in openings:
         along, inward = side.along(opening.x, opening.y)
@@ -101,7 +101,7 @@ def openings_of(side: Side, openings: Sequence[Opening]) -> list[tuple[float, Op
 
 
 def build_room(site: Site, room: Room, openings: Sequence[Opening], height: float) -> None:
-    """Put floor, ceiling, walls and open door leaves of a room onto the site."""
+    """Add floor, ceiling, walls and open door leaves of a room to the site."""
     site.put(_floor(room), *room.centre)
     site.put(_ceiling(room), *room.centre, z=height)
     visual: list[Mesh] = []
@@ -121,7 +121,7 @@ def build_room(site: Site, room: Room, openings: Sequence[Opening], height: floa
 
 
 def window(width: float, height: float, frame: Rgb = WHITE) -> Thing:
-    """A window with its sill; its back lies in y = 0, its lower edge in z = 0."""
+    """A window with its sill; its back is at y = 0, its lower edge at z = 0."""
     pane = front((-width / 2, 0), (width / 2, height), -0.006, fitted(Look.WINDOW, width, height))
     sill = block((-width / 2 - 0.05, -0.06, -0.04), (width / 2 + 0.05, 0, 0), _plain(frame))
     return flat("window", [pane, sill])
@@ -152,7 +152,7 @@ def _slab(room: Room, cover: Paint, *, upward: bool) -> Mesh:
 
 
 def spans(length: float, found: Sequence[tuple[float, Opening]]) -> list[tuple[float, float]]:
-    """Where a wall stands between its openings: (from, to) along it."""
+    """Sections of a wall between its openings: (from, to) along it."""
     edges = [0.0]
     for along, opening in found:
         edges += [along - opening.width / 2, along + opening.width / 2]
@@ -179,7 +179,7 @@ def _skirting(
 
 
 def _frame(along: float, opening: Opening) -> Mesh:
-    """This room's half of the frame: it lines the opening and laps onto the wall."""
+    """This room's half of the frame: it lines the opening and overlaps the wall."""
     cover, depth = paint(Look.WOOD, opening.leaf), _HALF + 0.015
     half = opening.width / 2
     posts = [
@@ -195,7 +195,7 @@ def _frame(along: float, opening: Opening) -> Mesh:
 
 
 def _put_leaf(site: Site, side: Side, along: float, opening: Opening) -> None:
-    """An open leaf that stands square to the wall beside the opening."""
+    """Put an open leaf perpendicular to the wall beside the opening."""
     width = opening.width - 2 * _FRAME_M
     cover = fitted(Look.DOOR, width, DOOR_M, opening.leaf)
     leaf = block((-width / 2, -0.02, 0.01), (width / 2, 0.02, DOOR_M - _FRAME_M), cover)

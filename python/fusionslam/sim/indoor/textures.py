@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Procedural images of what is indoors: wood, tiles, carpets, cardboard, doors and windows.
+"""Procedural indoor textures: wood, tiles, carpets, cardboard, doors and windows.
 
-A texture is uint8 (S, S, 4): RGB and how far the surface's tint colours that texel, as in the town.
+A texture is uint8 (S, S, 4): RGB and how strongly the surface's tint colours a texel, as in town.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,7 +22,7 @@ WHITE: Rgb = (0.97, 0.97, 0.95)
 
 
 class Look(IntEnum):
-    """The textures of the indoor worlds, by index."""
+    """Indices of the indoor worlds' textures."""
 
     PLAIN = 0
     PLASTER = 1
@@ -57,7 +57,7 @@ class Look(IntEnum):
     LABELS = 30
 
 
-# Metres that one image covers where it is not fitted to a panel.
+# Width and height in metres that one image covers unless it is fitted to a panel.
 EXTENT: Mapping[Look, tuple[float, float]] = {
     Look.PLAIN: (1.0, 1.0),
     Look.PLASTER: (3.0, 3.0),
@@ -112,14 +112,14 @@ def cut(look: Look, number: int, width: float, height: float, tint: Rgb = (1, 1,
 
 @lru_cache(maxsize=4)
 def indoor_textures(seed: int) -> tuple[Image, ...]:
-    """The images behind ``Look``: uint8 (512, 512, 4) each, made from a seed."""
+    """The images indexed by ``Look``: uint8 (512, 512, 4) each, made from a seed."""
     return tuple(
         _PAINTERS[look](np.random.default_rng([seed, look, 0x1D00])).image() for look in Look
     )
 
 
 def _rough(look: Look, rgb: Rgb, contrast: float, roughness: float = 0.7) -> Callable[..., Canvas]:
-    """A painter of one colour under noise of every scale."""
+    """A painter of one colour with noise at every scale."""
 
     def paint_it(rng: np.random.Generator) -> Canvas:
         canvas = Canvas(EXTENT[look], rgb, 1.0)
@@ -148,7 +148,7 @@ def _flowers(rng: np.random.Generator) -> Canvas:
 
 
 def _grain(rng: np.random.Generator, look: Look, contrast: float) -> Canvas:
-    """Streaks along y, as wood has them."""
+    """Wood grain: streaks along y."""
     canvas = Canvas(EXTENT[look], (0.84, 0.84, 0.84), 1.0)
     streaks = noise(rng, 0.9)
     along = np.fft.irfft(np.fft.rfft(streaks, axis=0) * _low_pass(6.0)[:, None], SIDE, axis=0)
@@ -172,7 +172,7 @@ def _planks(rng: np.random.Generator) -> Canvas:
 
 
 def _parquet(rng: np.random.Generator) -> Canvas:
-    """Squares of five staves that lie along and across by turns."""
+    """Squares of five staves, alternately along and across."""
     canvas = _grain(rng, Look.PARQUET, 0.05)
     for row, column in np.ndindex(4, 4):
         for stave in range(5):
@@ -299,7 +299,7 @@ def _drawers(rng: np.random.Generator) -> Canvas:
 
 
 def _window(rng: np.random.Generator) -> Canvas:
-    """Sky, trees and a lawn behind two panes."""
+    """A window view: sky, trees and a lawn behind two panes."""
     canvas = Canvas(EXTENT[Look.WINDOW], (0.72, 0.85, 0.97), 0.0)
     canvas.rectangle((0, 0), (1.4, 0.3), (0.48, 0.62, 0.34), 0.0)
     for _ in range(16):
@@ -317,7 +317,7 @@ def _window(rng: np.random.Generator) -> Canvas:
 def _waves(
     look: Look, count: int, depth: float, *, upright: bool, noisy: float = 0.04
 ) -> Callable[..., Canvas]:
-    """A painter of folds or ribs: ``count`` of them along x, or along y if not upright."""
+    """A painter of ``count`` folds or ribs, repeated along x, or along y if not upright."""
 
     def paint_it(rng: np.random.Generator) -> Canvas:
         canvas = _rough(look, (0.88, 0.88, 0.88), noisy)(rng)
@@ -329,7 +329,7 @@ def _waves(
 
 
 def _panels(rng: np.random.Generator) -> Canvas:
-    """A suspended ceiling."""
+    """Panels of a suspended ceiling."""
     canvas = _rough(Look.PANELS, (0.97, 0.97, 0.96), 0.03, 0.3)(rng)
     for at in (0.0, 0.6):
         canvas.rectangle((at, 0), (0.02, 1.2), (0.75, 0.75, 0.75), 1.0)
@@ -338,7 +338,7 @@ def _panels(rng: np.random.Generator) -> Canvas:
 
 
 def _hazard(rng: np.random.Generator) -> Canvas:
-    """Black and yellow at 45 degrees."""
+    """Black and yellow hazard stripes at 45 degrees."""
     canvas = _rough(Look.HAZARD, (0.95, 0.78, 0.10), 0.05)(rng)
     steps = np.add.outer(np.arange(SIDE), np.arange(SIDE)) * 4 // SIDE
     canvas.rgb[steps % 2 == 1] = (0.10, 0.10, 0.11)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A hall of pallet racks with equal aisles, loading bays along one wall and a packing corner.
 
-Racks are built of few types of bay, so that the same shelf with the same load is seen in many
-places; goods on the floor, gates and signs tell them apart.
+Racks are built from a few types of bay, so the same shelf with the same load appears in many
+places; goods on the floor, gates and signs distinguish these places.
 """
 
 from dataclasses import dataclass
@@ -21,17 +21,17 @@ from fusionslam.sim.world import World
 
 _HEIGHT_M = 4.5
 _YARD_M = 7.0
-# From the gates to the middle of the lane along the marked bays.
+# Distance from the gates to the centre of the lane along the marked bays.
 _LANE_M = 2.9
 _CROSS_M = 2.6
 _GATE_M = 3.0
-# In aisles from this width on, goods of 0.8 m beside a rack leave the middle free.
+# Least aisle width at which goods of 0.8 m beside a rack leave the middle free.
 _SPACIOUS_M = 2.3
 _YELLOW = (0.95, 0.80, 0.15)
 
 
 class WarehouseConfig(Section):
-    """A hall of racks."""
+    """Settings of the warehouse."""
 
     seed: int = option(3, "decides loads, signs and what stands around", ge=0)
     rows: int = option(5, "rows of racks; one aisle more than rows", ge=1, le=12)
@@ -44,7 +44,7 @@ class WarehouseConfig(Section):
 
 @dataclass(frozen=True)
 class _Plan:
-    """Where things are, metres: rows of racks lie along y, the yard with the gates at low y."""
+    """Floor plan in metres: rows of racks run along y, the yard with the gates is at low y."""
 
     width: float
     depth: float
@@ -73,7 +73,7 @@ def _plan(config: WarehouseConfig) -> _Plan:
 
 
 def warehouse_places(config: WarehouseConfig) -> dict[str, tuple[float, float]]:
-    """x, y of a free point in the middle of each half of each aisle, each cross aisle, the yard."""
+    """x, y of a free point in the middle of each half aisle, each cross aisle and the yard."""
     plan = _plan(config)
     places = {"yard": (0.0, plan.yard_y)}
     for number, x in enumerate(plan.aisle_x, 1):
@@ -85,7 +85,7 @@ def warehouse_places(config: WarehouseConfig) -> dict[str, tuple[float, float]]:
 
 
 def make_warehouse(config: WarehouseConfig) -> World:
-    """The warehouse as visual and collision scene."""
+    """Build the warehouse with visual and collision scene."""
     rng = np.random.default_rng([config.seed, 0x57])
     plan, site = _plan(config), Site()
     hall = _hall(plan)
@@ -107,7 +107,7 @@ def _hall(plan: _Plan) -> Room:
 
 
 def _put_racks(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.Generator) -> None:
-    """Rows that repeat a few patterns of a few types of bay."""
+    """Put rows of racks that repeat a few patterns of a few types of bay."""
     types = [warehouse_furniture.rack_bay(rng, config.fill) for _ in range(config.bay_types)]
     patterns = rng.integers(len(types), size=((config.rows + 1) // 2, config.bays))
     for number, x in enumerate(plan.row_x):
@@ -124,7 +124,7 @@ def _put_racks(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.
 
 
 def _put_yard(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.Generator) -> None:
-    """Gates with marked bays before them, a fork-lift, columns, stacks of empty pallets."""
+    """Put gates with marked bays in front, a fork-lift, columns and stacks of empty pallets."""
     south = -plan.depth / 2
     count = max(1, int(plan.width // 4.6))
     for number in range(count):
@@ -149,7 +149,7 @@ def _put_yard(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.G
 
 
 def _put_goods(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.Generator) -> None:
-    """Cages and pallets beside the racks where the aisle stays wide enough, benches at the end."""
+    """Put cages and pallets beside the racks if the aisle stays wide enough, benches at the end."""
     if config.aisle_m >= _SPACIOUS_M:
         for x in plan.aisle_x:
             for y in plan.bay_y:
@@ -169,5 +169,5 @@ def _put_goods(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.
 
 
 def _put_turned(site: Site, goods: Thing, x: float, y: float, rng: np.random.Generator) -> None:
-    """Put goods down as a driver does: nearly square."""
+    """Put goods down nearly square, as a fork-lift driver does."""
     site.put(goods, x, y, float(rng.normal(0, 0.03)))

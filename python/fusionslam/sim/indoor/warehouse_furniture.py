@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What stands in a warehouse: racks and their loads, pallets, drums, a fork-lift, benches."""
+"""Warehouse furniture: racks and their loads, pallets, drums, a fork-lift, benches."""
 
 from collections.abc import Callable
 
@@ -36,7 +36,7 @@ def rack_bay(rng: np.random.Generator, fill: float) -> Thing:
 
 
 def _rack_frame() -> Shapes:
-    """Posts with feet and braces at both ends, beams front and back, boards between them."""
+    """A frame: posts with feet and braces at both ends, beams front and back, boards between."""
     blue, orange = paint(Look.PLAIN, _BLUE), paint(Look.PLAIN, _ORANGE)
     x, y = BAY_M / 2, DEPTH_M / 2
     posts = [
@@ -67,7 +67,7 @@ def _rack_frame() -> Shapes:
 
 
 def _load(rng: np.random.Generator, width: float, depth: float, height: float) -> Shapes:
-    """A pallet with boxes, crates, drums or sacks, its middle on the origin."""
+    """A pallet with cartons, crates or drums, centred on the origin."""
     makers: tuple[Callable[..., Shapes], ...] = (_cartons, _cartons, _one_carton, _crates, _drums)
     seen, hit = makers[rng.integers(len(makers))](rng, width, depth, height - 0.14)
     low, high = _pallet(width, depth)
@@ -78,7 +78,7 @@ def _load(rng: np.random.Generator, width: float, depth: float, height: float) -
 
 
 def _pallet(width: float, depth: float) -> Shapes:
-    """Three runners with blocks under a deck of boards."""
+    """A pallet: three runners with blocks under a deck of boards."""
     wood, x, y = paint(Look.WOOD, _TIMBER), width / 2, depth / 2
     runners = [
         block((u - 0.05, -y, 0.0), (u + 0.05, y, 0.115), wood) for u in (-x + 0.05, 0.0, x - 0.05)
@@ -227,7 +227,7 @@ def cage(rng: np.random.Generator) -> Thing:
 
 
 def gate(number: int, width: float, height: float) -> Thing:
-    """A closed roller gate with its number and bumpers; its back lies in y = 0."""
+    """A closed roller gate with its number and bumpers; its back is at y = 0."""
     x = width / 2
     leaf = front((-x, 0), (x, height), -0.03, paint(Look.SHUTTER, (0.82, 0.86, 0.9)))
     posts = [block((u - 0.1, -0.1, 0), (u + 0.1, 0, height), paint(Look.HAZARD)) for u in (-x, x)]
@@ -249,13 +249,13 @@ def row_sign(number: int) -> Thing:
 
 
 def guard_rail() -> Thing:
-    """A low striped rail before the end of a row of racks, along x."""
+    """A low striped rail along x, in front of the end of a row of racks."""
     rail = block((-0.55, -0.05, 0.0), (0.55, 0.05, 0.35), paint(Look.HAZARD))
     return thing("guard_rail", [rail], [rail])
 
 
 def marking(width: float, depth: float, tint: Rgb) -> Thing:
-    """A painted rectangle's outline on the floor, 8 cm wide."""
+    """The outline of a rectangle painted on the floor, 8 cm wide."""
     x, y, line, z = width / 2, depth / 2, 0.08, 0.003
     low_high = (
         (-x, -y, x, -y + line),

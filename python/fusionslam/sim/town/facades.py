@@ -14,7 +14,7 @@ _EXTENT = (12.0, 4 * FLOOR_M)
 
 @dataclass(frozen=True)
 class FacadeStyle:
-    """One kind of wall: its material, bays in 12 m, window size in metres, extras."""
+    """A kind of wall: material, number of bays in 12 m, window size in metres, extras."""
 
     material: str
     bays: int
@@ -25,7 +25,7 @@ class FacadeStyle:
 
     @property
     def bay_m(self) -> float:
-        """Width of one bay: walls whose length is a multiple of it cut no window."""
+        """Width of one bay; a wall whose length is a multiple of it cuts through no window."""
         return _EXTENT[0] / self.bays
 
 
@@ -43,7 +43,7 @@ FACADES: tuple[FacadeStyle, ...] = (
 
 
 def paint_facade(style: FacadeStyle, rng: np.random.Generator) -> Canvas:
-    """Four floors (3 m each) and 12 m of one style of wall."""
+    """Paint four floors (3 m each) and 12 m of one style of wall."""
     canvas = _wall(style.material, rng)
     canvas.shade(0.10 * noise(rng, 0.8))
     for floor in range(4):
@@ -91,7 +91,7 @@ def _glass(
     corner: tuple[float, float],
     size: tuple[float, float],
 ) -> None:
-    """Dark panes that mirror the sky towards the top, some with curtains or a blind."""
+    """Paint dark panes that reflect the sky towards the top, some with curtains or a blind."""
     dark = rng.uniform(0.10, 0.24)
     for step in range(4):
         level = dark + 0.05 * step

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Houses of a few types, as real streets repeat them. They stand at y >= 0 and face -y."""
+"""Houses of a few types, repeated as in real streets. They stand at y >= 0 and face -y."""
 
 from dataclasses import dataclass
 
@@ -42,7 +42,7 @@ DOOR_TINTS: tuple[Rgb, ...] = (
 
 @dataclass(frozen=True)
 class HouseType:
-    """What all houses of one type share; lengths in metres."""
+    """Properties shared by all houses of one type; lengths in metres."""
 
     facade: int
     wall: Rgb
@@ -61,7 +61,7 @@ def paint(look: Look, tint: Rgb = (1.0, 1.0, 1.0)) -> Paint:
 
 
 def house_type(rng: np.random.Generator, kind: str, wall: Rgb) -> HouseType:
-    """Draw a type of ``kind`` ("row", "villa" or "flats") with walls of one colour."""
+    """Draw a random type of ``kind`` ("row", "villa" or "flats") with walls of one colour."""
     facade = int(rng.integers(FACADE_COUNT))
     bay = FACADES[facade].bay_m
     widths = {"row": (6, 10), "villa": (8, 13), "flats": (16, 24)}[kind]
@@ -81,7 +81,7 @@ def house_type(rng: np.random.Generator, kind: str, wall: Rgb) -> HouseType:
 
 
 def house(kind: HouseType, rng: np.random.Generator) -> Mesh:
-    """One house: its left front corner at the origin, front on the x axis, facing -y."""
+    """Build a house: left front corner at the origin, front along the x axis, facing -y."""
     parts = [_walls(kind, rng), _roof(kind), _door(kind, rng)]
     if kind.roof != "flat":
         parts.append(_chimney(kind, rng))
@@ -132,12 +132,12 @@ def _gable(
     eave: float,
     kind: HouseType,
 ) -> Mesh:
-    """Two slopes over the plan's first and third edge, plastered triangles under the others."""
+    """A gable roof: slopes over the plan's first and third edge, plastered gables at the others."""
     a, b, c, d = (np.array([x, y, z]) for x, y in plan)
     side, out = (b - a) / np.linalg.norm(b - a), (a - d) / np.linalg.norm(a - d)
     up = np.array([0, 0, top - z])
     first, last = (a + d) / 2 + up, (b + c) / 2 + up
-    # Eaves continue the slope outwards and therefore downwards.
+    # Eaves continue the slope outwards, and so downwards.
     drop = out * eave - up * eave / (np.linalg.norm(a - d) / 2)
     rise = -out * eave - up * eave / (np.linalg.norm(a - d) / 2)
     over = side * eave

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Drives the car through the town and writes a folder in the layout of KITTI odometry.
+"""Drive the car through the town and write a folder in the layout of KITTI odometry.
 
-``sim.json`` is written last: a folder that has it is complete. An interrupted recording leaves
-``sim.partial.json`` and goes on with the frames that are missing.
+``sim.json`` is written last, so a folder with it is complete. An interrupted recording leaves
+``sim.partial.json`` and is resumed with the missing frames.
 """
 
 import hashlib
@@ -33,14 +33,14 @@ from fusionslam.storage.cache import cache_folder
 from fusionslam.storage.files import atomic_path
 from fusionslam.storage.progress import Progress
 
-# Part of the cache's key: raise it when the same configuration gives other bytes.
+# Part of the cache key: increment when the same configuration gives different bytes.
 FORMAT = 1
 _DONE, _STARTED = "sim.json", "sim.partial.json"
 _SENSORS = {"velodyne": ".bin", "image_2": ".png", "image_3": ".png"}
 
 
 class SimConfig(Section):
-    """A simulated recording: the same configuration gives the same bytes on one machine."""
+    """Settings of the town's recording; on one machine the same settings give the same bytes."""
 
     seed: int = option(0, "decides noise, drop-outs, drift and wobble (not the town)", ge=0)
     town: TownConfig = option(TownConfig(), "the world")
@@ -73,7 +73,7 @@ class _Recorder:
         return [k for k in frames if not all(path.exists() for path in self._paths(k).values())]
 
     def write(self, caster: RayCaster, frame: int) -> None:
-        """Simulate and write one frame: LiDAR sweep, left and right picture."""
+        """Simulate and write one frame: LiDAR sweep, left and right image."""
         paths, car = self._paths(frame), self.config.car
         world_from_car = self.drive.poses[frame]
         swept = world_from_car @ car_from_lidar(car)
@@ -102,19 +102,19 @@ def record(
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> Path:
-    """Write a recording; one that was interrupted is continued, a complete one is kept.
+    """Write a recording; an interrupted one is resumed, a complete one is kept.
 
     Args:
         config: town, route and sensors.
-        folder: where to; made if it does not exist.
+        folder: output folder; created if it does not exist.
         jobs: threads. The bytes do not depend on it.
-        progress: called with (frames written, frames in all) after each frame.
+        progress: called with (frames written, total) after each frame.
 
     Returns:
         The folder, in KITTI odometry layout (sequence 00).
 
     Raises:
-        DataError: the folder cannot be written, or holds something else already.
+        DataError: the folder cannot be written, or already contains something else.
     """
     root = Path(folder)
     drive = make_drive(config.drive, config.town.block_m, config.seed)
@@ -131,9 +131,9 @@ def record(
 
 
 def embedded_drive(*, jobs: int | None = None, progress: Progress | None = None) -> Path:
-    """The default recording, made when it is first asked for and kept in the user's cache.
+    """Folder of the default recording, made on first use and kept in the user's cache.
 
-    The environment variable FUSIONSLAM_CACHE names another folder for it.
+    The environment variable FUSIONSLAM_CACHE sets another cache folder.
 
     Raises:
         DataError: the cache cannot be written.
@@ -143,13 +143,13 @@ def embedded_drive(*, jobs: int | None = None, progress: Progress | None = None)
 
 
 def embedded_folder() -> Path:
-    """Where the embedded drive is kept, whether it has been made or not."""
+    """Folder of the embedded drive, whether it has been made or not."""
     text = json.dumps(_identity(SimConfig()), sort_keys=True)
     return cache_folder() / f"drive-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
 
 def _write_frames(recorder: _Recorder, jobs: int) -> Iterator[int]:
-    """Write what is missing, lap by lap; yield the number of frames that are there."""
+    """Write the missing frames lap by lap; yield the number of frames that exist."""
     done = len(recorder.drive.poses)
     todo = {lap: recorder.missing(lap) for lap in np.unique(recorder.drive.lap).tolist()}
     done -= sum(len(frames) for frames in todo.values())
@@ -172,7 +172,7 @@ def _identity(config: SimConfig) -> dict[str, object]:
 
 
 def _claim(root: Path, config: SimConfig) -> bool:
-    """Whether the folder holds this recording completely; if not, mark it as begun."""
+    """Return True if the folder holds this complete recording; otherwise mark it as started."""
     for name in (_DONE, _STARTED):
         if (root / name).exists():
             if _read_identity(root / name) != _identity(config):

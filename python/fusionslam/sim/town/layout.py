@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A town of blocks between straight streets. x points east, y north, z up, street level is 0.
+"""A town of blocks between straight streets. x points east, y north, z up; street level is z = 0.
 
 Street crossings are numbered (column, row) from (0, 0) in the south-west, which is the origin.
-One more ring of blocks surrounds those that are asked for, so that every street has two sides.
+An extra ring of blocks surrounds the configured ones, so that every street has two sides.
 """
 
 from collections.abc import Iterator
@@ -51,8 +51,8 @@ class TownConfig(Section):
 class Side:
     """One side of a block: its street edge runs from ``start`` for ``length`` metres.
 
-    Things are placed by (along, inward): metres along the edge and into the block; the edge is
-    walked with the block to the left.
+    Positions are (along, inward): metres along the edge, with the block to the left, and into the
+    block.
     """
 
     start: tuple[float, float]
@@ -60,7 +60,7 @@ class Side:
     length: float
 
     def place(self, mesh: Mesh, along: float, inward: float, z: float = 0.0) -> Mesh:
-        """The mesh, which faces -y, at a place on this side, facing the street."""
+        """Place a mesh that faces -y on this side, facing the street."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         x = self.start[0] + c * along - s * inward
         y = self.start[1] + s * along + c * inward
@@ -68,7 +68,7 @@ class Side:
 
 
 def make_town(config: TownConfig, lap: int = 0) -> Scene:
-    """The town as it is on one lap: houses and trees stay, parked cars differ."""
+    """Build the town for one lap: houses and trees stay the same, parked cars differ."""
     parked = [Part("parked car", mesh) for mesh in _parked(config, lap)]
     return scene_of([*_built(config), *parked], town_textures(config.seed))
 
@@ -88,7 +88,7 @@ def _built(config: TownConfig) -> tuple[Part, ...]:
 
 
 def _house_types(config: TownConfig, rng: np.random.Generator) -> dict[str, list[HouseType]]:
-    """The town's types of house by kind of block; their colours repeat as late as possible."""
+    """The town's house types by kind of block; colours repeat only once all have been used."""
     order = rng.permutation(len(WALL_TINTS))
     colours = cycle([WALL_TINTS[k] for k in order])
     return {
@@ -98,7 +98,7 @@ def _house_types(config: TownConfig, rng: np.random.Generator) -> dict[str, list
 
 
 def _parked(config: TownConfig, lap: int) -> list[Mesh]:
-    """Cars in the parking strips: each place is taken with the configured probability."""
+    """Cars in the parking strips; the configured share of places, varied by side, is taken."""
     rng = np.random.default_rng([config.seed, _PARKED, lap])
     cars = []
     for corner in _blocks(config):
@@ -113,7 +113,7 @@ def _parked(config: TownConfig, lap: int) -> list[Mesh]:
 
 
 def _blocks(config: TownConfig) -> Iterator[tuple[float, float]]:
-    """South-west corners of all blocks, the surrounding ring included."""
+    """South-west corners of all blocks, including the surrounding ring."""
     columns, rows = config.blocks
     for column in range(-1, columns + 1):
         for row in range(-1, rows + 1):
@@ -166,7 +166,7 @@ def _floor(corner: tuple[float, float], size: float, kind: str) -> Mesh:
 def _house_row(
     side: Side, kind: str, types: list[HouseType], rng: np.random.Generator, *, first: bool
 ) -> list[Mesh]:
-    """Houses along one side; the sides built second leave the corners to the first ones."""
+    """Houses along one side; sides that are not ``first`` leave the corners free."""
     setback = PAVEMENT_M + {"row": 0.2, "villa": 3.5, "flats": 3.0}[kind]
     gaps = {"row": (0.0, 0.0), "villa": (2.5, 7.0), "flats": (4.0, 9.0)}[kind]
     margin = setback if first else setback + 12.0
@@ -204,7 +204,7 @@ def _front_garden(
 
 
 def _street_furniture(config: TownConfig, side: Side, rng: np.random.Generator) -> list[Mesh]:
-    """Lamps, signs and bins at the curb, and on some sides a line of trees."""
+    """Lamps, signs and bins at the kerb, and on some sides a line of trees."""
     parts = []
     for along in np.arange(rng.uniform(2, 12), side.length - 2, 22.0):
         parts.append(

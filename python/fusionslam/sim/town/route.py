@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the car drives: laps over street crossings, on the right, with rounded corners.
+"""The car's route: laps over street crossings, on the right-hand side, with rounded corners.
 
 The car's frame is x forward, y left, z up, on the street below the LiDAR.
 """
@@ -26,7 +26,7 @@ _BACK: tuple[Crossing, ...] = ((1, 1), (1, 0), (0, 0), (0, 1), (1, 1))
 
 
 class DriveConfig(Section):
-    """The route and how it is driven. The default: a loop, half of it again, the rest backwards."""
+    """The route and how it is driven. Default: a loop, half of it again, the rest backwards."""
 
     laps: tuple[tuple[Crossing, ...], ...] = option(
         (_LOOP, _AGAIN, _BACK),
@@ -69,13 +69,13 @@ class DriveConfig(Section):
         return self
 
     def crossings(self) -> list[Crossing]:
-        """All crossings in order of passing, each lap's first one once."""
+        """All crossings in the order passed; the crossing shared by two laps appears once."""
         return [*self.laps[0], *(crossing for lap in self.laps[1:] for crossing in lap[1:])]
 
 
 @dataclass(frozen=True)
 class Drive:
-    """N places of the car.
+    """N poses of the car along its route.
 
     Attributes:
         poses: float64 (N, 4, 4), world_from_car.
@@ -104,7 +104,7 @@ def make_drive(config: DriveConfig, block_m: float, seed: int) -> Drive:
 
 
 def _middle_line(config: DriveConfig, block_m: float) -> tuple[Floats, NDArray[np.int64]]:
-    """Points of the streets' middle lines at equal steps, (K, 2), and the lap of each."""
+    """Points on the streets' centre lines at equal steps, (K, 2), and the lap of each."""
     nodes = np.asarray(config.crossings(), np.float64) * block_m
     pieces = [nodes[:1], *_corners(nodes, config.corner_radius_m), nodes[-1:]]
     line = np.concatenate(pieces)
@@ -118,7 +118,7 @@ def _middle_line(config: DriveConfig, block_m: float) -> tuple[Floats, NDArray[n
 
 
 def _corners(nodes: Floats, radius: float) -> list[Floats]:
-    """The way past each inner node: the node itself, or an arc where the route turns."""
+    """Points past each inner node: the node itself, or an arc where the route turns."""
     return [
         _arc(before, node, after, radius)
         for before, node, after in zip(nodes, nodes[1:], nodes[2:], strict=False)
@@ -139,7 +139,7 @@ def _arc(before: Floats, node: Floats, after: Floats, radius: float) -> Floats:
 def _in_lane(
     config: DriveConfig, middle: Floats, lap: NDArray[np.int64], rng: np.random.Generator
 ) -> Floats:
-    """The middle line moved to the right by lane, lap and drift, (K, 2)."""
+    """The centre line shifted to the right by lane, lap and drift, (K, 2)."""
     shifts = np.asarray(config.lap_shift_m)
     aside = config.lane_m + shifts[lap.clip(max=len(shifts) - 1)]
     drift = _drift(rng, _STEP_M * np.arange(len(middle), dtype=np.float64))
@@ -151,7 +151,7 @@ def _in_lane(
 
 
 def _smoothed(values: Floats) -> Floats:
-    """Moving average over _BLEND_M, the ends held."""
+    """Moving average over _BLEND_M, with the end values repeated."""
     half = round(_BLEND_M / _STEP_M / 2)
     padded = np.pad(values, half, mode="edge")
     window = 2 * half + 1
@@ -161,7 +161,7 @@ def _smoothed(values: Floats) -> Floats:
 
 
 def _drift(rng: np.random.Generator, along: Floats) -> Floats:
-    """A smooth random function of the way, deviation about 1: four waves of 12 to 70 m."""
+    """A smooth random function of path length, deviation about 1: four waves of 12 to 70 m."""
     waves = rng.uniform(12.0, 70.0, 4)
     phases = rng.uniform(0, 2 * np.pi, 4)
     mixed: Floats = np.sin(2 * np.pi * along[:, None] / waves + phases).sum(axis=1) / np.sqrt(2.0)

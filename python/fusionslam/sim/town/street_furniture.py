@@ -164,9 +164,9 @@ def _green(rng: np.random.Generator) -> Rgb:
 def _crown(
     rng: np.random.Generator, centre: Floats, radii: Floats, tint: Rgb, clumps: int = 320
 ) -> Mesh:
-    """Leaf clumps: triangles of random attitude in an ellipsoid, denser near its surface.
+    """Leaf clumps: triangles of random orientation in an ellipsoid, denser near its surface.
 
-    Their normals lean outwards, so that light models the crown and not each clump.
+    Their normals lean outwards, so that shading follows the crown and not each clump.
     """
     outward = rng.standard_normal((clumps, 3))
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)

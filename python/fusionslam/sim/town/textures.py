@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small procedural images for walls, streets, leaves and cars.
 
-A texture is uint8 (S, S, 4): RGB and how far the surface's tint colours that texel (255: fully, so
-that one brick wall serves red and yellow houses while its windows stay the same). All of them
-repeat without a seam and have contrast at every scale, which stereo matching needs.
+A texture is uint8 (S, S, 4): RGB and how strongly the surface's tint colours that texel (255:
+fully; so one brick wall serves red and yellow houses while its windows stay the same). All
+textures repeat seamlessly and have contrast at every scale, which stereo matching needs.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from fusionslam.storage.arrays import Image
 
 
 class Look(IntEnum):
-    """The town's textures, by index; facades follow from ``Look.FACADE`` on."""
+    """Indices of the town's textures; facades start at ``Look.FACADE``."""
 
     PLAIN = 0
     PLASTER = 1
@@ -42,7 +42,7 @@ class Look(IntEnum):
 
 FACADE_COUNT = len(FACADES)
 
-# Metres that one image covers.
+# Width and height in metres that one image covers.
 EXTENT: dict[Look, tuple[float, float]] = {
     Look.PLAIN: (2.0, 2.0),
     Look.PLASTER: (6.0, 6.0),
@@ -66,7 +66,7 @@ EXTENT: dict[Look, tuple[float, float]] = {
 
 @lru_cache(maxsize=4)
 def town_textures(seed: int) -> tuple[Image, ...]:
-    """The images behind ``Look``, then the facades: uint8 (512, 512, 4) each, made from a seed."""
+    """The images indexed by ``Look``, then the facades: uint8 (512, 512, 4) each, from a seed."""
     painters: dict[Look, Callable[[np.random.Generator], Canvas]] = {
         Look.PLAIN: lambda rng: _rough(rng, (0.9, 0.9, 0.9), 0.05),
         Look.PLASTER: lambda rng: _rough(rng, (0.85, 0.85, 0.85), 0.10),
@@ -100,7 +100,7 @@ def _generator(seed: int, number: int) -> np.random.Generator:
 def _rough(
     rng: np.random.Generator, rgb: tuple[float, float, float], contrast: float, tint: float = 1.0
 ) -> Canvas:
-    """One colour under noise of every scale."""
+    """One colour with noise at every scale."""
     canvas = Canvas((1.0, 1.0), rgb, tint)
     canvas.shade(contrast * noise(rng, 0.7))
     return canvas
@@ -157,7 +157,7 @@ def _sign(rng: np.random.Generator) -> Canvas:
 
 
 def _road(rng: np.random.Generator, patches: int) -> Canvas:
-    """A street's full width: dashes in the middle, a line beside each parking strip."""
+    """A street's full width: a dashed centre line, and a line beside each parking strip."""
     canvas = _asphalt(rng, EXTENT[Look.ROAD], patches)
     white = (0.80, 0.80, 0.78)
     for y in np.arange(1.5, 24.0, 6.0):
@@ -172,7 +172,7 @@ def _road(rng: np.random.Generator, patches: int) -> Canvas:
 
 
 def _asphalt(rng: np.random.Generator, extent: tuple[float, float], patches: int) -> Canvas:
-    """Grey with repairs, stains and manholes."""
+    """Grey asphalt with repairs, stains and manholes."""
     canvas = Canvas(extent, (0.40, 0.40, 0.41), 1.0)
     for _ in range(patches):
         corner = rng.uniform((0, 0), extent)
