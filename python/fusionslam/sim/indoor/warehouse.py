@@ -73,7 +73,7 @@ def _plan(config: WarehouseConfig) -> _Plan:
 
 
 def warehouse_places(config: WarehouseConfig) -> dict[str, tuple[float, float]]:
-    """x, y of a free point in the middle of each half aisle, each cross aisle and the yard."""
+    """x, y of a free point near both ends of each aisle, in each cross aisle and in the yard."""
     plan = _plan(config)
     places = {"yard": (0.0, plan.yard_y)}
     for number, x in enumerate(plan.aisle_x, 1):

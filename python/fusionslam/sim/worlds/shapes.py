@@ -9,7 +9,7 @@ from fusionslam.sim.worlds.surfaces import triangles_of
 
 Triangles = NDArray[np.float64]
 
-# A sphere of 1280 triangles is 1.2 mm off at a radius of 0.3 m; a cylinder of 64 sides likewise.
+# A sphere of 1280 triangles is 1.2 mm off at a radius of 0.3 m, a cylinder of 64 sides no more.
 _BALL_SUBDIVISIONS = 3
 _COLUMN_SIDES = 64
 _UNIT_SQUARE = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float)
