@@ -1,21 +1,21 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""How good is a descriptor at telling revisited places, and what does it cost?
+"""Evaluate descriptors, view ids and maps against ground truth.
 
     curve = precision_recall(descriptors, positions, protocol="revisit", radius=10.0)
     print(curve)
     curve.save("curve.json")
 
-``Evaluation`` joins such curves with what the run cost; the report shows them.
+``Evaluation`` joins such curves with the cost of the run; the report shows them.
 
     print(judge_views(ids, poses, stamps))
 
-judges the view ids of a place recognition that stores scenes as it goes, ``RunningViews`` does so
-while the robot drives, and
+judges the view ids of a place recognition that stores scenes as it goes. ``RunningViews`` does the
+same while the robot drives.
 
     print(judge_map(run))
 
-the map that RatSLAM made of them.
+judges the map that RatSLAM made from them.
 """
 
 from fusionslam.evaluation.loops.costs import Costs, StageCost, summarise_costs

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a run cost: time per stage, memory, bytes."""
+"""Cost of a run: time per stage, memory, bytes per descriptor."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
 
 @dataclass(frozen=True)
 class StageCost:
-    """Milliseconds a frame: the median and the 95th percentile over the frames."""
+    """Milliseconds per frame: the median and the 95th percentile over the frames."""
 
     median_ms: float
     p95_ms: float
@@ -20,14 +20,14 @@ class StageCost:
 
 @dataclass(frozen=True)
 class Costs:
-    """What a run cost.
+    """Cost of a run.
 
     Attributes:
-        stages: by stage name.
-        frame: all stages of a frame together; None if no stage was timed.
+        stages: cost of each stage, by its name.
+        frame: cost of all stages of a frame together; None if no stage was timed.
         bytes_per_descriptor: size of one row.
-        peak_memory_bytes: what describing the largest cloud took on top of what was in use.
-        median_points: points of a described cloud.
+        peak_memory_bytes: memory needed to describe the largest cloud, beyond what was in use.
+        median_points: median number of points of a described cloud.
     """
 
     stages: dict[str, StageCost]
@@ -38,7 +38,7 @@ class Costs:
 
 
 def summarise_costs(run: DescriptorRun) -> Costs:
-    """Costs of a run; figures of a run without frames are left out."""
+    """Summarise the costs of a run; figures of a run without frames are left out."""
     timed = {stage: seconds for stage, seconds in run.seconds.items() if len(seconds)}
     return Costs(
         stages={stage: _stage_cost(seconds) for stage, seconds in timed.items()},

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What ``describe`` stores: one descriptor of one kind of cloud over one sequence."""
+"""``DescriptorRun``: what ``describe`` stores for one descriptor, cloud source and sequence."""
 
 import os
 from dataclasses import dataclass, field
@@ -23,19 +23,19 @@ class DescriptorRun:
     """One descriptor on one cloud source over one sequence.
 
     Attributes:
-        source: "lidar" (LiDAR-camera fusion), "stereo" or "cloud" (came coloured).
+        source: "lidar" (LiDAR-camera fusion), "stereo" or "cloud" (clouds that come with colours).
         descriptor: "m2dp", "cm2dp", "shot", "cshot", ...
-        dataset: its name.
-        descriptors: float32 (N, D), one row a frame, in order of time.
+        dataset: name of the dataset.
+        descriptors: float32 (N, D), one row per frame, in order of time.
         frames: int64 (N,), indices into the dataset.
         stamps_ns: int64 (N,), nanoseconds.
         poses: float64 (N, 4, 4), world_from_body, or None without ground truth.
         seconds: wall time by stage ("load", "fuse", "describe", "match"), float64 (N,) each.
-        peak_memory_bytes: what describing the largest cloud took on top of what was in use.
-        points: int64 (N,), how many points were described.
-        config: the configuration in force, as JSON can hold it.
-        numbers: int64 (N,), frame numbers as in the file names; None for those of ``frames``.
-        skipped: numbers of the frames left out because they cannot be described, and why.
+        peak_memory_bytes: memory needed to describe the largest cloud, beyond what was in use.
+        points: int64 (N,), number of points described.
+        config: the effective configuration, in types that JSON can hold.
+        numbers: int64 (N,), frame numbers of the file names; None takes those of ``frames``.
+        skipped: number -> reason, for frames left out because they cannot be described.
 
     Raises:
         ShapeError: an array whose shape does not fit the descriptors'.
@@ -73,11 +73,11 @@ class DescriptorRun:
 
     @property
     def positions(self) -> NDArray[np.float64] | None:
-        """float64 (N, 3), metres, in the world's frame; None without ground truth."""
+        """float64 (N, 3), metres, in the world frame; None without ground truth."""
         return None if self.poses is None else self.poses[:, :3, 3]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write one .npz, whole or not at all. Raises DataError where that is impossible."""
+        """Write one .npz, whole or not at all. Raises DataError if that fails."""
         arrays = {name: getattr(self, name) for name in (*_ARRAYS, "poses")}
         arrays |= {_STAGE + stage: seconds for stage, seconds in self.seconds.items()}
         save_archive(path, FORMAT, {name: getattr(self, name) for name in _TEXTS}, arrays)
@@ -87,7 +87,7 @@ class DescriptorRun:
         """Read what ``save`` wrote.
 
         Raises:
-            DataError: the file is missing, cut short or something else; the message names it.
+            DataError: the file is missing, truncated or of another kind; the message names it.
         """
         with load_archive(path, FORMAT, "a stored descriptor run") as (about, stored):
             about["skipped"] = {int(number): why for number, why in about["skipped"].items()}

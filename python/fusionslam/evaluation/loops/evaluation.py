@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A descriptor run judged under several protocols."""
+"""Evaluation of a descriptor run under several protocols."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,15 +19,15 @@ from fusionslam.evaluation.loops.threshold_sweep import RANKS, evaluate_matches
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A run judged under several protocols.
+    """A descriptor run evaluated under several protocols.
 
     Attributes:
-        run: what was judged.
+        run: the run that was evaluated.
         curves: results by protocol name; empty without ground truth.
         published: published figures for the same sequence, source and descriptor, if any
             (``published_figures``; their protocol is perdomo2019).
-        matches: the nearest candidates, which exist without ground truth too.
-        window: frames before the query that were no candidates.
+        matches: the nearest candidates, which need no ground truth.
+        window: number of frames before the query that are not candidates.
     """
 
     run: DescriptorRun
@@ -38,7 +38,7 @@ class Evaluation:
 
     @cached_property
     def top1_by_direction(self) -> dict[str, float]:
-        """Top-1 of the revisits in the same, the opposite and a crossing direction, if any."""
+        """Top-1 of the revisits in the same, opposite or crossing direction, if there are any."""
         if self.run.poses is None or not self.curves:
             return {}
         curve = next(iter(self.curves.values()))
@@ -60,7 +60,7 @@ def evaluate(
     window: int = DEFAULTS.window,
     threads: int = 0,
 ) -> Evaluation:
-    """Search the nearest candidates once and judge them under each protocol.
+    """Find the nearest candidates once and judge them under each protocol.
 
     Without ground truth there are matches but no curves. Arguments as for precision_recall.
 

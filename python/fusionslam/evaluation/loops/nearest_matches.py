@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The nearest earlier places of each frame, as a value, and the checks of what they came from."""
+"""``Matches``: the nearest earlier frames of each frame, and checks of their inputs."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -20,8 +20,8 @@ class Matches:
         distances: float32 (N, k), Euclidean distances of the descriptors; inf where there is none.
 
     Raises:
-        ShapeError: arrays of other or unequal shapes.
-        DataError: a candidate without finite distance, or the other way round.
+        ShapeError: arrays of wrong or unequal shapes.
+        DataError: a candidate without a finite distance, or a distance without a candidate.
     """
 
     indices: NDArray[np.int64]
@@ -51,13 +51,13 @@ def find_matches(
     """Find the k nearest candidates j <= i - window - 1 of each row i, by brute force.
 
     Args:
-        descriptors: float32 (N, D), one row a frame, in order of time.
-        window: how many frames before the query are no candidates.
-        k: how many candidates to keep.
-        threads: how many threads may work; 0 is one per core.
+        descriptors: float32 (N, D), one row per frame, in order of time.
+        window: number of frames before the query that are not candidates.
+        k: number of candidates to keep.
+        threads: number of threads; 0 is one per core.
 
     Raises:
-        ShapeError: descriptors of another shape, or no real numbers.
+        ShapeError: wrong shape, or not real numbers.
         DataError: descriptors that are not finite.
     """
     from fusionslam._core import nearest_causal
@@ -67,10 +67,10 @@ def find_matches(
 
 
 def checked_descriptors(descriptors: Any) -> NDArray[np.float32]:
-    """Descriptors as float32 (N, D); other real numbers are copied, as everywhere.
+    """Return descriptors as float32 (N, D), copying other real dtypes.
 
     Raises:
-        ShapeError: another shape, or no real numbers.
+        ShapeError: wrong shape, or not real numbers.
         DataError: a descriptor that is not finite; the message names its row.
     """
     rows = np.asarray(descriptors)
@@ -83,10 +83,10 @@ def checked_descriptors(descriptors: Any) -> NDArray[np.float32]:
 
 
 def checked_positions(positions: Any, count: int) -> NDArray[np.float64]:
-    """Positions as float64 (count, 3), metres.
+    """Return positions as float64 (count, 3), metres.
 
     Raises:
-        ShapeError: another shape or length.
+        ShapeError: wrong shape or length.
         DataError: a position that is not finite; the message names its row.
     """
     places = np.asarray(positions, dtype=np.float64)

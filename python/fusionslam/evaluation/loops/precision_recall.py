@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Precision and recall of loop closing over all thresholds, as a value."""
+"""``PrecisionRecall``: precision and recall of loop closing over all thresholds."""
 
 import os
 from dataclasses import dataclass, fields
@@ -30,28 +30,28 @@ _ARRAYS: dict[str, type[np.generic]] = {
 
 @dataclass(frozen=True, eq=False)
 class PrecisionRecall:
-    """How well the nearest candidates tell revisited places, for every threshold.
+    """Precision and recall of the nearest candidates at every threshold.
 
-    Figures that do not exist are None: everything derived from recall where no query counts for
-    it (its denominator is 0; then ``recall`` is NaN), ``top1`` and ``recall_at_k`` where no query
-    is a revisit, thresholds where none reaches what they stand for. In JSON they are null.
+    Undefined figures are None (null in JSON): everything derived from recall if its denominator
+    is 0 (``recall`` itself is then NaN), ``top1`` and ``recall_at_k`` without any revisit, and
+    thresholds whose condition no threshold meets.
 
     Attributes:
         thresholds: float64 (T,), the distinct descriptor distances, ascending.
         precision: float64 (T,), correct accepted matches / accepted matches.
         recall: float64 (T,), correct accepted matches / the protocol's denominator.
-        recall_at_full_precision: largest recall without a false match; 0 if the first is false.
+        recall_at_full_precision: largest recall without a false match; 0 if the nearest is false.
         threshold_at_full_precision: its threshold; None if the nearest match of all is false.
         max_f1: largest 2 P R / (P + R).
-        max_f1_threshold: the lowest threshold that gives it; None if no match is correct.
+        max_f1_threshold: the lowest threshold that reaches it; None if no match is correct.
         average_precision: sum over thresholds of (R_t - R_(t-1)) P_t with R_0 = 0, no
             interpolation: the definition of scikit-learn's average_precision_score.
         top1: share of the revisits whose nearest candidate is correct, in every protocol.
-        recall_at_k: k -> share of the revisits with a correct one among the k nearest
-            candidates; None where fewer than k candidates a query were searched.
-        n_queries: N, all frames. n_revisits: those with some candidate within the radius.
+        recall_at_k: k -> share of the revisits with a correct match among the k nearest
+            candidates; None if fewer than k candidates per query were searched.
+        n_queries: N, all frames. n_revisits: those with any candidate within the radius.
         n_correct: those whose nearest candidate is correct.
-        protocol, radius, window: name, metres, frames: what the figures hold for.
+        protocol, radius, window: name, metres, frames that the figures hold for.
         queries: int64 (N,), rows of the queries.
         matches: int64 (N,), row of the nearest candidate, -1 = no candidate.
         distances: float64 (N,), its descriptor distance, inf = no candidate.
@@ -91,18 +91,18 @@ class PrecisionRecall:
         return "\n".join([title, counts, *lines])
 
     def metrics(self) -> dict[str, Any]:
-        """Every single figure (no arrays), with protocol, radius and window, ready for JSON."""
+        """All scalar figures with protocol, radius and window, ready for JSON."""
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _ARRAYS}
         return values | {"recall_at_k": {str(k): v for k, v in self.recall_at_k.items()}}
 
     def accepted(self, threshold: float | None) -> NDArray[np.bool_]:
-        """Bool (N,): the queries whose match a threshold accepts; none for threshold None."""
+        """Bool (N,): queries whose match a threshold accepts; none for threshold None."""
         if threshold is None:
             return np.zeros(self.n_queries, dtype=np.bool_)
         return (self.matches >= 0) & (self.distances <= threshold)
 
     def explain(self, threshold: float | None) -> str:
-        """Say in one line what became of the queries at a threshold, and why none is left."""
+        """Count in one line the queries without candidates, above the threshold and accepted."""
         alone = int((self.matches < 0).sum())
         kept = int(self.accepted(threshold).sum())
         parts = [f"{alone} without candidates"]
@@ -125,7 +125,7 @@ class PrecisionRecall:
         """Read what ``save`` wrote.
 
         Raises:
-            DataError: the file is missing, cut short or something else; the message names it.
+            DataError: the file is missing, truncated or of another kind; the message names it.
         """
         with load_json(path, FORMAT, "a stored precision-recall result") as content:
             return cls(**content | _restored(content))
@@ -135,7 +135,7 @@ class PrecisionRecall:
 
         Args:
             axis: where to draw; None makes a new figure (``axis.figure.savefig(...)``).
-            style: for the curve, as matplotlib's ``Axes.plot`` takes them.
+            style: keyword arguments of matplotlib's ``Axes.plot`` for the curve.
         """
         axis = _new_axis() if axis is None else axis
         (line,) = axis.plot(self.recall, self.precision, **style)
@@ -170,14 +170,14 @@ def _shown(value: float | None) -> str:
 
 
 def _plain(values: NDArray[Any]) -> list[Any]:
-    """A list for JSON, null where there is no finite number."""
+    """Convert to a list for JSON, null for values that are not finite."""
     if values.dtype.kind != "f":
         return list(values.tolist())
     return [value if np.isfinite(value) else None for value in values.tolist()]
 
 
 def _restored(content: dict[str, Any]) -> dict[str, Any]:
-    """The fields that JSON cannot hold as they are."""
+    """Restore the fields that JSON cannot hold directly."""
     fill = {"distances": np.inf, "recall": np.nan}
     arrays: dict[str, Any] = {
         name: np.array([fill.get(name) if v is None else v for v in content[name]], dtype=dtype)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rules by which a match counts as found: named protocols and their parameters."""
+"""Protocols for judging matches, by name, and their parameters."""
 
 import difflib
 from collections.abc import Callable
@@ -15,13 +15,13 @@ from fusionslam.storage.arrays import Mask
 
 @dataclass(frozen=True)
 class Protocol:
-    """What recall is a share of; everything else is common to all protocols (``COMMON_RULES``).
+    """The queries that recall counts; all else is common to all protocols (``COMMON_RULES``).
 
     Attributes:
-        name: what configurations and files call it.
-        denominator: what the recall is a share of, in words.
+        name: as in configurations and files.
+        denominator: the queries that recall is a share of, in words.
         source: who uses it.
-        relevant: (correct, revisit), bool (N,) each -> bool (N,), the queries recall counts.
+        relevant: (correct, revisit), bool (N,) each -> bool (N,), the queries that recall counts.
     """
 
     name: str
@@ -58,10 +58,10 @@ PROTOCOLS = {
 
 
 def protocol_named(name: str) -> Protocol:
-    """The protocol of that name.
+    """Return the protocol with this name.
 
     Raises:
-        ConfigError: there is none; the message gives the nearest name and all known ones.
+        ConfigError: unknown name; the message gives the nearest name and all known ones.
     """
     if name in PROTOCOLS:
         return PROTOCOLS[name]
@@ -82,7 +82,7 @@ DEFAULTS = EvaluationConfig()
 
 
 def checked_config(**values: Any) -> EvaluationConfig:
-    """The configuration with these values.
+    """Return the configuration with these values.
 
     Raises:
         ConfigError: a value is out of range or of the wrong type; the message names the key.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What was published for KITTI, to stand beside what is measured here."""
+"""Published KITTI figures, for comparison with those measured here."""
 
 import re
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ CITATION = (
     "times are means over KITTI 05 on an i7 at 2.0 GHz, matching took 4 to 6 ms a query"
 )
 
-# Recall at 100 % precision; in each row LiDAR-camera M2DP, c-M2DP, CSHOT, stereo the same three.
+# Recall at 100 % precision. Columns: M2DP, c-M2DP, CSHOT of LiDAR and camera, then of stereo.
 _RECALL = {
     "06": (0.668122, 0.824701, 0.818898, 0.227488, 0.502075, 0.822835),
     "05": (0.408935, 0.708861, 0.708108, 0.353425, 0.692308, 0.778539),
@@ -19,7 +19,7 @@ _RECALL = {
 }
 # Seconds to describe one cloud of KITTI 05, same columns.
 _SECONDS = {"05": (0.0674, 0.0830, 0.1072, 0.3584, 0.4259, 1.7711)}
-# Seconds to find the nearest one, same columns.
+# Seconds to find the nearest descriptor, same columns.
 _MATCH_SECONDS = {"05": (0.0043, 0.0051, 0.0059, 0.0044, 0.0054, 0.0061)}
 _COLUMNS = [(source, name) for source in ("lidar", "stereo") for name in ("m2dp", "cm2dp", "cshot")]
 
@@ -37,14 +37,14 @@ PUBLISHED_RECALL = _table(_RECALL)
 PUBLISHED_SECONDS = _table(_SECONDS)
 """(sequence, source, descriptor) -> seconds to describe one cloud."""
 PUBLISHED_MATCH_SECONDS = _table(_MATCH_SECONDS)
-"""(sequence, source, descriptor) -> seconds to find the nearest of all earlier ones."""
+"""(sequence, source, descriptor) -> seconds to find the nearest of all earlier descriptors."""
 PUBLISHED_COLOR_SPACES = {"rgb": (0.825, 0.892), "hsv": (0.714, 0.915), "lab": (0.498, 0.868)}
 """Colour space -> recall at 100 and at 90 % precision of c-M2DP on KITTI 06, LiDAR and camera
 (Perdomo 2019, 4.2)."""
 
 
 def kitti_sequence(dataset: str) -> str | None:
-    """The sequence in a dataset's name ("KITTI 06", "kitti/sequences/06"), or None."""
+    """Return the sequence in a dataset's name ("KITTI 06", "kitti/sequences/06"), or None."""
     found = re.fullmatch(r"kitti\D*(\d\d)", dataset.strip(), flags=re.IGNORECASE)
     return found[1] if found else None
 
@@ -52,7 +52,7 @@ def kitti_sequence(dataset: str) -> str | None:
 def published_figures(
     sequence: str | None, source: str, descriptor: str
 ) -> dict[str, float] | None:
-    """The published figures (``CITATION``), or None where nothing was published.
+    """Return the published figures (``CITATION``), or None if nothing was published.
 
     Returns:
         ``recall_at_full_precision`` (protocol perdomo2019) and, where it was published for this

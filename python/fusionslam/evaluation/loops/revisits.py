@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""From which side a place is seen again: what a forward camera can recognise depends on it."""
+"""Direction of revisits, which decides what a forward camera can recognise."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ DIRECTIONS = ("same", "opposite", "crossing")
 
 @dataclass(frozen=True)
 class Visit:
-    """How a frame meets earlier ones: "new", "same", "opposite" or "crossing", and which one."""
+    """Relation of a frame to earlier ones ("new", "same", "opposite", "crossing"), and to which."""
 
     kind: str
     earlier: int | None = None
@@ -23,14 +23,14 @@ class Visit:
 def visits(
     poses: NDArray[np.float64], *, radius: float = DEFAULTS.radius, window: int = DEFAULTS.window
 ) -> list[Visit]:
-    """For each frame, the nearest one less than ``radius`` away and more than ``window`` earlier.
+    """Find for each frame the nearest one within ``radius`` and more than ``window`` earlier.
 
     The kind is "same" if the rotation between the two poses is below 45 degrees, "opposite" if
     above 135, "crossing" in between.
 
     Args:
-        poses: float64 (N, 4, 4), world_from_body, in any convention of axes.
-        radius: metres. window: frames.
+        poses: float64 (N, 4, 4), world_from_body, with any axis convention.
+        radius: metres (exclusive). window: frames.
     """
     return [_visit(poses, index, radius, window) for index in range(len(poses))]
 
@@ -43,7 +43,7 @@ def _visit(poses: NDArray[np.float64], index: int, radius: float, window: int) -
     nearest = int(distance.argmin())
     if distance[nearest] >= radius:
         return Visit("new")
-    # Of a rotation by the angle a the trace is 1 + 2 cos a.
+    # A rotation by the angle a has the trace 1 + 2 cos a.
     cosine = (float(np.sum(earlier[nearest, :3, :3] * poses[index, :3, :3])) - 1) / 2
     kind = "same" if cosine > np.sqrt(0.5) else "opposite" if cosine < -np.sqrt(0.5) else "crossing"
     return Visit(kind, nearest)

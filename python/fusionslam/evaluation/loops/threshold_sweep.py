@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Judges matches against true positions and sweeps the threshold over all distances.
+"""Judge matches against true positions and sweep the threshold over all distances.
 
-Source: Perdomo 2019, sections 3.2 and 4.1.2, as the author's program does it; the choice of
-recall's denominator is the protocol's.
+Source: Perdomo 2019, sections 3.2 and 4.1.2, as implemented in the author's program. The protocol
+chooses the denominator of recall.
 """
 
 from typing import Any
@@ -23,7 +23,7 @@ from fusionslam.evaluation.loops.protocols import DEFAULTS, checked_config, prot
 from fusionslam.storage.arrays import Floats, Mask
 
 RANKS = (1, 5, 10)
-"""The k of recall@k."""
+"""Values of k for recall@k."""
 
 
 def precision_recall(
@@ -38,15 +38,15 @@ def precision_recall(
     """Match every frame with its nearest earlier places and judge the matches.
 
     Args:
-        descriptors: float32 (N, D), one row a frame, in order of time.
+        descriptors: float32 (N, D), one row per frame, in order of time.
         positions: (N, 3), true positions in metres, in any fixed frame.
         protocol: "revisit" or "perdomo2019".
-        radius: two positions closer than this (metres) are one place.
-        window: this many frames before the query are no candidates.
-        threads: for the search; 0 is one per core.
+        radius: positions closer than this (metres) are the same place.
+        window: number of frames before the query that are not candidates.
+        threads: number of threads of the search; 0 is one per core.
 
     Raises:
-        ShapeError: descriptors or positions of another shape, length or dtype.
+        ShapeError: descriptors or positions of the wrong shape, length or dtype.
         DataError: a value that is not finite.
         ConfigError: unknown protocol, radius <= 0 or window < 0.
     """
@@ -65,10 +65,10 @@ def evaluate_matches(
     radius: float = DEFAULTS.radius,
     window: int = DEFAULTS.window,
 ) -> PrecisionRecall:
-    """Judge nearest candidates that were found already. Arguments as for precision_recall.
+    """Judge nearest candidates that are already known. Arguments as for precision_recall.
 
     Raises:
-        ShapeError: positions of another shape or length than the matches.
+        ShapeError: positions whose shape or length does not fit the matches.
         DataError: a position that is not finite, or a match that the window excludes.
         ConfigError: unknown protocol, radius <= 0 or window < 0.
     """
@@ -100,13 +100,13 @@ def metres_between(a: Floats, b: Floats) -> Floats:
 
 
 def _hits(indices: NDArray[np.int64], places: Floats, radius: float) -> Mask:
-    """Bool (N, k): which candidates lie within the radius of their query."""
+    """Bool (N, k): candidates within the radius of their query."""
     near = metres_between(places[:, None], places[indices]) < radius
     return near & (indices >= 0)
 
 
 def _revisits(places: Floats, radius: float, window: int) -> Mask:
-    """Bool (N,): which queries have some candidate within the radius."""
+    """Bool (N,): queries with any candidate within the radius."""
     found = np.zeros(len(places), dtype=np.bool_)
     for query in range(window + 1, len(places)):
         found[query] = (metres_between(places[: query - window], places[query]) < radius).any()
@@ -114,7 +114,7 @@ def _revisits(places: Floats, radius: float, window: int) -> Mask:
 
 
 def _swept(distances: Floats, correct: Mask, denominator: int) -> dict[str, Any]:
-    """The curve over all distinct distances, and what is read off it."""
+    """Compute the curve over all distinct distances, and the figures read off it."""
     present = np.isfinite(distances)
     thresholds, row = np.unique(distances[present], return_inverse=True)
     accepted = np.cumsum(np.bincount(row, minlength=len(thresholds)))
@@ -137,10 +137,10 @@ _UNDEFINED = dict.fromkeys(
 
 
 def _figures(thresholds: Floats, precision: Floats, recall: Floats) -> dict[str, Any]:
-    """What is read off a curve; thresholds that do not exist are None."""
+    """Read the figures off a curve; thresholds that do not exist are None."""
     f1 = _f1(precision, recall)
     best = float(f1.max(initial=0))
-    # Once a false match is accepted it stays so: rows without one are a prefix.
+    # A false match stays accepted at all larger thresholds: rows without one are a prefix.
     flawless = int((precision == 1).sum())
     return {
         "recall_at_full_precision": float(recall[flawless - 1]) if flawless else 0.0,
@@ -158,7 +158,7 @@ def _f1(precision: Floats, recall: Floats) -> Floats:
 
 
 def _ranked(hits: Mask, revisit: Mask) -> dict[str, Any]:
-    """Shares of the revisits with a correct candidate among the k nearest."""
+    """Compute the shares of revisits with a correct candidate among the k nearest."""
     shares = {k: _share(np.any(hits[:, :k], axis=1), revisit) for k in RANKS}
     searched = hits.shape[1]
     known = {k: share if k <= searched else None for k, share in shares.items()}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Judges the map that a run of RatSLAM made: by its metres, and by what it joins."""
+"""Judge the map of a RatSLAM run: its metric errors and the places that it links."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -18,23 +18,23 @@ if TYPE_CHECKING:
 
 
 _PAIRS = 1 << 19
-"""Pairs of looks that are compared at a time: some tens of megabytes."""
+"""Pairs of looks compared at a time: some tens of megabytes."""
 
 
 def judge_map(run: "RatSlamRun", *, rule: str | ViewRule = "paper") -> MapReport:
-    """Judge the map of a run against the true poses, and beside it dead reckoning.
+    """Judge the map of a run, and dead reckoning for comparison, against the true poses.
 
-    Without truth the report says so and holds counts alone; so it is with single steps whose true
-    pose is not known (three times NaN).
+    Without ground truth the report says so and holds only counts. Single steps may lack ground
+    truth too: their true pose is three times NaN.
 
     Args:
-        run: what happened.
-        rule: "paper", "author", or a ``ViewRule``: of it the loop limits (the view radius), the
-            age of a loop and the limits of a revisit.
+        run: the run to judge.
+        rule: "paper", "author", or a ``ViewRule``, of which the loop limits (the view radius), the
+            loop age and the revisit limits are used.
 
     Raises:
-        DataError: a true pose that is neither known nor unknown, one of the run's that is not
-            finite, stamps that go back, or a node that there is not.
+        DataError: a true pose that is partly NaN or infinite, a pose of the run that is not
+            finite, stamps that go back, or an unknown node.
         ConfigError: unknown rule.
     """
     rule_name, values = view_rule(rule)
@@ -67,7 +67,7 @@ class _Judge:
     """A run, the true poses of its nodes, and the view radius."""
 
     def __init__(self, run: "RatSlamRun", rule: ViewRule) -> None:
-        # Not above: ratslam takes its views from fusionslam.views, which import this package.
+        # Imported here: ratslam imports fusionslam.views, which imports this package.
         from fusionslam._core import ActionKind
 
         self.run, self.rule = run, rule
@@ -88,11 +88,11 @@ class _Judge:
         self.node_steps = self._known(_last_at(run.stamps_ns, run.node_stamps_ns))
 
     def _known(self, steps: Integers) -> Integers:
-        """The steps, -1 where the truth is not known."""
+        """The steps, -1 where the ground truth is unknown."""
         return np.where((steps >= 0) & self.known[steps], steps, -1) if len(self.run) else steps
 
     def metric(self) -> dict[str, PoseErrors | None]:
-        """Everything that is compared with the truth pose by pose."""
+        """Errors of all sets of poses that are compared with the ground truth."""
         run, known, rows = self.run, self.node_steps >= 0, np.flatnonzero(self.judged)
         when = self.node_steps[known]
         return {
@@ -107,7 +107,7 @@ class _Judge:
         return pose_errors(poses, self.truth[steps]) if steps.size else None
 
     def links(self) -> dict[str, int]:
-        """Whether links join places that are near each other."""
+        """Count the links, and those that join places near each other."""
         run = self.run
         pairs = [tuple(pair) for pair in run.actions[self.made, 1:].tolist()]
         first = dict(zip(reversed(pairs), np.flatnonzero(self.made)[::-1].tolist(), strict=True))
@@ -124,7 +124,7 @@ class _Judge:
         }
 
     def loops(self) -> dict[str, int]:
-        """Whether the robot was where it arrived."""
+        """Count the loops, and those that arrived at the wrong node."""
         steps = np.flatnonzero(self.loop & self.known)
         targets = self.run.actions[steps, 2]
         known = self.node_steps[targets] >= 0
@@ -132,7 +132,7 @@ class _Judge:
         return {"judged_loops": int(known.sum()), "false_loops": int((~near).sum())}
 
     def refusals(self) -> dict[str, int]:
-        """Whether the robot was where it was not allowed to arrive."""
+        """Count the refused loops, and those that were right."""
         refused = self.run.refused
         steps = self._known(_last_at(self.run.stamps_ns, refused["stamp_ns"]))
         known = (steps >= 0) & (self.node_steps[refused["target"]] >= 0)
@@ -140,12 +140,12 @@ class _Judge:
         return {"judged_refused": int(known.sum()), "refused_true": int(near.sum())}
 
     def _near(self, steps: Integers, nodes: Integers) -> Mask:
-        """Bool (n,): whether the robot was truly within the view radius of these nodes."""
+        """Bool (n,): the robot was truly within the view radius of these nodes."""
         there = self.truth[self.node_steps[nodes]]
         return _within(self.truth[steps], there, self.rule.loop_distance, self.rule.loop_angle)
 
     def revisits(self) -> dict[str, int]:
-        """Whether the map joins what the robot saw again."""
+        """Count the revisits, and those that the map links."""
         rule, looks = self.rule, np.flatnonzero(self.run.is_view & self.known)
         poses, times = self.truth[looks], self.run.stamps_ns[looks]
         older = np.searchsorted(times, times - round(rule.loop_age * 1e9), side="left")
@@ -162,7 +162,7 @@ class _Judge:
         return {"revisits": int(back.sum()), "linked_revisits": int(linked.sum())}
 
     def _joined(self, steps: Integers, others: Integers) -> Mask:
-        """Bool (n,): whether the nodes of these steps are one, or have a link."""
+        """Bool (n,): the nodes of these steps are the same or linked."""
         ids, links, count = self.run.node_ids, self.run.links, len(self.run.nodes)
         source, target = links["source"], links["target"]
         codes = np.concatenate([source * count + target, target * count + source])
@@ -171,7 +171,7 @@ class _Judge:
         return np.asarray(joined & (one >= 0) & (other >= 0))
 
     def unjudged(self) -> tuple[str, ...]:
-        """What the truth does not reach: a run that goes on has nodes that are older than it."""
+        """List what has no ground truth: a resumed run has nodes that are older than itself."""
         unknown = {"steps": ~self.known, "nodes": self.node_steps < 0}
         return tuple(
             f"not judged: {rows.sum()} of {len(rows)} {name}, whose true poses are not known"
@@ -181,7 +181,7 @@ class _Judge:
 
 
 def pose_errors(poses: Floats, truth: Floats) -> PoseErrors:
-    """How far poses lie from the truth after rigid alignment (``fit_rigid``).
+    """Compute the errors of poses after rigid alignment with the truth (``fit_rigid``).
 
     Args:
         poses, truth: float64 (n, 3), n > 0, x, y in metres and heading in radians.
@@ -204,20 +204,20 @@ def pose_errors(poses: Floats, truth: Floats) -> PoseErrors:
 
 
 def _within(poses: Floats, others: Floats, distance: float, angle: float) -> Mask:
-    """Bool (n,): whether poses (n, 3) are within metres and degrees of each other."""
+    """Bool (n,): poses (n, 3) within these metres and degrees of each other."""
     apart = np.hypot(poses[:, 0] - others[:, 0], poses[:, 1] - others[:, 1])
     turned = np.degrees(np.abs(wrapped(poses[:, 2] - others[:, 2])))
     return np.asarray((apart <= distance) & (turned <= angle))
 
 
 def _check_ids(name: str, ids: Integers, count: int) -> None:
-    """Raise DataError for nodes that there are not; without nodes 0 stands for none."""
+    """Raise DataError for unknown nodes; if there are no nodes, 0 stands for none."""
     if (wrong := ids[(ids < 0) | (ids >= max(count, 1))]).size:
         raise DataError(f"{name}: node {wrong[0]}, and there are {count}")
 
 
 def _check_finite(name: str, poses: Floats, wanted: Mask | None = None) -> None:
-    """Raise DataError that names the first row, of those wanted, which is not all numbers."""
+    """Raise DataError that names the first row, of those wanted, that is not finite."""
     broken = ~np.isfinite(poses).all(axis=1) & (True if wanted is None else wanted)
     if (bad := np.flatnonzero(broken)).size:
         raise DataError(f"{name}: row {bad[0]} is {poses[bad[0]].tolist()}, expected numbers")

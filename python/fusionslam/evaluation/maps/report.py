@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""How well a map fits the world it was made in, as a value."""
+"""``MapReport``: how well a map fits the world it was made in."""
 
 import os
 from dataclasses import asdict, dataclass
@@ -16,13 +16,13 @@ FORMAT = "fusionslam.map_report.1"
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """How far poses lie from the truth once they are laid over it as well as they can be.
+    """Deviation of poses from the ground truth after the best alignment.
 
     Attributes:
-        n: poses.
+        n: number of poses.
         rmse_m, mean_m, max_m: metres between positions.
         heading_rmse_deg: degrees between headings.
-        motion: what brings them over the truth (``motion.apply(run.nodes)``).
+        motion: the alignment (``motion.apply(run.nodes)``).
     """
 
     n: int
@@ -35,34 +35,34 @@ class PoseErrors:
 
 @dataclass(frozen=True, kw_only=True)
 class MapReport:
-    """A judged run of RatSLAM. Figures are None where nobody knows the truth.
+    """A judged run of RatSLAM. Figures are None without ground truth.
 
-    Each set of poses is aligned with the truth by itself: turned and shifted, not scaled. All
-    steps are those from the first node on.
+    Each set of poses is aligned with the ground truth separately: rotated and shifted, not
+    scaled. "Every step" is every step from the first node on.
 
     Attributes:
-        name, views, odometry, preset: as the run says.
-        steps, looks, seconds: steps judged, those that looked at something, the time they took.
-        node_count, link_count: of the map in the end.
-        rule_name, rule: by what distances, angles and ages places are told apart.
-        nodes: the nodes in the end against the truth at the moment each was made.
-        nodes_by_odometry: dead reckoning at those same moments.
-        trajectory: every step on the map as it is in the end (the ATE).
-        live: every step on the map as it was then: what a robot could have used.
+        name, views, odometry, preset: as in the run.
+        steps, looks, seconds: steps judged, those of them with a view, and their duration.
+        node_count, link_count: of the final map.
+        rule_name, rule: the limits of distance, angle and age that tell places apart.
+        nodes: the final nodes against the true pose at the time each was made.
+        nodes_by_odometry: dead reckoning at the same times.
+        trajectory: every step on the final map (the ATE).
+        live: every step on the map at that time, as a robot could have used it.
         dead_reckoning: every step by odometry alone.
-        judged_links: links for which the truth is known.
-        near_links: those whose ends, when they were made, lay in each other's view radius: the
-            true pose of the robot then, and that of the target when that was made.
-        loop_links, near_loop_links: the links among them that came from a loop.
+        judged_links: links with known ground truth.
+        near_links: those whose ends were within each other's view radius when made: the robot's
+            true pose at that time, and the target's when the target was made.
+        loop_links, near_loop_links: the same counts for links that came from a loop only.
         loops: arrivals at a known node.
-        judged_loops, false_loops: those for which the truth is known; those of them where the
-            robot was not within the view radius of that node's true place.
-        refused, judged_refused, refused_true: loops that were refused; those for which the truth
-            is known; those of them that were within the view radius after all.
-        revisits: looks from where an older look was (rule: ``loop_age``, ``revisit_distance``).
-        linked_revisits: those at which the robot's node is the node of such an older look, or is
-            joined to it by a link.
-        unjudged: what could not be judged and why, for people.
+        judged_loops, false_loops: loops with known ground truth; those of them where the robot
+            was outside the view radius of the node's true place.
+        refused, judged_refused, refused_true: refused loops; those with known ground truth; those
+            of them that were within the view radius after all.
+        revisits: looks at the place of an older look (rule: ``loop_age``, ``revisit_distance``).
+        linked_revisits: revisits whose node is the node of such an older look, or is linked to
+            it.
+        unjudged: what could not be judged and why, as text for users.
     """
 
     name: str
@@ -102,7 +102,7 @@ class MapReport:
 
     @property
     def near_loop_link_share(self) -> float | None:
-        """The same among the links that came from a loop: the others hold by their making."""
+        """The same share of links from a loop; the others are near by construction."""
         return _share(self.near_loop_links, self.loop_links)
 
     @property
@@ -112,11 +112,11 @@ class MapReport:
 
     @property
     def false_loop_share(self) -> float | None:
-        """Share of the arrivals at a known node that were elsewhere."""
+        """Share of the arrivals at a known node while the robot was elsewhere."""
         return _share(self.false_loops, self.judged_loops)
 
     def metrics(self) -> dict[str, Any]:
-        """Every figure, ready for JSON; undefined is null."""
+        """All figures, ready for JSON; undefined ones are null."""
         figures = asdict(self)
         figures["rule"] = self.rule.model_dump(mode="json")
         shares = ("near_link", "near_loop_link", "linked_revisit", "false_loop")
@@ -134,7 +134,7 @@ class MapReport:
         """Read what ``save`` wrote.
 
         Raises:
-            DataError: the file is missing, cut short or something else; the message names it.
+            DataError: the file is missing, truncated or of another kind; the message names it.
         """
         with load_json(path, FORMAT, "a stored map report") as content:
             return cls(**_restored(content))
@@ -147,11 +147,11 @@ _ERRORS = {
     "live": "trajectory, live",
     "dead_reckoning": "  dead reckoning",
 }
-"""What is compared with the truth, by attribute, as the table names it."""
+"""Pose sets compared with the truth: attribute -> name in the table."""
 
 
 def _restored(content: dict[str, Any]) -> dict[str, Any]:
-    """The arguments of a report from its JSON."""
+    """Restore the arguments of a report from its JSON."""
     kept = {name: value for name, value in content.items() if not name.endswith("_share")}
     for name in _ERRORS:
         if kept[name] is not None:

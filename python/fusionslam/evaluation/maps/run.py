@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``RatSlamRun``: everything that a run of RatSLAM did, as arrays; what is judged and drawn."""
+"""``RatSlamRun``: a complete run of RatSLAM as arrays, to be judged and drawn."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -29,9 +29,9 @@ LINK = np.dtype(
         ("sd_rad", np.float64),
     ]
 )
-"""A link: ids; metres; direction of the way and rotation, radians from the source's heading;
-seconds; deviations of the way (each axis) and of the rotation that relaxation weighs it by, metres
-and radians."""
+"""A link: ids; distance in metres; direction of travel and rotation, radians relative to the
+source's heading; duration in seconds; standard deviations of the translation (each axis, metres)
+and of the rotation (radians), by which relaxation weighs the link."""
 
 FORMAT = "fusionslam.ratslam_run.1"
 REFUSED = np.dtype(
@@ -45,11 +45,10 @@ REFUSED = np.dtype(
         ("allowed_rad", np.float64),
     ]
 )
-"""A loop that was refused: when, between which nodes, by how much it did not fit, and how much
-would have been allowed."""
+"""A refused loop: time, nodes, misfit, and the misfit that was allowed."""
 
 NO_NODE = -1
-"""Node of a step before the first node."""
+"""Node id of steps before the first node."""
 
 _PER_STEP: Mapping[str, tuple[type, tuple[int, ...]]] = {
     "stamps_ns": (np.int64, ()),
@@ -74,35 +73,35 @@ _ARRAYS = (*_PER_STEP, *_PER_NODE, *_PER_VIEW, "links", "refused", "truth")
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class RatSlamRun:
-    """A run, step by step: n steps (odometry and views), m of them views, k nodes in the end.
+    """A run, step by step: n steps (odometry and views), m of them views, k final nodes.
 
-    Frames: poses are on the map; the map's frame begins where the robot began, at the heading that
-    the map is configured with. Truth is in the world's frame.
+    Frames: poses are in the map frame, which starts where the robot starts, at the heading that
+    the map is configured with. Ground truth is in the world frame.
 
     Attributes:
-        name: of what was driven.
-        views: what recognised places, for people.
-        odometry: what told the way, for people.
-        preset: of the cells and the map.
+        name: name of the drive.
+        views: source of the view ids, as text for users.
+        odometry: source of the odometry, as text for users.
+        preset: preset of the pose cells and the map.
         config: values of the configuration.
-        stamps_ns: int64 (n), increasing or equal.
-        is_view: bool (n), whether something was looked at in this step.
-        view_ids: int64 (n), the view that was recognised or is new; -1 for none.
-        poses: float64 (n, 3), x, y in metres and heading in radians on the map as it was then.
+        stamps_ns: int64 (n), not decreasing.
+        is_view: bool (n), steps with a view.
+        view_ids: int64 (n), the view that was recognised or created; -1 for none.
+        poses: float64 (n, 3), x, y in metres and heading in radians on the map at that time.
         dead_reckoning: float64 (n, 3), the same by odometry alone.
-        node_ids: int64 (n), the node that the robot was at last; -1 before the first one.
-        offsets: float64 (n, 3), the pose in the frame of that node; before the first one: the pose.
+        node_ids: int64 (n), the node where the robot was last; -1 before the first node.
+        offsets: float64 (n, 3), the pose in that node's frame; the map pose before the first node.
         actions: int64 (n, 3), kind (``ActionKind``), source, target.
-        cells: float64 (n, 3), the decoded pose of the cells: x, y, th in cells.
-        truth: float64 (n, 3), the true pose, NaN in steps of which nobody knows it; None where
-            nobody knows any.
-        step_seconds: float64 (n, 3), what looking, the cells and the map took.
+        cells: float64 (n, 3), the pose decoded from the pose cells: x, y, th in cells.
+        truth: float64 (n, 3), the true pose, NaN in steps where it is unknown; None without
+            ground truth.
+        step_seconds: float64 (n, 3), time spent on the view, the pose cells and the map.
         why: a sentence for each view step, in order.
-        notes: what else happened, such as gaps in odometry, in order.
-        nodes: float64 (k, 3), x, y, heading, in the end.
-        node_stamps_ns: int64 (k), when each was made.
-        node_views: int64 (k), the view it was made of.
-        links: of dtype ``LINK``, in the order of their making.
+        notes: other events, such as gaps in the odometry, in order.
+        nodes: float64 (k, 3), final x, y and heading.
+        node_stamps_ns: int64 (k), time at which each was made.
+        node_views: int64 (k), the view it was made from.
+        links: of dtype ``LINK``, in order of creation.
         refused: of dtype ``REFUSED``, loops that did not fit.
         activity_th, activity_x, activity_y: float32 (m, 36), (m, size), (m, size), the cells'
             activity summed over the other axes, at each view step.
@@ -158,7 +157,7 @@ class RatSlamRun:
         return len(self.stamps_ns)
 
     def __repr__(self) -> str:
-        """In a line: arrays of thousands of rows are no help."""
+        """One line, without the arrays of thousands of rows."""
         counts = f"{len(self)} steps, {len(self.nodes)} nodes, {len(self.links)} links"
         return f"<RatSlamRun {self.name}: {counts}>"
 
@@ -169,9 +168,9 @@ class RatSlamRun:
 
     @property
     def final_poses(self) -> Floats:
-        """float64 (n, 3): where each step lies on the map as it is in the end.
+        """float64 (n, 3): pose of each step on the final map.
 
-        The node that the robot was at last, and from there the way as it was seen then.
+        This is the final pose of the node where the robot was last, composed with ``offsets``.
         """
         return placed(self.nodes, self.node_ids, self.offsets)
 
@@ -191,7 +190,7 @@ class RatSlamRun:
         """Read what ``save`` wrote, from a path or a stream.
 
         Raises:
-            DataError: the file is missing, cut short, of another version or something else; the
+            DataError: the file is missing, truncated, of another version or of another kind; the
                 message names it.
         """
         with load_archive(source, FORMAT, "a stored RatSLAM run") as (about, arrays):
@@ -200,12 +199,12 @@ class RatSlamRun:
 
 
 def placed(nodes: Floats, ids: Integers, offsets: Floats) -> Floats:
-    """Poses seen from nodes, on the map.
+    """Transform poses from their nodes' frames to the map frame.
 
     Args:
         nodes: float64 (k, 3), x, y in metres, heading in radians.
-        ids: int64 (n), of the node each pose is seen from; -1 for the origin of the map.
-        offsets: float64 (n, 3), the poses in the frame of their node.
+        ids: int64 (n), the node of each pose; -1 for the origin of the map.
+        offsets: float64 (n, 3), the poses in the frames of their nodes.
 
     Returns:
         float64 (n, 3), headings in (-pi, pi].

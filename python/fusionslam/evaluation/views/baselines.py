@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What programs without a sensor score: the rows that every table of views must beat."""
+"""View ids from programs without a sensor, which every method in a table must beat."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ def every_kth(n: int, k: int) -> NDArray[np.int64]:
 
 
 def baselines(n: int) -> dict[str, NDArray[np.int64]]:
-    """Ids int64 (n,) of the baselines that stand in every table, by name."""
+    """Return the ids int64 (n,) of the baselines that appear in every table, by name."""
     return {
         "always new": always_new(n),
         "new every 2nd": every_kth(n, 2),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Views judged at every threshold, as a value (Stastny 2022, 5.4: steps of 0.01)."""
+"""``ViewCurve``: views judged at every threshold (Stastny 2022, 5.4: steps of 0.01)."""
 
 import os
 from collections.abc import Callable, Iterable
@@ -18,7 +18,7 @@ from fusionslam.storage.arrays import Floats, Integers
 
 FORMAT = "fusionslam.view_curve.1"
 THRESHOLDS: tuple[float, ...] = tuple(step / 100 for step in range(101))
-"""Those of the thesis, for similarities in [0, 1]."""
+"""Thresholds of the thesis, for similarities in [0, 1]."""
 COLUMNS = (
     "accuracy",
     "loop_recall",
@@ -31,17 +31,17 @@ COLUMNS = (
     "loops",
     "mean_false_positive_distance",
 )
-"""The figures of ``ViewReport`` that a curve keeps of each threshold."""
+"""The figures of ``ViewReport`` that a curve keeps for each threshold."""
 
 
 @dataclass(frozen=True, eq=False)
 class ViewCurve:
-    """What became of a drive at every threshold.
+    """Figures of a drive at every threshold.
 
     Attributes:
         thresholds: float64 (T,), ascending.
-        figures: by name (``COLUMNS``) float64 (T,); NaN where a figure does not exist.
-        rule_name: by which rule it was judged.
+        figures: name (``COLUMNS``) -> float64 (T,); NaN where a figure is undefined.
+        rule_name: the rule that was applied.
     """
 
     thresholds: Floats
@@ -52,24 +52,24 @@ class ViewCurve:
         return len(self.thresholds)
 
     def best_threshold(self, loop_precision: float = 0.97) -> float | None:
-        """Where loop recall is largest while loop precision is at least as demanded.
+        """Threshold with the largest loop recall among those with at least this loop precision.
 
-        Of equals the one with the largest accuracy, then the strictest (largest) threshold.
-        None where no threshold gives such a precision.
+        Ties go to the largest accuracy, then to the strictest (largest) threshold. None if no
+        threshold reaches this precision.
         """
         allowed = self.figures["loop_precision"] >= loop_precision
         return self._largest(allowed, ("loop_recall", "accuracy"))
 
     def most_accurate_threshold(self) -> float | None:
-        """Where accuracy is largest, what the thesis picks; None for a drive without scans."""
+        """Threshold with the largest accuracy, as the thesis picks it; None without scans."""
         known = np.isfinite(self.figures["accuracy"])
         return self._largest(known, ("accuracy", "loop_recall"))
 
     def at(self, threshold: float) -> dict[str, float | None]:
-        """The figures at one of the thresholds, by name; None where one does not exist.
+        """Return the figures at one of the thresholds, by name; None where one is undefined.
 
         Raises:
-            DataError: the threshold is none of the curve's.
+            DataError: the curve does not have this threshold.
         """
         rows = np.flatnonzero(self.thresholds == threshold)
         if not rows.size:
@@ -77,7 +77,7 @@ class ViewCurve:
         return self.row(int(rows[0]))
 
     def row(self, index: int) -> dict[str, float | None]:
-        """The figures of one row, by name, None where one does not exist."""
+        """Return the figures of one row, by name; None where one is undefined."""
         values = {name: float(column[index]) for name, column in self.figures.items()}
         return {name: value if np.isfinite(value) else None for name, value in values.items()}
 
@@ -92,7 +92,7 @@ class ViewCurve:
             return cls.from_json(content)
 
     def as_json(self) -> dict[str, Any]:
-        """Everything, as JSON can hold it."""
+        """Return all values in types that JSON can hold."""
         rows = [self.row(index) for index in range(len(self))]
         return {
             "format": FORMAT,
@@ -103,7 +103,7 @@ class ViewCurve:
 
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> "ViewCurve":
-        """What ``as_json`` gave. Raises ValueError, KeyError or TypeError for anything else."""
+        """Inverse of ``as_json``. Raises ValueError, KeyError or TypeError for anything else."""
         if content.get("format") != FORMAT:
             raise ValueError(f"expected format {FORMAT}")
         figures = {name: content["figures"][name] for name in COLUMNS}
@@ -139,19 +139,19 @@ def sweep_views(
     matcher: Callable[[float], ArrayLike],
     thresholds: Iterable[float] = THRESHOLDS,
 ) -> ViewCurve:
-    """Run a matcher once a threshold and judge what it says.
+    """Run a matcher once per threshold and judge its ids.
 
-    Which scenes are stored depends on the threshold, so this is the exact curve of a matcher
-    that compares with stored scenes only.
+    The stored scenes depend on the threshold, so this is the exact curve of a matcher that compares
+    with stored scenes only.
 
     Args:
         judge: the drive.
-        matcher: threshold -> ids, integers (n,), a fresh run over the whole drive.
-        thresholds: in any order; equal ones make one row.
+        matcher: threshold -> ids, integers (n,), from a fresh run over the whole drive.
+        thresholds: in any order; duplicates share a row.
 
     Raises:
         DataError: no thresholds, or one that is not finite.
-        ShapeError: the matcher gives something else than n ids.
+        ShapeError: the matcher does not return n ids.
     """
     steps = _checked_thresholds(thresholds)
     reports = [judge.judge(matcher(float(step))) for step in steps]
@@ -164,14 +164,14 @@ def sweep_pairs(
     candidates: ArrayLike,
     thresholds: Iterable[float] | None = None,
 ) -> ViewCurve:
-    """The curve of a search whose candidates do not depend on the threshold.
+    """Compute the curve of a search whose candidates do not depend on the threshold.
 
     That is a nearest-neighbour search among all earlier scans, stored or not.
 
     Args:
         judge: the drive.
         similarities, candidates: as for ``ids_from_pairs``.
-        thresholds: None for every distinct similarity, and one that accepts nothing.
+        thresholds: None for every distinct similarity, plus one that accepts nothing.
 
     Raises:
         ShapeError, DataError: as for ``ids_from_pairs`` and ``sweep_views``.
@@ -185,19 +185,19 @@ def sweep_pairs(
 
 
 def ids_from_pairs(similarities: ArrayLike, candidates: ArrayLike, threshold: float) -> Integers:
-    """Ids int64 (n,) of scans whose most similar earlier scan is known.
+    """Ids int64 (n,) of scans whose most similar earlier scans are known.
 
-    A scan whose similarity reaches the threshold takes the id of its candidate, else a new one.
+    A scan whose similarity reaches the threshold takes its candidate's id, else a new one.
 
     Args:
-        similarities: (n,), larger is more alike (a distance enters with its sign changed); not
-            looked at where there is no candidate.
+        similarities: (n,), larger is more alike (negate a distance); ignored where there is no
+            candidate.
         candidates: integers (n,), row of the most similar earlier scan, -1 for none.
-        threshold: the least similarity that is a match.
+        threshold: the smallest similarity that counts as a match.
 
     Raises:
-        ShapeError: another shape, length or dtype.
-        DataError: a candidate that is not earlier, or a similarity of a candidate that is NaN.
+        ShapeError: wrong shape, length or dtype.
+        DataError: a candidate that is not earlier, or a candidate's similarity that is NaN.
     """
     count = len(np.atleast_1d(np.asarray(candidates)))
     return _ids(*_checked_pairs(similarities, candidates, count), threshold)
@@ -238,7 +238,7 @@ def _checked_thresholds(thresholds: Iterable[float]) -> Floats:
 
 
 def _columns(reports: list[ViewReport]) -> dict[str, Floats]:
-    """Figures as arrays; NumPy makes NaN of None."""
+    """Collect the figures as arrays; NumPy turns None into NaN."""
     return {
         name: np.array([getattr(report, name) for report in reports], dtype=np.float64)
         for name in COLUMNS

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a rule says of view ids where the robot truly was: of a whole drive, or scan by scan."""
+"""Judge view ids by the robot's true poses, for a whole drive or scan by scan."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,15 +12,15 @@ from fusionslam.evaluation.views.rules import ViewRule
 from fusionslam.storage.arrays import Floats, Integers, Mask
 
 _BLOCK = 1 << 20
-"""Pairs of poses that are compared at a time: a few tens of megabytes."""
+"""Pairs of poses compared at a time: a few tens of megabytes."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrueScans:
-    """Scans in the order of time.
+    """Scans in order of time.
 
     Attributes:
-        rule: what counts as one place.
+        rule: the limits that define the same place.
         poses: float64 (n, 3), true x, y in metres and yaw in radians.
         times: int64 (n,), as ``whole_nanoseconds`` gives them.
     """
@@ -30,18 +30,18 @@ class TrueScans:
     times: Integers
 
     def revisits(self, scans: Integers) -> Mask:
-        """Bool (k,): which of these scans come back to where an older true pose was."""
+        """Bool (k,): those of these scans that return to an older true pose."""
         rule, everyone = self.rule, np.arange(len(self.times))
         older = np.searchsorted(self.times, self.times[scans] - self._loop_age, side="left")
         return self._has_near(scans, everyone, older, rule.revisit_distance, rule.revisit_angle)
 
     def judged(self, scans: Integers, first: Integers, stored: Integers) -> dict[str, NDArray[Any]]:
-        """What is right and wrong about the ids of some scans.
+        """Judge the ids of some scans.
 
         Args:
-            scans: int64 (k,), rising.
-            first: int64 (k,), for each the first scan with its id, perhaps itself; -1 without one.
-            stored: int64 (m,), rising: the first scans of all ids, up to the last of ``scans``.
+            scans: int64 (k,), ascending.
+            first: int64 (k,), the first scan with the same id, perhaps itself; -1 without an id.
+            stored: int64 (m,), ascending: first scans of all ids, up to the last of ``scans``.
 
         Returns:
             (k,) each: matched, distances, angles, false_positive, false_negative, loop and
@@ -70,7 +70,7 @@ class TrueScans:
         return round(self.rule.loop_age * 1e9)
 
     def _wrongly_new(self, scans: Integers, positive: Mask, stored: Integers) -> Mask:
-        """Bool (k,): the negatives that have an earlier stored scene within reach."""
+        """Bool (k,): negatives that have an earlier stored scene within reach."""
         negatives = scans[~positive]
         earlier = np.searchsorted(stored, negatives, side="left")
         rule = self.rule
@@ -83,7 +83,7 @@ class TrueScans:
     def _has_near(
         self, scans: Integers, others: Integers, counts: Integers, distance: float, angle: float
     ) -> Mask:
-        """Whether one of the first ``counts[i]`` of the others is within reach of ``scans[i]``."""
+        """Bool (k,): scans within reach of one of the first ``counts[i]`` of the others."""
         found = np.zeros(len(scans), dtype=np.bool_)
         step = max(1, _BLOCK // max(1, len(others)))
         for start in range(0, len(scans), step):
@@ -97,7 +97,7 @@ class TrueScans:
         return found
 
     def _roughly_near(self, scans: Integers, others: Integers, distance: float) -> Mask:
-        """Bool (n, m): whether positions are within a distance, or by rounding beyond it."""
+        """Bool (n, m): positions within a distance, or beyond it by a rounding error."""
         x, y = self.poses[:, 0], self.poses[:, 1]
         across = x[scans][:, None] - x[others]
         along = y[scans][:, None] - y[others]
@@ -116,5 +116,5 @@ class TrueScans:
 
 
 def whole_nanoseconds(stamps: Floats) -> Integers:
-    """Seconds as integers, so that an age of exactly ``loop_age`` is that for every pair."""
+    """Convert seconds to integers, so that an age of ``loop_age`` is exact for every pair."""
     return np.rint(stamps * 1e9).astype(np.int64)

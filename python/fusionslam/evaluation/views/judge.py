@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Judges view ids against true poses, as Stastny 2022, 5.2, and by the loops they close."""
+"""Judge view ids against true poses (Stastny 2022, 5.2), and by the loops they close."""
 
 from functools import cached_property
 from typing import Any
@@ -15,7 +15,7 @@ from fusionslam.evaluation.views.rules import ViewRule, view_rule
 from fusionslam.storage.arrays import Floats, Integers, Mask
 
 _SECONDS = 9e9
-"""Stamps beyond this (the year 2255) are no seconds."""
+"""Larger stamps (beyond the year 2255) are not seconds."""
 
 
 def judge_views(
@@ -24,15 +24,15 @@ def judge_views(
     """Judge the view ids that a place recognition gave to the scans of a drive.
 
     Args:
-        ids: integers (n,), one a scan in order of time; any numbering. The stored scene of an id
-            is the first scan that has it. A negative id is no view: the scan holds nothing to
-            recognise; it counts as a negative, is never stored, and ``unplaced`` counts it.
+        ids: integers (n,), one per scan in order of time; any numbering. The stored scene of an id
+            is the first scan that has it. A negative id means no view: the scan holds nothing to
+            recognise. It counts as a negative and in ``unplaced``, and is never stored.
         poses: (n, 3), true x, y in metres and yaw in radians.
         stamps: (n,), seconds, not decreasing.
-        rule: "paper", "author" (FACTS: his program's angles), or a ``ViewRule``.
+        rule: "paper", "author" (FACTS: angles of the author's program), or a ``ViewRule``.
 
     Raises:
-        ShapeError: another shape, length or dtype.
+        ShapeError: wrong shape, length or dtype.
         DataError: a pose or stamp that is not finite, or stamps that go back.
         ConfigError: unknown rule.
     """
@@ -40,11 +40,11 @@ def judge_views(
 
 
 class ViewJudge:
-    """A drive whose truth is known: judges any number of id sequences, as ``judge_views`` does.
+    """A drive with ground truth: judges any number of id sequences, as ``judge_views`` does.
 
-    Sweeps and tuning judge thousands of sequences over one drive: what depends on the truth
-    alone is worked out once. Arguments and what is raised are those of ``judge_views``. Memory
-    is linear in the number of scans.
+    Sweeps and tuning judge thousands of sequences over one drive, so what depends on the ground
+    truth alone is computed once. Arguments and errors are those of ``judge_views``. Memory is
+    linear in the number of scans.
 
         judge = ViewJudge(poses, stamps)
         reports = [judge.judge(ids) for ids in candidates]
@@ -63,11 +63,11 @@ class ViewJudge:
 
     @cached_property
     def revisit(self) -> Mask:
-        """Bool (n,): the scans that come back to where an older true pose was."""
+        """Bool (n,): scans that return to an older true pose."""
         return self._truth.revisits(np.arange(len(self)))
 
     def judge(self, ids: ArrayLike) -> ViewReport:
-        """What is right and wrong about these ids, integers (n,). Raises ShapeError."""
+        """Judge these ids, integers (n,). Raises ShapeError."""
         views = checked_ids(ids, len(self))
         first, scans = first_scenes(views), np.arange(len(self))
         stored = np.flatnonzero(first == scans)
@@ -90,7 +90,7 @@ def first_scenes(ids: Integers) -> Integers:
 
 
 def checked_ids(ids: Any, count: int) -> Integers:
-    """Ids as int64 (count,). Raises ShapeError, or DataError for what int64 cannot hold."""
+    """Return ids as int64 (count,). Raises ShapeError; DataError for what int64 cannot hold."""
     views = np.asarray(ids)
     if views.shape != (count,) or (views.dtype.kind not in "iu" and count):
         raise ShapeError(
@@ -102,7 +102,7 @@ def checked_ids(ids: Any, count: int) -> Integers:
 
 
 def checked_poses(poses: Any) -> Floats:
-    """Poses as float64 (n, 3). Raises ShapeError, or DataError that names the row."""
+    """Return poses as float64 (n, 3). Raises ShapeError, or DataError that names the row."""
     rows = _numbers("poses", poses, "(n, 3): x, y in metres, yaw in radians")
     if rows.ndim != 2 or rows.shape[1] != 3:
         raise ShapeError(f"poses: {rows.shape}, expected (n, 3): x, y in metres, yaw in radians")
@@ -113,7 +113,7 @@ def checked_poses(poses: Any) -> Floats:
 
 
 def checked_stamps(stamps: Any, count: int) -> Floats:
-    """Stamps as float64 (count,), seconds. Raises ShapeError, or DataError that names the row."""
+    """Return stamps as float64 (count,), s. Raises ShapeError, or DataError naming the row."""
     times = _numbers("stamps", stamps, f"({count},): seconds")
     if times.shape != (count,):
         raise ShapeError(f"stamps: {times.shape}, expected ({count},): one stamp a pose")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""View ids judged while a robot drives, one call a scan.
+"""Judge view ids while a robot drives, one call per scan.
 
 running = RunningViews()
 judged = running.add(stamp_ns, match.id, (x, y, yaw))
@@ -38,19 +38,19 @@ _ROOM = 1024
 
 @dataclass(frozen=True)
 class JudgedView:
-    """What is right and wrong about the id of one scan, as in ``ViewReport``.
+    """Judgement of one scan's id, as in ``ViewReport``.
 
     Attributes:
-        scan: its number, counted from 0.
-        stamp_ns: its time.
+        scan: its number, starting at 0.
+        stamp_ns: its time stamp.
         id: as given.
         false_positive: known, but too far from the first scan with this id.
         false_negative: new, although a stored scene is within reach.
-        revisit: the robot comes back to where it was long ago.
+        revisit: the robot returns to an older true pose.
         loop: known, and the first scan with this id is old.
         loop_correct: a loop, and near that scan.
-        matched: number of the first scan with this id; None if this one is new or has no view.
-        matched_stamp_ns: that scan's time.
+        matched: number of the first scan with this id; None if the id is new or negative.
+        matched_stamp_ns: time stamp of that scan.
         distance, angle: metres and degrees to it.
     """
 
@@ -69,16 +69,16 @@ class JudgedView:
 
     @property
     def is_first(self) -> bool:
-        """Whether later scans with this id are compared with this one: its picture is needed."""
+        """Whether this scan is its view's first, whose image later scans are compared with."""
         return self.matched is None and self.id >= 0
 
 
 class RunningViews:
-    """Judges each view when it comes; ``report`` is ``judge_views`` of all so far.
+    """Judges each view as it arrives; ``report`` is ``judge_views`` of all so far.
 
-    Memory grows by some 90 bytes a scan, the time of a call with the number of scans: it compares
-    the scan's pose with all older ones. After the clock went back older poses are another drive's:
-    go on with a new one.
+    Memory grows by about 90 bytes a scan, and the time of a call with the number of scans: it
+    compares the scan's pose with all older ones. If the clock goes back, older poses belong to
+    another drive: start a new object.
 
     Args:
         rule: as for ``judge_views``.
@@ -101,13 +101,13 @@ class RunningViews:
         """Judge the next scan.
 
         Args:
-            stamp_ns: its time, not before that of the scan before.
-            view_id: what it was recognised as; negative for nothing.
+            stamp_ns: its time stamp, not before that of the previous scan.
+            view_id: the recognised view; negative for none.
             pose: its true x, y in metres and yaw in radians.
 
         Raises:
-            ClockError: a stamp before that of the scan before.
-            DataError, ShapeError: as ``judge_views``. Nothing is added where this raises.
+            ClockError: a stamp before that of the previous scan.
+            DataError, ShapeError: as ``judge_views``. Nothing is added if this raises.
         """
         scan = self._count
         last = int(self._rows["stamp_ns"][scan - 1]) if scan else None
@@ -126,7 +126,7 @@ class RunningViews:
         return self._judged(scan)
 
     def report(self) -> ViewReport:
-        """What is right and wrong about all ids so far."""
+        """Return the report on all ids so far."""
         rows = self._rows[: self._count]
         columns: dict[str, Any] = {name: rows[name].copy() for name, _ in _REPORTED}
         return ViewReport(
@@ -139,7 +139,7 @@ class RunningViews:
         )
 
     def _put(self, scan: int, stamp_ns: int, pose: ArrayLike) -> None:
-        """Write time and pose where the scan will be."""
+        """Write time and pose into the row of the scan."""
         seconds, poses = checked_stamps([stamp_ns / 1e9], 1), checked_poses([pose])
         if scan == len(self._rows):
             self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What was published about views, and what the author's program gave when it was run again."""
+"""Published figures of views, and those measured again with the author's program."""
 
 from dataclasses import dataclass
 
@@ -19,15 +19,15 @@ METHODS = ("first stage", "both stages", "RatSLAM")
 
 @dataclass(frozen=True)
 class PublishedViews:
-    """What the thesis says of one method in one world.
+    """Published figures of one method in one world.
 
     Attributes:
-        world, method: of ``WORLDS`` and ``METHODS``.
-        accuracy: share.
+        world, method: from ``WORLDS`` and ``METHODS``.
+        accuracy: a share.
         mean_error, max_error: metres, of the false positives.
-        build_ms, match_ms: milliseconds to build a view, and to compare two of them.
-        view_bytes: of one view.
-        views: how many were stored.
+        build_ms, match_ms: milliseconds to build a view, and to compare two views.
+        view_bytes: bytes per view.
+        views: number of stored views.
     """
 
     world: str
@@ -43,13 +43,13 @@ class PublishedViews:
 
 @dataclass(frozen=True)
 class RerunViews:
-    """What one input gave in one world when it was run again; shares, None where not measured.
+    """Figures of one input in one world, measured again; shares, None if not measured.
 
     Attributes:
-        world: of ``WORLDS``.
+        world: from ``WORLDS``.
         input: what was compared, and in which frame.
-        accuracy, loop_recall: at a threshold picked in the warehouse.
-        best_loop_recall: at the world's own best threshold, which no robot knows.
+        accuracy, loop_recall: at a threshold chosen in the warehouse.
+        best_loop_recall: at the world's own best threshold, which a robot cannot know.
     """
 
     world: str
@@ -61,12 +61,12 @@ class RerunViews:
 
 @dataclass(frozen=True)
 class RerunDescriptor:
-    """What c-M2DP gave as a view: nearest neighbour among scans more than 20 s older.
+    """Figures of c-M2DP as a view: nearest neighbour among scans more than 20 s older.
 
     Attributes:
-        world: of ``WORLDS``.
-        input: which clouds.
-        top1: share of the revisits whose nearest is within 0.8 m and 22.9 degrees.
+        world: from ``WORLDS``.
+        input: the clouds that were described.
+        top1: share of the revisits whose nearest neighbour is within 0.8 m and 22.9 degrees.
         recall_at_full_precision: share of the revisits; None where not measured.
     """
 
@@ -76,7 +76,7 @@ class RerunDescriptor:
     recall_at_full_precision: float | None = None
 
 
-# One row a method, one column a world.
+# One row per method, one column per world.
 _ACCURACY = ((88.84, 86.69, 86.19), (89.28, 86.94, 86.38), (77.67, 41.25, 79.36))
 _MEAN_ERROR = ((1.32, 0.93, 1.00), (1.39, 0.99, 1.00), (8.93, 1.84, 6.56))
 _MAX_ERROR = ((3.06, 1.16, 1.52), (3.06, 1.39, 1.51), (11.52, 3.93, 14.57))
@@ -103,7 +103,7 @@ PUBLISHED_VIEWS = tuple(
 """Tables 5.2 to 5.5."""
 
 _UNKNOWN = (None, None, None)
-# Input -> accuracy, loop recall and that at the best threshold, per cent, a column a world.
+# Input -> accuracy, loop recall, loop recall at the best threshold; per cent, a column per world.
 _RERUN: dict[str, tuple[tuple[float | None, ...], ...]] = {
     "first stage, world coordinates, perfect odometry": (
         (85.8, 89.0, 92.8),
@@ -133,7 +133,7 @@ RERUN_VIEWS = tuple(
     for name, rows in _RERUN.items()
     for column, world in enumerate(WORLDS)
 )
-"""What the published figures really measure."""
+"""Figures measured again, which show what the published ones really mean."""
 
 _CM2DP = {
     "c-M2DP, ground left in": ((94.8, 96.9, 84.4), (0.75, 0.82, 0.29)),
@@ -145,28 +145,31 @@ RERUN_DESCRIPTORS = tuple(
     for name, (top1, recall) in _CM2DP.items()
     for column, world in enumerate(WORLDS)
 )
-"""The first thesis's descriptor in the second thesis's worlds."""
+"""The first thesis's descriptor (c-M2DP) in the second thesis's worlds."""
 
 
 def world_of(name: str) -> str | None:
-    """The thesis's world that a recording is named after ("small_house" is "house"), or None."""
+    """Return the thesis's world that a recording is named after ("house" for "small_house").
+
+    None if there is none.
+    """
     plain = name.strip().lower().replace("-", "_").removeprefix("small_")
     return plain if plain in WORLDS else None
 
 
 def published_views(name: str) -> tuple[PublishedViews, ...]:
-    """The published figures of a world, one a method; none where the thesis has no such world."""
+    """Return the published figures of a world, one per method; none for other worlds."""
     world = world_of(name)
     return tuple(figures for figures in PUBLISHED_VIEWS if figures.world == world)
 
 
 def rerun_views(name: str) -> tuple[RerunViews, ...]:
-    """The figures measured again in a world; none where it was not among them."""
+    """Return the figures measured again in a world; none if there are none."""
     world = world_of(name)
     return tuple(figures for figures in RERUN_VIEWS if figures.world == world)
 
 
 def rerun_descriptors(name: str) -> tuple[RerunDescriptor, ...]:
-    """What c-M2DP gave in a world; none where it was not measured."""
+    """Return the figures of c-M2DP in a world; none if not measured."""
     world = world_of(name)
     return tuple(figures for figures in RERUN_DESCRIPTORS if figures.world == world)

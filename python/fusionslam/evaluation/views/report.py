@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is right and wrong about a sequence of view ids, as a value."""
+"""``ViewReport``: a judged sequence of view ids."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,18 +19,18 @@ class ViewReport:
     the same id.
 
     Attributes:
-        n: scans.
-        views: stored scenes: distinct ids that are not negative.
-        unplaced: scans with a negative id: nothing to recognise in them.
-        rule_name, rule: what it was judged by.
+        n: number of scans.
+        views: number of stored scenes: distinct ids that are not negative.
+        unplaced: number of scans with a negative id, which hold nothing to recognise.
+        rule_name, rule: the rule that was applied.
         ids: int64 (n,), as given.
         matched: int64 (n,), the first scan with the same id, -1 for negatives.
-        distances, angles: float64 (n,), metres and degrees to it; NaN for negatives.
+        distances, angles: float64 (n,), metres and degrees to that scan; NaN for negatives.
         false_positive: bool (n,), positives that are too far from their view.
         false_negative: bool (n,), negatives within reach of an earlier stored scene.
-        revisit: bool (n,), scans that come back to an older true pose.
+        revisit: bool (n,), scans that return to an older true pose.
         loop: bool (n,), positives whose view is older than the rule's ``loop_age``.
-        loop_correct: bool (n,), those of them that are near their view.
+        loop_correct: bool (n,), loops that are near their view.
     """
 
     n: int
@@ -50,32 +50,32 @@ class ViewReport:
 
     @property
     def positives(self) -> int:
-        """Scans whose id was seen before."""
+        """Number of scans whose id was seen before."""
         return int((self.matched >= 0).sum())
 
     @property
     def false_positives(self) -> int:
-        """How many positives are too far from their view."""
+        """Number of positives that are too far from their view."""
         return int(self.false_positive.sum())
 
     @property
     def false_negatives(self) -> int:
-        """How many negatives are within reach of a stored scene."""
+        """Number of negatives within reach of a stored scene."""
         return int(self.false_negative.sum())
 
     @property
     def true_positives(self) -> int:
-        """How many positives are near their view."""
+        """Number of positives near their view."""
         return self.positives - self.false_positives
 
     @property
     def true_negatives(self) -> int:
-        """How many negatives are rightly new."""
+        """Number of negatives that are rightly new."""
         return self.n - self.positives - self.false_negatives
 
     @property
     def accuracy(self) -> float | None:
-        """1 - (false positives + false negatives) / n; hardly sees loop closing."""
+        """1 - (false positives + false negatives) / n; loop closing hardly affects it."""
         return share(self.true_positives + self.true_negatives, self.n)
 
     @property
@@ -90,22 +90,22 @@ class ViewReport:
 
     @property
     def loops(self) -> int:
-        """How many scans were matched to an old view."""
+        """Number of scans that were matched to an old view."""
         return int(self.loop.sum())
 
     @property
     def correct_loops(self) -> int:
-        """How many scans were matched to an old view nearby."""
+        """Number of scans that were matched to an old view nearby."""
         return int(self.loop_correct.sum())
 
     @property
     def revisits(self) -> int:
-        """How many scans come back to an older true pose."""
+        """Number of scans that return to an older true pose."""
         return int(self.revisit.sum())
 
     @property
     def found_revisits(self) -> int:
-        """How many of the revisits were matched to an old view nearby."""
+        """Number of revisits that were matched to an old view nearby."""
         return int((self.revisit & self.loop_correct).sum())
 
     @property
@@ -120,12 +120,12 @@ class ViewReport:
 
     @property
     def false_positive_indices(self) -> Integers:
-        """Int64 (false_positives,): their scans."""
+        """Int64 (false_positives,): scans of the false positives."""
         return np.flatnonzero(self.false_positive)
 
     @property
     def false_negative_indices(self) -> Integers:
-        """Int64 (false_negatives,): their scans."""
+        """Int64 (false_negatives,): scans of the false negatives."""
         return np.flatnonzero(self.false_negative)
 
     @property
@@ -140,26 +140,26 @@ class ViewReport:
 
     @property
     def mean_false_positive_distance(self) -> float | None:
-        """Metres; None if there is none."""
+        """Metres; None without false positives."""
         return mean_of(self.false_positive_distances)
 
     @property
     def max_false_positive_distance(self) -> float | None:
-        """Metres; None if there is none."""
+        """Metres; None without false positives."""
         return max_of(self.false_positive_distances)
 
     @property
     def mean_false_positive_angle(self) -> float | None:
-        """Degrees; None if there is none."""
+        """Degrees; None without false positives."""
         return mean_of(self.false_positive_angles)
 
     @property
     def max_false_positive_angle(self) -> float | None:
-        """Degrees; None if there is none."""
+        """Degrees; None without false positives."""
         return max_of(self.false_positive_angles)
 
     def metrics(self) -> dict[str, Any]:
-        """Every single figure (no arrays), with the rule, ready for JSON; undefined is null."""
+        """All scalar figures with the rule, ready for JSON; undefined ones are null."""
         return {
             "rule": self.rule_name,
             **{name: getattr(self, name) for name in FIGURES},
@@ -208,26 +208,26 @@ FIGURES = (
     "mean_false_positive_angle",
     "max_false_positive_angle",
 )
-"""The single figures of a report, by attribute."""
+"""Scalar figures of a report, by attribute."""
 
 
 def share(part: int, whole: int) -> float | None:
-    """Part / whole; None where there is no whole."""
+    """Part / whole; None if the whole is 0."""
     return part / whole if whole else None
 
 
 def percent(value: float | None) -> str:
-    """A share as people read it; "none" where there is no denominator."""
+    """Format a share as per cent; "none" if it is undefined."""
     return "none" if value is None else f"{100 * value:.1f} %"
 
 
 def mean_of(values: Floats) -> float | None:
-    """The mean; None of nothing."""
+    """The mean; None for an empty array."""
     return float(values.mean()) if values.size else None
 
 
 def max_of(values: Floats) -> float | None:
-    """The largest; None of nothing."""
+    """The largest value; None for an empty array."""
     return float(values.max()) if values.size else None
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""By what distances, angles and ages views are judged (Stastny 2022, 5.2)."""
+"""Limits of distance, angle and age by which views are judged (Stastny 2022, 5.2)."""
 
 import difflib
 from typing import Any
@@ -14,9 +14,9 @@ def _limit(default: float, unit: str, help: str) -> Any:
 
 
 class ViewRule(Section):
-    """What counts as one place. All limits are inclusive; angles are differences of yaw.
+    """Limits that define the same place. All are inclusive; angles are differences of yaw.
 
-    The first four are the thesis's, the others those of loop recall and loop precision.
+    The first four come from the thesis, the others define loop recall and loop precision.
     """
 
     false_positive_distance: float = _limit(
@@ -50,17 +50,17 @@ class ViewRule(Section):
 
 VIEW_RULES = {
     "paper": ViewRule(),
-    # His program compares yaw / pi: its 0.4 and 0.04 are these angles.
+    # The author's program compares yaw / pi: its 0.4 and 0.04 are these angles.
     "author": ViewRule(false_positive_angle=72.0, false_negative_angle=7.2),
 }
-"""Rules by name: the thesis's text, and its author's program. Loops are judged alike by both."""
+"""Rules by name: the thesis's text and its author's program. Both judge loops alike."""
 
 
 def view_rule(rule: str | ViewRule) -> tuple[str, ViewRule]:
-    """Name ("custom" for a rule of one's own) and values of a rule.
+    """Return name ("custom" for a rule passed by value) and values of a rule.
 
     Raises:
-        ConfigError: there is no rule of that name.
+        ConfigError: unknown name.
     """
     if isinstance(rule, ViewRule):
         known = (name for name, preset in VIEW_RULES.items() if preset == rule)

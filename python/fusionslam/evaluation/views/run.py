@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a place recognition by views gave on one drive: all that a report needs, as one value."""
+"""``ViewRun``: one method's view ids on one drive, with all that a report needs."""
 
 import os
 from collections.abc import Callable
@@ -32,20 +32,20 @@ _TEXTS = ("world", "method", "threshold", "bytes_per_view", "config")
 
 @dataclass(frozen=True, eq=False)
 class ViewRun:
-    """The ids that one method gave to the scans of one drive, and what that cost.
+    """The ids that one method gave to the scans of one drive, and their cost.
 
     Attributes:
-        world: the drive's name; runs over one drive stand in one table.
-        method: what gave the ids.
+        world: name of the drive; runs over the same drive share a table.
+        method: name of the method.
         ids, poses, stamps: int64 (n,), float64 (n, 3), float64 (n,) as ``judge_views`` takes them.
-        numbers: int64 (n,), numbers of the scans in the recording; None for 0 .. n - 1.
-        similarities: float64 (n,), to the best stored view; NaN where none was compared.
-        threshold: the similarity from which views matched, None if there is no such number.
+        numbers: int64 (n,), scan numbers in the recording; None for 0 .. n - 1.
+        similarities: float64 (n,), to the best stored view; NaN if none was compared.
+        threshold: the smallest similarity that matches; None if there is no such number.
         build_seconds: float64 (n,), wall time to make a view of each scan.
         match_seconds: float64 (n,), wall time to compare each scan with all stored views.
-        bytes_per_view: mean size of a view as it is stored.
+        bytes_per_view: mean size of a stored view.
         curve: the same method at other thresholds.
-        config: what was configured, as JSON can hold it.
+        config: the configuration, in types that JSON can hold.
         images: scan number -> uint8 (H, W, 3) RGB or (H, W); not saved.
         clouds: scan number -> its cloud in the robot's frame (x forward, z up); not saved.
 
@@ -90,14 +90,14 @@ class ViewRun:
         return len(self.poses)
 
     def judged(self, rule: str | ViewRule = "paper") -> ViewReport:
-        """What is right and wrong about the ids."""
+        """Judge the ids."""
         return judge_views(self.ids, self.poses, self.stamps, rule=rule)
 
     @property
     def pair_seconds(self) -> Floats | None:
-        """Float64 (n,): match_seconds for each stored view, NaN where none was stored yet.
+        """Float64 (n,): match_seconds per stored view, NaN while none is stored.
 
-        Counts the first scene of each id, as the thesis stores them.
+        The stored views are the first scenes of each id, as in the thesis.
         """
         if self.match_seconds is None:
             return None
@@ -108,7 +108,7 @@ class ViewRun:
         return np.where(stored > 0, self.match_seconds / np.maximum(stored, 1), np.nan)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write one .npz, whole or not at all. Raises DataError where that is impossible."""
+        """Write one .npz, whole or not at all. Raises DataError if that fails."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
         about = {name: getattr(self, name) for name in _TEXTS}
         about["curve"] = self.curve.as_json() if self.curve else None
@@ -119,7 +119,7 @@ class ViewRun:
         """Read what ``save`` wrote.
 
         Raises:
-            DataError: the file is missing, cut short or something else; the message names it.
+            DataError: the file is missing, truncated or of another kind; the message names it.
         """
         with load_archive(path, FORMAT, "a stored view run") as (about, arrays):
             curve = about["curve"]
