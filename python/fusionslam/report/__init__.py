@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""HTML files that say how well places were recognised and mapped, and the figures behind them."""
+"""HTML reports on place recognition and mapping, with their figures as files."""
 
 from fusionslam.report.loops.page import write_report
 from fusionslam.report.maps.map_figures import map_figure

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What each step of fusion makes of a frame, as pictures (Stastny 2022, figure 4.3)."""
+"""Pictures of a frame after each step of fusion (Stastny 2022, figure 4.3)."""
 
 import os
 from collections.abc import Callable
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
     from fusionslam.datasets import Dataset
 
-# Heights are bright; in colours both black and white have to be seen.
+# Heights are drawn bright; with colours, both black and white must be visible.
 _DARK, _BLUE = "#1d2127", "#2f3d57"
 _PLAIN = "#d8dce2"
-# The eye of the pictures stands behind and above the LiDAR, in units of how far the cloud reaches.
+# Viewpoint behind and above the LiDAR, in units of the extent of the cloud.
 _EYE_BEHIND, _EYE_ABOVE = 0.25, 0.25
 _LOOKS_DOWN_DEG = 17.0
 _HALF_VIEW = 0.62  # tangent of half the horizontal angle of view
@@ -39,14 +39,14 @@ def write_stages(
     count: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
-    """Draw frames spread evenly over a recording: ``folder/NNNNNN.png``, numbered as the frames.
+    """Draw frames spread evenly over a recording: ``folder/NNNNNN.png`` by frame number.
 
     Args:
-        dataset: with the sensors that the configured source needs.
-        folder: where to; made if it does not exist.
-        config: how frames become clouds.
-        count: of pictures; no more than there are frames.
-        progress: called with (pictures drawn, pictures in all).
+        dataset: dataset with the sensors that the configured source needs.
+        folder: created if missing.
+        config: fusion configuration.
+        count: number of pictures, at most the number of frames.
+        progress: called with (pictures drawn, total).
 
     Raises:
         DataError: a frame that cannot be read or fused, or a folder that cannot be written.
@@ -103,11 +103,11 @@ def draw_stages(frame: Frame, config: FusionConfig) -> "Figure":
 
 
 class _Eye:
-    """A camera behind and above the LiDAR that sees most of a cloud.
+    """A virtual camera behind and above the LiDAR that sees most of a cloud.
 
     Args:
         points: float32 (N, 3), finite, in the frame of the scan.
-        config: says which way is up and along which axis the robot drives.
+        config: gives the up axis and the driving axis.
     """
 
     def __init__(self, points: NDArray[np.float32], config: FusionConfig) -> None:
@@ -115,7 +115,7 @@ class _Eye:
         reach = np.linalg.norm(points, axis=1)
         self._reach = float(np.percentile(reach, 90)) if len(reach) else 1.0
         down = np.deg2rad(_LOOKS_DOWN_DEG)
-        # Rows: right, down and ahead of the eye, out of ahead, left and up of the robot.
+        # Rows: right, down and forward of the viewpoint, from forward, left and up of the robot.
         self._turn = np.array(
             [
                 [0, -1, 0],
@@ -127,7 +127,7 @@ class _Eye:
         self._zoom_in(self.look(points)[0])
 
     def _zoom_in(self, at: NDArray[np.float64]) -> None:
-        """Let the cloud, seen at (M, 2), fill the picture; what is ahead stays in the middle."""
+        """Fit the cloud, seen at (M, 2), into the picture; straight ahead stays centred."""
         if len(at) < 2:
             return
         low, high = np.percentile(at[:, 1], [1, 99])
@@ -137,12 +137,12 @@ class _Eye:
             self._middle, self._zoom = float(low + high) / 2, 1 / half
 
     def heights(self, points: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Metres along up, (N,)."""
+        """Heights (N,) along the up axis, metres."""
         heights: NDArray[np.float64] = points @ self._axes[2]
         return heights
 
     def look(self, points: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-        """Where points appear, (M, 2), right and up, 1 at the sides; and which, farthest first."""
+        """Return image points (M, 2), right and up, 1 at the sides; and indices, farthest first."""
         robot = points @ self._axes.T
         place = self._reach * np.array([-_EYE_BEHIND, 0, _EYE_ABOVE])
         seen = (robot - place) @ self._turn.T
@@ -155,7 +155,7 @@ class _Eye:
 
 
 def _axes(up: str, driving: str) -> NDArray[np.float64]:
-    """Rows: ahead, left and up."""
+    """Return rows: forward, left and up."""
     above = np.eye(3)["xyz".index(up[-1])] * (-1 if up.startswith("-") else 1)
     ahead = np.eye(3)["xyz".index(driving)]
     return np.stack([ahead, np.cross(above, ahead), above])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The files beside the report: what metrics.json says of a run, and matches.csv."""
+"""The files beside the report: the figures of metrics.json, and matches.csv."""
 
 import csv
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from fusionslam.storage.files import atomic_path
 
 
 def metrics_of(evaluation: Evaluation) -> dict[str, Any]:
-    """All figures of one run, ready for JSON; each protocol's name its radius and window."""
+    """Collect all figures of one run, ready for JSON; each protocol gives its radius and window."""
     run = evaluation.run
     return {
         "dataset": run.dataset,
@@ -30,7 +30,7 @@ def metrics_of(evaluation: Evaluation) -> dict[str, Any]:
 
 
 def write_matches(path: Path, evaluations: Sequence[Evaluation], protocol: str) -> None:
-    """Write one line a matched query; accepted means at the threshold of maximal F1."""
+    """Write one line per matched query; "accepted" is at the threshold of maximal F1."""
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(MATCH_COLUMNS)

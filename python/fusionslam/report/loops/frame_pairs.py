@@ -28,11 +28,11 @@ _MOST_POINTS = 40_000
 _COLUMN = 4.5
 """Inches."""
 _BACKGROUND = "#15181d"
-_GAMMA = 0.65  # brightens colours, which look darker as dots on a dark ground
+_GAMMA = 0.65  # brightens colours, which look darker as dots on a dark background
 
 
 def forgiving(reader: Callable[..., T] | None, missed: dict[str, None]) -> Callable[..., T | None]:
-    """A reader that reads each frame once and gives None where there is no data (DataError).
+    """Wrap a reader so that it reads each frame once and returns None on a DataError.
 
     The reasons become keys of ``missed``, in order.
     """
@@ -54,7 +54,7 @@ def draw_pair(
     clouds: Callable[[str, int], Cloud | None],
     images: Callable[[str, int], Image | None],
 ) -> "Figure | None":
-    """Query on the left, match on the right; None if neither images nor clouds exist."""
+    """Draw query on the left, match on the right; None without images and clouds."""
     frames = [int(run.numbers[row]) for row in (pair.query, pair.match)]
     pictures = [images(run.source, frame) for frame in frames]
     scenes = [clouds(run.source, frame) for frame in frames]
@@ -75,7 +75,7 @@ def draw_pair(
 
 @dataclass(frozen=True)
 class _View:
-    """Two axes of the clouds, and the part of their plane that is shown, metres."""
+    """Two axes of the clouds, and the part of their plane that is shown, in metres."""
 
     axes: tuple[int, int]
     low: NDArray[np.float64]
@@ -83,13 +83,13 @@ class _View:
 
     @property
     def height(self) -> float:
-        """Inches at the width of a column, within what is pleasant to look at."""
+        """Inches at the width of a column, limited to a readable range."""
         wide, high = self.high - self.low
         return float(np.clip(_COLUMN * high / wide, 1.6, 4.2))
 
 
 def _common_view(scenes: list[Cloud | None]) -> _View | None:
-    """Along the axis of least extent, wide enough for all clouds but for stray points."""
+    """Look along the axis of least extent, wide enough for all clouds except stray points."""
     present = [scene.points for scene in scenes if scene is not None and len(scene)]
     if not present:
         return None
@@ -101,7 +101,7 @@ def _common_view(scenes: list[Cloud | None]) -> _View | None:
 
 
 def _image_height(pictures: list[Image | None]) -> list[float]:
-    """Inches of the row of images, if there are any."""
+    """Height in inches of the row of images, if there are any."""
     shapes = [picture.shape for picture in pictures if picture is not None]
     return [_COLUMN * shapes[0][0] / shapes[0][1]] if shapes else []
 

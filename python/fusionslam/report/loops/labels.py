@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What sources and runs are called, in which order they stand, and which one is the best."""
+"""Names of sources and runs, their order, and the best one."""
 
 from collections.abc import Collection, Sequence
 
@@ -10,7 +10,7 @@ _PRESETS_OF = ("m2dp", "cm2dp")
 
 
 def source_name(source: str, sources: Collection[str]) -> str:
-    """What people call a source, given all sources that are shown."""
+    """Return the displayed name of a source, given all sources that are shown."""
     if source == "cloud" and "lidar" in sources:
         return "LiDAR, full circle"
     names = {"lidar": "LiDAR-camera", "stereo": "Stereo", "cloud": "Clouds as they are"}
@@ -18,7 +18,7 @@ def source_name(source: str, sources: Collection[str]) -> str:
 
 
 def run_label(run: DescriptorRun) -> str:
-    """The descriptor with its preset, where it has one."""
+    """Return the descriptor with its preset, if it has one."""
     preset = run.config.get("descriptors", {}).get("preset")
     return (
         f"{run.descriptor} {preset}"
@@ -28,7 +28,7 @@ def run_label(run: DescriptorRun) -> str:
 
 
 def by_rank(evaluations: Sequence[Evaluation], protocol: str) -> dict[str, list[Evaluation]]:
-    """The evaluations by the name of their source, the source with the largest F1 first."""
+    """Group the evaluations by source name, the source with the largest F1 first."""
     groups: dict[str, list[Evaluation]] = {}
     for evaluation in evaluations:
         groups.setdefault(evaluation.run.source, []).append(evaluation)
@@ -37,18 +37,18 @@ def by_rank(evaluations: Sequence[Evaluation], protocol: str) -> dict[str, list[
 
 
 def best_of(evaluations: Sequence[Evaluation], protocol: str) -> Evaluation:
-    """The evaluation of the largest F1; of equals, or of none judged, the first."""
+    """Return the evaluation with the largest F1; the first one on ties or without F1."""
     return max(evaluations, key=lambda evaluation: score(evaluation, protocol))
 
 
 def score(evaluation: Evaluation, protocol: str) -> float:
-    """The largest F1; -1 where there is none."""
+    """Return the largest F1; -1 if undefined."""
     curve = evaluation.curves.get(protocol)
     return curve.max_f1 if curve and curve.max_f1 is not None else -1.0
 
 
 def winner(evaluations: Sequence[Evaluation], protocol: str) -> str | None:
-    """The best run in a sentence; None where there is nothing to compare."""
+    """Name the best run in a sentence; None if there is nothing to compare."""
     best = best_of(evaluations, protocol)
     if len(evaluations) < 2 or score(best, protocol) <= 0:
         return None

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What became of each query at one threshold: the rows behind the pictures and matches.csv."""
+"""Outcome of each query at one threshold: the data of the pictures and matches.csv."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from fusionslam.storage.arrays import Mask
 
 @dataclass(frozen=True)
 class Pair:
-    """Two frames of a run that are, or should have been, one place.
+    """Two frames of a run that are, or should have been, matched as the same place.
 
     Attributes:
         kind: "best", "worst" or "missed".
         query, match: rows of the run.
-        distance: of the descriptors.
-        metres: between the true positions.
+        distance: descriptor distance.
+        metres: distance of the true positions.
     """
 
     kind: str
@@ -33,7 +33,7 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Loops at one threshold: bool (N,) each, one entry a query."""
+    """Loops at one threshold: bool (N,) each, one entry per query."""
 
     threshold: float | None
     accepted: Mask
@@ -43,7 +43,7 @@ class Outcome:
 
 
 def outcome(curve: PrecisionRecall) -> Outcome:
-    """What the threshold of maximal F1 accepts, and which revisits it misses."""
+    """Find what the threshold of maximal F1 accepts, and which revisits it misses."""
     threshold = curve.max_f1_threshold
     accepted = curve.accepted(threshold)
     return Outcome(
@@ -58,7 +58,7 @@ def outcome(curve: PrecisionRecall) -> Outcome:
 def nearest_of(
     evaluation: Evaluation, protocol: str
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
-    """Nearest candidates and their distances, (N,) each; None if nobody searched them."""
+    """Nearest candidates and their distances, (N,) each; None without a search."""
     curve = evaluation.curves.get(protocol)
     if curve is not None:
         return curve.matches, curve.distances
@@ -69,10 +69,10 @@ def nearest_of(
 
 
 def telling_pairs(run: DescriptorRun, curve: PrecisionRecall) -> list[Pair]:
-    """The closest correct match, the closest false one, and the nearest miss.
+    """Select the closest correct match, the closest false one, and the nearest miss.
 
     The miss is the rejected revisit whose nearest candidate came closest to the threshold; it is
-    shown with the earlier place it should have found, the one fewest metres away.
+    shown with the earlier place it should have found, the nearest one in metres.
     """
     matched = curve.matches >= 0
     chosen = (
@@ -117,7 +117,7 @@ MATCH_COLUMNS = (
 
 
 def match_rows(evaluation: Evaluation, protocol: str) -> Iterator[tuple[object, ...]]:
-    """One row a query that has a candidate, as MATCH_COLUMNS; frames by number.
+    """Yield one row per query that has a candidate, as MATCH_COLUMNS; frames by number.
 
     Without ground truth the judgements (accepted, correct, metres) are empty.
     """

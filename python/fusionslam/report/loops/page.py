@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the report: the page, its pictures and the files beside it."""
+"""Write the report: the page, its pictures and the files beside it."""
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -43,15 +43,15 @@ def write_report(
 
     Args:
         evaluations: one per source and descriptor.
-        folder: made if missing. Files of an earlier report there are replaced.
+        folder: created if missing. Files of an earlier report there are replaced.
         dataset_name: for the title.
-        command: what was typed to get here.
-        config: the configuration in force, as JSON can hold it.
+        command: the command line that produced the runs.
+        config: the effective configuration, in types that JSON can hold.
         clouds: (source, frame of the dataset) -> the cloud that was described.
         images: (source, frame of the dataset) -> uint8 (H, W, 3) RGB or (H, W).
-        protocol: by which loops are judged; the others appear in metrics.json.
-        title: None makes one of the dataset's name.
-        notes: sentences for the head of the page.
+        protocol: protocol that judges the loops; the others appear in metrics.json.
+        title: None derives one from the dataset's name.
+        notes: sentences at the top of the page.
 
     Returns:
         The path of report.html.
@@ -106,7 +106,7 @@ def _check(evaluations: Sequence[Evaluation], protocol: str) -> None:
 
 
 def _remarks(evaluations: Sequence[Evaluation], missed: Sequence[str]) -> Iterator[str]:
-    """What a reader would otherwise look for in vain."""
+    """Yield remarks on what the report lacks and why."""
     skipped = {number: why for e in evaluations for number, why in e.run.skipped.items()}
     if skipped:
         frames = ", ".join(f"{number} ({why})" for number, why in sorted(skipped.items()))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The report's pictures of results: curves, trajectories, distance matrices."""
+"""Plots of results: curves, trajectories, distance matrices."""
 
 from collections.abc import Mapping
 from itertools import cycle
@@ -31,7 +31,7 @@ _LABELS = ("x", "y", "z")
 
 
 def draw_curves(curves: Mapping[str, PrecisionRecall]) -> "Figure":
-    """Precision over recall of every descriptor on one source, by descriptor name."""
+    """Draw precision over recall of every descriptor on one source, by descriptor name."""
     figure = new_figure(7.4, 4.6)
     axis = figure.add_subplot()
     _iso_f1(axis)
@@ -56,7 +56,7 @@ def _iso_f1(axis: "Axes") -> None:
 
 
 def draw_trajectory(run: DescriptorRun, curve: PrecisionRecall) -> "Figure":
-    """The path from above with the loops at the threshold of maximal F1."""
+    """Draw the path from above with the loops at the threshold of maximal F1."""
     places = run.positions
     assert places is not None, "a curve exists only where positions do"
     across, up = widest_axes(places)
@@ -98,7 +98,7 @@ def _loops(
 
 
 def draw_distances(run: DescriptorRun, window: int, radius: float | None) -> "Figure":
-    """Descriptor distances of all pairs and, where positions are known, the true ones."""
+    """Draw descriptor distances of all pairs and, if positions are known, the true distances."""
     rows = np.arange(0, len(run), -(-len(run) // _LARGEST_MATRIX) or 1)
     lag = rows[:, None] - rows[None, :]
     places = run.positions if radius is not None else None
@@ -115,7 +115,7 @@ def draw_distances(run: DescriptorRun, window: int, radius: float | None) -> "Fi
 
 
 def pairwise(vectors: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Euclidean distances (N, N) of the rows of (N, D)."""
+    """Compute the Euclidean distances (N, N) of the rows of (N, D)."""
     wide = vectors.astype(np.float64)
     squares = (wide**2).sum(axis=1)
     apart = np.sqrt(np.maximum(squares[:, None] + squares - 2 * wide @ wide.T, 0))
@@ -130,13 +130,13 @@ def _matrix(
     title: str,
     closer_than: float | None = None,
 ) -> None:
-    """One lower triangle; grey: the excluded band; red: closer than a radius."""
+    """Draw one lower triangle; grey: the excluded band; red: closer than a radius."""
     extent = (-0.5, rows[-1] + 0.5, rows[-1] + 0.5, -0.5) if len(rows) else (0, 1, 1, 0)
     band = rows[:, None] - rows[None, :]
     excluded = np.ma.masked_where((band < 0) | (band > window), np.ones(band.shape))
     axis.imshow(excluded, cmap="Greys", vmin=0, vmax=3, extent=extent)
     if np.isfinite(values).any():
-        # A few frames like no other must not take all the colours.
+        # A few outlier frames must not use up the colour range.
         low, high = np.nanpercentile(values, (0, 98))
         shown = axis.imshow(values, cmap="viridis", extent=extent, vmin=low, vmax=high)
         axis.figure.colorbar(shown, ax=axis, shrink=0.8, pad=0.02)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the report says of one source: its curves, and each descriptor's loops."""
+"""Sections of the report on one source: its curves, and each descriptor's loops."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -26,11 +26,11 @@ _PAIR_TEXTS = {
 
 @dataclass(frozen=True)
 class Context:
-    """What all sections share.
+    """Inputs shared by all sections.
 
     Attributes:
-        folder: where pictures go.
-        protocol: by which the loops are judged.
+        folder: folder of the pictures.
+        protocol: protocol that judges the loops.
         clouds, images: (source, frame) -> cloud or image, or None.
     """
 
@@ -42,7 +42,7 @@ class Context:
 
 @dataclass(frozen=True)
 class DescriptorPart:
-    """What is shown of one descriptor: a line on its loops, and pictures."""
+    """Report contents for one descriptor: a line on its loops, and pictures."""
 
     name: str
     best: bool
@@ -54,7 +54,7 @@ class DescriptorPart:
 
 @dataclass(frozen=True)
 class SourcePart:
-    """What is shown of one source."""
+    """Report contents for one source."""
 
     source: str
     name: str
@@ -64,7 +64,7 @@ class SourcePart:
 
 
 def source_part(context: Context, name: str, evaluations: Sequence[Evaluation]) -> SourcePart:
-    """Draw everything that is known of one source's evaluations; ``name`` is the source's."""
+    """Draw everything known about the evaluations of the source called ``name``."""
     source = evaluations[0].run.source
     best = best_of(evaluations, context.protocol)
     return SourcePart(
@@ -91,7 +91,7 @@ def _curves(context: Context, source: str, evaluations: Sequence[Evaluation]) ->
 
 def _descriptor_part(context: Context, evaluation: Evaluation, *, best: bool) -> DescriptorPart:
     run, curve = evaluation.run, evaluation.curves.get(context.protocol)
-    # Where no frame is a revisit, neither picture has anything to show.
+    # Without revisits neither picture has anything to show.
     empty = curve is not None and not curve.n_revisits
     return DescriptorPart(
         name=run_label(run),

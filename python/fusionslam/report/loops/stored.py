@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""report.html and metrics.json from the runs stored in a folder."""
+"""Write report.html and metrics.json from the runs stored in a folder."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -52,11 +52,11 @@ def write_stored_report(
     """Write report.html for the runs in a folder, with pictures if the recording is still there.
 
     Args:
-        folder: what ``benchmark`` wrote.
-        evaluations: of these runs; None judges them.
+        folder: folder that ``benchmark`` wrote.
+        evaluations: evaluations of these runs; None computes them.
         output: None writes the report into ``folder``.
-        protocol: by which loops are judged; None for the configuration's.
-        command: None for the one that is stored.
+        protocol: protocol that judges the loops; None for the configuration's.
+        command: None for the stored one.
 
     Raises:
         DataError: no runs, or the output cannot be written.
@@ -86,14 +86,14 @@ def write_stored_report(
 
 @dataclass(frozen=True)
 class _Pictured:
-    """Frames of a recording by their number in the file names, for the report's pictures."""
+    """Reads frames of a recording by their number in the file names, for the report's pictures."""
 
     recording: Recording
     fusion: Mapping[str, FusionConfig]
 
     @cached_property
     def _opened(self) -> "Callable[[str], tuple[Dataset, dict[int, int]]]":
-        # Whatever gaps there are now: a number says which frame is meant.
+        # Gaps do not matter here: the number identifies the frame.
         recording = replace(self.recording, gaps="skip")
 
         @cache
@@ -107,11 +107,11 @@ class _Pictured:
         return fuse(self._frame(source, number), self.fusion[source])
 
     def image(self, source: str, number: int) -> NDArray[np.uint8]:
-        """The left image, which clouds without images have from the sources that need it."""
+        """Return the left image; clouds without images take it from a source that has one."""
         for other in ("lidar", "stereo"):
             with suppress(DataError):
                 return self._frame(other, number).images["left"]
-        self._opened(source)  # whatever is wrong with the recording is the better reason
+        self._opened(source)  # an error of the recording itself is the better reason
         raise DataError(f"{self.recording.path}, frame {number}: no left image")
 
     def _frame(self, source: str, number: int) -> Frame:

@@ -26,13 +26,13 @@ def summary_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
 
 
 def accuracy_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
-    """One row per run: what decides between them, in few columns."""
+    """One row per run: the figures that decide between them, in few columns."""
     columns = [column for column in _accuracy_columns(protocol) if column.title != "recall@5"]
     return build_table(columns, evaluations, lambda e: run_label(e.run))
 
 
 def published_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
-    """One row per run: recall at 100 % precision beside the published one."""
+    """One row per run: measured and published recall at 100 % precision."""
     return build_table(
         _published_columns(evaluations, protocol), evaluations, lambda e: run_label(e.run)
     )
@@ -46,7 +46,7 @@ def cost_table(evaluations: Sequence[Evaluation]) -> Table:
 
 
 def time_table(evaluations: Sequence[Evaluation]) -> Table:
-    """One row per descriptor: median and 95th percentile of each stage, and what was published."""
+    """One row per descriptor: median and 95th percentile of each stage, and published times."""
     columns = []
     for stage in _stages(evaluations):
         columns.append(_stage_column(stage, "median_ms", f"{stage} median"))

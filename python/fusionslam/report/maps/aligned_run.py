@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A run of RatSLAM as it is drawn: map, dead reckoning and truth in one frame, loops judged."""
+"""A RatSLAM run ready to draw: map, dead reckoning and truth in one frame, loops judged."""
 
 from dataclasses import dataclass
 
@@ -15,18 +15,18 @@ from fusionslam.storage.arrays import Floats, Integers, Mask
 
 @dataclass(frozen=True)
 class Scene:
-    """What is drawn, in the frame of the truth, or in the map's where nobody knows the truth.
+    """A run in the frame of the ground truth, or in the map frame without ground truth.
 
-    Map and dead reckoning are each laid over the truth by the motion that the report found.
+    Map and dead reckoning are each aligned with the truth by the motion in the report.
 
     Attributes:
-        run, report: what happened, and how it was judged.
+        run, report: the run and its report.
         nodes: float64 (k, 3), metres and radians.
-        path: float64 (n, 3), every step on the map as it is in the end.
+        path: float64 (n, 3), every step on the final map.
         reckoned: float64 (n, 3), dead reckoning.
-        made: int64 (l), the step in which the robot arrived at a known node, or was not allowed to
-            at first, for which each link was made: a loop; -1 for links that came with a node.
-        false: bool (l), which loops join poses that are not near each other; none without truth.
+        made: int64 (l), the loop behind each link: the step in which the robot arrived at a known
+            node, or was first refused there; -1 for links created with a node.
+        false: bool (l), loops that join poses not near each other; all False without truth.
     """
 
     run: RatSlamRun
@@ -44,17 +44,17 @@ class Scene:
 
     @property
     def loops(self) -> Mask:
-        """Bool (l), which links are loops."""
+        """Bool (l), links that are loops."""
         return np.asarray(self.made >= 0)
 
     @property
     def right(self) -> Mask:
-        """Bool (l), which links are loops that are not false."""
+        """Bool (l), links that are loops and not false."""
         return self.loops & ~self.false
 
 
 def scene_of(run: RatSlamRun, report: MapReport) -> Scene:
-    """Lay a run over its truth, and tell its loops apart."""
+    """Align a run with its ground truth, and judge its loops."""
     made = _arrivals(run)
     return Scene(
         run=run,
@@ -68,7 +68,7 @@ def scene_of(run: RatSlamRun, report: MapReport) -> Scene:
 
 
 def denied(run: RatSlamRun) -> Mask:
-    """Bool (r), which refused loops have no link in the end: others may agree with one later."""
+    """Bool (r), refused loops without a final link: later loops may confirm a refused one."""
     pairs = zip(run.links["source"].tolist(), run.links["target"].tolist(), strict=True)
     linked = {frozenset(pair) for pair in pairs}
     ends = zip(run.refused["source"].tolist(), run.refused["target"].tolist(), strict=True)
@@ -76,7 +76,7 @@ def denied(run: RatSlamRun) -> Mask:
 
 
 def link_misfits(run: RatSlamRun) -> Floats:
-    """float64 (l): metres from where a link says that its target is to where the map has it."""
+    """float64 (l): metres between the target's place by the link and its place on the map."""
     links, nodes = run.links, run.nodes
     source, target = nodes[links["source"]], nodes[links["target"]]
     way = source[:, 2] + links["heading"]
@@ -85,9 +85,9 @@ def link_misfits(run: RatSlamRun) -> Floats:
 
 
 def near(run: RatSlamRun, report: MapReport, steps: Integers, nodes: Integers) -> Floats:
-    """float64 (m): 1 where the robot truly was in the view radius of these nodes, else 0.
+    """float64 (m): 1 where the robot truly was within the view radius of these nodes, else 0.
 
-    NaN where nobody knows. Arguments as of ``offs``.
+    NaN where the truth is unknown. Arguments as for ``offs``.
     """
     metres, degrees = offs(run, steps, nodes)
     within = (metres <= report.rule.loop_distance) & (degrees <= report.rule.loop_angle)
@@ -95,7 +95,7 @@ def near(run: RatSlamRun, report: MapReport, steps: Integers, nodes: Integers) -
 
 
 def moved(poses: Floats, errors: PoseErrors | None) -> Floats:
-    """Poses laid over the truth; as they are where nobody knows it."""
+    """Poses aligned with the ground truth; unchanged if it is unknown."""
     return poses if errors is None else errors.motion.apply(poses)
 
 
@@ -107,12 +107,12 @@ def steps_at(run: RatSlamRun, stamps_ns: Integers) -> Integers:
 
 
 def offs(run: RatSlamRun, steps: Integers, nodes: Integers) -> tuple[Floats, Floats]:
-    """How far the robot truly was from where nodes were made: metres and degrees.
+    """Compute the true distance of the robot from where nodes were made: metres and degrees.
 
     Args:
-        run: what happened.
-        steps: int64 (m), when.
-        nodes: int64 (m), which nodes.
+        run: the run.
+        steps: int64 (m), steps of the robot.
+        nodes: int64 (m), ids of the nodes.
 
     Returns:
         float64 (m) each; NaN where the truth is not known.
@@ -126,11 +126,11 @@ def offs(run: RatSlamRun, steps: Integers, nodes: Integers) -> tuple[Floats, Flo
 
 
 def _arrivals(run: RatSlamRun) -> Integers:
-    """The step of the loop that each link was made for; -1 where it was made with a node."""
+    """The step of the loop that caused each link; -1 where it was created with a node."""
     changes = np.flatnonzero(run.actions[:, 0] != ActionKind.NONE)[::-1].tolist()
     first = {(int(run.actions[row, 1]), int(run.actions[row, 2])): row for row in changes}
     for row, one in zip(steps_at(run, run.refused["stamp_ns"]), run.refused, strict=True):
-        # One that was refused at first is linked as soon as others agree with it.
+        # A loop refused at first is linked once others agree with it.
         first.setdefault((int(one["source"]), int(one["target"])), int(row))
     pairs = zip(run.links["source"].tolist(), run.links["target"].tolist(), strict=True)
     steps = np.array([first.get(pair, -1) for pair in pairs], np.int64)
@@ -140,7 +140,7 @@ def _arrivals(run: RatSlamRun) -> Integers:
 
 
 def _false_links(run: RatSlamRun, report: MapReport, made: Integers) -> Mask:
-    """Loops made while the robot truly was somewhere else than at the node it arrived at."""
+    """Mask of loops made while the robot truly was not at the node it arrived at."""
     false = made >= 0
     false[false] = near(run, report, made[false], run.links["target"][false]) == 0
     return false

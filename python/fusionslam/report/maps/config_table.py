@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The configurations of runs of RatSLAM, value by value."""
+"""Table of the configurations of RatSLAM runs."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from fusionslam.ratslam.slam import RatSlamConfig
 
 @dataclass(frozen=True)
 class ConfigTable:
-    """Values of configurations; each row is a dotted name, a value for each head, and a meaning."""
+    """Values of configurations; each row has a dotted name, a value per head, and a meaning."""
 
     heads: list[str]
     rows: list[tuple[str, list[str], str]]
 
 
 def config_table(labels: Sequence[str], runs: Sequence[RatSlamRun]) -> ConfigTable | None:
-    """A column for each configuration that differs; None where none is known."""
+    """Build one column for each distinct configuration; None if none is known."""
     groups: list[tuple[dict[str, str], list[str]]] = []
     for label, run in zip(labels, runs, strict=True):
         values = dict(_flat(run.config))
@@ -57,7 +57,7 @@ def _flat(config: Mapping[str, Any], where: str = "") -> Iterator[tuple[str, str
 
 
 def _meanings() -> dict[str, str]:
-    """What each value means, with its unit, by dotted name."""
+    """Return the meaning of each value with its unit, by dotted name."""
     said = {}
     for name, _, definition in walk(RatSlamConfig()):
         extra = definition.json_schema_extra

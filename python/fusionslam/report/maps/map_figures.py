@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of experience maps: over the truth and dead reckoning, or several side by side."""
+"""Pictures of experience maps: over ground truth and dead reckoning, or side by side."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -31,7 +31,7 @@ Bounds = NDArray[np.float64]
 
 
 def draw_map(scene: Scene) -> "Figure":
-    """The map over the truth and dead reckoning, with its links and loops."""
+    """Draw the map over the ground truth and dead reckoning, with its links and loops."""
     figure, axis = single_map(scene, bounds_of([scene], scene.reckoned))
     axis.plot(
         *scene.reckoned[:, :2].T, color=RECKONED, lw=1, ls="--", zorder=2, label="dead reckoning"
@@ -43,7 +43,7 @@ def draw_map(scene: Scene) -> "Figure":
 
 
 def single_map(scene: Scene, bounds: Bounds) -> tuple["Figure", "Axes"]:
-    """A picture of what lies within, as yet with nothing but the truth."""
+    """Return a picture of these bounds that shows only the ground truth so far."""
     ratio = ratio_of(bounds)
     width = 8.2 if ratio < 1 else 6.0
     figure = new_figure(width, 1.4 + (width - 0.8) * ratio)
@@ -61,18 +61,18 @@ def map_figure(
     titles: Sequence[str] | None = None,
     columns: int | None = None,
 ) -> "Figure":
-    """The exact trajectory beside the maps that runs made of it, all at one scale.
+    """Draw the true trajectory beside the maps of several runs, all at one scale.
 
-    As the thesis's figures 5.13 to 5.15 show them.
+    The layout follows figures 5.13 to 5.15 of the thesis.
 
     Args:
-        runs: over one drive; the first one that knows the truth gives the trajectory.
-        reports: how they were judged; None judges them.
-        titles: above the maps; None for what recognised the views.
-        columns: panels in a row at most; None for as many as are legible.
+        runs: over the same drive; the first one with ground truth gives the trajectory.
+        reports: reports on the runs; None computes them.
+        titles: titles of the maps; None for the place recognition of each.
+        columns: largest number of panels in a row; None for as many as are legible.
 
     Raises:
-        DataError: no runs, or not a title for each.
+        DataError: no runs, or not one title per run.
     """
     names = [run.views for run in runs] if titles is None else list(titles)
     known = [judge_map(run) for run in runs] if reports is None else list(reports)
@@ -88,7 +88,7 @@ def map_figure(
 def side_by_side(
     scenes: Sequence[Scene], names: Sequence[str], columns: int | None = None
 ) -> "Figure":
-    """As ``map_figure``, of what is laid over the truth already."""
+    """Draw as ``map_figure``, for runs that are already aligned with the ground truth."""
     exact = next((scene for scene in scenes if scene.truth is not None), None)
     bounds, count = bounds_of(scenes), len(scenes) + (exact is not None)
     figure, panels = _panels(count, ratio_of(bounds), columns)
@@ -109,7 +109,7 @@ def side_by_side(
 
 
 def _panels(count: int, ratio: float, columns: int | None) -> tuple["Figure", list["Axes"]]:
-    """A figure with so many panels whose height is ``ratio`` times their width."""
+    """Return a figure with ``count`` panels whose height is ``ratio`` times their width."""
     most = columns or (2 if ratio < 0.4 else 3 if ratio < 0.9 else 4)
     down = -(-count // most)
     across = -(-count // down)
@@ -132,13 +132,13 @@ def _figures(scene: Scene) -> str:
 
 
 def draw_truth(axis: "Axes", scene: Scene, *, lw: float, color: str = PATH) -> None:
-    """The true path, where somebody knows it."""
+    """Draw the true path, if known."""
     if scene.truth is not None:
         axis.plot(*scene.truth[:, :2].T, color=color, lw=lw, alpha=0.75, zorder=1, label="truth")
 
 
 def _map(axis: "Axes", scene: Scene, *, counted: bool) -> None:
-    """Links and nodes, and loops by what became of them."""
+    """Draw links and nodes, and loops by their outcome."""
     axis.add_collection(lines_between(scene, pairs_of(scene.run.links[~scene.loops]), MAP, 1.0, 3))
     axis.plot(*scene.nodes[:, :2].T, ".-", color=MAP, ms=3, lw=0, zorder=4)
     axis.plot([], [], ".-", color=MAP, ms=3, lw=1, label="experience map")
@@ -157,14 +157,14 @@ def _map(axis: "Axes", scene: Scene, *, counted: bool) -> None:
             # Hundreds of long lines must not hide the map.
             alpha = float(np.clip(40 / len(pairs), 0.2, 0.85))
             axis.add_collection(lines_between(scene, pairs, color, 1.3, order, style, alpha=alpha))
-            # Right loops are short: without their ends they would not be seen.
+            # Correct loops are short: without markers at their ends they would be invisible.
             drawn: dict[str, Any] = {"mfc": fill, "mec": color, "ms": 4.5, "mew": 1.1}
             axis.plot(*scene.nodes[np.unique(pairs), :2].T, marker, zorder=order, **drawn)
             axis.plot([], [], marker, ls=style, color=color, lw=1.3, label=label, **drawn)
 
 
 def counted_word(number: int, word: str) -> str:
-    """As in "1 loop" and "2 loops"."""
+    """Number and noun, as in "1 loop" and "2 loops"."""
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
@@ -192,8 +192,8 @@ def lines_between(
 
 
 def _ends(axis: "Axes", scene: Scene) -> None:
-    """Where the path starts and ends; one does not hide the other."""
-    # Before its first node the robot is not on the map yet.
+    """Mark the start and end of the path so that neither hides the other."""
+    # The robot is not on the map before its first node.
     first = int(np.argmax(scene.run.node_ids >= 0))
     for row, marker, size, fill, label in (
         (first, "D", 8, "white", "start"),
@@ -204,7 +204,7 @@ def _ends(axis: "Axes", scene: Scene) -> None:
 
 
 def bounds_of(scenes: Sequence[Scene], *more: Bounds) -> Bounds:
-    """float64 (2, 2): low and high corner of maps and truths, with a margin."""
+    """float64 (2, 2): low and high corner of maps and true paths, with a margin."""
     shown = [scene.nodes for scene in scenes] + [scene.path for scene in scenes]
     shown += [scene.truth for scene in scenes if scene.truth is not None] + list(more)
     places = np.concatenate(shown)[:, :2]
@@ -214,12 +214,12 @@ def bounds_of(scenes: Sequence[Scene], *more: Bounds) -> Bounds:
 
 
 def ratio_of(bounds: Bounds) -> float:
-    """Height of a picture of what lies within over its width."""
+    """Ratio of height to width of these bounds."""
     wide, tall = bounds[1] - bounds[0]
     return float(np.clip(tall / wide, _FLATTEST, _STEEPEST))
 
 
 def frame(axis: "Axes", bounds: Bounds) -> None:
-    """Show what lies within, metres alike on both axes."""
+    """Show these bounds at equal scale on both axes."""
     axis.set(xlim=bounds[:, 0], ylim=bounds[:, 1])
     axis.set_aspect("equal")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the report of maps: the page, its pictures, the figures, and the runs."""
+"""Write the report of maps: the page, its pictures, the figures, and the runs."""
 
 import os
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from fusionslam.report.page.html import (
 )
 
 RUNS = "ratslam"
-"""Folder of the runs, beside the page."""
+"""Folder of the stored runs, beside the page."""
 
 Judged = list[tuple[RatSlamRun, MapReport]]
 
@@ -41,19 +41,19 @@ def write_ratslam_report(
     """Write ratslam.html, which opens offline, its pictures and figures, and the runs.
 
     Args:
-        folder: made if missing. Files of an earlier report there are replaced; its runs under
-            other names stay.
-        runs: those over one drive share a ``name`` and are compared.
-        reports: how the runs were judged; None judges them.
-        title: None makes one.
-        command: what was typed to get here.
-        notes: sentences for the head of the page.
+        folder: created if missing. Files of an earlier report there are replaced; its runs under
+            other names are kept.
+        runs: runs over the same drive share a ``name`` and are compared.
+        reports: reports on the runs; None computes them.
+        title: None derives one.
+        command: the command line that produced the runs.
+        notes: sentences at the top of the page.
 
     Returns:
         The path of ratslam.html.
 
     Raises:
-        DataError: no runs, a run without steps, two of one name, not a report for each, values
+        DataError: no runs, a run without steps, two with one name, not one report per run, values
             that cannot be judged, or the folder cannot be written.
         FusionSlamError: matplotlib or jinja2 is not installed.
     """
@@ -90,7 +90,7 @@ def write_ratslam_report(
 def _judged(
     runs: RatSlamRun | Sequence[RatSlamRun], reports: MapReport | Sequence[MapReport] | None
 ) -> Judged:
-    """Runs with their reports; raises DataError if nothing can be written of them."""
+    """Pair runs with their reports; raises DataError if no page can be written."""
     runs = [runs] if isinstance(runs, RatSlamRun) else list(runs)
     check_runs(runs, [_label(run) for run in runs], [_name(run) for run in runs])
     given = [reports] if isinstance(reports, MapReport) else reports

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Picture of the quickest way over a map from one node to another."""
+"""Picture of the fastest path over a map from one node to another."""
 
 from typing import TYPE_CHECKING
 
@@ -30,15 +30,15 @@ _ARROWS = 8
 
 
 def path_figure(run: RatSlamRun, a: int, b: int, report: MapReport | None = None) -> "Figure":
-    """The map, and on it the quickest way from node a to node b.
+    """Draw the map and on it the fastest path from node a to node b.
 
     Args:
-        run: whose map in the end is shown, laid over the truth where that is known.
+        run: the run whose final map is shown, aligned with the ground truth if known.
         a, b: ids of nodes.
-        report: how the run was judged; None judges it.
+        report: report on the run; None computes it.
 
     Raises:
-        DataError: a node that there is not, or two that no links join.
+        DataError: an unknown node, or two that no links connect.
     """
     route = quickest_route(run.links, len(run.nodes), a, b)
     with styled():
@@ -46,7 +46,7 @@ def path_figure(run: RatSlamRun, a: int, b: int, report: MapReport | None = None
 
 
 def draw_route(scene: Scene, route: Route) -> "Figure":
-    """As ``path_figure``, of a way that is known already."""
+    """Draw as ``path_figure``, for a known path."""
     figure, axis = single_map(scene, bounds_of([scene]))
     axis.add_collection(lines_between(scene, pairs_of(scene.run.links), _LINK, 0.9, 2))
     axis.plot([], [], color=_LINK, lw=0.9, label="links of the map")
@@ -70,7 +70,7 @@ def draw_route(scene: Scene, route: Route) -> "Figure":
 
 
 def route_words(route: Route, places: NDArray[np.float64]) -> str:
-    """How long a way is: links, metres on the map, seconds as it was driven."""
+    """Describe the length of a path: links, metres on the map, seconds as driven."""
     metres = float(np.hypot(*np.diff(places, axis=0).T).sum())
     return (
         f"from node {route.ids[0]} to node {route.ids[-1]}: "
@@ -79,7 +79,7 @@ def route_words(route: Route, places: NDArray[np.float64]) -> str:
 
 
 def _arrows(axis: "Axes", places: NDArray[np.float64]) -> None:
-    """Which way it goes: arrow heads at even distances along the way."""
+    """Draw arrow heads along the path at even distances."""
     steps = np.diff(places, axis=0)
     lengths = np.hypot(*steps.T)
     along = np.concatenate([[0.0], np.cumsum(lengths)])

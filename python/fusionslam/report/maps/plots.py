@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What happened in a run of RatSLAM over time: cells, views and actions, errors."""
+"""Plots of a RatSLAM run over time: pose cells, views and actions, errors."""
 
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,7 @@ _WIDTH = 9.2
 
 
 def draw_activity(run: RatSlamRun) -> "Figure | None":
-    """The cells' activity along each axis over time; None where nothing was looked at."""
+    """Draw the pose cells' activity along each axis over time; None without a view step."""
     if not run.is_view.any():
         return None
     figure = new_figure(_WIDTH, 6.2)
@@ -46,7 +46,7 @@ def draw_activity(run: RatSlamRun) -> "Figure | None":
 
 
 def _activity(axis: "Axes", run: RatSlamRun, activity: NDArray[np.float32], top: float) -> None:
-    """One picture whose columns are even in time: each shows the last activity known then."""
+    """Draw an image with columns at even times, each with the latest activity at that time."""
     stamps = run.seconds[run.is_view]
     start, end = float(stamps[0]), float(max(stamps[-1], stamps[0] + 1e-3))
     moments = np.linspace(start, end, min(_COLUMNS, max(2, len(stamps))))
@@ -59,13 +59,13 @@ def _activity(axis: "Axes", run: RatSlamRun, activity: NDArray[np.float32], top:
         origin="lower",
         aspect="auto",
         cmap="magma",
-        # Activity spreads over many cells: a square root keeps its rims visible.
+        # Activity spreads over many cells: a square root keeps its fringes visible.
         norm=PowerNorm(0.5, vmin=0, vmax=1),
     )
 
 
 def draw_views(scene: Scene) -> "Figure | None":
-    """Views by their ids over time, and what the map did; None where nothing was looked at."""
+    """Draw view ids over time, and the actions of the map; None without a view step."""
     run = scene.run
     if not run.is_view.any():
         return None
@@ -89,14 +89,14 @@ def draw_views(scene: Scene) -> "Figure | None":
 
 
 def new_views(ids: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which of the ids are there for the first time; -1 is none."""
+    """Mask of the ids that occur for the first time; -1 is none."""
     new = np.zeros(len(ids), bool)
     new[np.unique(ids, return_index=True)[1]] = True
     return new & (ids >= 0)
 
 
 def _marks(axis: "Axes", scene: Scene, blind: Floats) -> None:
-    """A row of strokes for each kind of event."""
+    """Draw a row of ticks for each kind of event."""
     run, kinds, seconds = scene.run, scene.run.actions[:, 0], scene.run.seconds
     right = scene.made[scene.right]
     rows = (
@@ -117,7 +117,7 @@ def _marks(axis: "Axes", scene: Scene, blind: Floats) -> None:
 
 
 def draw_errors(scene: Scene) -> "Figure | None":
-    """How far map and dead reckoning are off over time; None without truth, or without a node."""
+    """Draw the errors of map and dead reckoning over time; None without truth or nodes."""
     if scene.truth is None or scene.report.trajectory is None:
         return None
     figure = new_figure(_WIDTH, 3.6)

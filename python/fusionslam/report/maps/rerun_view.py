@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``LiveView``: a map as it grows, in the viewer of rerun or in a file that it opens.
+"""``LiveView``: a growing map, in the rerun viewer or in a file for it.
 
     with LiveView("run.rrd") as view:
         for event in events:
@@ -38,45 +38,45 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 ELAPSED, STAMP = "elapsed", "stamp"
-"""Timelines: since the first step, and the stamps themselves, as dates since 1970."""
+"""Timelines: time since the first step, and the time stamps as dates since 1970."""
 
 _COLOURS = {"live": (40, 110, 220), "dead_reckoning": (220, 120, 30), "truth": (110, 110, 110)}
 _OF_THE_MAP = (200, 40, 60)
 _ROBOT_NS = 10**8
-"""The robot is shown this often, and whenever it looks."""
+"""Interval between updates of the robot, which is also updated at every view step."""
 _GROWN_NS = 10**9
 _GROWTH = 100
-"""Whatever grows with the run is shown again after a second, or the hundredth part of the time
-since its start: a file grows with n log n, not n^2."""
+"""Data that grow with the run are logged again after the longer of a second and a hundredth of the
+run's duration so far: a file then grows with n log n, not n^2."""
 _APART_M = 0.1
-"""Points of a way that are nearer than this to the last one are left out."""
+"""Points of a path closer than this to the previous one are left out."""
 _ANSWER_S = 10.0
-"""A viewer that has not answered by then is not there."""
+"""A viewer that does not answer within this time counts as absent."""
 _IMAGE_NS = 2 * 10**8
-"""Images are shown no more often: they are most of a file."""
+"""Smallest interval between images, which make up most of a file."""
 _IMAGE_WIDTH = 320
 
 
 class LiveView:
-    """Shows map, ways, activity of the cells, views and images while RatSLAM runs.
+    """Shows map, paths, pose cell activity, views and images while RatSLAM runs.
 
     Entities: ``map/nodes``, ``map/links``; ``way/live``, ``way/dead_reckoning``, ``way/truth`` and
-    ``robot/...`` of the same names, all in metres in the frame of the map (the truth is moved so
-    that it begins where dead reckoning is then); ``cells/sheet`` (activity summed over headings, by
-    y and x) and ``cells/headings`` (over y and x); ``views/id`` and ``views/node``, their numbers;
-    ``image``; ``log`` (what happened and why). Each row has the time of its step's stamp, on both
-    timelines, and no other.
+    ``robot/...`` of the same names, all in metres in the map frame (the ground truth is moved so
+    that it starts where dead reckoning is at that time); ``cells/sheet`` (activity summed over
+    headings, by y and x) and ``cells/headings`` (summed over y and x); ``views/id`` and
+    ``views/node``, as numbers; ``image``; ``log`` (events and their reasons). Each row has the time
+    stamp of its step, on both timelines, and no other time.
 
     Args:
-        path: of the .rrd to write when the view is closed, which is also after an error; until then
-            it is kept in memory. None opens the viewer instead.
-        name: of what runs, for people.
-        truth: where the robot truly is; None if nobody knows.
+        path: .rrd file, written when the view is closed, also after an error, and kept in memory
+            until then. None opens the viewer instead.
+        name: name of the run, for display.
+        truth: true trajectory of the robot; None if unknown.
 
     Raises:
         FusionSlamError: rerun is not installed, or its viewer does not start.
         DataError: the file cannot be written.
-        ConfigError: its name does not end in .rrd, by which rerun knows its files.
+        ConfigError: the file name does not end in .rrd, by which rerun recognises its files.
     """
 
     def __init__(
@@ -95,16 +95,16 @@ class LiveView:
         self._moved: RigidMotion | None = None
         self._ways: dict[str, list[list[float]]] = {which: [] for which in _COLOURS}
         self._last: tuple[Step, RatSlam] | None = None
-        # Without properties: they hold the time of the wall clock, as does log_time.
+        # Without properties: they hold the wall clock's time, as does log_time.
         self._recording = self._rerun.RecordingStream(
-            # What an entry of rerun may be called; it warns of other names.
+            # Characters that rerun accepts in an application id; it warns about other names.
             "fusionslam " + re.sub(r"[^A-Za-z0-9 _-]", "-", name),
             send_properties=False,
             batcher_config=None if path is None else _large_chunks(self._rerun),
         )
         self._recording.set_log_time_enabled(False)
         self._temporary = None if path is None else self._files.enter_context(atomic_path(path))
-        # In memory: rerun's own writer may wait for ever for a disk that is full.
+        # In memory: rerun's own writer may wait forever on a full disk.
         self._kept = None if path is None else self._recording.binary_stream()
         if self._kept is None:
             self._open_viewer()
@@ -130,9 +130,9 @@ class LiveView:
         """Show a step.
 
         Args:
-            step: what was done.
-            slam: what did it; not changed.
-            event: what was taken, whose image is shown if it has one.
+            step: the step.
+            slam: the RatSLAM that made it; not changed.
+            event: the input of the step, whose image is shown if it has one.
 
         Raises:
             DataError: the view is closed.
@@ -149,7 +149,7 @@ class LiveView:
         if step.looked:
             self._look(step, slam, event)
         if step.why:
-            # Refused loops stand out among what happened.
+            # Refused loops stand out from other events.
             level = "INFO" if step.refused is None else "WARN"
             self._log("log", self._rerun.TextLog(step.why, level=level))
         if begins or step.stamp_ns - self._grown_ns >= self._pause_ns():
@@ -157,10 +157,10 @@ class LiveView:
             self._grown(slam)
 
     def close(self) -> None:
-        """Show the map as it is in the end, and close the file. May be called twice.
+        """Show the final map and close the file. May be called twice.
 
         Raises:
-            DataError: the file could not be written; there is none then.
+            DataError: the file could not be written; then there is none.
         """
         if self._closed:
             return
@@ -176,7 +176,7 @@ class LiveView:
         self._recording.disconnect()
 
     def _leave_viewer(self) -> None:
-        """What people did to their viewer is no fault of the run."""
+        """Disconnect from the viewer; a viewer closed by the user is not an error of the run."""
         try:
             self._recording.flush(timeout_sec=_ANSWER_S)
         except RuntimeError as error:
@@ -195,7 +195,7 @@ class LiveView:
             self._robot("truth", self._on_map(truth, step)[0])
 
     def _on_map(self, truth: Floats, step: Step) -> Floats:
-        """True poses (n, 3), moved as the first one has to be to lie on dead reckoning."""
+        """Move true poses (n, 3) so that the first one ever shown lies on dead reckoning."""
         if self._moved is None:
             turn = step.dead_reckoning[2] - truth[0, 2]
             there = RigidMotion(0.0, 0.0, turn).apply(truth)[0]
@@ -235,7 +235,7 @@ class LiveView:
             self._log("image", self._rerun.Image(small).compress(jpeg_quality=75))
 
     def _grown(self, slam: RatSlam) -> None:
-        """Show what grows with the run: the map and the ways."""
+        """Show data that grow with the run: the map and the paths."""
         for which, way in self._ways.items():
             if len(way) > 1:
                 line = self._rerun.LineStrips3D([way], colors=[_COLOURS[which]], radii=0.02)
@@ -256,7 +256,7 @@ class LiveView:
 
 
 def _image_of(event: Any, slam: RatSlam) -> NDArray[np.uint8] | None:
-    """uint8 (H, W, 3) or (H, W): what was seen, or what a template keeps of it; None for none."""
+    """uint8 (H, W, 3) or (H, W): the image seen, or its stored template; None without one."""
     item = event.item if isinstance(event, Look) else event
     if isinstance(item, Picture):
         return item.image
@@ -274,7 +274,7 @@ def _image_of(event: Any, slam: RatSlam) -> NDArray[np.uint8] | None:
 
 
 def _check(path: Path) -> None:
-    """Find out at the start what would be an error at the end."""
+    """Raise at the start the errors that would otherwise appear at the end."""
     if path.suffix != ".rrd":
         raise ConfigError(f"live view into {path}: expected a name that ends in .rrd")
     if path.is_dir():
@@ -282,14 +282,14 @@ def _check(path: Path) -> None:
 
 
 def _large_chunks(rerun: Any) -> Any:
-    """Rows of a file go together by their size; nobody waits for them."""
+    """Batch rows of a file by size only, as nobody waits for them."""
     config = rerun.ChunkBatcherConfig.DEFAULT()
     config.flush_tick = timedelta(days=1)
     return config
 
 
 def _blueprint() -> Any:
-    """Map and ways from above on the left; cells, views, image and log on the right."""
+    """Map and paths from above on the left; cells, views, image and log on the right."""
     import rerun.blueprint as rrb
 
     return rrb.Blueprint(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the report of maps says of one drive, and of each run over it."""
+"""Sections of the report of maps on one drive, and on each run over it."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ _NOTES = 50
 
 @dataclass(frozen=True)
 class RunPart:
-    """What is shown of one run; pictures that would be empty are None, and ``words`` say why."""
+    """Report contents for one run; pictures that would be empty are None, and ``words`` say why."""
 
     name: str
     sentence: str
@@ -55,7 +55,7 @@ class RunPart:
 
 @dataclass(frozen=True)
 class DrivePart:
-    """What is shown of one drive."""
+    """Report contents for one drive."""
 
     name: str
     id: str
@@ -69,13 +69,13 @@ class DrivePart:
 
 
 def drive_part(folder: Path, id: str, name: str, judged: Judged) -> DrivePart:
-    """Draw everything that is known of the runs over one drive.
+    """Draw everything known about the runs over one drive.
 
     Args:
-        folder: where pictures go.
-        id: that no other drive of the page has.
-        name: of the drive.
-        judged: its runs.
+        folder: folder of the pictures.
+        id: identifier, unique on the page.
+        name: name of the drive.
+        judged: its runs with their reports.
     """
     runs, reports = [run for run, _ in judged], [report for _, report in judged]
     labels = run_labels(runs)
@@ -99,14 +99,14 @@ def drive_part(folder: Path, id: str, name: str, judged: Judged) -> DrivePart:
 
 
 def run_labels(runs: Sequence[RatSlamRun]) -> list[str]:
-    """What recognised the views, and of odometry and preset what tells the runs apart."""
+    """Label runs by place recognition, plus odometry and preset where they differ."""
     parts = [[run.views, f"odometry {run.odometry}", f"preset {run.preset}"] for run in runs]
     telling = [0] + [i for i in (1, 2) if len({part[i] for part in parts}) > 1]
     return [", ".join(part[i] for i in telling) for part in parts]
 
 
 def answer(labels: Sequence[str], reports: Sequence[MapReport]) -> str:
-    """The best map against dead reckoning, in a sentence."""
+    """Compare the best map with dead reckoning in a sentence."""
     known = [(label, one) for label, one in zip(labels, reports, strict=True) if one.trajectory]
     if not known:
         return "Without true poses nobody can say how good a map is: there are only counts."
@@ -125,7 +125,7 @@ def _rmse(report: MapReport) -> float:
 
 
 def _maps(folder: Path, name: str, labels: list[str], scenes: list[Scene]) -> Picture | None:
-    """All maps at one scale; one map alone is shown by its own picture."""
+    """Draw all maps at one scale; a single map has its own picture instead."""
     drawn = [pair for pair in zip(labels, scenes, strict=True) if len(pair[1].nodes) > 1]
     if len(drawn) < 2:
         return None
@@ -152,7 +152,7 @@ def _run_part(folder: Path, label: str, scene: Scene) -> RunPart:
 
 
 def what_happened(scene: Scene) -> str:
-    """Steps, views, nodes and loops of a run, in sentences; steps as the report counts them."""
+    """Describe steps, views, nodes and loops of a run; steps as the report counts them."""
     run, report = scene.run, scene.report
     span = f"{report.seconds:.1f} s and {counted_word(report.steps, 'step')} from the first node on"
     views = counted_word(int(new_views(run.view_ids[run.is_view]).sum()), "view")
@@ -171,7 +171,7 @@ def what_happened(scene: Scene) -> str:
 
 
 def _missing(scene: Scene) -> list[str]:
-    """Sentences in the place of pictures that would show nothing."""
+    """Return sentences that replace pictures without content."""
     run, said = scene.run, []
     if not run.is_view.any():
         said.append(
@@ -193,7 +193,7 @@ def _missing(scene: Scene) -> list[str]:
 
 
 def _pictures(folder: Path, scene: Scene) -> list[Picture]:
-    """All pictures of a run that show something."""
+    """Draw all pictures of a run that have content."""
     run = scene.run
     drawn: list[tuple[str, Figure | None, str]] = [
         ("map", draw_map(scene) if len(run.nodes) > 1 else None, _map_caption(scene)),
@@ -212,20 +212,20 @@ def _pictures(folder: Path, scene: Scene) -> list[Picture]:
 
 
 def _way_home(scene: Scene) -> "Figure | None":
-    """From where the robot is in the end back to its first node; None where there is no way."""
+    """Draw the path from the robot's final node back to its first; None if there is none."""
     run = scene.run
     if len(run.nodes) < 2 or run.node_ids[-1] <= 0:
         return None
     try:
         route = quickest_route(run.links, len(run.nodes), int(run.node_ids[-1]), 0)
     except DataError:
-        # A stored map may be in pieces.
+        # A stored map may consist of disconnected parts.
         return None
     return draw_route(scene, route)
 
 
 def _map_caption(scene: Scene) -> str:
-    """What the picture shows, and no more."""
+    """Describe only what the picture shows."""
     known = scene.truth is not None
     marks = (
         (scene.right.any(), "rings, closed rightly" if known else "rings, closed"),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of the report of maps: figures against dead reckoning, loops one by one."""
+"""Tables of the report of maps: errors against dead reckoning, and single loops."""
 
 import re
 from collections import Counter
@@ -17,9 +17,9 @@ from fusionslam.report.maps.aligned_run import Scene, denied, link_misfits, near
 from fusionslam.report.page.tables import Cell, Column, Table, build_table
 
 MOST = 100
-"""Rows of a table of single events that a page shows."""
+"""Largest number of rows in a table of single events."""
 REFUSALS = ("linked later", "false: prevented", "right: lost")
-"""What becomes of loops that are refused: agreed with by later ones, or kept out."""
+"""Verdicts on refused loops: confirmed by later loops, or kept out of the map."""
 _NONE = "\N{EN DASH}"
 
 Best = Callable[[Sequence[float]], float]
@@ -28,7 +28,7 @@ Named = tuple[str, Scene]
 
 @dataclass(frozen=True)
 class MapRow:
-    """What stands in a row of the table of errors: a map, or the odometry that it was made of."""
+    """A row of the table of errors: a map, or the odometry that it was made from."""
 
     label: str
     nodes: PoseErrors | None
@@ -37,7 +37,7 @@ class MapRow:
 
 
 def error_table(labels: Sequence[str], reports: Sequence[MapReport]) -> Table | None:
-    """How far off every map is, and every odometry that maps were made of; None without truth."""
+    """Build the table of errors of every map and every odometry; None without ground truth."""
     rows = [MapRow(f"dead reckoning: {name}", *known) for name, known in _odometry(reports)]
     for label, one in zip(labels, reports, strict=True):
         rows.append(MapRow(label, one.nodes, one.trajectory, one.live))
@@ -49,7 +49,7 @@ def error_table(labels: Sequence[str], reports: Sequence[MapReport]) -> Table | 
 def _odometry(
     reports: Sequence[MapReport],
 ) -> list[tuple[str, tuple[PoseErrors | None, PoseErrors | None, PoseErrors | None]]]:
-    """Dead reckoning under each name of an odometry: when nodes were made, always, always."""
+    """Dead reckoning by odometry name: errors at node creation, at all steps, at all steps."""
     first: dict[str, MapReport] = {}
     for report in reports:
         if report.dead_reckoning is not None:
@@ -82,7 +82,7 @@ def _error_columns() -> list[Column[MapRow]]:
 
 
 def joins_table(labels: Sequence[str], scenes: Sequence[Scene]) -> Table:
-    """What every map joins, how big it is, and how well its links fit together."""
+    """Build the table of each map's size, its links, and how well they fit together."""
     columns = _map_columns()
     if any(scene.report.near_links is not None for scene in scenes):
         columns = [*_truth_columns(), *columns]
@@ -124,7 +124,7 @@ def _of(name: str, title: str, hint: str, show: str, best: Best | None = None) -
 
 
 def loop_table(scene: Scene) -> Table | None:
-    """When loops were closed, between which nodes, and whether rightly; None without a loop."""
+    """Build the table of closed loops: time, nodes, and verdict; None without a loop."""
     rows = np.flatnonzero(scene.loops)
     if not rows.size:
         return None
@@ -153,7 +153,7 @@ def loop_table(scene: Scene) -> Table | None:
 
 
 def refused_table(scene: Scene) -> Table | None:
-    """Loops that were refused, with what did not fit; None if there are none."""
+    """Build the table of refused loops with their misfit; None if there are none."""
     run, refused = scene.run, scene.run.refused[:MOST]
     if not len(refused):
         return None
@@ -180,7 +180,7 @@ def refused_table(scene: Scene) -> Table | None:
 
 
 def refusals(scene: Scene) -> list[str]:
-    """What became of each refused loop: a verdict of ``REFUSALS``, or a dash without truth."""
+    """Return a verdict of ``REFUSALS`` for each refused loop, or a dash without truth."""
     run = scene.run
     steps = steps_at(run, run.refused["stamp_ns"])
     right = near(run, scene.report, steps, run.refused["target"])
@@ -189,7 +189,7 @@ def refusals(scene: Scene) -> list[str]:
 
 
 def _event(seconds: float, link: Any, *figures: tuple[float, str] | str) -> tuple[str, list[Cell]]:
-    """A row: when, from which node to which, and numbers, a dash for those that are not known."""
+    """Build a row: time, source and target node, and figures, with a dash for unknown ones."""
     cells = [Cell(str(link["source"])), Cell(str(link["target"]))]
     for figure in figures:
         if isinstance(figure, str):
@@ -201,7 +201,7 @@ def _event(seconds: float, link: Any, *figures: tuple[float, str] | str) -> tupl
 
 
 def reason_table(run: RatSlamRun) -> Table | None:
-    """What was said of views, numbers left out, most frequent first; None without a view."""
+    """Count the reasons given for views, numbers left out; None without a view step."""
     said = Counter(re.sub(r"-?\d+(\.\d+)?(e-?\d+)?", "#", sentence) for sentence in run.why)
     if not said:
         return None

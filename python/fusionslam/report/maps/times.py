@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the steps of a run of RatSLAM took: a table and a picture."""
+"""Time per step of a RatSLAM run: a table and a picture."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 STAGES = ("looking", "pose cells", "map")
-"""What the columns of ``step_seconds`` are called."""
+"""Names of the columns of ``step_seconds``."""
 _BUSY = ("steps that looked", "steps that moved or looked", "steps that changed the map")
 _COLORS = (CURVE_COLORS[2], CURVE_COLORS[4], CURVE_COLORS[0])
 _WIDTH = 9.2
@@ -26,11 +26,11 @@ Named = tuple[str, RatSlamRun]
 
 
 def busy_ms(run: RatSlamRun, stage: int | None = None) -> NDArray[np.float64]:
-    """float64: milliseconds of the steps in which a stage had something to do.
+    """float64: milliseconds of the steps in which a stage did something.
 
     Args:
-        run: what happened.
-        stage: of ``STAGES``; None for all stages of every step together.
+        run: the run.
+        stage: index into ``STAGES``; None for all stages of every step together.
     """
     times = run.step_seconds.sum(axis=1) if stage is None else run.step_seconds[:, stage]
     if stage == STAGES.index("map"):
@@ -39,7 +39,7 @@ def busy_ms(run: RatSlamRun, stage: int | None = None) -> NDArray[np.float64]:
 
 
 def cost_table(labels: Sequence[str], runs: Sequence[RatSlamRun]) -> Table | None:
-    """Median and 95th percentile of what steps took; None where nothing was timed."""
+    """Build the table of median and 95th percentile per step; None if nothing was timed."""
     if not any((run.step_seconds > 0).any() for run in runs):
         return None
     columns = []
@@ -69,9 +69,9 @@ def _speed(run: RatSlamRun) -> float | None:
 
 
 def draw_step_times(run: RatSlamRun) -> "Figure | None":
-    """What each stage of a step took, over time and over the size of the map.
+    """Draw the time of each stage per step, over time and over the size of the map.
 
-    None where nothing was timed.
+    None if nothing was timed.
     """
     times = np.where(run.step_seconds > 0, run.step_seconds * 1e3, np.nan)
     if not np.isfinite(times).any():
@@ -95,7 +95,7 @@ def draw_step_times(run: RatSlamRun) -> "Figure | None":
 
 
 def _stage_label(run: RatSlamRun, stage: int) -> str | None:
-    """A stage with its percentiles, as in the table; None where it had nothing to do."""
+    """Return a stage with its percentiles, as in the table; None if it did nothing."""
     half, most = (_percentile(run, stage, share) for share in (50, 95))
     if half is None or most is None:
         return None

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The style, sizes and colours that the figures of all reports share."""
+"""Style, sizes and colours shared by the figures of all reports."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Okabe and Ito's colours, which colour-blind readers can tell apart.
+# Okabe and Ito's colours, which colour-blind readers can distinguish.
 CURVE_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 
@@ -41,14 +41,14 @@ _STYLE: dict[Any, Any] = {
 
 
 def styled() -> Any:
-    """A context in which matplotlib draws in the report's style."""
+    """Return a context in which matplotlib draws in the report's style."""
     import matplotlib
 
     return matplotlib.rc_context(_STYLE)
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """An empty figure, inches, that no global state knows."""
+    """Return an empty figure (sizes in inches) that is not registered with pyplot."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -58,7 +58,7 @@ def new_figure(width: float, height: float) -> "Figure":
 
 
 def widest_axes(points: NDArray[np.floating[Any]]) -> tuple[int, int]:
-    """The two axes along which points (N, 3) extend most, in ascending order."""
+    """Return the two axes along which points (N, 3) extend most, in ascending order."""
     low, high = np.percentile(points, (1, 99), axis=0)
     first, second = sorted(np.argsort(low - high, kind="stable")[:2].tolist())
     return first, second

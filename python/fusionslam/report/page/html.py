@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page around every report: templates, file names, and what it says about its origin."""
+"""The HTML frame of every report: templates, file names, and the origin of the data."""
 
 import json
 import re
@@ -22,19 +22,19 @@ T = TypeVar("T")
 
 
 def file_name(*parts: str) -> str:
-    """A file's name made of names that people gave."""
+    """Make a file name from names given by users."""
     return "_".join(re.sub(r"[^\w.-]+", "-", part).strip("-") or "x" for part in parts)
 
 
 def check_extra() -> None:
-    """Raise FusionSlamError if what reports need is not installed."""
+    """Raise FusionSlamError if a package that reports need is not installed."""
     for module in ("jinja2", "matplotlib"):
         if find_spec(module) is None:
             raise FusionSlamError("the report needs: pip install 'fusionslam[report]'")
 
 
 def about_report(dataset: str, command: str, config: Mapping[str, Any]) -> dict[str, Any]:
-    """What every report says of itself: data, command, date, versions, machine."""
+    """Collect the origin of a report: data, command, date, versions, machine."""
     return {
         "dataset": dataset,
         "command": command,
@@ -46,7 +46,7 @@ def about_report(dataset: str, command: str, config: Mapping[str, Any]) -> dict[
 
 
 def _environment() -> "Environment":
-    """The templates of reports; an unknown name in one is an error."""
+    """Return the environment of the report templates; unknown names in a template are errors."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     return Environment(
@@ -62,10 +62,10 @@ def write_page(path: Path, template: str, about: Mapping[str, Any], **parts: Any
     """Write an HTML page that opens offline, whole or not at all.
 
     Args:
-        path: of the page.
-        template: name of one of the templates here, or the text of one that extends them.
-        about: as ``about_report`` makes it.
-        parts: what the template's blocks show; ``title`` and ``notes`` are in all of them.
+        path: file of the page.
+        template: name of a template in this package, or the text of one that extends them.
+        about: from ``about_report``.
+        parts: contents of the template's blocks; all templates have ``title`` and ``notes``.
 
     Raises:
         DataError: the folder cannot be written.
@@ -80,7 +80,7 @@ def write_page(path: Path, template: str, about: Mapping[str, Any], **parts: Any
 
 
 def write_figures(path: Path, about: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]) -> None:
-    """Write the JSON beside a page: what the page says of itself and, under "runs", the figures.
+    """Write the JSON beside a page: the page's origin and, under "runs", the figures.
 
     Raises:
         DataError: the folder cannot be written.
@@ -91,12 +91,12 @@ def write_figures(path: Path, about: Mapping[str, Any], runs: Sequence[Mapping[s
 
 
 def check_runs(runs: Sequence[Sized], labels: Sequence[str], files: Sequence[str]) -> None:
-    """Raise DataError if there are no runs, one is empty, or two have the same file.
+    """Raise DataError if there are no runs, one is empty, or two share a file name.
 
     Args:
-        runs: what a page is to be written about.
-        labels: of each, for messages.
-        files: names of the files that they are stored in.
+        runs: the runs of the page.
+        labels: label of each run, for messages.
+        files: name of the file that stores each run.
     """
     if not runs:
         raise DataError("report: there are no runs to write about")
@@ -108,7 +108,7 @@ def check_runs(runs: Sequence[Sized], labels: Sequence[str], files: Sequence[str
 
 
 def group_by(items: Iterable[T], key: Callable[[T], str]) -> dict[str, list[T]]:
-    """The items by key, keys in the order of their first item."""
+    """Group the items by key, keys in the order of their first item."""
     groups: dict[str, list[T]] = {}
     for item in items:
         groups.setdefault(key(item), []).append(item)

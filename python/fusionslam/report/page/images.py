@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A picture is written beside the report and embedded into it."""
+"""Write pictures beside the report and embed them into it."""
 
 import base64
 import io
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 
 
 _COLORS = 128
-"""Enough for drawings, whose files they make a quarter as large."""
+"""Enough colours for drawings; it makes their files a quarter as large."""
 _QUALITY = 80
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG or JPEG and what to see in it.
+    """A PNG or JPEG with its caption.
 
     Attributes:
-        name: of the file beside the report.
-        caption: what to see.
+        name: file name beside the report.
+        caption: what the picture shows.
         data: the file's bytes.
     """
 
@@ -39,7 +39,7 @@ class Picture:
 
     @property
     def data_uri(self) -> str:
-        """The picture as an address that needs no file."""
+        """The picture as a data URI, which needs no file."""
         kind = {".png": "png", ".jpg": "jpeg"}[Path(self.name).suffix]
         return f"data:image/{kind};base64," + base64.b64encode(self.data).decode("ascii")
 
@@ -50,11 +50,11 @@ def keep(
     """Render a figure, write it to the folder and return it.
 
     Args:
-        folder: where to.
-        name: of the file, without its end.
-        figure: what to render.
-        caption: what to see in it.
-        photo: whether it shows camera images or clouds, which JPEG suits; drawings are PNG.
+        folder: target folder.
+        name: file name without its suffix.
+        figure: figure to render.
+        caption: what the picture shows.
+        photo: True for camera images or clouds, stored as JPEG; drawings are stored as PNG.
 
     Raises:
         DataError: the folder cannot be written.
@@ -71,14 +71,14 @@ def write_png(path: str | os.PathLike[str], figure: "Figure") -> None:
 
 
 def write_photo(path: str | os.PathLike[str], image: Image.Image) -> None:
-    """Write a picture that is drawn already as JPEG, whole or not at all. Raises DataError."""
+    """Write a rendered picture as JPEG, whole or not at all. Raises DataError."""
     data = _jpeg(image)
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
 
 
 def keep_photo(folder: Path, name: str, image: Image.Image, caption: str) -> Picture:
-    """Write a picture that is drawn already as JPEG, and return it. Arguments as for ``keep``."""
+    """Write a rendered picture as JPEG, and return it. Arguments as for ``keep``."""
     return _kept(folder, name + ".jpg", _jpeg(image), caption)
 
 

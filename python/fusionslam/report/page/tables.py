@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The report's tables, as text cells: what stands in them and which cell is the best."""
+"""Tables of the reports as text cells, with the best cell of each column marked."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Column(Generic[T]):
-    """A column of a table: how its value is found, shown, and judged.
+    """A column of a table: where its value comes from, its format, and which value is best.
 
     Attributes:
-        title, hint: heading, and what it means.
-        value: of one row's thing; None is shown as a dash.
-        show: format of the value.
-        best: max, min, or None where no value is better than another.
+        title, hint: heading and its explanation.
+        value: gives the value of a row's item; None is shown as a dash.
+        show: format string of the value.
+        best: max, min, or None if no value is better than another.
     """
 
     title: str
@@ -29,7 +29,7 @@ class Column(Generic[T]):
 
 @dataclass(frozen=True)
 class Cell:
-    """Text, and whether it is the best of its column."""
+    """Text of a cell, and whether it is the best of its column."""
 
     text: str
     best: bool = False
@@ -43,7 +43,7 @@ class Table:
     rows: list[tuple[str, list[Cell]]]
 
     def markdown(self, corner: str = "") -> str:
-        """The table as Markdown, the best of each column in bold; ``corner`` heads the labels."""
+        """Format the table as Markdown, the best values in bold; ``corner`` heads the labels."""
         lines = [
             f"| {' | '.join([corner, *(title for title, _ in self.heads)])} |",
             f"|---|{'--:|' * len(self.heads)}",
@@ -57,7 +57,7 @@ class Table:
 def build_table(
     columns: Sequence[Column[T]], things: Sequence[T], label: Callable[[T], str]
 ) -> Table:
-    """One row a thing, with what each column says of it."""
+    """Build a table with one row per item."""
     cells = [_cells(column, [column.value(thing) for thing in things]) for column in columns]
     rows = [(label(thing), [column[row] for column in cells]) for row, thing in enumerate(things)]
     return Table([(column.title, column.hint) for column in columns], rows)

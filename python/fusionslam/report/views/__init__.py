@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""views.html: view ids and how they were judged."""
+"""views.html: judged view ids."""

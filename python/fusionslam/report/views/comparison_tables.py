@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of ways to recognise views: for terminals, as Markdown and as JSON."""
+"""Tables that compare view recognition methods: for terminals, as Markdown and as JSON."""
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
@@ -35,7 +35,7 @@ LEGEND = (
 
 
 def groups(results: Sequence[ViewResult]) -> list[Group]:
-    """The results by drive and frame, with a heading each."""
+    """Group the results by drive and frame, with a heading each."""
     found = groupby(results, key=lambda result: (result.drive, result.frame, result.scans))
     return [
         (f"{drive}, {frame}: {scans} scans", list(rows)) for (drive, frame, scans), rows in found
@@ -43,27 +43,27 @@ def groups(results: Sequence[ViewResult]) -> list[Group]:
 
 
 def accuracy_table(results: Sequence[ViewResult]) -> Table:
-    """One row a way: how well it recognised, and what others say of it; fits 80 columns."""
+    """One row per method: its recognition and published figures; fits 80 columns."""
     return build_table(_accuracy_columns(), results, _label)
 
 
 def cost_table(results: Sequence[ViewResult]) -> Table:
-    """One row a way: bytes and milliseconds, and what was published."""
+    """One row per method: bytes and milliseconds, and published figures."""
     return build_table(_cost_columns(), results, _label)
 
 
 def notes(results: Sequence[ViewResult]) -> list[str]:
-    """Why rows are empty, a line each."""
+    """List the reasons for empty rows, one line each."""
     lines = (f"{r.drive}: {r.title}: {r.note}" for r in results if r.note)
     return list(dict.fromkeys(lines))
 
 
 def markdown(results: Sequence[ViewResult], dropped: Mapping[str, int]) -> str:
-    """All tables as Markdown.
+    """Format all tables as Markdown.
 
     Args:
-        results: in the order of drives, frames and ways.
-        dropped: scans without anything above the floor, which were left out, by drive.
+        results: in order of drive, frame and method.
+        dropped: number of scans left out because nothing is above the floor, by drive.
     """
     parts = [LEGEND]
     for heading, rows in groups(results):
@@ -88,7 +88,7 @@ def write_view_bench(
     """Write ``views.md`` and ``views_bench.json``. Raises DataError.
 
     Args:
-        folder: made if need be.
+        folder: created if missing.
         results, dropped: as for ``markdown``.
         about: command, versions and machine.
     """
@@ -105,7 +105,7 @@ def write_view_bench(
 
 
 def as_json(result: ViewResult) -> dict[str, Any]:
-    """Every figure of a result; null where there is none."""
+    """Collect every figure of a result; undefined ones are null."""
     run = result.run
     return {
         "drive": result.drive,
@@ -198,7 +198,7 @@ def _ms(name: str) -> Value:
 
 
 def _elsewhere(rows: Sequence[ViewResult]) -> list[str]:
-    """What was measured again in the same world and stands beside no row."""
+    """List figures measured again in the same world that no row contains."""
     world = next((found.world for r in rows if (found := r.published or r.rerun)), "")
     beside = {r.rerun.input for r in rows if r.rerun}
     others = [figures for figures in rerun_views(world) if figures.input not in beside]

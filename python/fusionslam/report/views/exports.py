@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The files beside the report of views, and the data of the page's scrubbing view."""
+"""The files beside the report of views, and the data of the page's frame slider."""
 
 import csv
 from base64 import b64encode
@@ -33,7 +33,7 @@ COLUMNS = (
 
 
 def verdict(report: ViewReport, row: int) -> str:
-    """What is said of a scan, in a few words."""
+    """Describe the judgement of a scan in a few words."""
     if report.false_positive[row]:
         return "false positive"
     if report.false_negative[row]:
@@ -44,7 +44,7 @@ def verdict(report: ViewReport, row: int) -> str:
 
 
 def loop_word(report: ViewReport, row: int) -> str:
-    """What is said of a scan as a loop; nothing where there is none to close."""
+    """Describe a scan as a loop in a few words; empty if there is none to close."""
     if report.loop[row]:
         return "right loop" if report.loop_correct[row] else "wrong loop"
     return "missed revisit" if report.revisit[row] else ""
@@ -68,7 +68,7 @@ def metrics_of(run: ViewRun, report: ViewReport) -> dict[str, Any]:
 
 
 def write_view_rows(path: Path, judged: Judged) -> None:
-    """Write one line a scan of every run."""
+    """Write one line per scan of every run."""
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
@@ -97,10 +97,10 @@ def _csv_rows(run: ViewRun, report: ViewReport) -> Iterator[tuple[object, ...]]:
 
 
 def scrub_data(run: ViewRun, report: ViewReport, previews: Mapping[int, bytes]) -> dict[str, Any]:
-    """What the scrubbing view shows of one run, as JSON can hold it.
+    """Collect the data of the frame slider for one run, in types that JSON can hold.
 
-    ``frames`` are the scans that the page can show; ``i`` of each is its place in ``places``,
-    which lists every scan that has to be drawn, and ``v`` the place of what it is shown beside
+    ``frames`` are the scans that the page can show. ``i`` of each is its index in ``places``,
+    which lists every scan to be drawn; ``v`` is the index of the scan shown beside it
     (``counterparts``), or -1.
     """
     rows = needed_rows(run, report)
@@ -142,7 +142,7 @@ def _frame(run: ViewRun, report: ViewReport, row: int, place: int, beside: int) 
 
 
 def embedded(previews: Mapping[int, bytes]) -> dict[str, str]:
-    """Previews as base64 by their key."""
+    """Encode previews as base64, by their key."""
     return {str(key): b64encode(data).decode("ascii") for key, data in previews.items()}
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A picture of a scan that was taken for another place, written while the robot drives."""
+"""Picture of a scan mistaken for another place, written while the robot drives."""
 
 import os
 from pathlib import Path
@@ -24,21 +24,21 @@ def write_false_positive(
     image: NDArray[np.uint8] | bytes | None,
     matched_image: NDArray[np.uint8] | bytes | None,
 ) -> None:
-    """Write one JPEG of a scan and the one it was taken for, whole or not at all.
+    """Write one JPEG of a scan and the one it was mistaken for, whole or not at all.
 
-    Left what the robot saw now, right what it saw where the view was stored, below both scans, how
-    far they lie apart, and when they were.
+    The left half shows the current scan, the right half the scan that stored the view. The text
+    below gives both scans, their distance and their times.
 
     Args:
         path: ends in .jpg or .jpeg; an older file is replaced.
-        judged: what ``RunningViews.add`` said of the scan.
-        image: uint8 (H, W, 3) RGB or (H, W), or what ``image_preview`` made of it; None where there
-            is none, which the picture says.
-        matched_image: the like, of scan ``judged.matched``.
+        judged: result of ``RunningViews.add`` for the scan.
+        image: uint8 (H, W, 3) RGB or (H, W), or its ``image_preview``; None without an image, which
+            the picture says.
+        matched_image: the same for scan ``judged.matched``.
 
     Raises:
-        DataError: a scan that was not matched, another kind of file, or one that cannot be written.
-        ShapeError: an array that is no image.
+        DataError: a scan that was not matched, another file type, or a file that cannot be written.
+        ShapeError: an array that is not an image.
     """
     if Path(path).suffix.lower() not in (".jpg", ".jpeg"):
         raise DataError(f"cannot write {path}: expected a name that ends in .jpg")

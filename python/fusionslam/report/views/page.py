@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the report of views: the page, its pictures, the files beside it, and the runs."""
+"""Write the report of views: the page, its pictures, the files beside it, and the runs."""
 
 import json
 import os
@@ -32,7 +32,7 @@ from fusionslam.report.views.sections import world_part
 from fusionslam.storage.files import atomic_path
 
 RUNS = "views"
-"""Folder of the runs, beside the page."""
+"""Folder of the stored runs, beside the page."""
 
 
 def write_view_report(
@@ -47,21 +47,21 @@ def write_view_report(
     """Write views.html, which opens offline, its pictures and figures, and the runs.
 
     Args:
-        runs: one per drive and method; those over one drive share a ``world`` and are compared.
-            Pictures are made of their images, or else of their clouds, or else of what an
-            earlier report in this folder made.
-        folder: made if missing. Files of an earlier report there are replaced; its runs under
-            other names stay, for ``write_stored_view_report``.
-        rule: by which the ids are judged.
-        title: None makes one.
-        command: what was typed to get here.
-        notes: sentences for the head of the page.
+        runs: one per drive and method; runs over the same drive share a ``world`` and are
+            compared. Pictures come from their images, else from their clouds, else from an earlier
+            report in this folder.
+        folder: created if missing. Files of an earlier report there are replaced; its runs under
+            other names are kept for ``write_stored_view_report``.
+        rule: rule that judges the ids.
+        title: None derives one.
+        command: the command line that produced the runs.
+        notes: sentences at the top of the page.
 
     Returns:
         The path of views.html.
 
     Raises:
-        DataError: no runs, a run without scans, two of one name, or the folder cannot be written.
+        DataError: no runs, a run without scans, two with one name, or the folder cannot be written.
         ConfigError: unknown rule.
         FusionSlamError: matplotlib or jinja2 is not installed.
     """
@@ -109,7 +109,7 @@ def has_view_runs(folder: str | os.PathLike[str]) -> bool:
 
 
 def load_view_runs(folder: str | os.PathLike[str]) -> list[ViewRun]:
-    """The runs that ``write_view_report`` stored in a folder, by world and method.
+    """Load the runs that ``write_view_report`` stored in a folder, by world and method.
 
     Raises:
         DataError: there is none, or one is damaged; the message names it.
@@ -123,10 +123,10 @@ def load_view_runs(folder: str | os.PathLike[str]) -> list[ViewRun]:
 def write_stored_view_report(
     folder: str | os.PathLike[str], output: str | os.PathLike[str] | None = None
 ) -> Path:
-    """Write the report once more from the runs and previews that a folder holds.
+    """Write the report again from the runs and previews stored in a folder.
 
     Args:
-        folder: what ``write_view_report`` wrote.
+        folder: folder that ``write_view_report`` wrote.
         output: folder of the new report; None for the same.
 
     Raises:
@@ -150,7 +150,7 @@ def write_stored_view_report(
 
 
 def _about_before(path: Path) -> dict[str, Any]:
-    """What views.json says, nothing if it is not there."""
+    """Return the header of views.json, empty if the file is missing."""
     try:
         about = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -163,7 +163,7 @@ def _about_before(path: Path) -> dict[str, Any]:
 
 
 def _as_before(runs: list[ViewRun], about: Mapping[str, Any]) -> list[ViewRun]:
-    """Runs in the order that they had; new ones last."""
+    """Sort runs in their earlier order; new ones last."""
     names = [(run.get("world"), run.get("method")) for run in about.get("runs", [])]
     return sorted(
         runs,

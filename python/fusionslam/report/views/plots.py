@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of the report of views: curves, errors over time, times, paths."""
+"""Plots of the report of views: curves, errors over time, times, paths."""
 
 from collections.abc import Sequence
 from itertools import cycle
@@ -22,7 +22,7 @@ _MARKERS = "osD^vPX"
 
 
 def draw_view_curves(runs: Judged) -> "Figure | None":
-    """Precision over recall, of loops and of all positives; None where nothing was swept."""
+    """Draw precision over recall of loops and of all positives; None without a sweep."""
     swept = [(run, report, run.curve) for run, report in runs if run.curve is not None]
     if not swept:
         return None
@@ -54,7 +54,7 @@ def _curve(
 
 
 def _without_sensor(axis: "Axes", run: ViewRun, report: ViewReport) -> None:
-    """The baselines, which have no loop recall but do have recall."""
+    """Draw the baselines, which have recall but no loop recall."""
     for (name, ids), marker in zip(baselines(len(run)).items(), "+x*", strict=True):
         own = judge_views(ids, run.poses, run.stamps, rule=report.rule)
         if own.recall is not None and own.precision is not None:
@@ -63,7 +63,7 @@ def _without_sensor(axis: "Axes", run: ViewRun, report: ViewReport) -> None:
 
 
 def draw_errors(runs: Judged) -> "Figure | None":
-    """Distances of the false positives over time (figures 5.7 to 5.9); None if there are none."""
+    """Draw distances of the false positives over time (figures 5.7 to 5.9); None without any."""
     wrong = [(run, report) for run, report in runs if report.false_positives]
     if not wrong:
         return None
@@ -91,7 +91,7 @@ def draw_errors(runs: Judged) -> "Figure | None":
 
 
 def draw_times(runs: Judged) -> "Figure | None":
-    """Building and matching times of every scan; None where nothing was timed."""
+    """Draw building and matching times of every scan; None if nothing was timed."""
     kinds = (("build_seconds", "making a view"), ("match_seconds", "comparing with all stored"))
     shown = [
         (title, [(run, times) for run, _ in runs if (times := getattr(run, name)) is not None])
@@ -123,7 +123,7 @@ def _dot(color: str) -> "Line2D":
 
 
 def draw_path(run: ViewRun, report: ViewReport) -> "Figure":
-    """The path from above with the loops that were closed, and those that were not."""
+    """Draw the path from above with the loops that were closed, and those that were missed."""
     from matplotlib.collections import LineCollection
 
     places = run.poses[:, :2]
@@ -145,7 +145,7 @@ def draw_path(run: ViewRun, report: ViewReport) -> "Figure":
 
 
 def path_pieces(run: ViewRun) -> list[NDArray[np.float64]]:
-    """The path, float64 (m, 2) each, cut where scans were left out for a while."""
+    """Return the path, float64 (m, 2) each, cut where scans were left out for a while."""
     steps = np.diff(run.stamps)
     usual = np.median(steps) if steps.size else 0.0
     return np.split(run.poses[:, :2], np.flatnonzero(steps > 4 * usual) + 1)
@@ -154,7 +154,7 @@ def path_pieces(run: ViewRun) -> list[NDArray[np.float64]]:
 def _outcomes(
     report: ViewReport,
 ) -> list[tuple[NDArray[np.bool_], str, str, str, int]]:
-    """Mask, colour, marker, label and order of what became of the scans, but for the usual."""
+    """Mask, colour, marker, label and drawing order of each outcome except the usual one."""
     missed = report.revisit & ~report.loop_correct
     wrong = report.loop & ~report.loop_correct
     return [

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The previews of a drive: made where its data are at hand, kept beside the runs, read again."""
+"""Preview images of a drive: made from its data, stored beside the runs, read back later."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -18,25 +18,25 @@ T = TypeVar("T")
 
 FORMAT = "fusionslam.previews.1"
 MOST = 600
-"""Scans of a run that the page can show."""
+"""Most scans of a run at even steps that the page can show; false positives come on top."""
 _SAMPLE = 40
 
 
 def stamp_key(stamp: float) -> int:
-    """What a preview is found by: runs over one drive saw the same at the same nanosecond."""
+    """Key of a preview, in nanoseconds: runs over one drive share previews by time stamp."""
     return round(stamp * 1e9)
 
 
 def shown_rows(report: ViewReport) -> list[int]:
-    """Rows of the run that the page can show: up to ``MOST``, and all false positives first."""
+    """Return the rows that the page can show: ``MOST`` at even steps, and false positives."""
     step = max(1, -(-report.n // MOST))
     wrong = report.false_positive_indices[:MOST].tolist()
     return sorted({*range(0, report.n, step), *wrong})
 
 
 def counterparts(run: ViewRun, report: ViewReport) -> NDArray[np.int64]:
-    """Int64 (n,): the first scene of each positive's view; the nearest stored scene of a false
-    negative, which it should have matched; -1 for the rest."""
+    """Int64 (n,): the first scene of each positive's view; for a false negative the nearest stored
+    scene, which it should have matched; -1 for the rest."""
     found = report.matched.copy()
     stored = np.flatnonzero((report.matched < 0) & (report.ids >= 0))
     for row in report.false_negative_indices.tolist():
@@ -50,7 +50,7 @@ def counterparts(run: ViewRun, report: ViewReport) -> NDArray[np.int64]:
 
 
 def needed_rows(run: ViewRun, report: ViewReport) -> list[int]:
-    """The rows that are shown, and what each is shown beside."""
+    """Return the rows that are shown, and those shown beside them."""
     rows = shown_rows(report)
     beside = counterparts(run, report)[rows]
     return sorted({*rows, *beside[beside >= 0].tolist()})
@@ -59,14 +59,14 @@ def needed_rows(run: ViewRun, report: ViewReport) -> list[int]:
 def previews_of(
     runs: Sequence[ViewRun], reports: Sequence[ViewReport], path: Path, missed: dict[str, None]
 ) -> dict[int, bytes]:
-    """JPEG by ``stamp_key`` of all that is shown of one drive's runs.
+    """Return all previews of one drive's runs, JPEG by ``stamp_key``.
 
-    What the runs' images and clouds show now counts more than what was kept.
+    New previews from the runs' images and clouds take precedence over stored ones.
 
     Args:
-        runs, reports: what is shown.
-        path: where previews made earlier are; what is made is added there.
-        missed: takes the reasons why scans have no picture.
+        runs, reports: what the page shows.
+        path: file of stored previews; new ones are added.
+        missed: collects the reasons why scans have no picture.
     """
     kept = load_previews(path) if path.exists() else {}
     made: dict[int, bytes] = {}
@@ -80,7 +80,7 @@ def previews_of(
 def _made(
     run: ViewRun, rows: list[int], known: dict[int, bytes], missed: dict[str, None]
 ) -> dict[int, bytes]:
-    """Previews of rows that have none yet; the image where there is one, else the cloud."""
+    """Make previews of rows that have none; from the image if there is one, else the cloud."""
     new = [row for row in rows if stamp_key(run.stamps[row]) not in known]
     scale: Scale | None = None
     made: dict[int, bytes] = {}
@@ -95,14 +95,14 @@ def _made(
 
 
 def _scale(run: ViewRun, rows: list[int]) -> Scale:
-    """The scale that suits a sample of the clouds."""
+    """Return a scale that suits a sample of the clouds."""
     sample = rows[:: -(-len(rows) // _SAMPLE)]
     clouds = (_read(run.clouds, int(run.numbers[row]), {}) for row in sample)
     return scale_of(cloud for cloud in clouds if cloud is not None)
 
 
 def _read(reader: Callable[[int], T] | None, number: int, missed: dict[str, None]) -> T | None:
-    """What a reader gives, or None where there is no data; the reason becomes a key of missed."""
+    """Call a reader; on missing data return None and add the reason as a key of missed."""
     try:
         return reader(number) if reader else None
     except DataError as error:

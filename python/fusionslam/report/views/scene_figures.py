@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of scenes: a scan before and after clustering, and what joins two of them."""
+"""Pictures of scenes: a scan before and after clustering, and two scenes with their matches."""
 
 import os
 from collections.abc import Iterator
@@ -24,22 +24,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Flat = NDArray[np.float64]
-"""Float64 (N, 2): to the right and up in a picture, metres."""
+"""Float64 (N, 2): picture coordinates, right and up, metres."""
 
 _GROUND, _WORDS, _LOOSE = "#15181d", "#e8eaed", "#70757d"
-# Okabe and Ito's colours that can be seen on a dark ground, and white.
+# Okabe and Ito's colours that are visible on a dark background, and white.
 _OBJECTS = ("#56B4E9", "#E69F00", "#00B583", "#CC79A7", "#F0E442", "#FF7F3F", "#FFFFFF")
 _STORED, _CURRENT = "#56B4E9", "#FF7F3F"
 _DOWN = np.radians(30)
-"""How far the eye behind the robot looks down."""
+"""Downward tilt of the view from behind the robot."""
 _LIGHTEST = 0.8
-"""Where the scale of colours ends: what lies beyond is too dark for a dark ground."""
+"""End of the colour scale: what lies beyond is too dark for a dark background."""
 _EMPTY_M = 5.0
-"""Extent of a picture without points."""
+"""Extent of a picture without points, metres."""
 
 
 def write_scene_picture(path: str | os.PathLike[str], scan: ClusteredScan) -> None:
-    """Write a PNG: a scan as it was measured and as a scene, from behind and from above.
+    """Write a PNG of a scan as measured and as a scene, from behind and from above.
 
     Raises:
         DataError: the file cannot be written. FusionSlamError: matplotlib is not installed.
@@ -55,7 +55,7 @@ def write_pair_picture(
     similarity: SimilarityConfig,
     alignment: AlignmentConfig | None = None,
 ) -> None:
-    """Write a PNG: two scenes with their most similar objects joined, and aligned if that is asked.
+    """Write a PNG of two scenes with their most similar objects joined, and optionally aligned.
 
     Raises:
         DataError, FusionSlamError: as ``write_scene_picture``.
@@ -74,7 +74,7 @@ def _drawing() -> Iterator[None]:
 
 
 def draw_scene(scan: ClusteredScan) -> "Figure":
-    """A scan before (left) and after it became objects, from behind and from above."""
+    """Draw a scan before (left) and after clustering into objects, from behind and above."""
     figure = new_figure(7.6, 7.2)
     panels = figure.subplots(2, 2)
     for row, project in zip(panels, (_from_behind, _from_above), strict=True):
@@ -102,11 +102,11 @@ def draw_pair(
     """Two scenes from above, a line from each object to the one it is most like.
 
     Args:
-        current: whose objects the full lines begin at; dashed ones are the way back, where it
-            ends elsewhere and the similarity counts it.
-        stored: where they end.
+        current: scene where the full lines start; dashed lines are the reverse matches, drawn where
+            they differ and the similarity counts them.
+        stored: scene where the full lines end.
         similarity: how objects are compared.
-        alignment: how a third panel lays one over the other; None for no such panel.
+        alignment: settings of a third panel with one scene laid over the other; None for no panel.
     """
     figure = new_figure(7.6 if alignment is None else 10.8, 4.6)
     panels = figure.subplots(1, 2 if alignment is None else 3)
@@ -130,18 +130,18 @@ def draw_pair(
 
 
 def _from_above(points: NDArray[np.floating]) -> Flat:
-    """The robot looks up from the bottom."""
+    """Project from above; the robot looks up from the bottom."""
     return np.stack([-points[:, 1], points[:, 0]], axis=1).astype(np.float64)
 
 
 def _from_behind(points: NDArray[np.floating]) -> Flat:
-    """Parallel rays from behind the robot, which look down at it."""
+    """Project along parallel rays from behind the robot, looking down at it."""
     x, y, z = points.astype(np.float64).T
     return np.stack([-y, x * np.sin(_DOWN) + z * np.cos(_DOWN)], axis=1)
 
 
 def _frame(axis: "Axes", flat: Flat, *, ticks: bool) -> None:
-    """Same scale along both axes, room for all points."""
+    """Use the same scale along both axes, with room for all points."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
     shown = flat if len(flat) else np.array([[-_EMPTY_M / 2, 0], [_EMPTY_M / 2, _EMPTY_M]])
@@ -154,18 +154,18 @@ def _frame(axis: "Axes", flat: Flat, *, ticks: bool) -> None:
         return
     axis.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
-    # y of the robot's frame grows to the left.
+    # y of the robot's frame points to the left.
     axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{-value + 0:g}"))
 
 
 def _points(axis: "Axes", flat: Flat, scan: ClusteredScan) -> None:
-    """All points in their own colours, those that are nearer last."""
+    """Draw all points in their own colours, the nearest last."""
     order = np.argsort(-scan.points[:, 0], kind="stable")
     _dots(axis, flat[order], scan.colors[order] / 255)
 
 
 def _objects(axis: "Axes", flat: Flat, scan: ClusteredScan) -> None:
-    """Each object's points in a colour of its own within its hull; grey ones belong to none."""
+    """Draw each object's points in one colour within its hull; grey points belong to none."""
     _dots(axis, flat[scan.loose], _LOOSE)
     for color, indices in zip(_colors(len(scan.members)), scan.members, strict=True):
         _dots(axis, flat[indices], color)
@@ -173,7 +173,7 @@ def _objects(axis: "Axes", flat: Flat, scan: ClusteredScan) -> None:
 
 
 def _numbers(axis: "Axes", centers: Flat, scan: ClusteredScan) -> None:
-    """Where each object's centre is, in the object's mean colour, and its number."""
+    """Draw each object's centre in the object's mean colour, with its number."""
     mean = scan.scene.objects["color"] / 255
     x, y = centers.T
     axis.scatter(x, y, c=mean, s=46, edgecolors=_WORDS, linewidths=0.9, zorder=4)
@@ -194,7 +194,7 @@ def _dots(axis: "Axes", flat: Flat, color: Any, label: str = "") -> None:
 
 
 def outline(flat: Flat) -> Flat:
-    """Float64 (k, 2): corners of the convex hull; of points on a line its two ends."""
+    """Float64 (k, 2): corners of the convex hull; the two ends of points on a line."""
     from scipy.spatial import ConvexHull, QhullError
 
     try:
@@ -213,7 +213,7 @@ def _join(
     stored: ClusteredScan,
     config: SimilarityConfig,
 ) -> None:
-    """Lines between most similar objects with their similarity."""
+    """Draw lines between most similar objects with their similarity."""
     table = object_similarities(current.scene, stored.scene, config)
     if not table.size:
         return
@@ -269,7 +269,7 @@ def _line(
 def _laid_over(
     axis: "Axes", current: ClusteredScan, stored: ClusteredScan, found: Alignment
 ) -> None:
-    """The points of both in the stored one's frame."""
+    """Draw the points of both in the stored one's frame."""
     moved = transform_points(current.points, found.x, found.y, found.yaw)
     for points, color, scan in (
         (stored.points, _STORED, stored),
@@ -291,7 +291,7 @@ def _scene_words(scan: ClusteredScan) -> str:
 
 
 def _rimmed() -> list[Any]:
-    """Words that can be read on lines and points."""
+    """Return effects that keep text readable on lines and points."""
     from matplotlib.patheffects import withStroke
 
     return [withStroke(linewidth=2.2, foreground=_GROUND)]

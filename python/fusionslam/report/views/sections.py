@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the report of views says of one drive."""
+"""Sections of the report of views on one drive."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ _PAIRS = 8
 
 @dataclass(frozen=True)
 class MethodPart:
-    """What is shown of one run: its loops, and pairs of its worst false positives."""
+    """Report contents for one run: its loops, and pairs of its worst false positives."""
 
     name: str
     loops: str
@@ -37,7 +37,7 @@ class MethodPart:
 
 @dataclass(frozen=True)
 class WorldPart:
-    """What is shown of one drive; pictures that would be empty are None."""
+    """Report contents for one drive; pictures that would be empty are None."""
 
     name: str
     id: str
@@ -58,15 +58,15 @@ class WorldPart:
 def world_part(
     folder: Path, stored: Path, id: str, world: str, judged: Judged, missed: dict[str, None]
 ) -> WorldPart:
-    """Draw everything that is known of one drive.
+    """Draw everything known about one drive.
 
     Args:
-        folder: where pictures go.
+        folder: folder of the pictures.
         stored: folder of the previews.
-        id: that no other drive of the page has.
-        world: its name.
-        judged: its runs.
-        missed: takes the reasons why scans have no picture.
+        id: identifier, unique on the page.
+        world: name of the drive.
+        judged: its runs with their reports.
+        missed: collects the reasons why scans have no picture.
     """
     runs, reports = [run for run, _ in judged], [report for _, report in judged]
     name = file_name(world)
@@ -106,7 +106,7 @@ def _sentence(run: ViewRun, report: ViewReport) -> str:
 
 
 def _cm2dp(world: str) -> str:
-    """The first thesis's descriptor in this world, in words; nothing where it is not known."""
+    """Describe the first thesis's descriptor in this world; empty if not known."""
     return "; ".join(
         f"{row.input.removeprefix('c-M2DP, ')} {percent(row.top1)}"
         for row in rerun_descriptors(world)
@@ -179,7 +179,7 @@ def _path(folder: Path, run: ViewRun, report: ViewReport) -> Picture | None:
 def _pairs(
     folder: Path, run: ViewRun, report: ViewReport, previews: Mapping[int, bytes]
 ) -> list[Picture]:
-    """The false positives that are farthest off, as pictures of both scans."""
+    """Draw the false positives with the largest errors, as pictures of both scans."""
     wrong = report.false_positive_indices
     worst = wrong[np.argsort(-report.distances[wrong], kind="stable")]
     pictures: list[Picture] = []

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of the report of views: runs, baselines, and what was published, side by side."""
+"""Tables of the report of views: runs, baselines and published figures."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ Best = Callable[[Sequence[float]], float]
 
 @dataclass(frozen=True)
 class ViewRow:
-    """A row of figures, each None where it is not known. Shares; metres; milliseconds; bytes."""
+    """A row of figures, each None if unknown. Shares; metres; milliseconds; bytes."""
 
     label: str
     accuracy: float | None = None
@@ -55,23 +55,23 @@ class ViewRow:
 
     @property
     def all_bytes(self) -> float | None:
-        """Of all views together."""
+        """Bytes of all views together."""
         known = self.view_bytes is not None and self.views is not None
         return self.view_bytes * self.views if known else None  # type: ignore[operator]
 
 
 def accuracy_table(judged: Judged) -> Table:
-    """Runs over one drive, the baselines on that drive, and what was published of it."""
+    """Build the table of the runs over one drive, its baselines and its published figures."""
     return _beside(_columns(_ACCURACY), own_rows(judged), _published(judged[0][0].world))
 
 
 def cost_table(judged: Judged) -> Table:
-    """The same rows: how much is stored, and how long it takes."""
+    """Build the table of storage and time for the same rows."""
     return _beside(_columns(_COSTS), own_rows(judged), _published(judged[0][0].world))
 
 
 def rerun_table(judged: Judged) -> Table | None:
-    """The same beside what was run again; None where nothing was run again in this world."""
+    """Build the table with figures measured again; None if there are none for this world."""
     again = [
         ViewRow(
             label=f"run again: {figures.input}",
@@ -85,7 +85,7 @@ def rerun_table(judged: Judged) -> Table | None:
 
 
 def own_rows(judged: Judged) -> list[ViewRow]:
-    """The runs, then the baselines: what every table starts with."""
+    """Return the runs, then the baselines: the first rows of every table."""
     run, report = judged[0]
     return [
         *(view_row(each.method, own, each) for each, own in judged),
@@ -96,7 +96,7 @@ def own_rows(judged: Judged) -> list[ViewRow]:
 def _beside(
     columns: list[Column[ViewRow]], own: Sequence[ViewRow], others: Sequence[ViewRow]
 ) -> Table:
-    """What was measured elsewhere is not in the race for the best of a column."""
+    """Add rows measured elsewhere, which do not compete for the best of a column."""
     table = build_table(columns, own, lambda row: row.label)
     beside = build_table(columns, others, lambda row: row.label)
     plain = [(label, [Cell(cell.text) for cell in cells]) for label, cells in beside.rows]
@@ -104,7 +104,7 @@ def _beside(
 
 
 def _baselines(run: ViewRun, rule: ViewRule) -> list[ViewRow]:
-    """What programs without a sensor score on the drive of a run."""
+    """Return the scores of programs without a sensor on the drive of a run."""
     return [
         view_row(f"no sensor: {name}", judge_views(ids, run.poses, run.stamps, rule=rule))
         for name, ids in baselines(len(run)).items()
@@ -112,13 +112,13 @@ def _baselines(run: ViewRun, rule: ViewRule) -> list[ViewRow]:
 
 
 def sweep_table(run: ViewRun, curve: ViewCurve, rule: ViewRule) -> Table:
-    """What becomes of a run at some thresholds, with the baselines."""
+    """Build the table of a run at some thresholds, with the baselines."""
     rows = [_curve_row(curve, index, run.threshold) for index in _telling_rows(curve, run)]
     return build_table(_columns(_SWEPT), [*rows, *_baselines(run, rule)], lambda row: row.label)
 
 
 def _telling_rows(curve: ViewCurve, run: ViewRun) -> list[int]:
-    """About twenty thresholds, with those in use and those that a reader would pick."""
+    """Select about twenty thresholds, plus the one in use and those a reader would pick."""
     rows = set(range(0, len(curve), max(1, len(curve) // 20)))
     picked = (curve.best_threshold(), curve.most_accurate_threshold(), run.threshold)
     rows |= {
@@ -145,7 +145,7 @@ def _curve_row(curve: ViewCurve, index: int, used: float | None) -> ViewRow:
 
 
 def view_row(label: str, report: ViewReport, run: ViewRun | None = None) -> ViewRow:
-    """What was found of a run, and what it cost."""
+    """Return the figures and the cost of a run."""
     return ViewRow(
         label=label,
         accuracy=report.accuracy,
@@ -167,7 +167,7 @@ def view_row(label: str, report: ViewReport, run: ViewRun | None = None) -> View
 
 
 def _mean_ms(seconds: NDArray[np.float64] | None) -> float | None:
-    """Milliseconds, the mean as in the thesis; None where nothing was timed."""
+    """Mean in milliseconds, as in the thesis; None if nothing was timed."""
     known = np.empty(0) if seconds is None else seconds[np.isfinite(seconds)]
     return float(known.mean() * 1e3) if known.size else None
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Small pictures of scans: the camera's image, or the coloured cloud as seen from two places."""
+"""Thumbnails of scans: the camera image, or the coloured cloud from two viewpoints."""
 
 import io
 from collections.abc import Iterable
@@ -15,27 +15,27 @@ from fusionslam.sensors.frame import Cloud
 Pixels = NDArray[np.uint8]
 
 HEIGHT = 160
-"""Pixels of a preview."""
+"""Height of a preview in pixels."""
 _WIDTH = 300
-_WIDEST = 16 * HEIGHT  # wider images are squeezed: files of pictures have bounds
+_WIDEST = 16 * HEIGHT  # wider images are squeezed, to bound the size of files
 _QUALITY = 72
 _GROUND = (21, 24, 29)
 _RING = (52, 58, 68)
 _WORDS = (160, 166, 176)
 _EYE = 0.15
-"""Height of the eye above the floor, metres: about that of a small robot's sensors."""
-_GAMMA = 0.65  # brightens colours, which look darker on a dark ground
+"""Height of the viewpoint above the floor, metres: about that of a small robot's sensors."""
+_GAMMA = 0.65  # brightens colours, which look darker on a dark background
 
 
 @dataclass(frozen=True)
 class Scale:
-    """At what scale all clouds of a drive are drawn.
+    """Scale at which all clouds of a drive are drawn.
 
     Attributes:
         reach: metres from the robot to the edge of the picture from above.
-        side: degrees to the left and right that the picture ahead shows.
-        low, high: degrees, its lower and upper edge.
-        points: of a usual cloud.
+        side: degrees to the left and right covered by the forward picture.
+        low, high: degrees, lower and upper edge of the forward picture.
+        points: number of points of a typical cloud.
     """
 
     reach: float
@@ -46,7 +46,7 @@ class Scale:
 
 
 def scale_of(clouds: Iterable[Cloud]) -> Scale:
-    """A scale at which nearly all points of these clouds can be seen."""
+    """Choose a scale that shows nearly all points of these clouds."""
     kept = [cloud.points for cloud in clouds if len(cloud)]
     if not kept:
         return Scale(reach=5.0, side=40.0, low=-15.0, high=15.0, points=1)
@@ -62,14 +62,14 @@ def scale_of(clouds: Iterable[Cloud]) -> Scale:
 
 
 def image_preview(image: Pixels) -> bytes:
-    """JPEG of a camera image, uint8 (H, W, 3) RGB or (H, W), ``HEIGHT`` pixels high."""
+    """Make a JPEG of a camera image, uint8 (H, W, 3) RGB or (H, W), ``HEIGHT`` pixels high."""
     picture = Image.fromarray(image).convert("RGB")
     width = max(1, min(round(picture.width * HEIGHT / picture.height), _WIDEST))
     return _jpeg(picture.resize((width, HEIGHT), Image.Resampling.BOX))
 
 
 def missing_preview(words: str) -> bytes:
-    """JPEG that says in words why there is no picture."""
+    """Make a JPEG with text that says why there is no picture."""
     picture = Image.new("RGB", (_WIDTH, HEIGHT), _GROUND)
     draw = ImageDraw.Draw(picture)
     draw.text(((_WIDTH - draw.textlength(words)) // 2, HEIGHT // 2 - 6), words, _WORDS)
@@ -77,9 +77,9 @@ def missing_preview(words: str) -> bytes:
 
 
 def cloud_preview(cloud: Cloud, scale: Scale) -> bytes:
-    """JPEG of a cloud in the robot's frame: as seen by the robot, and, right, from above.
+    """Make a JPEG of a cloud in the robot's frame: as the robot sees it and (right) from above.
 
-    Far points are darker. Clouds without colours show their distance instead.
+    Distant points are darker. Clouds without colours are coloured by distance.
     """
     picture = Image.new("RGB", (_WIDTH + HEIGHT + 4, HEIGHT), (255, 255, 255))
     picture.paste(Image.fromarray(_ahead(cloud, scale)), (0, 0))
@@ -90,7 +90,7 @@ def cloud_preview(cloud: Cloud, scale: Scale) -> bytes:
 
 
 def side_by_side(left: bytes, right: bytes) -> Image.Image:
-    """Two previews in one picture, for files that show a pair."""
+    """Join two previews into one picture, for files that show a pair."""
     pictures = [Image.open(io.BytesIO(data)).convert("RGB") for data in (left, right)]
     width = sum(picture.width for picture in pictures) + 12
     joined = Image.new("RGB", (width, HEIGHT), (255, 255, 255))
@@ -102,14 +102,14 @@ def side_by_side(left: bytes, right: bytes) -> Image.Image:
 def _polar(
     points: NDArray[np.floating],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Degrees to the left, degrees upwards, and metres on the floor, as seen from the eye."""
+    """Degrees to the left, degrees upwards, and metres on the floor, from the viewpoint."""
     x, y, z = points.astype(np.float64).T
     far = np.hypot(x, y)
     return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z - _EYE, far)), far
 
 
 def _ahead(cloud: Cloud, scale: Scale) -> Pixels:
-    """Uint8 (HEIGHT, _WIDTH, 3): every direction shows its nearest point."""
+    """Uint8 (HEIGHT, _WIDTH, 3): the nearest point in each direction."""
     canvas = np.full((HEIGHT, _WIDTH, 3), _GROUND, dtype=np.uint8)
     ahead, up, far = _polar(cloud.points)
     column = ((scale.side - ahead) / (2 * scale.side) * _WIDTH).astype(np.int64)
@@ -120,14 +120,14 @@ def _ahead(cloud: Cloud, scale: Scale) -> Pixels:
         return canvas
     filled = np.zeros((HEIGHT, _WIDTH), dtype=np.bool_)
     shaded = _shaded(cloud, far, scale)
-    # Of points in one pixel the last one written, the nearest, stays.
+    # Of several points in a pixel the last one written, the nearest, remains.
     canvas[row[order], column[order]] = shaded[order]
     filled[row[order], column[order]] = True
     return _without_holes(canvas, filled, scale)
 
 
 def _without_holes(canvas: Pixels, filled: NDArray[np.bool_], scale: Scale) -> Pixels:
-    """Pixels between the rays take the colour of the nearest ray."""
+    """Fill pixels between the rays with the colour of the nearest ray."""
     from scipy.ndimage import distance_transform_edt
 
     apart, (rows, columns) = distance_transform_edt(~filled, return_indices=True)
@@ -138,7 +138,7 @@ def _without_holes(canvas: Pixels, filled: NDArray[np.bool_], scale: Scale) -> P
 
 
 def _from_above(cloud: Cloud, scale: Scale) -> Image.Image:
-    """The robot looks up from the bottom, or stands in the middle if it sees what is behind it."""
+    """Draw from above, the robot at the bottom, or in the middle if it sees behind itself."""
     picture = Image.new("RGB", (HEIGHT, HEIGHT), _GROUND)
     behind = scale.side > 95
     base = HEIGHT / 2 if behind else HEIGHT - 6
@@ -166,7 +166,7 @@ def _from_above(cloud: Cloud, scale: Scale) -> Image.Image:
 
 
 def _shaded(cloud: Cloud, far: NDArray[np.float64], scale: Scale, dark: float = 0.45) -> Pixels:
-    """Uint8 (n, 3): colours, far ones darker; without colours yellow is near and blue far."""
+    """Uint8 (n, 3): colours, darker with distance; without colours yellow is near, blue far."""
     depth = np.clip(far / scale.reach, 0, 1)[:, None]
     if cloud.colors is None:
         mixed = (1 - depth) * np.array([253, 224, 90]) + depth * np.array([60, 80, 160])
