@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Both theses measured again, on one page: ``python -m benchmarks.theses``."""
+"""Reproduction of both theses on one page: ``python -m benchmarks.theses``."""

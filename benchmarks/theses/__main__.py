@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Measure again what two theses measured: python -m benchmarks.theses [-o FOLDER] [--quick]."""
+"""Reproduce two theses: python -m benchmarks.theses [-o FOLDER] [--quick]."""
 
 import shlex
 import sys

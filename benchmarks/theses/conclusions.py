@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the theses conclude, and whether it holds here: decided by the figures, not by us."""
+"""Conclusions of the theses, and whether the measured figures support them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from fusionslam.report.page.tables import Cell, Table
 
 @dataclass(frozen=True)
 class Claim:
-    """A conclusion, and for each case (a world, a sequence) whether it holds.
+    """A conclusion, and whether it holds in each case (a world or a sequence).
 
     Attributes:
         text: the conclusion, in our words.
-        figures: by case what it was judged by, in words.
-        holds: by case; a case of which a figure is missing is left out.
+        figures: case -> the figures it was judged by, as text.
+        holds: case -> verdict; cases with a missing figure are left out.
     """
 
     text: str
@@ -32,7 +32,7 @@ class Claim:
 
     @property
     def verdict(self) -> str:
-        """In how many cases it holds."""
+        """Describe in how many cases it holds."""
         count, right = len(self.holds), sum(self.holds.values())
         if not count:
             return "not measured"
@@ -54,9 +54,9 @@ def decide(
     Args:
         part: key of ``conclusions.yaml``.
         cases: worlds or sequences.
-        value: gives a figure of a case: called with the case, the figure's name (empty where a part
-            has one only) and a row's ``larger`` or ``smaller``; None where there is no such figure.
-        formats: how figures are shown, by name.
+        value: returns a figure, given the case, its name (empty if a part has only one) and a
+            row's ``larger`` or ``smaller``; None if there is no such figure.
+        formats: format of each figure, by name.
     """
     rows = yaml.safe_load(Path(__file__).with_name("conclusions.yaml").read_text("utf-8"))[part]
     return [_decide(row, cases, value, formats[row.get("figure", "")]) for row in rows]
@@ -87,11 +87,11 @@ _SHOWN = {
     "view_bytes": ("{:.0f} B", 1.0),
     "build_ms": ("{:.2f} ms", 1.0),
 }
-"""Format and scale of a figure of ``ViewRow``."""
+"""Format and scale of each figure of ``ViewRow``."""
 
 
 def view_claims(study: ViewStudy) -> list[Claim]:
-    """Those of sections 5.4 to 5.7, judged in the thesis's set-up, and strictly."""
+    """Decide the conclusions of sections 5.4 to 5.7, in the thesis's set-up and strictly."""
 
     def value(world: str, name: str, operand: Operand) -> float | None:
         frame, method = str(operand).split()
@@ -106,7 +106,7 @@ def view_claims(study: ViewStudy) -> list[Claim]:
 
 
 def claims_table(claims: Sequence[Claim]) -> Table:
-    """A row a claim: what it was judged by, and whether it holds."""
+    """Build a table with one row per claim: its figures, and whether it holds."""
     rows = []
     for claim in claims:
         told = "; ".join(f"{case} {figure}" for case, figure in claim.figures.items()) or DASH

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is to be reproduced: worlds, ways to recognise places, data."""
+"""Configuration of the reproduction: worlds, place recognition methods, data."""
 
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
@@ -10,21 +10,21 @@ from fusionslam.pipelines.methods import find_method, method_names
 PARTS = ("views", "maps", "descriptors")
 """Views and maps are chapter 5 of Stastny 2022, descriptors chapter 4 of Perdomo 2019."""
 VIEWS = ("objects:author", "two_stages:author", "visual_templates", "alignment")
-"""The thesis's two approaches, its rival (the original RatSLAM's templates), and ours."""
+"""The thesis's two approaches, its rival (the original RatSLAM's templates), and our method."""
 OURS = "alignment"
-"""Of these, ours."""
+"""Our method among these."""
 WITHOUT_SENSOR = "every_3rd"
-"""Accuracy alone says little: what this scores, which looks at nothing, stands beside it."""
+"""A method without a sensor, shown for comparison because accuracy alone says little."""
 QUICK_EACH = 4
-"""Of how many scans a quick run looks at one."""
+"""A quick run uses one scan in this many."""
 QUICK_M = 100.0
-"""How far a quick run drives through a made world."""
+"""Distance of a quick run through a simulated world, metres."""
 KITTI_SEQUENCES = ("06", "05", "00", "07")
-"""Those of tables 4.4 and 4.5, in their order."""
+"""The sequences of tables 4.4 and 4.5, in their order."""
 
 
 class ReproduceConfig(Section):
-    """What ``reproduce`` does; the same values in the same folder go on where they stopped."""
+    """Settings of ``reproduce``. The same values and folder resume an earlier run."""
 
     worlds: tuple[str, ...] = option(WORLDS, "worlds of chapter 5 of Stastny 2022")
     views: tuple[str, ...] = option(VIEWS, "ways to recognise views, as fusionslam bench views")
@@ -43,10 +43,10 @@ class ReproduceConfig(Section):
 
 
 def check_config(config: ReproduceConfig) -> ReproduceConfig:
-    """The configuration, if all its names are known.
+    """Return the configuration if all its names are known.
 
     Raises:
-        ConfigError: an unknown name, or none at all.
+        ConfigError: an unknown name, or no name at all.
     """
     known = {"worlds": WORLDS, "views": None, "parts": PARTS}
     for key, names in known.items():

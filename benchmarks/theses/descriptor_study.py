@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Chapter 4 of Perdomo 2019: descriptors and colour spaces on KITTI, or on the town."""
+"""Chapter 4 of Perdomo 2019: descriptors and colour spaces on KITTI, or in the simulated town."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -33,17 +33,17 @@ _VECTORS = {
     "shot_352": ("shot", "rgb"),
     "cshot_1344": ("cshot", "rgb"),
 }
-"""File of a stored vector -> descriptor, and colour space where it makes a difference."""
+"""File of a stored vector -> descriptor, and colour space if it matters."""
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A descriptor judged on a sequence.
+    """A descriptor evaluated on a sequence.
 
     Attributes:
         case: "KITTI 06" or "town".
         variant: "author", "robust" (ours), or a colour space.
-        evaluation: under all protocols.
+        evaluation: evaluation under all protocols.
     """
 
     case: str
@@ -52,18 +52,18 @@ class Measured:
 
     @property
     def curve(self) -> PrecisionRecall | None:
-        """Under the protocol of the thesis's program; None without true poses."""
+        """Curve under the protocol of the thesis's program; None without true poses."""
         return self.evaluation.curves.get(PROTOCOL)
 
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """What becomes of what the author stored.
+    """Comparison with the data that the author stored.
 
     Attributes:
-        curve: of his descriptors of KITTI 06.
-        rows, equal: of his curve, and how many of them are ours to 6 digits.
-        vectors: name -> L2 distance of our vector of his cloud from his.
+        curve: curve of the author's descriptors of KITTI 06.
+        rows, equal: rows of the author's curve, and how many of them equal ours to 6 digits.
+        vectors: name -> L2 distance between our vector and the author's for the same cloud.
     """
 
     curve: PrecisionRecall
@@ -74,12 +74,12 @@ class Stored:
 
 @dataclass(frozen=True)
 class DescriptorStudy:
-    """All that was measured.
+    """All measured results.
 
     Attributes:
         cases: the sequences, in order.
-        measured: descriptors on them.
-        stored: None where there is nothing stored.
+        measured: evaluated descriptors of these sequences.
+        stored: comparison with stored data; None if there is none.
     """
 
     cases: list[str]
@@ -87,7 +87,7 @@ class DescriptorStudy:
     stored: Stored | None
 
     def find(self, case: str, source: str, name: str, variant: str) -> Measured | None:
-        """One of them; None where it was not measured."""
+        """Return one of the results; None if it was not measured."""
         for one in self.measured:
             run = one.evaluation.run
             if (one.case, run.source, run.descriptor, one.variant) == (case, source, name, variant):
@@ -95,7 +95,7 @@ class DescriptorStudy:
         return None
 
     def sources(self, case: str) -> list[str]:
-        """The sources of clouds that a sequence allowed."""
+        """Return the cloud sources available in a sequence."""
         found = [one.evaluation.run.source for one in self.measured if one.case == case]
         return list(dict.fromkeys(found))
 
@@ -103,10 +103,10 @@ class DescriptorStudy:
 def study_descriptors(
     config: ReproduceConfig, folder: Path, jobs: int, step: Step | None
 ) -> DescriptorStudy:
-    """Describe and judge; what is described already is taken as it is.
+    """Describe and evaluate; descriptors that are already stored are reused.
 
     Raises:
-        DataError: data that cannot be used, or the folder cannot be written.
+        DataError: unusable data, or the folder cannot be written.
         FusionSlamError: the simulator's extra is not installed.
     """
     recordings = _recordings(config, jobs, step)
@@ -122,7 +122,7 @@ def study_descriptors(
             colored,
             space,
             recordings[colored],
-            # The first of them has been described as the author's already.
+            # The first colour space was already described with the author's settings.
             target / ("author" if space == "rgb" else space),
             {"lidar": ["cm2dp"]},
             settings,
@@ -143,7 +143,7 @@ def _recordings(config: ReproduceConfig, jobs: int, step: Step | None) -> dict[s
 
 
 def sequences_of_kitti(root: Path) -> list[str]:
-    """Those that the thesis has and the folder holds. Raises DataError where it holds none."""
+    """Return the thesis's sequences in the folder. Raises DataError if there are none."""
     found = [name for name in KITTI_SEQUENCES if (root / "sequences" / name).is_dir()]
     if not found:
         names = ", ".join(f"sequences/{name}" for name in KITTI_SEQUENCES)
@@ -154,7 +154,7 @@ def sequences_of_kitti(root: Path) -> list[str]:
 def _variants(
     case: str, recording: Recording, folder: Path, jobs: int, step: Step | None, quick: bool
 ) -> list[Measured]:
-    """The thesis's descriptors as its author computes them, and ours."""
+    """Run the thesis's descriptors as its author computes them, and ours."""
     sources = [source for source in recording.sources() if not quick or source == "lidar"]
     published = ("m2dp", "cm2dp") if quick else ("m2dp", "cm2dp", "cshot")
     measured = []
@@ -191,7 +191,7 @@ def _prefix_label(step: Step, what: str) -> Step:
 
 
 def _judge_stored(config: ReproduceConfig) -> Stored | None:
-    """What the author stored, judged and described again; None without it."""
+    """Evaluate the author's stored descriptors and describe his cloud again; None without them."""
     root = Path(config.data or "").expanduser()
     if config.data is None or not (root / "descriptors").is_dir():
         return None
@@ -211,14 +211,14 @@ def _judge_stored(config: ReproduceConfig) -> Stored | None:
 
 
 def _equal_rows(ours: NDArray[np.float64], expected: NDArray[np.float64]) -> int:
-    """How many rows agree to the 6 digits that are stored."""
+    """Count the rows that agree to the 6 digits that are stored."""
     if ours.shape != expected.shape:
         return 0
     return int((np.abs(ours - expected) <= 5e-6 * expected).all(axis=1).sum())
 
 
 def _distances(folder: Path) -> dict[str, float]:
-    """L2 distances of our vectors from the author's, of the cloud that he described."""
+    """Compute L2 distances between our vectors and the author's for the cloud he described."""
     with np.load(folder / "colored_cloud.npz") as held:
         cloud = Cloud(held["xyz"], held["rgb"])
     found = {}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where what was measured is not what was published, and why, as far as that is known."""
+"""Differences between measured and published figures, with their reasons if known."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from fusionslam.pipelines.drives import FrameName
 from fusionslam.report.page.tables import Cell, Table
 
 CLOSE = 0.05
-"""Figures that differ by no more than this share of the published one count as met."""
+"""Measured figures within this share of the published one count as met."""
 UNKNOWN = "not known"
 
 Figure = Callable[[str], float | None]
@@ -33,13 +33,13 @@ Figure = Callable[[str], float | None]
 
 @dataclass(frozen=True)
 class Difference:
-    """A figure that was published for several cases, and what came out.
+    """A figure published for several cases, and its measured values.
 
     Attributes:
-        text: what it is.
-        published, measured: one a case.
-        show: format of one.
-        reason: why they differ, if that is known.
+        text: description of the figure.
+        published, measured: one value per case.
+        show: format of a value.
+        reason: why they differ, if known.
     """
 
     text: str
@@ -58,7 +58,7 @@ class Difference:
 
 
 def differences_table(differences: Sequence[Difference]) -> Table:
-    """A row a figure that was not met: published, measured, why."""
+    """Build a table with one row per figure that was not met: published, measured, reason."""
     heads = [
         ("published", "case by case"),
         ("here", "the same cases"),
@@ -73,7 +73,7 @@ def differences_table(differences: Sequence[Difference]) -> Table:
 
 
 def met_sentence(differences: Sequence[Difference]) -> str:
-    """Which figures came out as published."""
+    """List the figures that came out as published."""
     met = [one.text for one in differences if one.met]
     close = f"Within {100 * CLOSE:.0f} % of the published figures in every case: "
     return f"{close}{'; '.join(met) or 'none of them'}."
@@ -89,7 +89,7 @@ def _format_cases(one: Difference) -> list[str]:
 def _difference(
     text: str, cases: Sequence[str], known: Figure, measured: Figure, show: str, reason: str
 ) -> list[Difference]:
-    """Of the cases of which both figures are known; nothing where there is none."""
+    """Compare the cases with both figures known; empty if there are none."""
     there, here = {}, {}
     for case in cases:
         one, other = known(case), measured(case)
@@ -108,11 +108,11 @@ _VIEWS: tuple[tuple[str, str, str, FrameName, str, float], ...] = (
     ("view_bytes", "view_bytes", "bytes of a view", "robot", "{:.0f}", 1),
     ("views", "views", "views stored", "odometry", "{:.0f}", 1),
 )
-"""Our name of a figure, the thesis's, its words, frame, format and scale."""
+"""Our name of a figure, the thesis's name, its description, frame, format and scale."""
 
 
 def view_differences(study: ViewStudy, methods: Sequence[str]) -> list[Difference]:
-    """Tables 5.2 to 5.5 in the thesis's set-up."""
+    """Compare with tables 5.2 to 5.5, in the thesis's set-up."""
     worlds = [drive.world for drive in study.drives]
     where = _where([drive.world for drive in study.drives if drive.made])
     return [
@@ -131,7 +131,7 @@ def view_differences(study: ViewStudy, methods: Sequence[str]) -> list[Differenc
 
 
 def _where(made: Sequence[str]) -> str:
-    """How the drives differ from the thesis's."""
+    """Describe how the drives differ from the thesis's."""
     others = f", and another world ({', '.join(made)})" if made else ""
     return f"another drive in another simulator{others}"
 
@@ -160,7 +160,7 @@ _TOWN = (
 
 
 def descriptor_differences(study: DescriptorStudy) -> list[Difference]:
-    """Colour spaces, times, and on KITTI what tables 4.4 and 4.5 hold."""
+    """Compare colour spaces, times, and on KITTI the figures of tables 4.4 and 4.5."""
     town = study.cases == [TOWN]
     case = TOWN if town else study.cases[0]
     where = _TOWN if town else UNKNOWN

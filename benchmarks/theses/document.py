@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the page is made of: chapters of sentences, tables and pictures."""
+"""Building blocks of the page: chapters of sentences, tables and pictures."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,10 +16,10 @@ class Block:
     """A sentence, a table or a picture.
 
     Attributes:
-        text: the sentence, or what a table shows.
-        table, corner: with the heading of its first column.
-        picture: with its caption.
-        worded: whether the table holds sentences, not figures.
+        text: the sentence, or the title of the table.
+        table, corner: the table, and the heading of its first column.
+        picture: the picture with its caption.
+        worded: True if the table holds sentences, not figures.
     """
 
     text: str = ""
@@ -31,7 +31,7 @@ class Block:
 
 @dataclass
 class Chapter:
-    """A heading and what is below it."""
+    """A heading and its blocks."""
 
     title: str
     blocks: list[Block] = field(default_factory=list)
@@ -52,7 +52,7 @@ class Chapter:
 
 @dataclass(frozen=True)
 class Head:
-    """A column: heading, what it means, and the text of a row's cell; empty is a dash."""
+    """A column: heading, its explanation, and the text of a row's cell; empty is a dash."""
 
     title: str
     hint: str
@@ -62,7 +62,7 @@ class Head:
 def table_of(
     rows: Sequence[str], heads: Sequence[Head], labels: Mapping[str, str] | None = None
 ) -> Table:
-    """A table of texts, whose rows are called by name, or as ``labels`` says."""
+    """Build a table of texts; ``labels`` gives the displayed names of the rows."""
     names = labels or {}
     cells = [
         (names.get(row, row), [Cell(head.text(row) or DASH) for head in heads]) for row in rows
@@ -71,18 +71,18 @@ def table_of(
 
 
 def shown(value: float | None, show: str, scale: float = 1.0) -> str:
-    """A figure as text; a dash where there is none."""
+    """Format a figure; a dash if it is None."""
     known = scaled(value, scale)
     return DASH if known is None else show.format(known)
 
 
 def scaled(value: float | None, scale: float) -> float | None:
-    """A figure in another unit; None where there is none."""
+    """Convert a figure to another unit; None stays None."""
     return None if value is None else value * scale
 
 
 def as_markdown(chapters: Sequence[Chapter]) -> str:
-    """Sentences and tables of all chapters."""
+    """Format the sentences and tables of all chapters as Markdown."""
     parts = []
     for chapter in chapters:
         parts.append(f"## {chapter.title}")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The drives of chapter 5: worlds that are made and recorded here, or recordings."""
+"""The drives of chapter 5: recordings, or worlds simulated and recorded here."""
 
 import logging
 from dataclasses import dataclass
@@ -25,14 +25,14 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Source:
-    """A drive through one of the thesis's worlds, or through one that is made like it.
+    """A drive through one of the thesis's worlds, or through a simulated world like it.
 
     Attributes:
         world: "warehouse", "house" or "hospital".
-        path: of the recording; None for a world that is made.
-        quick: whether only one scan of some is looked at, and made worlds are driven less far.
-        jobs: frames worked on at a time.
-        step: told about progress.
+        path: the recording; None for a simulated world.
+        quick: True to use only one scan of several, and shorter drives through simulated worlds.
+        jobs: number of frames processed in parallel.
+        step: progress callback.
     """
 
     world: str
@@ -43,12 +43,12 @@ class Source:
 
     @property
     def made(self) -> bool:
-        """Whether the world is ours, not the thesis's."""
+        """Whether the world is simulated here instead of the thesis's."""
         return self.path is None
 
     @property
     def words(self) -> str:
-        """What the drive is, for people."""
+        """Description of the drive, for display."""
         thinned = f", one scan of {QUICK_EACH}" if self.quick else ""
         if self.path is None:
             part = f", {QUICK_M:g} m of it" if self.quick else ""
@@ -57,12 +57,12 @@ class Source:
 
     @cached_property
     def identity(self) -> list[Any]:
-        """What decides the scans."""
+        """Values that determine the scans."""
         return [*([self._bag.name] if self.path is None else state_of(self.path)), self.quick]
 
     @cached_property
     def recording(self) -> Path:
-        """The file of the recording, made if it has yet to be.
+        """File of the recording, simulated first if it is missing.
 
         Raises:
             DataError: the cache cannot be written.
@@ -78,12 +78,12 @@ class Source:
 
     @cached_property
     def drive(self) -> Drive:
-        """The scans, which take a while to be read. Raises as ``open_drive``."""
+        """The scans, which are slow to read. Raises as ``open_drive``."""
         return ThinnedDrive(self.whole_drive) if self.quick and self.path else self.whole_drive
 
     @cached_property
     def whole_drive(self) -> Drive:
-        """All scans, and the way as the robot drove it. Raises as ``open_drive``."""
+        """All scans, and the path of the robot. Raises as ``open_drive``."""
         simulated = self.world if self.path is None else None
         recording = Recording.at(self.recording, simulated=simulated)
         return open_drive(recording, render=rendered_images, jobs=self.jobs, step=self.step)
@@ -103,10 +103,10 @@ class Source:
 
 
 def sources(config: ReproduceConfig, jobs: int, step: Step | None) -> list[Source]:
-    """The drives that a configuration names: recordings where there are some, else made worlds.
+    """Find the drives of a configuration: recordings where available, else simulated worlds.
 
     Raises:
-        DataError: the folder of the data is none.
+        DataError: the data folder does not exist.
     """
     known = {} if config.data is None else _recordings(Path(config.data).expanduser())
     for world in config.worlds:
@@ -122,7 +122,7 @@ def _recordings(folder: Path) -> dict[str | None, Path]:
 
 
 def _thin_config(config: Any) -> Any:
-    """A short drive with a part of its scans and images."""
+    """Return a configuration for a short drive with fewer scans and images."""
     robot = config.robot
     slower: dict[str, Any] = {
         kind: {name: {"rate_hz": one.rate_hz / QUICK_EACH} for name, one in mounted.items()}
@@ -132,7 +132,7 @@ def _thin_config(config: Any) -> Any:
 
 
 class ThinnedDrive(Drive):
-    """A drive with a part of the scans and as many images."""
+    """A drive with a part of the scans and a matching part of the images."""
 
     def __init__(self, drive: Drive) -> None:
         self.__dict__.update(drive.__dict__)
@@ -142,17 +142,17 @@ class ThinnedDrive(Drive):
 
     @property
     def dropped(self) -> int:
-        """As of the whole drive."""
+        """Number of dropped scans in the whole drive."""
         return self._whole.dropped
 
     def placed_images(self, bottom: int | None = None) -> Images | None:
-        """The last image up to each scan."""
+        """Return the latest image at or before each scan."""
         found = self._whole.placed_images(bottom)
         return None if found is None else _thin_images(found, self.scenes.seconds)
 
 
 def _thin_images(images: Images, seconds: np.ndarray[Any, np.dtype[np.float64]]) -> Images:
-    """The last image up to each scan."""
+    """Return the latest image at or before each scan."""
     rows = np.unique(np.maximum(np.searchsorted(images.seconds, seconds + 1e-6, "right") - 1, 0))
     return Images(
         images.seconds[rows],

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Section 5.8 of Stastny 2022: RatSLAM with every way to recognise views, and the maps it makes."""
+"""Section 5.8 of Stastny 2022: RatSLAM with every view recognition method, and its maps."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
@@ -27,22 +27,22 @@ from fusionslam.ratslam.view_sources import MatcherSource
 from fusionslam.sensors.messages import NANOSECONDS
 
 ODOMETRIES: dict[str, FrameName] = {"truth": "odometry", "truth+noise": "drift"}
-"""What tells the motion, and the frame that the thesis's clouds are in then."""
+"""Odometry, and the frame of the thesis's clouds that goes with it."""
 Preset = Literal["openratslam", "robust"]
 PRESETS: tuple[Preset, ...] = get_args(Preset)
-"""RatSLAM as the thesis used it, and ours."""
+"""RatSLAM as the thesis used it, and our own preset."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mapped:
-    """A map.
+    """A map, or the reason why there is none.
 
     Attributes:
-        world: of the thesis.
-        odometry: of ``ODOMETRIES``.
-        method: what recognised the views, as ``find_method`` takes it.
-        preset: of the cells and the map, of ``PRESETS``.
-        run: None where the views could not be had.
+        world: world of the thesis.
+        odometry: key of ``ODOMETRIES``.
+        method: view recognition method, as ``find_method`` takes it.
+        preset: preset of the cells and the map, from ``PRESETS``.
+        run: None if the views are not available.
         note: why there is no run.
     """
 
@@ -55,7 +55,7 @@ class Mapped:
 
     @cached_property
     def report(self) -> MapReport | None:
-        """Judged by the rule of the text: 0.8 m and 22.9 degrees are the view radius."""
+        """Report by the rule of the text: the view radius is 0.8 m and 22.9 degrees."""
         return None if self.run is None else judge_map(self.run, rule="paper")
 
 
@@ -64,10 +64,10 @@ class MapStudy:
     """All maps of all worlds.
 
     Attributes:
-        words: by world, which drive it is.
-        made: the worlds that are ours, not the thesis's.
-        methods: what recognised the views, in order.
-        maps: what was made.
+        words: description of the drive, by world.
+        made: the worlds simulated here instead of the thesis's.
+        methods: view recognition methods, in order.
+        maps: all maps.
     """
 
     words: dict[str, str]
@@ -76,13 +76,13 @@ class MapStudy:
     maps: list[Mapped]
 
     def map(self, world: str, odometry: str, method: str, preset: str) -> Mapped | None:
-        """One of them; None where it was not made."""
+        """Return one of the maps; None if it was not made."""
         wanted = (world, odometry, method, preset)
         found = (m for m in self.maps if (m.world, m.odometry, m.method, m.preset) == wanted)
         return next((one for one in found if one.run is not None), None)
 
     def notes(self) -> list[str]:
-        """Why maps are missing, a line each."""
+        """List the reasons for missing maps, one line each."""
         found = (f"{m.world}: {find_method(m.method).title}: {m.note}" for m in self.maps if m.note)
         return list(dict.fromkeys(found))
 
@@ -99,10 +99,10 @@ class SightingEvents(RunEvents):
 def study_maps(
     config: ReproduceConfig, drives: Sequence[Source], pieces: WorkCache, step: Step | None
 ) -> MapStudy:
-    """Make the maps of every drive; what is stored already is taken as it is.
+    """Make the maps of every drive; maps that are already stored are reused.
 
     Raises:
-        DataError: a drive cannot be made or read, or the folder cannot be written.
+        DataError: a drive cannot be simulated or read, or the folder cannot be written.
     """
     maps = [
         _make_map(source, odometry, method, preset, pieces, step)
@@ -110,7 +110,7 @@ def study_maps(
         for odometry in ODOMETRIES
         for method in config.views
         for preset in PRESETS
-        # Ours says where in a view the robot is, which the original has no place for.
+        # Ours gives the robot's pose within a view, which the original cannot use.
         if (method, preset) != (OURS, "openratslam")
     ]
     words = {source.world: source.words for source in drives}
@@ -172,7 +172,7 @@ def _relabel(step: Step, label: str) -> Step:
 
 
 def _sightings(source: Source, odometry: str, run: ViewRun) -> RunEvents:
-    """The views of a run. The thesis's objects know no rotation, and its templates do not turn."""
+    """Views of a run. The thesis's objects give no rotation, and its templates do not turn."""
     stamps_ns = np.round(run.stamps * NANOSECONDS).astype(np.int64)
     ids = run.ids.tolist()
     return _events(
@@ -181,7 +181,7 @@ def _sightings(source: Source, odometry: str, run: ViewRun) -> RunEvents:
 
 
 def _looks(source: Source, odometry: str) -> RunEvents:
-    """The clouds of a drive."""
+    """Clouds of a drive as events."""
     scenes = source.drive.scenes
     numbers = scenes.numbers.tolist()
     return _events(

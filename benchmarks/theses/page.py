@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""One page, the same as Markdown, and every figure as JSON."""
+"""Write the results as an HTML page, as Markdown, and every figure as JSON."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -22,7 +22,7 @@ TITLE = "Two theses, measured again"
 
 
 def claims_chapter(claims: Sequence[Claim]) -> Chapter:
-    """What holds and what does not, first of all."""
+    """Build the first chapter: which conclusions hold and which do not."""
     chapter = Chapter("What the theses conclude, and what came out here")
     table = claims_table(claims)
     chapter.show("Decided by the figures below", table, "conclusion", worded=True)
@@ -30,7 +30,7 @@ def claims_chapter(claims: Sequence[Claim]) -> Chapter:
 
 
 def differences_chapters(differences: Sequence[Difference]) -> list[Chapter]:
-    """What came out otherwise than published; none where nothing is compared."""
+    """Build the chapter on figures that differ from the published ones; none without comparison."""
     if not differences:
         return []
     chapter = Chapter("Where it differs from what was published")
@@ -42,7 +42,7 @@ def differences_chapters(differences: Sequence[Difference]) -> list[Chapter]:
 
 
 def lead(config: ReproduceConfig, about: Mapping[str, Any]) -> str:
-    """What the page is, in a sentence or two."""
+    """Describe the page in a sentence or two."""
     machine = about["machine"]
     text = (
         "The experiments of Perdomo 2019 (c-M2DP) and Stastny 2022 (LiDAR-camera RatSLAM), run by "
@@ -72,13 +72,13 @@ def write_page(
 def write_figures(
     folder: Path, content: Mapping[str, Any], claims: Sequence[Claim], about: Mapping[str, Any]
 ) -> None:
-    """Write ``reproduce.json``: every figure; null where there is none. Raises DataError."""
+    """Write ``reproduce.json``: every figure; undefined ones are null. Raises DataError."""
     told = [asdict(claim) | {"verdict": claim.verdict} for claim in claims]
     save_json({"format": FORMAT, **about, "claims": told, **content}, folder / "reproduce.json")
 
 
 def view_figures(study: ViewStudy) -> dict[str, Any]:
-    """All that was found of views."""
+    """Collect all results on views."""
     return {
         "drives": [asdict(drive) for drive in study.drives],
         "views": [

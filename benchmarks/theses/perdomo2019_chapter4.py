@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Chapter 4 of Perdomo 2019 as tables and pictures, published figures beside ours."""
+"""Chapter 4 of Perdomo 2019 as tables and pictures, with published and measured figures."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -38,7 +38,7 @@ _FIRST_FIGURE = {"lidar": 2, "stereo": 6}
 
 
 def chapters(study: DescriptorStudy, folder: Path) -> list[Chapter]:
-    """Sections 4.2 to 4.4."""
+    """Build the chapters for sections 4.2 to 4.4."""
     return [_colors(study, folder), _times(study), _recalls(study, folder)]
 
 
@@ -136,7 +136,7 @@ def _recalls(study: DescriptorStudy, folder: Path) -> Chapter:
 
 def _stored_chapter(chapter: Chapter, study: DescriptorStudy) -> None:
     stored = study.stored
-    assert stored is not None  # the caller has seen to it
+    assert stored is not None  # checked by the caller
     chapter.say(
         f"From the descriptors of KITTI 06 that their author stored, {stored.equal} of the "
         f"{stored.rows} points of his curve come out to 6 digits (figure 4.2, M2DP)."
@@ -196,13 +196,13 @@ def _figure(study: DescriptorStudy, case: str, source: str, folder: Path) -> Pic
 def _draw(
     curves: dict[str, PrecisionRecall | None], folder: Path, name: str, caption: str
 ) -> Picture | None:
-    """The curves of those that found anything; None if none did."""
+    """Draw the curves that have a correct match; None if none has."""
     known = {title: curve for title, curve in curves.items() if curve and curve.n_correct}
     return keep(folder, name, draw_curves(known), caption) if known else None
 
 
 def recall_at(curve: PrecisionRecall | None, precision: float) -> float | None:
-    """The largest recall with at least so much precision; None where recall does not exist."""
+    """Return the largest recall with at least this precision; None if recall is undefined."""
     if curve is None or not curve.n_correct:
         return None
     reached = curve.recall[curve.precision >= precision]
@@ -210,7 +210,7 @@ def recall_at(curve: PrecisionRecall | None, precision: float) -> float | None:
 
 
 def color_recall(study: DescriptorStudy, space: str, precision: float) -> float | None:
-    """The largest recall of c-M2DP in a colour space with at least so much precision."""
+    """Return the largest recall of c-M2DP in a colour space with at least this precision."""
     return recall_at(_color_curve(study, space), precision)
 
 
@@ -224,7 +224,7 @@ def _colored_case(study: DescriptorStudy) -> str:
 
 
 def descriptor_claims(study: DescriptorStudy) -> list[Claim]:
-    """Those of chapter 4, judged on what there was."""
+    """Decide the conclusions of chapter 4 on the available data."""
     cases = {
         f"{case}, {source}": (case, source)
         for case in study.cases
@@ -249,7 +249,7 @@ def descriptor_claims(study: DescriptorStudy) -> list[Claim]:
 
 
 def _stored_claim(study: DescriptorStudy) -> Claim:
-    assert study.stored is not None  # the caller has seen to it
+    assert study.stored is not None  # checked by the caller
     full = study.stored.curve.recall_at_full_precision or 0.0
     known = PUBLISHED_RECALL["06", "lidar", "m2dp"]
     case = "KITTI 06"
@@ -261,12 +261,12 @@ def _stored_claim(study: DescriptorStudy) -> Claim:
 
 
 def full_recall(measured: Measured | None) -> float | None:
-    """Recall at 100 % precision; None where it was not measured, or does not exist."""
+    """Return the recall at 100 % precision; None if not measured or undefined."""
     return None if measured is None else recall_at(measured.curve, 1.0)
 
 
 def describe_ms(measured: Measured | None) -> float | None:
-    """Mean time to describe a cloud; None where it was not measured."""
+    """Return the mean time to describe a cloud; None if not measured."""
     if measured is None:
         return None
     seconds = measured.evaluation.run.seconds.get("describe", np.empty(0))
@@ -274,7 +274,7 @@ def describe_ms(measured: Measured | None) -> float | None:
 
 
 def descriptor_figures(study: DescriptorStudy) -> dict[str, Any]:
-    """All that was found of descriptors."""
+    """Collect all results on descriptors."""
     stored = study.stored and {
         "curve": study.stored.curve.metrics(),
         **{k: v for k, v in asdict(study.stored).items() if k != "curve"},

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``reproduce``: every part that is asked for, one page."""
+"""``reproduce``: measure every requested part and write one page."""
 
 import os
 from pathlib import Path
@@ -41,14 +41,14 @@ from fusionslam.report.page.html import about_report, check_extra
 
 
 class _Report:
-    """What the parts add up to.
+    """Collects the results of all parts.
 
     Args:
-        config: what is reproduced.
-        drives: those of the second thesis's parts.
-        folder: where pictures and finished pieces go.
-        jobs: frames worked on at a time.
-        step: told about progress.
+        config: the configuration.
+        drives: the drives for the parts of the second thesis.
+        folder: folder of the pictures and intermediate results.
+        jobs: number of frames processed in parallel.
+        step: progress callback.
     """
 
     def __init__(
@@ -107,29 +107,29 @@ def reproduce(
     command: str = "",
     step: Step | None = None,
 ) -> Path:
-    """Measure what both theses measured, and write one page about it.
+    """Repeat the measurements of both theses, and write one page about them.
 
-    What is finished is kept in the folder: the same call goes on where an earlier one stopped.
+    Finished results are kept in the folder, so the same call resumes an interrupted one.
 
     Args:
-        config: what is reproduced, with what data.
-        folder: made if need be.
-        jobs: frames worked on at a time.
-        command: what was typed.
-        step: told about progress.
+        config: what to reproduce, with what data.
+        folder: created if missing.
+        jobs: number of frames processed in parallel.
+        command: the command line, for the page.
+        step: progress callback.
 
     Returns:
         The path of ``reproduce.html``.
 
     Raises:
-        ConfigError: an unknown world, way or part.
-        DataError: data that cannot be used, or a folder that cannot be written.
-        FusionSlamError: an extra that is needed is not installed.
+        ConfigError: an unknown world, method or part.
+        DataError: unusable data, or a folder that cannot be written.
+        FusionSlamError: a required extra is not installed.
     """
     check_extra()
     check_config(config)
     if config.kitti is not None and "descriptors" in config.parts:
-        sequences_of_kitti(Path(config.kitti).expanduser())  # not after hours of views and maps
+        sequences_of_kitti(Path(config.kitti).expanduser())  # fail early, not after hours of work
     drives, target = sources(config, jobs, step), Path(folder)
     about = about_report("two theses", command, config.model_dump(mode="json"))
     save_json(about, target / "made_with.json")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sections 5.4 to 5.7 of Stastny 2022 as tables and pictures, published figures beside ours."""
+"""Sections 5.4 to 5.7 of Stastny 2022 as tables and pictures, beside the published figures."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,7 +26,7 @@ TITLES = {
     "alignment": "ours",
     WITHOUT_SENSOR: "no sensor",
 }
-"""What the columns are called; others by the title of their way."""
+"""Column headings of methods; other methods use their title."""
 SETUPS: dict[FrameName, str] = {
     "odometry": "the thesis's set-up: clouds in world coordinates, odometry that never errs, "
     "angles as its program compares them (72 and 7.2 degrees)",
@@ -35,24 +35,24 @@ SETUPS: dict[FrameName, str] = {
     "drift": "what the thesis did not try: clouds in the frame of odometry that is off by 2 % of "
     "the way and 1 % of the turns, limits as the text names them",
 }
-"""In what each figure is measured, in words; the templates and ours look at no odometry."""
+"""Descriptions of the set-ups, by frame; the templates and our method use no odometry."""
 _FIGURES = {"warehouse": ("5.7", "5.10"), "house": ("5.8", "5.11"), "hospital": ("5.9", "5.12")}
 
 
 def title_of(method: str) -> str:
-    """The heading of a way's column."""
+    """Return the heading of a method's column."""
     return TITLES.get(method, find_method(method).title)
 
 
 def published(world: str, method: str, name: str) -> float | None:
-    """A figure of tables 5.2 to 5.5; None where the thesis has none."""
+    """Return a figure of tables 5.2 to 5.5; None if the thesis has none."""
     rows = (f for f in published_views(world) if f.method == find_method(method).published)
     found = next(rows, None)
     return None if found is None else float(getattr(found, name))
 
 
 def drives_chapter(study: ViewStudy) -> Chapter:
-    """Section 5.1: what was driven."""
+    """Build section 5.1: the drives."""
     chapter = Chapter("Stastny 2022, 5.1: worlds")
     by_world = {drive.world: drive for drive in study.drives}
 
@@ -84,7 +84,7 @@ def _other_worlds(drives: Sequence[DriveFacts]) -> str:
 
 
 def accuracy_chapter(study: ViewStudy, methods: Sequence[str], folder: Path) -> Chapter:
-    """Section 5.4: figure 5.5 and table 5.2, and what accuracy does not see."""
+    """Build section 5.4: figure 5.5, table 5.2, and the limits of accuracy as a measure."""
     chapter = Chapter("Stastny 2022, 5.4: accuracy")
     chapter.say(f"Published: {VIEW_CITATION}.")
     shown_with = [*methods, WITHOUT_SENSOR]
@@ -111,7 +111,7 @@ def accuracy_chapter(study: ViewStudy, methods: Sequence[str], folder: Path) -> 
 
 
 def errors_chapter(study: ViewStudy, methods: Sequence[str], folder: Path) -> Chapter:
-    """Section 5.5: table 5.3 and figures 5.7 to 5.9."""
+    """Build section 5.5: table 5.3 and figures 5.7 to 5.9."""
     chapter = Chapter("Stastny 2022, 5.5: how far false positives are off")
     for frame, words in SETUPS.items():
         for name, title in (("mean_error", "average"), ("max_error", "largest")):
@@ -130,7 +130,7 @@ def errors_chapter(study: ViewStudy, methods: Sequence[str], folder: Path) -> Ch
 
 
 def times_chapter(study: ViewStudy, methods: Sequence[str], folder: Path) -> Chapter:
-    """Section 5.6: table 5.4 and figures 5.10 to 5.12."""
+    """Build section 5.6: table 5.4 and figures 5.10 to 5.12."""
     chapter = Chapter("Stastny 2022, 5.6: times")
     for name, known, title in (
         ("build_ms", "build_ms", "building a view"),
@@ -153,7 +153,7 @@ def times_chapter(study: ViewStudy, methods: Sequence[str], folder: Path) -> Cha
 
 
 def memory_chapter(study: ViewStudy, methods: Sequence[str]) -> Chapter:
-    """Section 5.7: table 5.5."""
+    """Build section 5.7: table 5.5."""
     chapter = Chapter("Stastny 2022, 5.7: memory")
     for name, known, title in (
         ("view_bytes", "view_bytes", "bytes of a view"),
@@ -175,7 +175,7 @@ def _beside(
     show: str,
     scale: float = 1.0,
 ) -> Table:
-    """A column a way, and beside it what was published."""
+    """Build a table with one column per method, and the published figure beside each."""
     heads = []
     for method in methods:
         heads.append(_measured(study, frame, method, name, show, scale))
@@ -227,7 +227,7 @@ def _curves(
 
 
 def _best_thresholds(study: ViewStudy, methods: Sequence[str]) -> Table:
-    """Where accuracy is largest on each curve, as the thesis picked its thresholds."""
+    """Build a table of the most accurate thresholds, chosen as in the thesis."""
     rows: dict[str, tuple[float, dict[str, float | None]]] = {}
     for frame in ("odometry", "robot"):
         for drive in study.drives:

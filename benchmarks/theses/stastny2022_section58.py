@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Section 5.8 of Stastny 2022 as tables and pictures: what it says of its maps beside ours."""
+"""Section 5.8 of Stastny 2022 as tables and pictures: its statements on maps beside ours."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -22,7 +22,7 @@ SAID = {
     "both stages": dict.fromkeys(("warehouse", "house", "hospital"), "as 1st stage"),
     "RatSLAM": {"hospital": "failed"},
 }
-"""Section 5.8, in a word, by what the thesis calls a way and by world; it gives no figures."""
+"""Section 5.8 in a word, by the thesis's name of a method and by world; it has no figures."""
 SETUPS = {
     "truth": "the thesis's set-up: odometry that never errs",
     "truth+noise": "what the thesis did not try: odometry off by 2 % of the way and 1 % of the "
@@ -38,7 +38,7 @@ Value = Callable[[MapReport], float | None]
 
 
 def maps_chapter(study: MapStudy, folder: Path) -> Chapter:
-    """The tables of every odometry, then figures 5.13 to 5.15 and the like of them."""
+    """Build the tables for every odometry, then figures 5.13 to 5.15 and similar ones."""
     chapter = Chapter("Stastny 2022, 5.8: maps")
     chapter.say(
         "The thesis shows maps and gives no figures of them; its columns say in a word what its "
@@ -130,14 +130,14 @@ def _said(method: str) -> Head:
 def figure(
     study: MapStudy, world: str, odometry: str, method: str, preset: str, value: Value
 ) -> float | None:
-    """A figure of a map; None where there is no map or no such figure."""
+    """Return a figure of a map; None without a map or such a figure."""
     mapped = study.map(world, odometry, method, preset)
     report = None if mapped is None else mapped.report
     return None if report is None else value(report)
 
 
 def _pairs(study: MapStudy) -> list[tuple[str, str]]:
-    """Ways and presets in the order of the columns."""
+    """Return methods and presets in the order of the columns."""
     return [
         (method, preset)
         for method in study.methods
@@ -200,7 +200,7 @@ def _figure(study: MapStudy, world: str, odometry: str, folder: Path) -> Picture
 
 
 def map_claims(study: MapStudy) -> list[Claim]:
-    """What section 5.8 concludes, then what is ours."""
+    """Decide the conclusions of section 5.8, then our own."""
 
     def value(world: str, _: str, operand: Operand) -> float | None:
         if isinstance(operand, float):
@@ -218,7 +218,7 @@ _NAMES = ("world", "odometry", "method", "preset", "note")
 
 
 def map_figures(study: MapStudy) -> dict[str, Any]:
-    """All that was found of maps."""
+    """Collect all results on maps."""
     return {
         "maps": [
             {

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Chapter 5 of Stastny 2022 up to section 5.7: every way in every world and frame, judged."""
+"""Chapter 5 of Stastny 2022 up to section 5.7: every method in every world and frame, judged."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -23,18 +23,18 @@ from fusionslam.report.views.tables import ViewRow, view_row
 Rule = str
 
 RULES: dict[FrameName, Rule] = {"robot": "paper", "odometry": "author", "drift": "paper"}
-"""By which rule a frame is judged: the thesis's set-up by that of its program, ours strictly."""
+"""Rule for each frame: the program's rule for the thesis's set-up, a strict one for ours."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What one way gave in one world and frame.
+    """Result of one method in one world and frame.
 
     Attributes:
-        world: of the thesis.
-        frame: of the clouds.
-        method: its name, as ``find_method`` takes it.
-        run: with its curve, if other thresholds were tried; None where there was none.
+        world: world of the thesis.
+        frame: frame of the clouds.
+        method: name of the method, as ``find_method`` takes it.
+        run: with its curve if other thresholds were tried; None if not available.
         note: why there is no run.
     """
 
@@ -46,12 +46,12 @@ class Outcome:
 
     @cached_property
     def report(self) -> ViewReport | None:
-        """Judged by the rule of the frame."""
+        """Report by the rule of the frame."""
         return None if self.run is None else self.run.judged(RULES[self.frame])
 
     @cached_property
     def row(self) -> ViewRow | None:
-        """Every single figure."""
+        """All scalar figures."""
         if self.run is None or self.report is None:
             return None
         return view_row(self.run.method, self.report, self.run)
@@ -59,15 +59,15 @@ class Outcome:
 
 @dataclass(frozen=True)
 class DriveFacts:
-    """What was driven.
+    """Facts about a drive.
 
     Attributes:
-        world: of the thesis.
-        words: which drive it is.
-        made: whether the world is ours.
-        scans, dropped: with and without something above the floor.
-        revisits: scans that come back after more than 20 s.
-        seconds, metres: how long.
+        world: world of the thesis.
+        words: description of the drive.
+        made: whether the world is simulated here.
+        scans, dropped: number of scans with and without something above the floor.
+        revisits: number of scans that return to a place after more than 20 s.
+        seconds, metres: duration and length.
     """
 
     world: str
@@ -82,26 +82,26 @@ class DriveFacts:
 
 @dataclass(frozen=True)
 class ViewStudy:
-    """All worlds: what was driven, and what every way gave there."""
+    """The drives through all worlds, and the results of every method."""
 
     drives: list[DriveFacts]
     outcomes: list[Outcome]
 
     def outcome(self, world: str, frame: FrameName, method: str) -> Outcome | None:
-        """What one way gave; None where it was not asked for."""
+        """Return the result of one method; None if it was not requested."""
         wanted = (world, frame, method)
         found = (o for o in self.outcomes if (o.world, o.frame, o.method) == wanted)
         return next(found, None)
 
     def figure(self, world: str, frame: FrameName, method: str, name: str) -> float | None:
-        """One figure of ``ViewRow``; None where it does not exist."""
+        """Return one figure of ``ViewRow``; None if undefined."""
         outcome = self.outcome(world, frame, method)
         row = None if outcome is None else outcome.row
         value: float | None = None if row is None else getattr(row, name)
         return value
 
     def notes(self) -> list[str]:
-        """Why runs are missing, a line each."""
+        """List the reasons for missing runs, one line each."""
         found = (
             f"{o.world}: {find_method(o.method).title}: {o.note}" for o in self.outcomes if o.note
         )
@@ -109,16 +109,16 @@ class ViewStudy:
 
 
 class _NotHad(FusionSlamError):
-    """A way that cannot be had here: its cells stay empty and say why."""
+    """A method is not available here; its cells stay empty and give the reason."""
 
 
 def study_views(
     config: ReproduceConfig, drives: Sequence[Source], pieces: WorkCache, step: Step | None
 ) -> ViewStudy:
-    """Give every drive to every way in every frame; what is stored already is taken as it is.
+    """Run every method in every frame on every drive; results already stored are reused.
 
     Raises:
-        DataError: a drive cannot be made or read, or the folder cannot be written.
+        DataError: a drive cannot be simulated or read, or the folder cannot be written.
     """
     methods = list(dict.fromkeys([*config.views, WITHOUT_SENSOR]))
     outcomes = [
@@ -152,7 +152,7 @@ def _facts(source: Source, pieces: WorkCache) -> DriveFacts:
 def recognise_views(
     source: Source, frame: FrameName, method: str, pieces: WorkCache, step: Step | None
 ) -> Outcome:
-    """What one way gives in one world and frame, without its curve. Raises as ``study_views``."""
+    """Run one method in one world and frame, without its curve. Raises as ``study_views``."""
     task = _task(source, frame, method, step)
     try:
         run = pieces.load_or_make(
@@ -168,7 +168,7 @@ def recognise_views(
 
 
 def own_frame(frame: FrameName, method: str) -> FrameName:
-    """The frame in which a way is run: the robot's for one that no frame changes."""
+    """Return the frame a method runs in: the robot's if the frame makes no difference."""
     return "robot" if find_method(method).any_frame else frame
 
 
@@ -184,9 +184,9 @@ def _task(source: Source, frame: FrameName, method: str, step: Step | None) -> C
 def _outcome(
     source: Source, frame: FrameName, method: str, pieces: WorkCache, step: Step | None
 ) -> Outcome:
-    """With the curve, where there is one and the frame is not that of drifting odometry."""
+    """Run one method, with its curve if it has one and the odometry does not drift."""
     outcome, own = recognise_views(source, frame, method, pieces, step), own_frame(frame, method)
-    # The thesis has curves of its own methods.
+    # The thesis gives curves only for its own methods.
     known = find_method(method)
     compared = known.matcher is not None and known.published is not None
     swept = compared and frame != "drift" and own == frame
@@ -212,9 +212,9 @@ def _run_method(entry: Method, task: Task) -> ViewRun:
 
 
 def _sweep(method: str, task: Task, rule: Rule) -> ViewCurve:
-    """Precision and recall at other thresholds of the first stage."""
+    """Compute precision and recall at other thresholds of the first stage."""
     make: Callable[[], Any] | None = find_method(method).matcher
-    assert make is not None  # the caller has seen to it
+    assert make is not None  # checked by the caller
     scenes = moved(task.drive.scenes, task.frame)
     return sweep_thresholds(
         scenes, make().config, rule=rule, progress=task.progress("other thresholds")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Finished pieces of work in a folder, each under a name that says what it was made with."""
+"""``WorkCache``: intermediate results in a folder, in files named by what they depend on."""
 
 import hashlib
 import json
@@ -21,10 +21,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class WorkCache:
-    """A folder of pieces.
+    """A folder of intermediate results.
 
-    A piece counts as finished if its file is there: files appear whole, and their names carry a
-    digest of all that decides what is in them, as far as that is configured; of the code it is the
+    A result is finished if its file exists: files are written atomically, and their names carry a
+    digest of everything configured that determines the content. Of the code it covers only the
     version.
     """
 
@@ -39,20 +39,20 @@ class WorkCache:
         load: Callable[[Path], T],
         suffix: str = ".npz",
     ) -> T:
-        """What is stored under this name if it was made with the same; else it is made and stored.
+        """Load the result stored under this name and configuration; else make and store it.
 
         Args:
-            name: for people.
-            made_with: all that decides what is in the piece, as JSON can hold it.
-            make: does the work.
+            name: name of the result, for display.
+            made_with: everything that determines the result, in types that JSON can hold.
+            make: computes the result.
             save: writes a file, whole or not at all.
-            load: reads it again; raises DataError where it is damaged.
-            suffix: of the file.
+            load: reads it back; raises DataError if it is damaged.
+            suffix: suffix of the file.
 
         Raises:
             DataError: the folder cannot be written; or from ``make``.
         """
-        name = name.replace(":", "-")  # which not every file system takes
+        name = name.replace(":", "-")  # not every file system allows a colon
         path = self.path(name, made_with, suffix)
         if path.exists():
             try:
@@ -65,13 +65,13 @@ class WorkCache:
         return made
 
     def path(self, name: str, made_with: Mapping[str, Any], suffix: str = ".npz") -> Path:
-        """Where a piece lies once it is finished."""
+        """Return the file of a finished result."""
         text = json.dumps([_core.__version__, made_with], sort_keys=True)
         key = hashlib.sha256(text.encode()).hexdigest()[:12]
         return self.folder / f"{name}.{key}{suffix}"
 
     def _forget_others(self, name: str, path: Path) -> None:
-        """Delete the piece that another configuration left."""
+        """Delete the result of another configuration."""
         for other in self.folder.glob(f"{name}.*{path.suffix}"):
             stem = other.name.removeprefix(f"{name}.").removesuffix(path.suffix)
             if other != path and len(stem) == 12:
@@ -85,7 +85,7 @@ def save_json(content: Any, path: Path) -> None:
 
 
 def load_json(path: Path) -> Any:
-    """What ``save_json`` wrote. Raises DataError that names the file."""
+    """Read what ``save_json`` wrote. Raises DataError that names the file."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -93,7 +93,7 @@ def load_json(path: Path) -> Any:
 
 
 def state_of(path: Path) -> list[Any]:
-    """What changes when a file does. Raises DataError where there is none."""
+    """Return values that change when a file changes. Raises DataError if it does not exist."""
     try:
         status = path.stat()
     except OSError as error:

@@ -71,7 +71,7 @@ def protocol_named(name: str) -> Protocol:
 
 
 class EvaluationConfig(Section):
-    """How matches are judged against true positions."""
+    """Settings for judging matches against true positions."""
 
     protocol: Literal["revisit", "perdomo2019"] = option("revisit", help_texts.PROTOCOL)
     radius: float = option(10.0, help_texts.RADIUS, unit="m", gt=0, allow_inf_nan=False)

@@ -104,7 +104,7 @@ def write_view_report(
 
 
 def has_view_runs(folder: str | os.PathLike[str]) -> bool:
-    """Whether a folder holds runs that ``write_view_report`` stored."""
+    """Return whether a folder holds runs that ``write_view_report`` stored."""
     return any(_run_files(Path(folder)))
 
 
