@@ -75,7 +75,7 @@ if TYPE_CHECKING:
     from fusionslam.sensors.synchronizer import Synchronizer as Synchronizer
     from fusionslam.sensors.transforms import TransformTree as TransformTree
 
-# Loaded when first used: the command line must answer --help before any of this is there.
+# Loaded on first use: the command line must answer --help before any of this is loaded.
 _HOMES = {
     "_core": (
         "DescriptorIndex GroundPlaneConfig GroundSegmentsConfig M2dpConfig StereoConfig "

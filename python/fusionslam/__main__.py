@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the command ``fusionslam`` starts: quiet when it is interrupted while it still loads."""
+"""Entry point of the ``fusionslam`` command; Ctrl-C exits quietly even while modules load."""
 
 import os
 import signal
@@ -14,7 +14,7 @@ def main() -> None:
     from fusionslam.cli import app
 
     signal.signal(signal.SIGINT, before)
-    # Who ends a recording by kill or by a service manager wants what is whole kept, too.
+    # A recording ended by kill or by a service manager must keep its complete part, too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     app(prog_name="fusionslam")
 

@@ -4,7 +4,7 @@
 
 Every stage has one ``Section``. Keyword arguments, YAML files, ``--set stage.key=value`` and
 ``fusionslam config`` are all derived from it. Sections of the C++ core are built from the
-core's own tables, so their values stand once too.
+core's own tables, so their values are defined only once too.
 """
 
 import difflib
@@ -20,10 +20,10 @@ from fusionslam.errors import ConfigError
 
 
 class Section(BaseModel):
-    """A stage's configuration: immutable, no unknown keys, no types but the stated.
+    """Configuration of one stage: immutable, strictly typed, without unknown keys.
 
     Attributes:
-        former_keys: what has taken the place of a key of former versions, for messages.
+        former_keys: by key of an earlier version, what replaced it; for error messages.
     """
 
     former_keys: ClassVar[Mapping[str, str]] = {}
@@ -33,7 +33,7 @@ class Section(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _sequences_are_tuples(cls, values: Any) -> Any:
-        """YAML and JSON know lists only."""
+        """Turn lists into tuples, which YAML and JSON do not have."""
         return _tupled(values)
 
 
@@ -62,12 +62,12 @@ class CoreConfig(Protocol):
 
 
 def core_section(name: str, core: type[CoreConfig], *, optional: bool = False) -> type[Section]:
-    """The section that mirrors a C++ configuration.
+    """Create the section that mirrors a C++ configuration.
 
     Args:
         name: of the new class.
         core: the bound C++ class.
-        optional: every value may be None, for "as the preset says", and is so by default.
+        optional: every value may be None and is by default: the preset's value applies.
     """
     fields = {entry["name"]: _core_field(entry, optional) for entry in core.options()}
     return create_model(name, __base__=Section, **fields)  # type: ignore[call-overload, no-any-return]
@@ -92,13 +92,13 @@ def _core_field(entry: Mapping[str, Any], optional: bool) -> tuple[Any, FieldInf
 def merged(
     section: S, changes: Mapping[str, Any], where: str = "", *, new_names: bool = False
 ) -> S:
-    """The section with some values changed; sections in it may be changed in part.
+    """Copy a section with some values changed; nested sections may be changed in part.
 
     Args:
-        section: with its values.
-        changes: values by key, in sections of their own where the section has them.
-        where: what messages put before the keys.
-        new_names: whether changes may add sections to those that are held by name.
+        section: the one to start from.
+        changes: values by key; a mapping for a nested section.
+        where: prefix of the keys in messages.
+        new_names: whether changes may add entries to fields that hold sections by name.
 
     Raises:
         ConfigError: unknown key or name (the message names the nearest), wrong type or out of
@@ -147,15 +147,15 @@ def _check_names(key: str, where: str, given: Mapping[str, Any], known: Collecti
 
 
 def _named_sections(section: Section, key: str) -> type[Section] | None:
-    """The kind of section that a field holds by name, if it does."""
+    """Class of the sections that a field maps names to; None for other fields."""
     kinds = get_args(type(section).model_fields[key].annotation)
     named = len(kinds) == 2 and isinstance(kinds[1], type) and issubclass(kinds[1], Section)
     return kinds[1] if named else None
 
 
 def with_settings(section: S, settings: list[str]) -> S:
-    """The section changed by texts such as ``fusion.voxel=0.2`` (values are read as YAML)."""
-    # All at once: values that belong together may be wrong one by one.
+    """Apply settings such as ``fusion.voxel=0.2`` to a section (values are read as YAML)."""
+    # All at once: values that depend on each other may be invalid one at a time.
     changes: dict[str, Any] = {}
     for setting in settings:
         keys, value = _setting(setting)
@@ -169,7 +169,7 @@ def with_settings(section: S, settings: list[str]) -> S:
 
 
 def _setting(text: str) -> tuple[list[str], Any]:
-    """The parts of the key, and the value."""
+    """Split ``stage.key=value`` into the parts of the key and the value."""
     import yaml
 
     key, equals, value = text.partition("=")
@@ -182,10 +182,10 @@ def _setting(text: str) -> tuple[list[str], Any]:
 
 
 def with_file(section: S, path: str | Path, *, new_names: bool = False) -> S:
-    """The section changed by a YAML file, as ``merged`` does.
+    """Apply a YAML file to a section, as ``merged`` does.
 
     Raises:
-        ConfigError: naming the file or the key.
+        ConfigError: the file or a key is wrong; the message names it.
     """
     import yaml
 
@@ -202,11 +202,11 @@ def with_file(section: S, path: str | Path, *, new_names: bool = False) -> S:
 
 
 def _read_yaml(text: str) -> Any:
-    """What YAML says, for which 2e-5 is a number: PyYAML's grammar, YAML 1.1, wants 2.0e-5."""
+    """Parse YAML and read 2e-5 as a number: PyYAML follows YAML 1.1, which requires 2.0e-5."""
     import yaml
 
     class Loader(yaml.SafeLoader):
-        """Of this grammar only."""
+        """Keeps the added resolver out of PyYAML's own loader."""
 
     power = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$")
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", power, list("-+.0123456789"))
@@ -214,7 +214,7 @@ def _read_yaml(text: str) -> Any:
 
 
 def _yaml_problem(error: Exception) -> str:
-    """What PyYAML found and where, without its excerpt."""
+    """PyYAML's message with line and column, without its excerpt."""
     mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
     if mark is None or problem is None:
         return str(error)
@@ -222,7 +222,7 @@ def _yaml_problem(error: Exception) -> str:
 
 
 def walk(section: Section, where: str = "") -> Iterator[tuple[str, Any, FieldInfo]]:
-    """Every (dotted key, value, definition) of a section and the sections in it."""
+    """Yield (dotted key, value, definition) of every field of a section and its nested ones."""
     for name, definition in type(section).model_fields.items():
         value = getattr(section, name)
         if isinstance(value, Section):
@@ -232,10 +232,10 @@ def walk(section: Section, where: str = "") -> Iterator[tuple[str, Any, FieldInf
 
 
 def as_yaml(section: Section, only: Collection[str] | None = None) -> str:
-    """The section as a YAML file that ``with_file`` reads, with units and help as comments.
+    """Format a section as YAML for ``with_file``, with units and help as comments.
 
     Args:
-        section: with its values.
+        section: the one to write.
         only: names of the fields to write; None for all.
     """
     return "".join(_yaml_lines(section.model_dump(mode="json"), section, only, ""))
@@ -264,7 +264,7 @@ def _yaml_lines(
 
 
 def _yaml_text(value: Any) -> str:
-    """A value on one line."""
+    """Format a value on one line."""
     import yaml
 
     text = yaml.safe_dump(value, default_flow_style=True, width=10**6)
@@ -274,12 +274,12 @@ def _yaml_text(value: Any) -> str:
 def explain_choice(
     value: str, choices: Collection[str], renamed: Mapping[str, str] | None = None
 ) -> str:
-    """Why a value is none of the choices: its new name, or what is expected and what is nearest.
+    """Explain why a value is not a valid choice: its new name, or the choices and the nearest one.
 
     Args:
         value: not among the choices.
         choices: valid values.
-        renamed: today's value by a former one.
+        renamed: new names by old name.
     """
     if renamed and value in renamed:
         return f"called {renamed[value]} now"
@@ -308,6 +308,6 @@ def _first_problem(error: ValidationError, where: str) -> str:
     key = where + ".".join(str(part) for part in first["loc"])
     reason = str(first["msg"]).removeprefix("Value error, ")
     if first["type"] == "value_error" and isinstance(first["input"], Mapping):
-        # Values that do not go together: the reason names them, all of them would hide it.
+        # Values that contradict each other: the reason names them; listing all would hide it.
         return f"{key.rstrip('.')}: {reason}" if key else reason
     return f"{key.rstrip('.')} is {first['input']!r}: {reason}"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Descriptors by name, with one configuration, for everything that handles several of them."""
+"""Descriptors by name, all with the same configuration."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class DescriptorConfig(Section):
 
 @dataclass(frozen=True)
 class Descriptor:
-    """A kind of descriptor: what it is called, what it needs, how it is computed."""
+    """A kind of descriptor: its name, the inputs it needs and the function that computes it."""
 
     name: str
     needs_colors: bool
@@ -54,11 +54,12 @@ class Descriptor:
 def describe(
     cloud: Cloud, name: str, config: DescriptorConfig | None = None
 ) -> NDArray[np.float32]:
-    """The descriptor of that name, float32 (D,), of a cloud.
+    """Compute the named descriptor of a cloud, float32 (D,).
 
     Raises:
-        ConfigError: unknown name. DataError: no colours where they are needed, or a cloud that
-        cannot be described (empty, NaN, all points equal, ...).
+        ConfigError: unknown name.
+        DataError: colours are needed and missing, or the cloud cannot be described (empty, NaN,
+            all points equal, ...).
     """
     kind = descriptor_named(name)
     if kind.needs_colors and cloud.colors is None:
@@ -67,14 +68,14 @@ def describe(
 
 
 def descriptor_named(name: str) -> Descriptor:
-    """The kind of that name. Raises ConfigError naming those there are."""
+    """Look up a kind of descriptor. Raises ConfigError that lists the known names."""
     if name not in DESCRIPTORS:
         raise ConfigError(f"unknown descriptor {name!r}; known: {', '.join(DESCRIPTORS)}")
     return DESCRIPTORS[name]
 
 
 def length_of(name: str, config: DescriptorConfig) -> int:
-    """How long descriptors of that name are; a small cloud tells, as only the core knows.
+    """Length D of a descriptor, found by describing a small cloud: only the core knows it.
 
     Raises:
         ConfigError: unknown name, or values that exclude each other.
@@ -87,7 +88,7 @@ def length_of(name: str, config: DescriptorConfig) -> int:
 
 
 def for_sequence(config: DescriptorConfig, first: Cloud) -> DescriptorConfig:
-    """The configuration with the radius for normals fixed by a sequence's first cloud.
+    """Set the radius for normals from a sequence's first cloud, unless it is configured.
 
     Five times its resolution, the mean distance to the nearest neighbour (Perdomo 2019, 4.1.1).
     """
@@ -111,7 +112,7 @@ def _m2dp(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
 
 
 def _cm2dp(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
-    assert cloud.colors is not None  # describe() has checked it
+    assert cloud.colors is not None  # checked by describe()
     options = _m2dp_options(config)
     return cm2dp(cloud.points, cloud.colors, color_space=config.color_space, **options)
 
@@ -121,7 +122,7 @@ def _shot(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
 
 
 def _cshot(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
-    assert cloud.colors is not None  # describe() has checked it
+    assert cloud.colors is not None  # checked by describe()
     return cshot(cloud.points, cloud.colors, **_normal_options(config))
 
 

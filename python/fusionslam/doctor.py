@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What works on this machine, and what to install."""
+"""Checks of the installation: what works on this machine, and what to install."""
 
 import os
 import platform
@@ -24,18 +24,18 @@ _EXTRAS = {
     "tune": (("pymoo",), "tune"),
     "live": (("rerun-sdk",), "ratslam --live"),
 }
-"""By the name of an extra, its packages and what needs them."""
+"""By extra: its packages and the commands that need them."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked at.
+    """Result of one check.
 
     Attributes:
-        what: its name.
+        what: name of what was checked.
         fine: whether it works.
-        detail: version or value; where it does not work, what to do.
-        optional: whether it may be missing: only what needs it does not work.
+        detail: version or value; if it does not work, what to do.
+        optional: whether it may be missing; only what needs it is then unavailable.
     """
 
     what: str
@@ -45,7 +45,7 @@ class Finding:
 
 
 def examine(missing_extras: Sequence[str] = ()) -> list[Finding]:
-    """Look at everything that commands need.
+    """Check everything that the commands need.
 
     Args:
         missing_extras: names of the extras that are not installed.
@@ -126,7 +126,7 @@ def _works(action: Callable[[], object]) -> bool:
 
 
 def _cache_folder() -> Path:
-    """Where the embedded drive is kept."""
+    """Folder of the embedded drive."""
     from platformdirs import user_cache_dir
 
     return Path(os.environ.get("FUSIONSLAM_CACHE") or user_cache_dir("fusionslam"))

@@ -13,8 +13,8 @@ class FusionSlamError(Exception):
     """Base of every error that fusionslam raises on purpose.
 
     Attributes:
-        code: kind of problem, in kebab-case; that of the class unless the raising line gives one.
-        fields: values that tell problems of the same code apart, such as names of frames.
+        code: kind of problem, in kebab-case; the class's own unless one is passed.
+        fields: values that distinguish problems of the same code, such as frame names.
     """
 
     code = "error"
@@ -34,7 +34,7 @@ class DataError(FusionSlamError, ValueError):
 
 
 class ClockError(DataError):
-    """A stamp lies before the last one: the clock went back, or a recording started again."""
+    """A stamp is earlier than the last one: the clock jumped back, or a recording restarted."""
 
     code = "clock"
 
@@ -52,10 +52,10 @@ class ShapeError(FusionSlamError, ValueError):
 
 
 def cause_of(error: BaseException) -> tuple[str, ...]:
-    """Identify what went wrong: two errors with equal causes are one problem.
+    """Identify the cause of an error: two errors with equal causes are the same problem.
 
-    Errors with a code of their own are identified by code and fields, others by their class and
-    the line that raised the first of them; never by the message, which holds numbers.
+    Errors with their own code are identified by code and fields, others by the class and raising
+    line of the first error in their chain; never by the message, which contains numbers.
     """
     while True:
         if isinstance(error, FusionSlamError) and error.code != type(error).code:

@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Frames to coloured clouds: LiDAR and camera, or a stereo pair; frame, ground and density.
+"""Turns frames into coloured clouds, from LiDAR and camera or from a stereo pair.
 
-The stages are C++ (``fusionslam.colorize``, ``stereo_disparity``, ...); this module chooses
-between them (Perdomo 2019, section 3.3; Stastny 2022, section 4.3).
+The steps are C++ (``fusionslam.colorize``, ``stereo_disparity``, ...); this module chooses
+between them and sets frame, ground removal and density (Perdomo 2019, section 3.3; Stastny 2022,
+section 4.3).
 """
 
 import logging
@@ -32,16 +33,17 @@ from fusionslam.config import CoreConfig, Section, core_section, option
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera, Cloud, CloudFrame, Frame
 
-# Beneath a car's LiDAR at 1.73 m (KITTI), and what Stastny's program takes for a robot's floor.
+# Ground heights below a car's LiDAR, which is mounted at 1.73 m (KITTI), and in a robot's frame
+# (Stastny's program).
 _SCAN_GROUND_M, _ROBOT_GROUND_M = -1.4, 0.1
-# What the ground is found with in a robot's frame and in odometry's, where the core's values, a
-# car's, take furniture's feet for floor; docs/stages/fusion.md says how well.
+# Ground parameters in the robot's and the odometry frame. The core's defaults, made for cars, take
+# the feet of furniture for floor there; docs/stages/fusion.md has the figures.
 _ROBOT_PLANE = {"distance": 0.05, "max_tilt": 5.0}
 _ROBOT_SEGMENTS = {"seed_height": 0.2, "distance": 0.1}
 
 
 def _ground_section(name: str, core: type[CoreConfig], robots: dict[str, float]) -> type[Section]:
-    """The section of a core's configuration of which some values are, unset, as the frame says."""
+    """Section of a core configuration in which the default of some values depends on the frame."""
     fields = {}
     for entry in core.options():
         if entry["name"] in robots:
@@ -77,7 +79,7 @@ SENSORS_OF: Mapping[str, tuple[str, ...]] = {
     "stereo": ("left", "right"),
     "cloud": ("points",),
 }
-"""What each source of clouds needs of a frame."""
+"""Sensors that a frame needs, by source of clouds."""
 SOURCES = tuple(SENSORS_OF)
 
 
@@ -113,14 +115,13 @@ class FusionConfig(Section):
 
 
 def fuse(frame: Frame, config: FusionConfig | None = None) -> Cloud:
-    """The coloured cloud of a frame, in the configured frame: by default that of its scan.
+    """Make the coloured cloud of a frame in the configured frame, by default the scan's.
 
     Points with NaN or infinity are dropped and their number is logged.
 
     Raises:
-        DataError: the frame lacks a sensor, a calibration or a place of the robot that the
-            configuration needs; the message names it. Or an image of another size than the
-            calibration says.
+        DataError: the frame lacks a sensor, a calibration or a robot pose that the configuration
+            needs, and the message names it; or an image does not have the calibration's size.
     """
     config = config or FusionConfig()
     cloud = without_ground(frame, colored(frame, config), config)
@@ -129,13 +130,13 @@ def fuse(frame: Frame, config: FusionConfig | None = None) -> Cloud:
 
 
 def colored(frame: Frame, config: FusionConfig) -> Cloud:
-    """The first step: the coloured cloud, ground and all, in the frame of the scan."""
+    """First step: the coloured cloud in the scan's frame, ground included."""
     make = {"lidar": _lidar_cloud, "stereo": _stereo_cloud, "cloud": _plain_cloud}[config.source]
     return make(frame, config)
 
 
 def without_ground(frame: Frame, cloud: Cloud, config: FusionConfig) -> Cloud:
-    """The second step: of a cloud in the frame of the scan, the points that are no ground."""
+    """Second step: remove the ground from a cloud in the scan's frame."""
     if config.ground == "none" or not len(cloud):
         return cloud
     points = _moved(cloud, frame_from_points(frame, _ground_frame(config))).points
@@ -149,7 +150,7 @@ def frame_from_points(frame: Frame, name: CloudFrame) -> NDArray[np.float64]:
     """float64 (4, 4): maps points of the scan to one of the frames that clouds can be in.
 
     Raises:
-        DataError: the frame does not say where that is.
+        DataError: the transform is not known for this frame.
     """
     if name == "scan":
         return np.eye(4)
@@ -169,7 +170,7 @@ def frame_from_points(frame: Frame, name: CloudFrame) -> NDArray[np.float64]:
 
 
 def subset(cloud: Cloud, indices: NDArray[np.int64]) -> Cloud:
-    """The points of a cloud with these indices, int64 (M,)."""
+    """Select points of a cloud by their indices, int64 (M,)."""
     if len(indices) == len(cloud):
         return cloud
     return Cloud(cloud.points[indices], None if cloud.colors is None else cloud.colors[indices])
@@ -234,7 +235,7 @@ def _image(frame: Frame, name: str) -> NDArray[np.uint8]:
 
 
 def _ground_frame(config: FusionConfig) -> CloudFrame:
-    """Where the ground is looked for: a frame with z up, and for segments one that drives along."""
+    """Frame in which the ground is searched: z is up and, for segments, it moves with the robot."""
     if config.frame == "camera":
         return "scan"
     if config.frame == "odometry" and config.ground == "segments":
@@ -254,27 +255,27 @@ def _above_ground(points: NDArray[np.float32], config: FusionConfig) -> NDArray[
 
 
 def plane_of(config: FusionConfig) -> GroundPlaneConfig:
-    """How the core is to look for the plane of the ground in the configured frame."""
+    """Parameters of the core's ground plane search in the configured frame."""
     robots = {} if _is_cars(config) else _ROBOT_PLANE
     return GroundPlaneConfig(**robots | config.plane.model_dump(exclude_none=True))
 
 
 def segments_of(config: FusionConfig) -> GroundSegmentsConfig:
-    """How the core is to look for the segments of the ground in the configured frame."""
+    """Parameters of the core's ground segment search in the configured frame."""
     robots = {} if _is_cars(config) else _ROBOT_SEGMENTS
     return GroundSegmentsConfig(**robots | config.segments.model_dump(exclude_none=True))
 
 
 def _is_cars(config: FusionConfig) -> bool:
-    """Whether values that are not set are a car's; in the robot's frame they are a small one's."""
+    """Whether defaults are those of a car (scan's frame), not those of a small robot."""
     return _ground_frame(config) == "scan"
 
 
 def _moved(cloud: Cloud, a_from_b: NDArray[np.float64]) -> Cloud:
-    """The cloud, given in b, in a."""
+    """Transform a cloud from frame b to frame a."""
     if np.array_equal(a_from_b, np.eye(4)):
         return cloud
-    # Not a matrix product: BLAS would wake all its threads for three columns.
+    # Not a matrix product: BLAS would start all its threads for three columns.
     turned = np.einsum("ij,kj->ik", cloud.points, a_from_b[:3, :3]) + a_from_b[:3, 3]
     return Cloud(turned.astype(np.float32), cloud.colors)
 
@@ -285,4 +286,4 @@ def _downsampled(cloud: Cloud, size: float) -> Cloud:
 
 
 ROBOT_FUSION = FusionConfig(frame="robot", ground="height")
-"""Clouds as scenes are built of them: in the robot's frame, without what is low (Stastny 4.3)."""
+"""Fusion for scenes: clouds in the robot's frame, low points removed (Stastny 2022, 4.3)."""

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What those values mean that are options of the command line and keys of the configuration too.
+"""Help of values that are both command line options and configuration keys.
 
-The command line answers ``--help`` before it can load the configuration, so both read this.
+The command line answers ``--help`` before it can load the configuration, so both read it here.
 """
 
 SOURCE = (
