@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings on disk as frames: KITTI, plain folders, bags and range recordings.
+"""Reads recordings as frames: KITTI, plain folders, bags and range recordings.
 
 >>> dataset = open_dataset("kitti/dataset", sequence="06")  # doctest: +SKIP
 >>> dataset[0].points.shape, dataset[0].images["left"].shape  # doctest: +SKIP
@@ -68,8 +68,8 @@ __all__ = [
     "write_poses_tum",
 ]
 
-# In the order in which they are tried: an object folder has a velodyne/ too, any of them may
-# hold a folder of images.
+# In the order in which they are tried: an object folder has a velodyne/ too, and any of them may
+# contain a folder of images.
 _KINDS = (KITTI_OBJECT, KITTI_ODOMETRY, KITTI_RAW, FOLDER, RANGES, *BAGS)
 KINDS = tuple(kind.name for kind in _KINDS)
 GAPS = ("error", "skip")
@@ -89,32 +89,32 @@ def open_dataset(
     calibration: str | os.PathLike[str] | None = None,
     shapes: str | None = None,
 ) -> Dataset:
-    """Open a recording; scans and images are read only when they are asked for.
+    """Open a recording; scans and images are read only when they are accessed.
 
     Args:
-        path: folder of one sequence, or one that holds several; a bag; or a range recording.
-        kind: one of ``KINDS``; None recognises it by what is in it.
-        sequence: which one, where the folder holds several: "06" (or 6), a drive, "testing".
-        sensors: those that every frame needs, of "points", "left", "right"; None for all of
-            which there are files. Files of other sensors are left alone.
-        gaps: a number between the first and the last frame for which a sensor has no file is
-            an "error", or "skip" leaves those frames out. Bags are read as with "skip".
+        path: folder of one sequence or of several; a bag; or a range recording.
+        kind: one of ``KINDS``; None detects it from the content.
+        sequence: the one to open if the folder holds several: "06" (or 6), a drive, "testing".
+        sensors: those that every frame must have, of "points", "left", "right"; None for all
+            that have files. Files of other sensors are ignored.
+        gaps: "error" if a sensor lacks a file for a frame number between the first and the last;
+            "skip" leaves such frames out. Bags are always read as with "skip".
         poses: file in KITTI or TUM format to use instead of the one found beside the data.
-        topics: of a bag, those not to be guessed, by what they are: "points", "left",
+        topics: topics of a bag by role, for those not to be guessed: "points", "left",
             "camera_info", "right", "right_camera_info", "odometry", "truth".
-        stamps: when the messages of a bag were measured: as their "header" says, or when they
-            arrived in the "bag".
-        sync: which image of a bag belongs to which scan.
-        calibration: a calib.yaml to use instead of the one of a plain folder, or of what a bag
-            says of its cameras (CameraInfo and TF) or fails to say.
-        shapes: what the scanner of a range recording met, "visual" or "collision"; None for
-            visual, where there is both.
+        stamps: time at which the messages of a bag were measured: that of their "header", or
+            that of their arrival in the "bag".
+        sync: how images of a bag are paired with scans.
+        calibration: calib.yaml to use instead of the one of a plain folder, or instead of a
+            bag's CameraInfo and TF.
+        shapes: shapes that the scanner of a range recording saw, "visual" or "collision"; None
+            for visual if the recording has both.
 
     Raises:
-        DataError: nothing there, nothing recognised, no frames, or a file that is missing, too
-            short or malformed; the message names it and what was expected.
-        ConfigError: an unknown kind, sensor or way to treat gaps; topics of what is no bag, or
-            a calibration for KITTI, which has its own.
+        DataError: the path does not exist, is not a known recording or has no frames; or a file
+            is missing, too short or malformed; the message names it and what was expected.
+        ConfigError: an unknown kind, sensor or value of ``gaps``; topics for anything but a bag;
+            or a calibration for a recording that has its own.
     """
     root = _root(path)
     _one_of("gaps", gaps, GAPS)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``Dataset``: the frames of one recording, whatever they are stored in."""
+"""``Dataset``: the frames of one recording, whatever its storage format."""
 
 import functools
 import operator
@@ -25,7 +25,7 @@ from fusionslam.storage.arrays import Image
 
 
 class PosesOrigin(Enum):
-    """Where the poses of a dataset come from."""
+    """Origin of a dataset's poses."""
 
     NONE = "none"
     FILE = "file"
@@ -34,7 +34,7 @@ class PosesOrigin(Enum):
 
 
 class OdometryOrigin(Enum):
-    """Where the odometry of a dataset's frames comes from."""
+    """Origin of the odometry of a dataset's frames."""
 
     NONE = "none"
     TOPIC = "topic"
@@ -43,7 +43,7 @@ class OdometryOrigin(Enum):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Dataset(ABC):
-    """Frames of one recording, in the order of their numbers, loaded when asked for.
+    """Frames of one recording, ordered by number and loaded on access.
 
     ``dataset[i]`` is the i-th frame present (its ``index`` is i, its number in the recording is
     ``dataset.numbers[i]``); iterating yields all of them.
@@ -51,15 +51,15 @@ class Dataset(ABC):
     Attributes:
         kind: "kitti-odometry", "kitti-raw", "kitti-object", "folder", "ranges", "rosbag1",
             "rosbag2", "mcap" or "scenes".
-        name: for people, such as "KITTI odometry 06".
+        name: for display, such as "KITTI odometry 06".
         root: the folder or file of the recording.
         numbers: int64 (N), frame numbers as in the file names; there may be gaps.
         stamps_ns: int64 (N), nanoseconds.
-        pose_frame: which body the poses describe.
+        pose_frame: the body that the poses describe.
         body_from_points: float64 (4, 4), maps points of the scan to that body; None if unknown.
         poses: float64 (N, 4, 4), world_from_body; None if there are none.
-        cameras: calibration by camera name; of the first frame where each frame has its own.
-        gaps: numbers of the frames that lack something and were left out.
+        cameras: calibration by camera name; the first frame's if each frame has its own.
+        gaps: numbers of the incomplete frames, which were left out.
     """
 
     kind: str
@@ -75,31 +75,31 @@ class Dataset(ABC):
 
     @property
     def short_name(self) -> str:
-        """The name without what tells uses of the same recording apart."""
+        """The recording's name without the options, such as topics, that it was opened with."""
         return self.name
 
     @property
     def poses_origin(self) -> PosesOrigin:
-        """Where the poses come from."""
+        """Origin of the poses."""
         return PosesOrigin.NONE if self.poses is None else PosesOrigin.FILE
 
     @property
     def truth_topic(self) -> str | None:
-        """The topic of true poses, whether or not ``poses`` come from it; None without one."""
+        """Topic of ground truth poses, whether or not ``poses`` come from it; None if absent."""
         return None
 
     def motion(self, role: str) -> list[Odometry]:
-        """The messages of "odometry" or "truth", by their stamps. Raises DataError without any."""
+        """Messages of role "odometry" or "truth", by stamp. Raises DataError if there are none."""
         raise DataError(f"{self.name} has no {role} messages")
 
     @property
     def odometry_origin(self) -> OdometryOrigin:
-        """Where the odometry of the frames comes from."""
+        """Origin of the frames' odometry."""
         return OdometryOrigin.NONE
 
     @property
     def odometry_topic(self) -> str | None:
-        """The topic of odometry messages; None without one."""
+        """Topic of odometry messages; None if absent."""
         return None
 
     @property
@@ -109,19 +109,19 @@ class Dataset(ABC):
 
     @abstractmethod
     def files(self) -> list[Path]:
-        """The files that the frames are made of: results are older than data if one of these is."""
+        """Files that the frames are read from; results are out of date if one of these is newer."""
 
     @abstractmethod
     def content(self, sensor: str) -> str:
-        """What there is of a sensor, for people."""
+        """Summary of a sensor's data, for display."""
 
     @abstractmethod
     def sensor_stamps(self, sensor: str) -> NDArray[np.int64] | None:
-        """A sensor's own times, int64 (M), of the first M frames; None where it has none."""
+        """A sensor's own stamps, int64 (M), of the first M frames; None if it has none."""
 
     @abstractmethod
     def _frame(self, index: int) -> Frame:
-        """The frame with an index that there is."""
+        """Read the frame of a valid index."""
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -139,7 +139,7 @@ class Dataset(ABC):
         return "left" in self.sensors and "right" in self.sensors
 
     def camera_images(self) -> Images | None:
-        """The left camera's images, one a frame, without poses; None where there is none."""
+        """The left camera's images, one per frame, without poses; None without such a camera."""
         if "left" not in self.sensors:
             return None
         return Images(
@@ -162,14 +162,14 @@ class Dataset(ABC):
         Raises:
             IndexError: there is no such frame.
             DataError: its calibration cannot be read. A scan or an image that cannot be read
-                raises when it is first asked for.
+                raises on first access.
         """
         return self._frame(range(len(self))[operator.index(index)])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FileDataset(Dataset):
-    """A recording whose scans and images are one file each.
+    """A recording with one file per scan and per image.
 
     Attributes:
         streams: the files of each sensor in use: "points", "left", "right".
@@ -196,7 +196,7 @@ class FileDataset(Dataset):
         return count if sensor == "points" else "{}, {}x{}".format(count, *image_size(path))
 
     def sensor_stamps(self, sensor: str) -> NDArray[np.int64] | None:
-        """KITTI raw keeps times for each sensor, beside the folder of its files."""
+        """Stamps of a KITTI raw sensor, stored beside the folder of its files; else None."""
         path = next(iter(self.streams[sensor].files.values())).parent.parent / "timestamps.txt"
         if self.kind != "kitti-raw" or not path.exists():
             return None
@@ -220,12 +220,12 @@ class FileDataset(Dataset):
     def _scan(
         self, number: int
     ) -> tuple[Callable[[], NDArray[np.float32]] | None, Callable[[], Image] | None]:
-        """Loaders of the points and their colours, which lie in one file that is read once."""
+        """Loaders of the points and of their colours; both come from one file, read only once."""
         if not self.has_points:
             return None, None
         path = self.streams["points"].files[number]
         cloud = functools.cache(functools.partial(read_cloud, path))
-        # Whether a .ply or .pcd has colours is known only when it is read; Frame passes None on.
+        # Only reading a .ply or .pcd tells whether it has colours; Frame passes None on.
         colors = None if path.suffix.lower() == ".bin" else lambda: cast(Image, cloud().colors)
         return lambda: cloud().points, colors
 
@@ -250,18 +250,18 @@ class FileDataset(Dataset):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CloudDataset(Dataset):
-    """Scans that are coloured clouds already, in the robot's frame: nothing has to be fused."""
+    """Scans that are already coloured clouds in the robot's frame and need no fusion."""
 
     @abstractmethod
     def whole_cloud(self, index: int) -> Cloud:
-        """A scan's cloud with all that is stored of it, ground included."""
+        """The complete stored cloud of a scan, ground included."""
 
     def files(self) -> list[Path]:
-        """The one file."""
+        """The recording's single file."""
         return [self.root]
 
     def sensor_stamps(self, sensor: str) -> None:
-        """None: scans have the times of their frames."""
+        """None: scans have the stamps of their frames."""
 
     def _frame(self, index: int) -> Frame:
         cloud = functools.cache(functools.partial(self.whole_cloud, index))
@@ -276,7 +276,7 @@ class CloudDataset(Dataset):
 
 
 class Kind(NamedTuple):
-    """A layout of files: its name, its marks in a few words, how to recognise and to open it."""
+    """A file layout: its name, a short description, and functions that detect and open it."""
 
     name: str
     layout: str

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration files: KITTI's ``key: numbers`` texts and calib.yaml of plain folders."""
+"""Reads calibration files: KITTI's ``key: numbers`` texts and calib.yaml of plain folders."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,16 +19,16 @@ CAMERA_KEYS = ("projection", "rectified_from_points", "size")
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibration file of KITTI: the text behind each key, read as numbers when asked for."""
+    """A KITTI calibration file: the text after each key, parsed as numbers on access."""
 
     path: Path
     entries: Mapping[str, str]
 
     def numbers(self, key: str, count: int) -> NDArray[np.float64]:
-        """float64 (count): the numbers behind a key.
+        """float64 (count): the numbers of a key.
 
         Raises:
-            DataError: the key is missing, or what stands there is not that many numbers.
+            DataError: the key is missing, or its text is not that many numbers.
         """
         if key not in self.entries:
             present = ", ".join(self.entries) or "nothing"
@@ -40,18 +40,18 @@ class Calibration:
         return values
 
     def matrix(self, key: str, rows: int, columns: int) -> NDArray[np.float64]:
-        """float64 (rows, columns): the numbers behind a key, row by row.
+        """float64 (rows, columns): the numbers of a key, row by row.
 
         Raises:
-            DataError: the key is missing, or what stands there is not that many numbers.
+            DataError: the key is missing, or its text is not that many numbers.
         """
         return self.numbers(key, rows * columns).reshape(rows, columns)
 
     def transform(self, *keys: str) -> NDArray[np.float64]:
-        """float64 (4, 4): the matrix [R t] behind one key, or R and t behind two, completed.
+        """float64 (4, 4): homogeneous matrix of [R t] in one key, or of R and t in two.
 
         Raises:
-            DataError: a key is missing, or what stands there is not that many numbers.
+            DataError: a key is missing, or its text is not the expected count of numbers.
         """
         if len(keys) == 1:
             return homogeneous(self.matrix(keys[0], 3, 4))
@@ -60,10 +60,10 @@ class Calibration:
 
 
 def read_calibration(path: PathLike) -> Calibration:
-    """KITTI's calib.txt, calib_cam_to_cam.txt or calib_velo_to_cam.txt: ``key: numbers`` lines.
+    """Read KITTI's calib.txt, calib_cam_to_cam.txt or calib_velo_to_cam.txt.
 
     Raises:
-        DataError: the file is missing or no text.
+        DataError: the file is missing or is not text.
     """
     path = Path(path)
     with reading(path, "KITTI calibration, lines of 'key: numbers'"):
@@ -73,7 +73,7 @@ def read_calibration(path: PathLike) -> Calibration:
 
 
 def homogeneous(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """float64 (4, 4): a (3, 3) rotation or (3, 4) matrix [R t], completed."""
+    """float64 (4, 4): homogeneous form of a (3, 3) rotation or a (3, 4) matrix [R t]."""
     result = np.eye(4)
     result[: matrix.shape[0], : matrix.shape[1]] = matrix
     return result
@@ -85,10 +85,10 @@ def camera(
     rectified_from_points: Any,
     size: tuple[int, int] | None = None,
 ) -> Camera:
-    """A ``Camera`` whose errors name the file.
+    """Make a ``Camera``; errors name the file.
 
     Raises:
-        DataError: a matrix of another shape, not finite or singular.
+        DataError: a matrix has the wrong shape, is not finite or is singular.
     """
     try:
         return Camera(projection, rectified_from_points, size)
@@ -97,14 +97,15 @@ def camera(
 
 
 def read_calib_yaml(path: PathLike) -> dict[str, Camera]:
-    """Cameras by name from a calib.yaml.
+    """Read a calib.yaml; returns its cameras by name.
 
     ``left`` and ``right`` each have ``projection`` (12 numbers or three rows of four) and,
     optionally, ``rectified_from_points`` (16 numbers or four rows of four; default: identity)
     and ``size`` ([width, height]).
 
     Raises:
-        DataError: missing, no YAML, an unknown or missing key, or a value of another shape.
+        DataError: the file is missing or not YAML, a key is unknown or missing, or a value has
+            the wrong shape.
     """
     import yaml
 

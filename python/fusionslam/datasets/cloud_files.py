@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reading and writing single files: point clouds and images."""
+"""Reads and writes point cloud files; reads image files."""
 
 from itertools import islice
 from pathlib import Path
@@ -15,16 +15,16 @@ from fusionslam.storage.files import PathLike, atomic_path, reading
 
 CLOUD_SUFFIXES = (".bin", ".pcd", ".ply")
 _LONGEST_HEADER = 200
-"""Lines."""
+"""In lines."""
 # KITTI's scans: little-endian float32 x, y, z, reflectance.
 BIN_RECORD = np.dtype(("<f4", 4))
 
 
 def read_cloud(path: PathLike) -> Cloud:
-    """The points of a .bin, .pcd or .ply file, with their colours if it has any.
+    """Read the points of a .bin, .pcd or .ply file, with their colours if it has any.
 
     Raises:
-        DataError: another suffix; a missing, truncated or malformed file.
+        DataError: the suffix is another one, or the file is missing, truncated or malformed.
     """
     path = Path(path)
     readers = {".bin": read_bin, ".pcd": read_pcd, ".ply": read_ply}
@@ -32,10 +32,10 @@ def read_cloud(path: PathLike) -> Cloud:
 
 
 def read_bin(path: PathLike) -> Cloud:
-    """A KITTI scan: float32 x, y, z, reflectance; the reflectance is dropped.
+    """Read a KITTI scan: float32 x, y, z, reflectance; the reflectance is dropped.
 
     Raises:
-        DataError: missing, or the size is no multiple of 16 bytes.
+        DataError: the file is missing, or its size is not a multiple of 16 bytes.
     """
     path = Path(path)
     with reading(path, "float32 x y z reflectance"):
@@ -49,12 +49,12 @@ def read_bin(path: PathLike) -> Cloud:
 
 
 def read_pcd(path: PathLike) -> Cloud:
-    """A PCD file with fields x, y, z and, for colour, packed rgb or rgba.
+    """Read a PCD file with fields x, y, z and, for colour, packed rgb or rgba.
 
     Points with a NaN coordinate, PCL's mark of a ray without return, are left out.
 
     Raises:
-        DataError: missing, truncated or malformed.
+        DataError: the file is missing, truncated or malformed.
     """
     from pypcd4.pypcd4 import PointCloud
 
@@ -72,10 +72,10 @@ def read_pcd(path: PathLike) -> Cloud:
 
 
 def read_ply(path: PathLike) -> Cloud:
-    """The vertices of a PLY file: x, y, z and, for colour, uchar red, green, blue.
+    """Read the vertices of a PLY file: x, y, z and, for colour, uchar red, green, blue.
 
     Raises:
-        DataError: missing, truncated or malformed; colours that are not 8 bit.
+        DataError: the file is missing, truncated or malformed, or its colours are not 8 bit.
     """
     from trimesh.exchange.ply import load_ply
 
@@ -93,7 +93,7 @@ def read_ply(path: PathLike) -> Cloud:
 
 
 def _check_header(path: Path, last: bytes, first: bytes) -> None:
-    """Raise DataError if a header does not begin and end as it should: readers trust it."""
+    """Raise DataError unless a header begins and ends as expected: the readers trust it."""
     with path.open("rb") as file:
         lines = list(islice(file, _LONGEST_HEADER))
     if not lines or not lines[0].startswith(first):
@@ -107,8 +107,8 @@ def write_cloud(path: PathLike, cloud: Cloud) -> None:
     """Write a cloud as .ply (binary), .pcd (binary) or .bin (no colours, reflectance 0).
 
     Raises:
-        DataError: another suffix, or the file cannot be written.
-        ShapeError: points that are not (N, 3), or colours of another shape.
+        DataError: the suffix is another one, or the file cannot be written.
+        ShapeError: the points are not (N, 3), or the colours have another shape.
     """
     path = Path(path)
     encoders = {".bin": _encode_bin, ".pcd": _encode_pcd, ".ply": _encode_ply}
@@ -169,10 +169,10 @@ def _float32(points: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def read_image(path: PathLike) -> NDArray[np.uint8]:
-    """An image: uint8 (H, W) if it is grey, else (H, W, 3) RGB; transparency is dropped.
+    """Read an image: uint8 (H, W) if it is grey, else (H, W, 3) RGB; transparency is dropped.
 
     Raises:
-        DataError: missing, truncated, no image, or not 8 bits a channel.
+        DataError: the file is missing, truncated, not an image, or not 8 bits per channel.
     """
     from PIL import Image
 
@@ -187,7 +187,7 @@ def image_size(path: PathLike) -> tuple[int, int]:
     """(width, height) of an image file, read from its header.
 
     Raises:
-        DataError: missing or no image.
+        DataError: the file is missing or not an image.
     """
     from PIL import Image
 

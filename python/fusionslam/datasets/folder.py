@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Plain folders: point clouds, images, calib.yaml, poses and times."""
+"""Reads plain folders with point clouds, images, calib.yaml, poses and times."""
 
 import re
 from pathlib import Path
@@ -26,25 +26,25 @@ from fusionslam.datasets.streams import (
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera
 
-# Where each sensor's files may lie, and what they end in; the first folder with files counts.
+# Folders that may hold each sensor's files, and their suffixes; the first one with files is used.
 LAYOUT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "points": (("clouds", "points", "."), CLOUD_SUFFIXES),
     "left": (("left", "images"), IMAGE_SUFFIXES),
     "right": (("right",), IMAGE_SUFFIXES),
 }
-# Names that end in this many digits or more are times in nanoseconds.
+# File names that end in this many digits or more are stamps in nanoseconds.
 STAMP_DIGITS = 16
 MAX_STAMP_NS = np.iinfo(np.int64).max
 
 
 def open_folder(path: Path, request: Request) -> Dataset:
-    """A folder of clouds and images whose file names say which belong together.
+    """Open a folder of clouds and images that are matched by file name.
 
     Raises:
         DataError: a file is missing, too short or malformed.
     """
     root = itself(path, request.sequence)
-    # Files of sensors that nobody asked for do not count as frames.
+    # Files of sensors that were not requested do not count as frames.
     wanted = request.sensors or tuple(LAYOUT)
     streams, name_stamps = _number({s: paths for s, paths in _files(root).items() if s in wanted})
     chosen = choose(streams, request, root)
@@ -67,7 +67,7 @@ def open_folder(path: Path, request: Request) -> Dataset:
 
 
 def _files(root: Path) -> dict[str, list[Path]]:
-    """The files of each sensor, none where it has no folder."""
+    """The files of each sensor; an empty list if it has no folder."""
     return {
         sensor: next(filter(None, (files_in(root / folder, suffixes) for folder in folders)), [])
         for sensor, (folders, suffixes) in LAYOUT.items()
@@ -77,7 +77,7 @@ def _files(root: Path) -> dict[str, list[Path]]:
 def _number(
     files: dict[str, list[Path]],
 ) -> tuple[dict[str, Stream | None], NDArray[np.int64] | None]:
-    """Streams of frames, and the times of frames 0, 1, ... where the file names tell them."""
+    """Numbered streams, and the stamps of frames 0, 1, ... if the file names contain them."""
     stems = sorted({path.stem for paths in files.values() for path in paths})
     ends = [re.search(r"\d+$", stem) for stem in stems]
     digits = [end[0] for end in ends if end]
@@ -97,7 +97,7 @@ def _number(
 def _streams(
     files: dict[str, list[Path]], numbers: dict[str, int], *, ranked: bool
 ) -> dict[str, Stream | None]:
-    """The files by number; ``ranked`` numbers are places in an order and not in the names."""
+    """The files by number; ``ranked`` numbers are ranks of the names, not part of them."""
     stems = {number: stem for stem, number in numbers.items()} if ranked else {}
     return {
         sensor: Stream(unique(paths, lambda path: numbers[path.stem]), stems) if paths else None
@@ -111,7 +111,7 @@ def _stamps(
     name_stamps: NDArray[np.int64] | None,
     poses: Path | None,
 ) -> NDArray[np.int64]:
-    """From the file names, else times.txt, else the lines of TUM poses, else 10 Hz."""
+    """Stamps from the file names, else times.txt, else TUM poses, else at 10 Hz."""
     times = root / "times.txt"
     if name_stamps is not None:
         return name_stamps[numbers]
@@ -134,7 +134,7 @@ def _calibration(root: Path) -> Path | None:
 
 
 def _cameras(path: Path | None, streams: dict[str, Stream]) -> dict[str, Camera]:
-    """The calibration, if there is one, which then has every camera in use."""
+    """Cameras of the calibration, if there is one; it must then have every camera in use."""
     if path is None:
         return {}
     cameras = read_calib_yaml(path)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Frames of the KITTI object benchmark: no order in time, a calibration for each."""
+"""Reads frames of the KITTI object benchmark: unordered in time, each with its calibration."""
 
 import functools
 from collections.abc import Mapping
@@ -16,12 +16,12 @@ from fusionslam.sensors.messages import NANOSECONDS
 
 
 def open_kitti_object(path: Path, request: Request) -> Dataset:
-    """``training/`` or ``testing/``, or the folder that holds them (then training by default).
+    """Open ``training/``, ``testing/`` or their parent folder (training by default).
 
-    Numbers need not be consecutive: any choice of frames is a dataset.
+    Numbers need not be consecutive: any subset of the frames is a dataset.
 
     Raises:
-        DataError: a file is missing or malformed; or poses are asked for, of which there are none.
+        DataError: a file is missing or malformed; or poses are given, which this data cannot have.
     """
     root = _split(path, request.sequence)
     if request.poses:
@@ -68,7 +68,7 @@ def _calibrations(root: Path) -> Stream:
 
 
 def _cameras(calib: Stream | None, used: Mapping[str, int], number: int) -> dict[str, Camera]:
-    """The cameras of a frame; ``used`` maps their names to KITTI's numbers."""
+    """Cameras of a frame; ``used`` maps their names to KITTI's numbers."""
     if calib is None:
         return {}
     calibration = read_calibration(calib.files[number])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sequences of the KITTI odometry benchmark (Geiger, Lenz, Urtasun 2012)."""
+"""Reads sequences of the KITTI odometry benchmark (Geiger, Lenz, Urtasun 2012)."""
 
 from pathlib import Path
 
@@ -30,7 +30,7 @@ PAIRS = ({"left": 2, "right": 3}, {"left": 0, "right": 1})
 
 
 def open_kitti_odometry(path: Path, request: Request) -> Dataset:
-    """A sequence folder, or the root with ``sequences/`` and the sequence that is asked for.
+    """Open a sequence folder, or the requested sequence of a root with ``sequences/``.
 
     Raises:
         DataError: no such sequence; a file is missing, too short or malformed.
@@ -58,7 +58,7 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
 
 
 def _name(root: Path) -> str:
-    # The simulator writes KITTI's layout, but no figure published for KITTI belongs beside it.
+    # The simulator writes KITTI's layout, but figures published for KITTI do not apply to it.
     simulated = (root.parent.parent / "sim.json").exists()
     return "simulated drive" if simulated else f"KITTI odometry {root.name}"
 
@@ -66,15 +66,15 @@ def _name(root: Path) -> str:
 def find_streams(
     root: Path, scans: str, images: str
 ) -> tuple[dict[str, int], dict[str, Stream | None]]:
-    """KITTI's streams: the scans, and the colour pair if it has files, else the grey one.
+    """Find KITTI's streams: the scans, and the colour pair if it has files, else the grey one.
 
     Args:
         root: folder of the sequence.
         scans: folder of the scans in it.
-        images: folder of the images, with a place for the camera's number.
+        images: folder of the images, with a placeholder for the camera's number.
 
     Returns:
-        KITTI's camera numbers by sensor, for the images there are, and the streams by sensor.
+        KITTI's camera number of each sensor that has images, and the streams by sensor.
     """
     points = scan(root / scans, (".bin",))
     for pair in PAIRS:
@@ -100,7 +100,7 @@ def _stamps(root: Path, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _calibration(root: Path, streams: dict[str, Stream]) -> Calibration | None:
-    """calib.txt, which scans alone can do without."""
+    """Read calib.txt; None if it is missing and only scans are used."""
     path = root / "calib.txt"
     if set(streams) == {"points"} and not path.exists():
         return None
@@ -110,7 +110,7 @@ def _calibration(root: Path, streams: dict[str, Stream]) -> Calibration | None:
 def _camera0_from_points(
     calibration: Calibration | None, streams: dict[str, Stream]
 ) -> NDArray[np.float64] | None:
-    """Tr; the calib.txt that comes with the images alone may lack it."""
+    """Tr, or None: the calib.txt that comes with images alone may lack it."""
     if calibration is None or ("points" not in streams and "Tr" not in calibration.entries):
         return None
     return calibration.transform("Tr")

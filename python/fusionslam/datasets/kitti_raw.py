@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Drives of the KITTI raw data, synchronised and rectified (Geiger, Lenz, Stiller, Urtasun 2013).
+"""Reads synchronised, rectified KITTI raw drives (Geiger, Lenz, Stiller, Urtasun 2013).
 
-The GPS/IMU records in ``oxts/`` are not read: without a file of poses the frames have none.
+The GPS/IMU records in ``oxts/`` are not read: frames have poses only if a pose file is given.
 """
 
 from pathlib import Path
@@ -31,7 +31,7 @@ STREAM_FOLDERS = ("velodyne_points", "image_00", "image_01", "image_02", "image_
 
 
 def open_kitti_raw(path: Path, request: Request) -> Dataset:
-    """A drive folder, or the folder of a date with its drives and the one that is asked for.
+    """Open a drive folder, or the requested drive in the folder of a date.
 
     Raises:
         DataError: no such drive; a file is missing, too short or malformed.
@@ -63,7 +63,7 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
 
 
 def _drive(path: Path, name: str | None) -> Path:
-    """The drive folder; a drive may be named by its number alone ("0001")."""
+    """Find the drive folder; a drive may be named by its number alone ("0001")."""
     if _is_drive(path):
         return itself(path, name)
     available = {folder.name: folder for folder in entries(path) if _is_drive(folder)}
@@ -79,7 +79,7 @@ def _is_drive(path: Path) -> bool:
 def _stamps(
     root: Path, numbers: NDArray[np.int64], streams: dict[str, Stream]
 ) -> NDArray[np.int64]:
-    """Times of the scans or, where they have none, of the first sensor that has."""
+    """Stamps of the scans or, if they have none, of the first sensor that has some."""
     folders = [stream.expected(int(numbers[0])).parent.parent for stream in streams.values()]
     paths = [folder / "timestamps.txt" for folder in folders]
     path = next((path for path in paths if path.exists()), None)
@@ -107,7 +107,7 @@ def _camera(
 
 
 def _calibration(root: Path, name: str) -> Calibration:
-    """Published drives lie in the folder of their date, which holds the calibration."""
+    """Read a calibration file of the drive or of its date's folder, as in the published data."""
     path = next((folder / name for folder in (root, root.parent) if (folder / name).exists()), None)
     if path is None:
         raise DataError(f"{root / name} is missing, and so is {root.parent / name}")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reading and writing texts of poses and times, and finding those of a frame."""
+"""Reads and writes text files of poses and times, and matches them to frames."""
 
 import warnings
 from decimal import Decimal
@@ -15,22 +15,23 @@ from fusionslam.storage.files import PathLike, atomic_path, reading
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-# Poses stamped further than this from a frame are not its poses.
+# Largest time difference between a frame and its pose.
 POSE_TOLERANCE_NS = 10_000_000
-# Text has few digits; what is further from a rotation than this is none.
+# Largest deviation from a rotation matrix: text files have few digits.
 ROTATION_TOLERANCE = 1e-2
-# Columns of TUM's quaternion in the order of trimesh's.
+# Columns of TUM's quaternion in trimesh's order.
 WXYZ = (7, 4, 5, 6)
 
 
 def read_poses(path: PathLike) -> tuple[NDArray[np.int64] | None, NDArray[np.float64]]:
-    """Poses in KITTI (12 columns) or TUM format (8 columns): stamps, if it has any, and poses.
+    """Read poses in KITTI (12 columns) or TUM format (8 columns).
 
     Returns:
-        int64 (N) nanoseconds or None, and float64 (N, 4, 4) world_from_body.
+        int64 (N) nanoseconds, None for KITTI, and float64 (N, 4, 4) world_from_body.
 
     Raises:
-        DataError: missing, empty, another number of columns, or no number.
+        DataError: the file is missing or empty, has another number of columns, or a value is not
+            a number.
     """
     path = Path(path)
     columns = _table(path, (8, 12), "poses, one a line").shape[1]
@@ -38,10 +39,11 @@ def read_poses(path: PathLike) -> tuple[NDArray[np.int64] | None, NDArray[np.flo
 
 
 def read_poses_kitti(path: PathLike) -> NDArray[np.float64]:
-    """float64 (N, 4, 4) from lines of 12 numbers, the row-major 3x4 matrix [R t].
+    """Read float64 (N, 4, 4) from lines of 12 numbers, the row-major 3x4 matrix [R t].
 
     Raises:
-        DataError: missing, empty, another number of columns, no number, or no rotation.
+        DataError: the file is missing or empty, has another number of columns, or a value is not
+            a number or R not a rotation.
     """
     rows = _table(Path(path), (12,), "poses of 12 numbers (row-major 3x4), one a line")
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
@@ -51,10 +53,11 @@ def read_poses_kitti(path: PathLike) -> NDArray[np.float64]:
 
 
 def read_poses_tum(path: PathLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """int64 (N) nanoseconds and float64 (N, 4, 4) from lines ``t x y z qx qy qz qw``.
+    """Read int64 (N) nanoseconds and float64 (N, 4, 4) from lines ``t x y z qx qy qz qw``.
 
     Raises:
-        DataError: missing, empty, another number of columns, no number, or a quaternion of zeros.
+        DataError: the file is missing or empty, has another number of columns, a value that is not
+            a number, or a quaternion of zeros.
     """
     from trimesh.transformations import quaternion_matrix
 
@@ -79,7 +82,7 @@ def write_poses_tum(
     Times have all nine decimals, so that they are read back exactly.
 
     Raises:
-        ShapeError: not one stamp per pose.
+        ShapeError: poses and stamps differ in number, or the poses are not (N, 4, 4).
         DataError: the file cannot be written.
     """
     from trimesh.transformations import quaternion_from_matrix
@@ -97,10 +100,11 @@ def write_poses_tum(
 
 
 def read_times(path: PathLike) -> NDArray[np.int64]:
-    """int64 (N) nanoseconds from KITTI's times.txt: seconds, one a line.
+    """Read int64 (N) nanoseconds from KITTI's times.txt: seconds, one per line.
 
     Raises:
-        DataError: missing, empty, more than one column, no number, or a time before the last.
+        DataError: the file is missing or empty, has more than one column, a value that is not a
+            number, or a time earlier than the one before.
     """
     path = Path(path)
     _table(path, (1,), "times in seconds, one a line")
@@ -110,10 +114,11 @@ def read_times(path: PathLike) -> NDArray[np.int64]:
 
 
 def read_timestamps(path: PathLike) -> NDArray[np.int64]:
-    """int64 (N) nanoseconds since 1970 from KITTI raw's timestamps.txt, taken as UTC.
+    """Read int64 (N) nanoseconds since 1970 from KITTI raw's timestamps.txt, taken as UTC.
 
     Raises:
-        DataError: missing, empty, a line that is no date and time, or a time before the last.
+        DataError: the file is missing or empty, a line is not a date and time, or a time is
+            earlier than the one before.
     """
     path = Path(path)
     with reading(path, "dates and times such as 2011-09-26 13:02:25.964389445, one a line"):
@@ -128,7 +133,7 @@ def read_timestamps(path: PathLike) -> NDArray[np.int64]:
 def match_poses(
     path: PathLike, numbers: NDArray[np.int64], stamps_ns: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """The poses of these frames: KITTI lines by frame number, TUM lines by time.
+    """Read the poses of frames: KITTI lines are matched by frame number, TUM lines by time.
 
     Args:
         path: file in KITTI or TUM format.
@@ -156,7 +161,7 @@ def match_poses(
 
 
 def pick(values: NDArray[Scalar], numbers: NDArray[np.int64], path: Path) -> NDArray[Scalar]:
-    """The rows of a file that belong to these frames: row n, counted from 0, is frame n.
+    """Select the rows of a file that belong to frames: row n, counted from 0, is frame n.
 
     Raises:
         DataError: the file is too short.
@@ -168,7 +173,7 @@ def pick(values: NDArray[Scalar], numbers: NDArray[np.int64], path: Path) -> NDA
 
 
 def _nearest(stamps: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.intp]:
-    """For each wanted stamp the index of the nearest one, whatever their order."""
+    """Index of the stamp nearest to each wanted one; neither needs to be sorted."""
     order = np.argsort(stamps)
     after = np.searchsorted(stamps, wanted, sorter=order).clip(0, len(stamps) - 1)
     before = (after - 1).clip(0)
@@ -177,7 +182,7 @@ def _nearest(stamps: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np
 
 
 def _table(path: Path, columns: tuple[int, ...], expected: str) -> NDArray[np.float64]:
-    """A file of numbers separated by blanks, float64 (N, columns), N > 0, all finite."""
+    """Read numbers separated by blanks, float64 (N, columns), N > 0, all finite."""
     with reading(path, expected), warnings.catch_warnings():
         # An empty file is an error below.
         warnings.filterwarnings("ignore", "loadtxt: input contained no data", UserWarning)
@@ -193,14 +198,14 @@ def _table(path: Path, columns: tuple[int, ...], expected: str) -> NDArray[np.fl
 
 
 def _line_of(path: Path, row: int) -> int:
-    """The number of the line, from 1, that holds a row, from 0: some lines hold none."""
+    """Line number (from 1) of a row (from 0); blank lines and comments are not rows."""
     lines = path.read_text(encoding="utf-8").splitlines()
     filled = [n for n, line in enumerate(lines, start=1) if line.partition("#")[0].strip()]
     return filled[row]
 
 
 def _check_rotations(path: Path, matrices: NDArray[np.float64]) -> None:
-    """Raise DataError unless these (N, 3, 3) turn and nothing else, within what is printed."""
+    """Raise DataError unless these (N, 3, 3) are rotations, within the precision of text."""
     apart = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     mirrored = np.linalg.det(matrices) < 0
     if (bad := np.flatnonzero((apart > ROTATION_TOLERANCE) | mirrored)).size:
@@ -209,13 +214,13 @@ def _check_rotations(path: Path, matrices: NDArray[np.float64]) -> None:
 
 
 def _check_order(path: Path, stamps: NDArray[np.int64]) -> None:
-    """Raise DataError if time runs backwards."""
+    """Raise DataError if the stamps decrease."""
     if (back := np.flatnonzero(np.diff(stamps) < 0)).size:
         raise DataError(f"{path}, line {_line_of(path, back[0] + 1)}: earlier than the line before")
 
 
 def _exact_stamps(path: Path) -> NDArray[np.int64]:
-    """int64 (N) nanoseconds of the first column, seconds; float64 would lose digits of them."""
+    """Read the first column, seconds, as int64 (N) nanoseconds; float64 would lose digits."""
     with reading(path, "times in seconds that fit 64 bits as nanoseconds"):
         stamps = np.loadtxt(
             path, dtype=object, usecols=0, ndmin=1, encoding="utf-8", converters=_nanoseconds

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of an indoor robot as one ``.npz`` of ranges and colours.
+"""Reads recordings of an indoor robot stored as one ``.npz`` of ranges and colours.
 
-A file holds ``stamps`` (n) in seconds, increasing; ``poses`` (n, 3), true x, y in metres and yaw in
-radians of the robot, which may be missing; ``rays`` (r, 3), unit vectors of the scanner's rays in
-the robot's frame, and ``lidar_xyz`` (3), where they begin. For the shapes that the scanner met,
-``collision`` or ``visual`` or both: ``<shapes>_range_mm`` (m), ``<shapes>_ray`` (m) into ``rays``,
-``<shapes>_rgb`` (m, 3) as bytes, and ``<shapes>_offsets`` (n + 1), where each scan begins.
+A file holds ``stamps`` (n) in seconds, increasing; ``poses`` (n, 3), the robot's ground truth x, y
+in metres and yaw in radians, optional; ``rays`` (r, 3), unit vectors of the scanner's rays in the
+robot's frame, and ``lidar_xyz`` (3), their origin. For ``collision`` shapes, ``visual`` shapes or
+both: ``<shapes>_range_mm`` (m), ``<shapes>_ray`` (m), indices into ``rays``, ``<shapes>_rgb``
+(m, 3) as bytes, and ``<shapes>_offsets`` (n + 1), the start of each scan.
 """
 
 import os
@@ -35,7 +35,7 @@ SHAPES = ("visual", "collision")
 
 
 class RecordingConfig(Section):
-    """How the scans of a recording become clouds."""
+    """Configuration of how scans of a recording become clouds."""
 
     shapes: Literal["visual", "collision"] | None = option(
         None, "what the scanner met: visual or collision; null is visual, where there is both"
@@ -51,15 +51,15 @@ class RecordingConfig(Section):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RangeRecording(CloudDataset):
-    """Scans of a recording, read whole; ``cloud(i)`` is one of them.
+    """Scans of a recording, all in memory; ``cloud(i)`` is one of them.
 
     Attributes:
-        shapes: what the scanner met, one of ``SHAPES``.
+        shapes: shapes that the scanner saw, one of ``SHAPES``.
         seconds: float64 (n), increasing.
-        places: float64 (n, 3), x, y in metres and yaw in radians; None where there is no truth.
-        points: float32 (m, 3), metres in the robot's frame, ground and all.
+        places: float64 (n, 3), x, y in metres and yaw in radians; None without ground truth.
+        points: float32 (m, 3), metres in the robot's frame, ground included.
         colors: uint8 (m, 3) RGB.
-        offsets: int64 (n + 1) into the points.
+        offsets: int64 (n + 1), start of each scan in the points.
     """
 
     shapes: str
@@ -71,16 +71,16 @@ class RangeRecording(CloudDataset):
 
     @property
     def counts(self) -> dict[str, int]:
-        """The number of scans."""
+        """Number of scans."""
         return {"points": len(self)}
 
     def content(self, sensor: str) -> str:
-        """Number of scans and of coloured points, and what the rays met."""
+        """Number of scans and of coloured points, and the shapes that the rays hit."""
         count = len(self.points)
         return f"{len(self)} scans, {count} coloured points on {self.shapes} shapes"
 
     def whole_cloud(self, index: int) -> Cloud:
-        """A scan with its ground, in the robot's frame."""
+        """The cloud of a scan in the robot's frame, ground included."""
         return self.cloud(index, RecordingConfig(ground_height=None))
 
     @classmethod
@@ -89,11 +89,11 @@ class RangeRecording(CloudDataset):
 
         Args:
             path: of the file.
-            shapes: what the scanner met; None for visual where there is both.
+            shapes: shapes that the scanner saw; None for visual if the file has both.
 
         Raises:
-            DataError: no such file, no recording, shapes that it lacks, or arrays that do not fit
-                each other; the message names the file and the array.
+            DataError: the file is missing or not a recording, lacks the shapes, or has arrays
+                that do not match each other; the message names the file and the array.
         """
         source = Path(path)
         arrays = _arrays(source)
@@ -119,17 +119,17 @@ class RangeRecording(CloudDataset):
         )
 
     def cloud(self, index: int, config: RecordingConfig, measured: Floats | None = None) -> Cloud:
-        """A scan without ground, in the frame that the configuration names.
+        """The cloud of a scan in the configured frame, without ground.
 
         Args:
             index: of the scan.
-            config: ground and frame.
+            config: ground height and frame.
             measured: float64 (n, 3) from ``odometry``, for frame "odometry".
         """
         span = slice(*self.offsets[index : index + 2].tolist())
         points, colors = self.points[span], self.colors[span]
         if config.ground_height is not None:
-            # The robot stands on the ground: heights are those of odometry's frame, too.
+            # The robot stands on the ground, so heights are the same in the odometry frame.
             above = points[:, 2] > config.ground_height
             points, colors = points[above], colors[above]
         if measured is None:
@@ -139,10 +139,10 @@ class RangeRecording(CloudDataset):
         return Cloud(moved.astype(np.float32), colors)
 
     def odometry(self, config: RecordingConfig) -> Floats | None:
-        """float64 (n, 3), where odometry says the robot was; None for frame "robot".
+        """float64 (n, 3), poses simulated as odometry measures them; None for frame "robot".
 
         Raises:
-            DataError: there are no true poses to begin with.
+            DataError: there are no ground truth poses to start from.
         """
         if config.frame == "robot":
             return None
@@ -152,18 +152,18 @@ class RangeRecording(CloudDataset):
 
 
 def is_recording(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is an ``.npz`` of this layout."""
+    """Whether a path is an ``.npz`` with this layout."""
     return {"rays", "lidar_xyz", "stamps"} <= _names(path)
 
 
 def shapes_in(path: str | os.PathLike[str]) -> tuple[str, ...]:
-    """Those of ``SHAPES`` that a range recording has, without reading its scans."""
+    """Find which of ``SHAPES`` a range recording has, without reading its scans."""
     names = _names(path)
     return tuple(shapes for shapes in SHAPES if f"{shapes}_offsets" in names)
 
 
 def _names(path: str | os.PathLike[str]) -> set[str]:
-    """The arrays of an ``.npz``; none of anything else."""
+    """Names of the arrays of an ``.npz``; none for any other file."""
     if Path(path).suffix.lower() != ".npz" or not zipfile.is_zipfile(path):
         return set()
     with zipfile.ZipFile(path) as archive:
@@ -202,7 +202,7 @@ def _chosen_shapes(path: Path, arrays: dict[str, NDArray[Any]], shapes: str | No
 
 
 def _get(path: Path, arrays: dict[str, NDArray[Any]], name: str, shape: tuple[int, ...]) -> Any:
-    """An array of a shape, where -1 is any length."""
+    """Get an array and check its shape, in which -1 is any length."""
     if name not in arrays:
         raise DataError(f"{path} has no array {name}")
     found = arrays[name].shape

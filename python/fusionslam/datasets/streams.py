@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which files make which frame: one stream of numbered files per sensor, and the gaps in them."""
+"""Groups files into frames: one stream of numbered files per sensor, and the gaps in them."""
 
 import logging
 import re
@@ -19,8 +19,8 @@ logger = logging.getLogger(__name__)
 
 SENSORS = ("points", "left", "right")
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
-# More numbers than this between the first and the last file (28 hours at 10 Hz) means that the
-# names do not count frames.
+# If the numbers of the first and the last file are further apart (28 hours at 10 Hz), the file
+# names are not frame numbers.
 MAX_SPAN = 1_000_000
 PERIOD_NS = 100_000_000
 
@@ -28,11 +28,11 @@ Key = TypeVar("Key", int, str)
 
 
 class MissingSensorError(DataError):
-    """The recording has no data of a sensor that was asked for."""
+    """The recording has no data of a requested sensor."""
 
 
 class GapsError(DataError):
-    """Frames between the first and the last lack a file, and nobody asked to leave them out."""
+    """Frames between the first and the last lack a file, and gaps are not to be skipped."""
 
 
 @dataclass(frozen=True)
@@ -41,14 +41,14 @@ class Stream:
 
     Attributes:
         files: the file of each frame that has one; never empty.
-        stems: file name (without suffix) by frame number, where names do not count frames.
+        stems: file name (without suffix) by frame number, if names are not frame numbers.
     """
 
     files: Mapping[int, Path]
     stems: Mapping[int, str] = field(default_factory=dict)
 
     def expected(self, number: int) -> Path:
-        """Where the file of a frame is or would be."""
+        """Path of a frame's file, whether or not it exists."""
         sample = next(iter(self.files.values()))
         return self.files.get(number) or sample.with_name(
             self._stem(number, sample.stem) + sample.suffix
@@ -62,18 +62,18 @@ class Stream:
 
 @dataclass(frozen=True)
 class Request:
-    """What the caller of ``open_dataset`` asked for.
+    """Arguments of ``open_dataset``.
 
     Attributes:
-        sequence: which sequence of a root folder.
-        sensors: which sensors every frame needs; None for all that the folder has.
+        sequence: the one to open in a root folder.
+        sensors: those that every frame must have; None for all that the folder has.
         gaps: "error" or "skip".
-        poses: file of poses, instead of the one found beside the data.
-        topics: topics of a bag by what they are.
-        stamps: when the messages of a bag were measured: "header" or "bag".
-        sync: which image of a bag belongs to which scan.
-        calibration: calib.yaml in the place of what the recording says of its cameras.
-        shapes: what the scanner of a range recording met; None for the first that it has.
+        poses: pose file to use instead of the one found beside the data.
+        topics: topics of a bag by role.
+        stamps: time at which the messages of a bag were measured: "header" or "bag".
+        sync: how images of a bag are paired with scans.
+        calibration: calib.yaml to use instead of the recording's own calibration.
+        shapes: shapes that the scanner of a range recording saw; None for the first that it has.
     """
 
     sequence: str | None = None
@@ -88,15 +88,15 @@ class Request:
 
 
 def check_self_contained(root: Path, what: str, options: Mapping[str, Any]) -> None:
-    """Check that no option says how to read a file that says everything itself.
+    """Check that no reading options are given for a file that is self-contained.
 
     Args:
         root: the file.
         what: its kind in words.
-        options: value of each option by its name; what is empty was not given.
+        options: value of each option by name; empty values count as not given.
 
     Raises:
-        ConfigError: one was given.
+        ConfigError: an option was given.
     """
     for name, value in options.items():
         if value:
@@ -104,12 +104,12 @@ def check_self_contained(root: Path, what: str, options: Mapping[str, Any]) -> N
 
 
 def check_scans(root: Path, what: str, sensors: Sequence[str] | None) -> None:
-    """Raise MissingSensorError if other sensors than scans are asked of a file that has no others.
+    """Raise MissingSensorError if images are requested from a file that only has scans.
 
     Args:
         root: the file.
         what: its kind in words.
-        sensors: those asked for; None for any.
+        sensors: those requested; None for any.
     """
     if missing := [name for name in sensors or () if name != "points"]:
         raise MissingSensorError(
@@ -118,11 +118,11 @@ def check_scans(root: Path, what: str, sensors: Sequence[str] | None) -> None:
 
 
 def scan(folder: Path, suffixes: Sequence[str]) -> Stream | None:
-    """The files of a folder whose names are frame numbers, or None where there is none.
+    """Find the files of a folder whose names are frame numbers; None if there are none.
 
     Args:
         folder: need not exist.
-        suffixes: those that count, in lower case, with the dot.
+        suffixes: those accepted, in lower case, with the dot.
 
     Raises:
         DataError: two files have the same number.
@@ -132,7 +132,7 @@ def scan(folder: Path, suffixes: Sequence[str]) -> Stream | None:
 
 
 def files_in(folder: Path, suffixes: Sequence[str]) -> list[Path]:
-    """The files of a folder with one of these suffixes, without hidden ones, by name."""
+    """List the files of a folder with one of these suffixes, by name, without hidden ones."""
     return sorted(
         path
         for path in entries(folder)
@@ -141,12 +141,12 @@ def files_in(folder: Path, suffixes: Sequence[str]) -> list[Path]:
 
 
 def entries(folder: Path) -> list[Path]:
-    """What lies in a folder, by name; nothing where there is no such folder."""
+    """List the contents of a folder by name; empty if it does not exist."""
     return sorted(folder.iterdir()) if folder.is_dir() else []
 
 
 def unique(paths: Sequence[Path], key: Callable[[Path], Key]) -> dict[Key, Path]:
-    """The paths by their key.
+    """Map each path's key to the path.
 
     Raises:
         DataError: two paths have the same key.
@@ -159,10 +159,10 @@ def unique(paths: Sequence[Path], key: Callable[[Path], Key]) -> dict[Key, Path]
 
 
 def choose(streams: Mapping[str, Stream | None], request: Request, root: Path) -> dict[str, Stream]:
-    """The streams that every frame needs: those asked for, else all that the folder has.
+    """Choose the streams that every frame needs: those requested, else all that the folder has.
 
     Raises:
-        DataError: a sensor asked for has no file, or there is no file at all.
+        DataError: a requested sensor has no file, or there is no file at all.
     """
     found = {sensor: stream for sensor, stream in streams.items() if stream is not None}
     wanted = found if request.sensors is None else request.sensors
@@ -178,13 +178,13 @@ def choose(streams: Mapping[str, Stream | None], request: Request, root: Path) -
 def frame_numbers(
     streams: Mapping[str, Stream], request: Request, *, consecutive: bool = True
 ) -> tuple[NDArray[np.int64], list[int]]:
-    """The frames that have a file from every stream, and the numbers in between that have not.
+    """Find the frames with a file from every stream, and the numbers of the incomplete ones.
 
     Args:
         streams: those that every frame needs.
-        request: its ``gaps`` says whether incomplete frames are an error or left out.
-        consecutive: whether every number from the first to the last should be a frame; else
-            only those that have a file from at least one stream.
+        request: its ``gaps`` decides whether incomplete frames are an error or left out.
+        consecutive: whether every number from the first to the last is expected to be a frame;
+            else only those with a file from at least one stream.
 
     Raises:
         DataError: a file is missing and gaps are an error; or no frame is complete.
@@ -218,13 +218,13 @@ def _report(streams: Mapping[str, Stream], gaps: list[int], complete: int, polic
 
 
 def regular_stamps(numbers: NDArray[np.int64], missing: str) -> NDArray[np.int64]:
-    """int64 (N) nanoseconds at 10 Hz, for data that says nothing about time; logs so."""
+    """int64 (N) nanoseconds at 10 Hz, for data without times; logs a warning."""
     logger.warning("no %s: frames are taken to be 0.1 s apart (10 Hz)", missing)
     return numbers * PERIOD_NS
 
 
 def one_of(root: Path, available: Mapping[str, Path], name: str | None) -> Path:
-    """The sequence of that name; without a name the only one.
+    """Find the sequence of that name; without a name, the only one.
 
     Raises:
         DataError: there is no such sequence, or there are several and none was named.
@@ -243,15 +243,15 @@ def one_of(root: Path, available: Mapping[str, Path], name: str | None) -> Path:
 
 
 def same_number(a: str, b: str) -> bool:
-    """Whether two names are equal, or the same number with more or fewer zeros before it."""
+    """Whether two names are equal, or are the same number but for leading zeros."""
     return a == b or (a.isdecimal() and b.isdecimal() and int(a) == int(b))
 
 
 def itself(root: Path, name: str | None) -> Path:
-    """The folder of a single sequence, provided that no other one was asked for.
+    """Return the folder of a single sequence if no other one was requested.
 
     Raises:
-        DataError: another sequence was asked for.
+        DataError: another sequence was requested.
     """
     if name is not None and not same_number(name, root.name):
         raise DataError(f"{root} is a single sequence: there is no sequence {name} in it")
