@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings as bags of ROS 1, ROS 2 (SQLite) and MCAP, read and written through rosbags.
+"""Reads and writes bags of ROS 1, ROS 2 (SQLite) and MCAP through rosbags.
 
 >>> with open_bag("drive.bag") as bag:  # doctest: +SKIP
 ...     for event in bag.events(["/odom"]):

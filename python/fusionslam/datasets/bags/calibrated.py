@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Cameras of a calib.yaml in the place of what a bag says of them, or does not say."""
+"""Replaces the camera calibration of a bag by that of a calib.yaml."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,20 +18,21 @@ if TYPE_CHECKING:
     from fusionslam.datasets.bags.indexed_bag import IndexedBag
 
 CALIBRATED = "camera of calib.yaml"
-"""The camera's frame: no robot calls one so, so that it cannot meet a frame of the bag's TF."""
+"""The camera's frame: a name that no robot uses, so that it cannot clash with the bag's TF."""
 
 
 def calibrated(source: "IndexedBag", path: Path) -> "IndexedBag":
-    """The bag with the cameras of a file; its own CameraInfo is not used, its TF keeps the rest.
+    """Use the cameras of a file instead of a bag's CameraInfo; its TF still places all else.
 
-    Images are taken as they are: the projections are those of images without distortion.
+    Images are used as they are: the projections are for images without distortion.
 
     Args:
-        source: its index is changed.
+        source: its index is modified.
         path: as ``read_calib_yaml`` reads it; every camera needs its ``size``.
 
     Raises:
-        DataError: as ``read_calib_yaml``; no size, or a right camera elsewhere than the left one.
+        DataError: as ``read_calib_yaml``; no size, or the right camera's ``rectified_from_points``
+            differs from the left one's.
     """
     cameras = read_calib_yaml(path)
     if "left" not in cameras:
@@ -55,7 +56,7 @@ def calibrated(source: "IndexedBag", path: Path) -> "IndexedBag":
 
 
 def _check_right(path: Path, cameras: dict[str, Camera]) -> None:
-    """A right camera's place is in its projection, counted from the left one's."""
+    """Raise DataError if the right camera's offset is not in its projection alone."""
     if "right" not in cameras:
         return
     left, right = (cameras[name].rectified_from_points for name in ("left", "right"))

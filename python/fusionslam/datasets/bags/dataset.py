@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as a ``Dataset``: its scans, each with the image or the stereo pair that belongs to it."""
+"""A bag as a ``Dataset``: its scans, each with its matching image or stereo pair."""
 
 import functools
 import logging
@@ -33,12 +33,12 @@ _STEREO = {"left", "right"}
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BagDataset(Dataset):
-    """Frames of a bag; scans and images are read from it one at a time, by any thread.
+    """Frames of a bag; scans and images are read one at a time, from any thread.
 
     Attributes:
-        source: the open bag and what is known of it.
-        matched: which messages make which frame.
-        origin: where the poses come from.
+        source: the open bag with its roles and index.
+        matched: the messages of each frame.
+        origin: origin of the poses.
     """
 
     source: IndexedBag
@@ -47,22 +47,22 @@ class BagDataset(Dataset):
 
     @property
     def short_name(self) -> str:
-        """The name of the file, whichever topics are used."""
+        """Name of the file, whichever topics are used."""
         return self.source.bag.path.name
 
     @property
     def poses_origin(self) -> PosesOrigin:
-        """A file that was given, or the topic of true poses or odometry that knows most."""
+        """The given pose file, else ground truth or odometry, whichever covers more frames."""
         return self.origin
 
     @property
     def truth_topic(self) -> str | None:
-        """The topic of true poses, whether or not ``poses`` come from it; None without one."""
+        """Topic of ground truth poses, whether or not ``poses`` come from it; None if absent."""
         return self.source.roles.get("truth")
 
     @property
     def odometry_origin(self) -> OdometryOrigin:
-        """Messages of a topic, else transforms."""
+        """Odometry messages if the bag has a topic of them, else TF."""
         if self.odometry_topic is not None:
             return OdometryOrigin.TOPIC
         frames = self.source.index.frames
@@ -70,12 +70,12 @@ class BagDataset(Dataset):
 
     @property
     def odometry_topic(self) -> str | None:
-        """The topic of odometry messages; None without one."""
+        """Topic of odometry messages; None if absent."""
         return self.source.roles.get("odometry")
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of messages by sensor, including those that are in no frame."""
+        """Number of messages by sensor, including those that are not part of a frame."""
         return {sensor: len(self.source.series(sensor).stamps) for sensor in self.matched.rows}
 
     def files(self) -> list[Path]:
@@ -87,7 +87,7 @@ class BagDataset(Dataset):
         return f"{self.counts[sensor]} messages of {self.source.roles[sensor]}"
 
     def sensor_stamps(self, sensor: str) -> NDArray[np.int64]:
-        """When the sensor measured each frame, int64 (N)."""
+        """Stamps of the sensor's messages in each frame, int64 (N)."""
         return _stamps(self.source, self.matched, sensor)
 
     def camera_images(self) -> Images | None:
@@ -109,7 +109,7 @@ class BagDataset(Dataset):
         return replace(images, seconds=seconds[inside], image=image, origin="images of the bag")
 
     def motion(self, role: str) -> list[Odometry]:
-        """The messages of "odometry" or "truth" by their stamps, whatever order they arrived in."""
+        """Messages of role "odometry" or "truth", sorted by stamp."""
         found, by_arrival = [], self.source.stamps == "bag"
         for event in self.source.bag.events([self.source.roles[role]]):
             assert isinstance(event.message, Odometry)
@@ -159,11 +159,11 @@ class BagDataset(Dataset):
 
 
 def open_bag_dataset(path: Path, request: Request) -> BagDataset:
-    """The frames of a bag: its scans that an image and the place of the camera are known for.
+    """Open a bag; its frames are the scans that have an image and a known camera pose.
 
     Raises:
-        DataError: no scans or images; no CameraInfo or a useless one, or two that are no stereo
-            pair; nothing links camera and scanner; a clock that jumps back.
+        DataError: the bag has no scans or images; a CameraInfo is missing or unusable, or two are
+            not a stereo pair; TF does not link camera and scanner; or the clock jumps back.
         ConfigError: an unknown role or kind of stamps.
     """
     itself(path, request.sequence)
@@ -172,7 +172,7 @@ def open_bag_dataset(path: Path, request: Request) -> BagDataset:
 
 
 def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
-    """The frames of a bag that is open. Raises as ``open_bag_dataset``."""
+    """Make the dataset of an open bag. Raises as ``open_bag_dataset``."""
     path, sensors = source.bag.path, _sensors(source, request.sensors)
     matched = match(source, sensors, request.sync)
     moved = pairing.motion(source, _stamps(source, matched, sensors[0]))
@@ -203,10 +203,10 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
 
 
 def _sensors(source: IndexedBag, wanted: Sequence[str] | None) -> tuple[str, ...]:
-    """The sensors of the frames: those asked for, else those that the bag has.
+    """Choose the sensors of the frames: those requested, else those that the bag has.
 
-    An image alone needs no calibration, but one with a scan and a stereo pair do. A right camera
-    that was not asked for and cannot be used is left out, and the log says why.
+    An image alone needs no calibration; an image with a scan, or a stereo pair, does. A right
+    camera that was not requested and cannot be used is left out, and the reason is logged.
     """
     roles, path = source.roles, source.bag.path
     if wanted is None:
@@ -230,7 +230,7 @@ def _sensors(source: IndexedBag, wanted: Sequence[str] | None) -> tuple[str, ...
 
 
 def _usable(source: IndexedBag, found: tuple[str, ...]) -> tuple[str, ...]:
-    """Of scans and left images what can be used, and the right images if they can."""
+    """Choose those of scans and left images that can be used, and right images if possible."""
     if {*found} >= _FUSED and not can_fuse(source):
         return found[:1]
     if not source.roles.keys() >= _STEREO:
@@ -244,7 +244,7 @@ def _usable(source: IndexedBag, found: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _check_stereo(source: IndexedBag) -> None:
-    """Raise DataError unless both sides have a calibration and the two are a pair."""
+    """Raise DataError unless both cameras are calibrated and form a stereo pair."""
     infos, names = {}, {}
     for camera in ("left", "right"):
         info = source.info_at(0, camera)
@@ -260,7 +260,7 @@ def _check_stereo(source: IndexedBag) -> None:
 
 
 def can_fuse(source: IndexedBag) -> bool:
-    """Whether there are scans, images and a calibration."""
+    """Whether the bag has scans, images and a calibration."""
     return source.roles.keys() >= _FUSED and source.info_at(0) is not None
 
 
@@ -280,7 +280,7 @@ def _cameras(source: IndexedBag, matched: Matched, index: int) -> dict[str, Came
     for camera, role in INFO_ROLES.items():
         if camera in matched.rows:
             info = source.info_at(int(_stamps(source, matched, camera)[index]), camera)
-            assert info is not None  # _sensors has seen to it
+            assert info is not None  # ensured by _sensors
             infos[camera], names[camera] = info, source.roles[role]
     try:
         return cameras_from(infos, matched.cameras_from_points[index], names)
@@ -289,7 +289,7 @@ def _cameras(source: IndexedBag, matched: Matched, index: int) -> dict[str, Came
 
 
 def _name(source: IndexedBag) -> str:
-    """The bag and what of it is used, so that results of other topics have another name."""
+    """Name of the bag with its topics in use, so that results from other topics differ in name."""
     used = [source.roles[role] for role in (*SENSORS, "odometry", "truth") if role in source.roles]
     clock = ", times of arrival" if source.stamps == "bag" else ""
     return f"{source.bag.path.name} ({', '.join(used)}{clock})"

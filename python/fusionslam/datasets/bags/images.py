@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Image and CompressedImage messages and the pictures in them."""
+"""Converts between Image or CompressedImage messages and pixel arrays."""
 
 import io
 import struct
@@ -15,7 +15,7 @@ from fusionslam.errors import DataError
 
 Pixels = NDArray[np.uint8]
 
-# Channels in memory, and which of them are red, green and blue; "8UC3" is OpenCV's order.
+# Number of channels, and the indices of red, green and blue; "8UC3" has OpenCV's order.
 _LAYOUTS: dict[str, tuple[int, tuple[int, ...]]] = {
     "rgb8": (3, (0, 1, 2)),
     "bgr8": (3, (2, 1, 0)),
@@ -25,9 +25,9 @@ _LAYOUTS: dict[str, tuple[int, tuple[int, ...]]] = {
     "mono8": (1, (0,)),
     "8UC1": (1, (0,)),
 }
-# Two pixels in four bytes that share their colour: where the first brightness and U stand.
+# Two pixels in four bytes that share their chroma: positions of the first Y and of U.
 _YUV = {"yuv422": (1, 0), "uyvy": (1, 0), "yuv422_yuy2": (0, 1), "yuyv": (0, 1)}
-# ITU-R BT.601 with brightness from 16 to 235: red, green and blue of Y, U and V.
+# ITU-R BT.601 with Y from 16 to 235: red, green and blue from Y, U and V.
 _RGB_FROM_YUV = np.array(
     [[1.164383, 0, 1.596027], [1.164383, -0.391762, -0.812968], [1.164383, 2.017232, 0]],
     dtype=np.float32,
@@ -36,18 +36,18 @@ _RGB_FROM_YUV = np.array(
 _BAYER = {f"bayer_{pattern}8": pattern for pattern in ("rggb", "bggr", "gbrg", "grbg")}
 _GREY_MODES = ("L", "1")
 _COLOR_MODES = ("RGB", "RGBA", "P", "LA", "PA", "CMYK", "YCbCr")
-# What Pillow raises on damaged pictures, or on such as claim to be of absurd size.
+# Errors that Pillow raises on damaged pictures or on absurd declared sizes.
 _UNDECODABLE = (OSError, SyntaxError, ValueError, struct.error, Image.DecompressionBombError)
 STORED = ("raw", "jpeg", "png")
-"""How pictures can be stored in a bag."""
+"""Formats in which pictures can be stored in a bag."""
 JPEG_QUALITY = 95
 
 
 def image_of(message: Any) -> Pixels:
-    """The pixels of a sensor_msgs/Image: uint8 (H, W, 3) RGB or (H, W).
+    """Decode a sensor_msgs/Image to uint8 (H, W, 3) RGB or (H, W).
 
     Raises:
-        DataError: an encoding that is not known here, or data shorter than the message says.
+        DataError: the encoding is not supported, or the data is shorter than the message says.
     """
     encoding = message.encoding
     if encoding in _BAYER:
@@ -59,7 +59,7 @@ def image_of(message: Any) -> Pixels:
         raise DataError(f"field 'encoding' is '{encoding}', expected one of {known}")
     channels, order = _LAYOUTS[encoding]
     pixels = _rows(message, channels)
-    # A copy: what the message holds is freed with it.
+    # A copy, so that the message's buffer can be freed.
     return (
         pixels[:, :, 0].copy()
         if len(order) == 1
@@ -68,7 +68,7 @@ def image_of(message: Any) -> Pixels:
 
 
 def _rows(message: Any, channels: int) -> Pixels:
-    """The pixels as they lie in memory, (H, W, channels), without the padding of each row."""
+    """View the pixels as stored, (H, W, channels), without the padding of each row."""
     height, width, step = int(message.height), int(message.width), int(message.step)
     if not height or not width:
         raise DataError(f"the image is {width}x{height}, expected at least one pixel")
@@ -85,7 +85,7 @@ def _rows(message: Any, channels: int) -> Pixels:
 
 
 def _rgb_of_yuv(pairs: Pixels, brightness: int, first_color: int) -> Pixels:
-    """RGB of bytes (H, W, 2), of which every other one is a brightness, the others U, V, U, V."""
+    """Convert bytes (H, W, 2), in which Y alternates with U and V in turn, to RGB."""
     if pairs.shape[1] % 2:
         raise DataError(f"the image is {pairs.shape[1]} wide, expected pairs of pixels")
     yuv = np.empty((*pairs.shape[:2], 3), np.float32)
@@ -93,17 +93,17 @@ def _rgb_of_yuv(pairs: Pixels, brightness: int, first_color: int) -> Pixels:
     for channel in (0, 1):
         yuv[:, :, 1 + channel] = pairs[:, channel::2, first_color].repeat(2, axis=1)
     yuv -= np.array([16, 128, 128], np.float32)
-    # Not a matrix product: BLAS would wake all its threads for three columns.
+    # Not a matrix product: BLAS would start all its threads for three columns.
     rgb = np.einsum("ij,hwj->hwi", _RGB_FROM_YUV, yuv)
     pixels: Pixels = np.clip(np.rint(rgb), 0, 255).astype(np.uint8)
     return pixels
 
 
 def compressed_image_of(message: Any) -> Pixels:
-    """The pixels of a sensor_msgs/CompressedImage, JPEG or PNG: uint8 (H, W, 3) RGB or (H, W).
+    """Decode a sensor_msgs/CompressedImage, JPEG or PNG, to uint8 (H, W, 3) RGB or (H, W).
 
     Raises:
-        DataError: not decodable, or not of 8 bits a channel.
+        DataError: it cannot be decoded, or does not have 8 bits per channel.
     """
     data = np.frombuffer(message.data, dtype=np.uint8).tobytes()
     if "compressedDepth" in message.format:
@@ -118,7 +118,7 @@ def compressed_image_of(message: Any) -> Pixels:
             f"field 'data' ({len(data)} bytes, format '{message.format}') is no JPEG or PNG "
             f"picture: {str(error).partition(' <')[0]}"
         ) from error
-    # "bgr8; jpeg compressed rgb8": what the encoder, which takes BGR, was given as RGB.
+    # "bgr8; jpeg compressed rgb8": the encoder expects BGR but was given RGB.
     swapped = "rgb8" in message.format.partition("compressed")[2]
     return np.ascontiguousarray(pixels[:, :, ::-1]) if swapped and pixels.ndim == 3 else pixels
 
@@ -132,7 +132,7 @@ def _decoded(picture: Image.Image) -> Pixels:
 
 
 def image_parts(image: Pixels) -> dict[str, Any]:
-    """What a sensor_msgs/Image says besides its header."""
+    """Fields of a sensor_msgs/Image except its header."""
     _need_pixels(image)
     return {
         "height": image.shape[0],
@@ -145,12 +145,12 @@ def image_parts(image: Pixels) -> dict[str, Any]:
 
 
 def compressed_parts(image: Pixels, stored: str) -> dict[str, Any]:
-    """What a sensor_msgs/CompressedImage says besides its header; ``stored`` is "jpeg" or "png"."""
+    """Fields of a sensor_msgs/CompressedImage except its header; ``stored``: "jpeg" or "png"."""
     _need_pixels(image)
     memory = io.BytesIO()
     quality = {"quality": JPEG_QUALITY} if stored == "jpeg" else {"compress_level": 1}
     Image.fromarray(np.ascontiguousarray(image)).save(memory, stored.upper(), **quality)
-    # As ROS's image_transport writes it: what it was; what the encoder was given.
+    # As ROS's image_transport writes it: original encoding; encoding given to the encoder.
     given = "bgr8" if image.ndim == 3 else "mono8"
     return {
         "format": f"{_encoding(image)}; {stored} compressed {given}",

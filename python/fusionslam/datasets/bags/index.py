@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""One pass through a bag: when its messages were measured and where, without clouds and images."""
+"""Indexes a bag in one pass: stamps, frames and all small messages, no clouds or images."""
 
 import logging
 from array import array
@@ -29,21 +29,21 @@ from fusionslam.sensors.transforms import TransformTree
 logger = logging.getLogger(__name__)
 
 STAMPS = ("header", "bag")
-"""When a message was measured: as its header says, or when it arrived."""
+"""Sources of a message's stamp: its header, or its arrival in the bag."""
 
-# How far beyond the first and the last odometry a robot's motion is carried on.
+# How far a robot's motion is extrapolated beyond the first and the last odometry.
 EXTRAPOLATION_S = 0.1
 
 
 @dataclass(eq=False)
 class Series:
-    """The messages of a topic in the order in which they arrived.
+    """Messages of a topic in order of arrival.
 
     Attributes:
-        by_arrival: whether a message was measured when it arrived, not when its header says.
-        headers: stamp of each header, nanoseconds; its time of arrival where it has none.
-        times: when each arrived, nanoseconds.
-        frame_id: the frame that the first one is in.
+        by_arrival: whether stamps are times of arrival instead of those of the headers.
+        headers: stamp of each header, nanoseconds; the time of arrival if it has none.
+        times: time of arrival of each, nanoseconds.
+        frame_id: the frame of the first one.
     """
 
     by_arrival: bool
@@ -52,7 +52,7 @@ class Series:
     frame_id: str = ""
 
     def add(self, raw: RawMessage) -> int:
-        """Take a message; returns when it was measured."""
+        """Add a message and return its stamp."""
         header = _header(raw.content)
         self.headers.append(raw.time_ns if header is None else stamp_of(header.stamp))
         self.times.append(raw.time_ns)
@@ -62,21 +62,21 @@ class Series:
 
     @property
     def stamps(self) -> "array[int]":
-        """When each was measured, nanoseconds."""
+        """Stamp of each message, nanoseconds."""
         return self.times if self.by_arrival else self.headers
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
-        """int64 (N)."""
+        """Stamps as int64 (N)."""
         return np.array(self.stamps, dtype=np.int64)
 
     @property
     def delays_ns(self) -> NDArray[np.int64]:
-        """How long after its header's stamp each arrived, int64 (N)."""
+        """Nanoseconds from each header's stamp to the arrival, int64 (N)."""
         return np.array(self.times, dtype=np.int64) - np.array(self.headers, dtype=np.int64)
 
     def place(self, row: int) -> tuple[int, int]:
-        """Time of arrival, and which one of those that arrived then."""
+        """Time of arrival, and the message's rank among those that arrived at that time."""
         first = row
         while first and self.times[first - 1] == self.times[row]:
             first -= 1
@@ -85,14 +85,14 @@ class Series:
 
 @dataclass(eq=False)
 class BagIndex:
-    """What a pass through a bag finds out.
+    """Index of a bag.
 
     Attributes:
         series: by topic.
         infos: by topic, the calibrations that differ from the one before.
         frames: TF and odometry.
-        truth: the true motion, from the frame ``truth_frames[0]`` to ``truth_frames[1]``.
-        refused: messages that cannot be used, by what is said of them.
+        truth: ground truth motion, from the frame ``truth_frames[0]`` to ``truth_frames[1]``.
+        refused: number of unusable messages by reason.
     """
 
     series: dict[str, Series] = field(default_factory=dict)
@@ -110,11 +110,11 @@ class BagIndex:
 def index_bag(
     bag: Bag, topics: Iterable[str], roles: Mapping[str, str], stamps: str = "header"
 ) -> BagIndex:
-    """Read the headers of these topics, and all that is small: calibrations, odometry, transforms.
+    """Read the headers of topics, and all small messages: calibrations, odometry, transforms.
 
     Args:
-        topics: of which to read; those of TF are always read.
-        roles: which of them are what, as ``choose_topics`` has it.
+        topics: those to read; TF is always read.
+        roles: topics by role, as from ``choose_topics``.
         stamps: one of ``STAMPS``.
 
     Raises:
@@ -134,14 +134,14 @@ def index_bag(
 
 
 def _header(content: Any) -> Any:
-    """The header of a message; of transforms that of the first one, if there is one."""
+    """Header of a message; of transforms that of the first one, if there is one."""
     if hasattr(content, "header"):
         return content.header
     return content.transforms[0].header if content.transforms else None
 
 
 def _keep(index: BagIndex, raw: RawMessage, roles: Mapping[str, str], stamp: int | None) -> None:
-    """Remember what is small."""
+    """Store a small message in the index."""
     if raw.type in TRANSFORM_TYPES or raw.topic == roles.get("odometry"):
         index.frames.add(_restamped(raw.value(), stamp))  # type: ignore[arg-type]
     elif raw.topic == roles.get("truth"):
@@ -151,7 +151,7 @@ def _keep(index: BagIndex, raw: RawMessage, roles: Mapping[str, str], stamp: int
 
 
 def _restamped(value: Message, stamp_ns: int | None) -> Message:
-    """The value with the time at which it arrived, if that is what counts."""
+    """Replace the stamp of a value, if one is given."""
     if stamp_ns is None:
         return value
     if isinstance(value, FrameTransforms):

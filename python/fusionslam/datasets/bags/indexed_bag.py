@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag, its topics by role, and where everything in it lies."""
+"""``IndexedBag``: an open bag, its topics by role, and its index."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -19,11 +19,11 @@ from fusionslam.storage.arrays import Matrix
 
 @dataclass(frozen=True, eq=False)
 class IndexedBag:
-    """An open bag, which topic of it is what, and what a pass through it found out.
+    """An open bag with its topics by role and its index.
 
     Attributes:
         bag: open for reading.
-        roles: topics in use, by what they are ("points", "left", "camera_info", ...).
+        roles: topics in use by role ("points", "left", "camera_info", ...).
         index: of these topics, or of all.
         stamps: "header" or "bag".
     """
@@ -34,25 +34,25 @@ class IndexedBag:
     stamps: str
 
     def series(self, sensor: str) -> Series:
-        """The messages of a sensor that the bag has."""
+        """Messages of a sensor, which the bag must have."""
         return self.index.series[self.roles[sensor]]
 
     def info_at(self, stamp_ns: int, camera: str = "left") -> CameraInfo | None:
-        """The calibration in force when an image was taken; None if the bag has none."""
+        """Calibration that is valid for an image's stamp; None if the bag has none."""
         infos = self.index.infos.get(self.roles.get(INFO_ROLES[camera], ""), [])
         before = [info for info in infos if info.stamp_ns <= stamp_ns]
         return before[-1] if before else next(iter(infos), None)
 
     def optical_frame(self) -> str:
-        """The frame of the camera, of a pair of the left one."""
+        """Optical frame of the camera, of a stereo pair that of the left one."""
         info = self.info_at(0)
         return (info.frame_id if info else "") or self.series("left").frame_id
 
     def points_frame(self, sensors: Sequence[str]) -> str:
-        """The frame of the points of frames with these sensors.
+        """Frame of the points when frames have these sensors.
 
-        That of the scans, also for stereo pairs without scans if TF links the two; else that of
-        the left camera.
+        The scans' frame, also for stereo pairs alone if TF links it to the camera; else the left
+        camera's frame.
         """
         if "points" in sensors:
             return self.series("points").frame_id
@@ -64,12 +64,12 @@ class IndexedBag:
         return self.optical_frame()
 
     def camera_from_points(self, image_ns: int, points_frame: str, scan_ns: int) -> Matrix:
-        """float64 (4, 4), for a scan and an image of these times.
+        """float64 (4, 4), for a scan and an image with these stamps.
 
-        The robot is taken to stand in between where odometry does not say how it moved.
+        Without odometry the robot is assumed to stand still between the two.
 
         Raises:
-            TransformError: nothing links the two.
+            TransformError: TF does not link the two frames.
         """
         frames, camera = self.index.frames, self.optical_frame()
         if points_frame == camera and image_ns == scan_ns:
@@ -80,11 +80,11 @@ class IndexedBag:
             return frames.camera_from_points(camera, image_ns, points_frame, scan_ns, still=True)
 
     def odometry_at(self, stamp_ns: int) -> Matrix | None:
-        """float64 (4, 4), odom_from_robot, or None where it is not known."""
+        """float64 (4, 4), odom_from_robot, or None if it is not known."""
         return _known(lambda: self.index.frames.odometry_from_robot(stamp_ns))
 
     def placed_in(self, body: str, frame: str, stamp_ns: int) -> Matrix | None:
-        """float64 (4, 4), body_from_frame, or None where it is not known."""
+        """float64 (4, 4), body_from_frame, or None if it is not known."""
         return _known(lambda: self.index.frames.tree.lookup(body, frame, stamp_ns))
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Bags among the kinds of recordings, without loading what reads them."""
+"""Registers bags as kinds of recordings without importing their readers."""
 
 from pathlib import Path
 

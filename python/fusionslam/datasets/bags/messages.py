@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""ROS messages of bags or live nodes to ``fusionslam.sensors.messages`` and back.
+"""Converts ROS messages of bags or live nodes to ``fusionslam.sensors.messages`` and back.
 
-Messages are read by their attributes alone, so that those of rosbags, rospy and rclpy all do; they
-are built by a function that the caller gives.
+Only attributes of messages are read, so those of rosbags, rospy and rclpy all work; messages are
+built by a function that the caller passes.
 """
 
 from collections.abc import Callable
@@ -37,28 +37,28 @@ Make = Callable[..., Any]
 
 
 def plain_type(name: str) -> str:
-    """The name of a message type without ROS 2's middle part: "nav_msgs/Odometry"."""
+    """Name of a message type without ROS 2's middle part: "nav_msgs/Odometry"."""
     return name.replace("/msg/", "/")
 
 
 def is_static(topic: str) -> bool:
-    """Whether the transforms of a topic hold for all times, which only its name tells."""
+    """Whether the transforms of a topic are static; only its name tells."""
     return topic.rstrip("/").endswith("tf_static")
 
 
 def is_known(type_name: str) -> bool:
-    """Whether messages of a type have a value here."""
+    """Whether messages of a type can be converted."""
     return plain_type(type_name) in (*_VALUES, *_TRANSFORMS)
 
 
 def value_of(message: Any, type_name: str, topic: str) -> Message:
-    """The value of a ROS message.
+    """Convert a ROS message to a value.
 
     Args:
-        type_name: as ROS 1 ("nav_msgs/Odometry") or ROS 2 ("nav_msgs/msg/Odometry") has it.
+        type_name: in ROS 1 ("nav_msgs/Odometry") or ROS 2 form ("nav_msgs/msg/Odometry").
 
     Raises:
-        DataError: a message that contradicts itself or cannot be used; names topic, stamp, field.
+        DataError: the message is inconsistent or cannot be used; names topic, stamp and field.
     """
     try:
         if plain_type(type_name) in _TRANSFORMS:
@@ -69,7 +69,7 @@ def value_of(message: Any, type_name: str, topic: str) -> Message:
 
 
 def _when(message: Any) -> str:
-    """The stamp of a message that has one, for people."""
+    """Stamp of a message for error messages; empty if it has none."""
     if not hasattr(message, "header"):
         return ""
     seconds, nanoseconds = divmod(stamp_of(message.header.stamp), NANOSECONDS)
@@ -77,7 +77,7 @@ def _when(message: Any) -> str:
 
 
 def stamp_of(time: Any) -> int:
-    """Nanoseconds of a time; its parts are called sec, nanosec or, in rospy, secs, nsecs."""
+    """Nanoseconds of a ROS time with fields sec, nanosec or, in rospy, secs, nsecs."""
     if hasattr(time, "nanosec"):
         return int(time.sec) * NANOSECONDS + int(time.nanosec)
     return int(time.secs) * NANOSECONDS + int(time.nsecs)
@@ -134,7 +134,7 @@ def _transforms(message: Any, static: bool) -> FrameTransforms:
         transforms=tuple(
             FrameTransform(
                 stamp_ns=stamp_of(each.header.stamp),
-                # tf (not tf2) wrote a slash before the names.
+                # tf (not tf2) wrote a leading slash.
                 parent=each.header.frame_id.lstrip("/"),
                 child=each.child_frame_id.lstrip("/"),
                 parent_from_child=_transform(
@@ -173,7 +173,7 @@ def _vector(name: str, vector: Any) -> Matrix:
 
 
 def _transform(name: str, position: Any, rotation: Any) -> Matrix:
-    """float64 (4, 4) of a position and a quaternion, which need not be of unit length."""
+    """float64 (4, 4) of a position and a quaternion, which need not be normalised."""
     pose = np.eye(4)
     pose[:3, 3] = _vector(f"{name}, position", position)
     numbers = [rotation.x, rotation.y, rotation.z, rotation.w]
@@ -187,7 +187,7 @@ def _transform(name: str, position: Any, rotation: Any) -> Matrix:
 
 
 def ros_type(value: Message, stored: str) -> str:
-    """The ROS type that a value is written as; ``stored`` says how pictures are."""
+    """ROS type that a value is written as; ``stored`` is the format of pictures."""
     if isinstance(value, Picture):
         return f"sensor_msgs/msg/{'Image' if stored == 'raw' else 'CompressedImage'}"
     return {
@@ -199,7 +199,7 @@ def ros_type(value: Message, stored: str) -> str:
 
 
 class MessageBuilder:
-    """Makes ROS messages of values.
+    """Builds ROS messages from values.
 
     Args:
         make: builds a message of a type from its fields.
@@ -211,10 +211,10 @@ class MessageBuilder:
         self._ros = ros
 
     def build(self, value: Message, stored: str = "raw") -> Any:
-        """The ROS message of a value; pictures "raw" or as "jpeg" or "png".
+        """Build the ROS message of a value; pictures are stored "raw" or as "jpeg" or "png".
 
         Raises:
-            DataError: a value that has no such message.
+            DataError: the value cannot be stored in such a message.
         """
         name, make = ros_type(value, stored), self._make
         if isinstance(value, FrameTransforms):
@@ -231,7 +231,7 @@ class MessageBuilder:
         return make(name, header=header, **self._odometry(value))
 
     def _header(self, stamp_ns: int, frame_id: str) -> Any:
-        # ROS 1 counts seconds in 32 bits without sign, ROS 2 with.
+        # Seconds are unsigned 32 bit integers in ROS 1 and signed ones in ROS 2.
         if not 0 <= stamp_ns < 2 ** (33 - self._ros) * NANOSECONDS:
             raise DataError(f"stamp {stamp_ns} ns is no time of ROS {self._ros}")
         seconds, nanoseconds = divmod(int(stamp_ns), NANOSECONDS)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which scan of a bag goes with which image, where the camera was then, and how the robot moved."""
+"""Pairs the scans of a bag with images and finds the camera poses and the robot's motion."""
 
 import functools
 import logging
@@ -37,17 +37,17 @@ def open_indexed(
     calibration: Path | None = None,
     everything: bool = False,
 ) -> IndexedBag:
-    """Open a bag and pass through it, once for each state of its files.
+    """Open and index a bag; the result is reused until its files change.
 
     Args:
         path: file or folder.
         named: topics by role, as ``choose_topics`` takes them.
         stamps: "header" or "bag".
-        calibration: calib.yaml in the place of CameraInfo and of the camera's place in TF.
+        calibration: calib.yaml to use instead of CameraInfo and of the camera's pose in TF.
         everything: index all topics, not only those in use.
 
     Raises:
-        DataError: the bag or the calibration cannot be read, or a topic is not there.
+        DataError: the bag or the calibration cannot be read, or a topic does not exist.
         ConfigError: an unknown role or kind of stamps.
     """
     if stamps not in STAMPS:
@@ -58,7 +58,7 @@ def open_indexed(
     return _indexed(path, tuple(sorted(named.items())), stamps, calibration, everything, state)
 
 
-# Commands open a recording once for each source of clouds.
+# Commands open a recording once per source of clouds.
 @functools.lru_cache(maxsize=2)
 def _indexed(
     path: Path,
@@ -80,12 +80,12 @@ class Matched(NamedTuple):
     """The frames of a bag.
 
     Attributes:
-        rows: by sensor, which message of it belongs to each frame, int64 (N).
+        rows: by sensor, index of each frame's message, int64 (N).
         numbers: int64 (N), rank of each frame's scan (or left image, without scans) among all.
-        gaps: numbers that are in no frame.
-        points_frame: the frame of the scans, or of what is made of stereo pairs.
-        cameras_from_points: float64 (N, 4, 4), of the left camera; None where there is but one of
-            scans and images.
+        gaps: numbers that are not part of a frame.
+        points_frame: frame of the scans, or of the points from stereo pairs.
+        cameras_from_points: float64 (N, 4, 4), of the left camera; None for scans or single
+            images alone.
     """
 
     rows: dict[str, Rows]
@@ -96,12 +96,12 @@ class Matched(NamedTuple):
 
 
 def match(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> Matched:
-    """Each scan with its images; those without, or whose camera's place is not known, are left out.
+    """Match each scan with its images; scans without images or camera pose are left out.
 
     Without scans, each left image is a frame, with its right one if that is among the sensors.
 
     Raises:
-        DataError: no scan has an image, or the place of the camera; a clock that jumps back.
+        DataError: no scan has an image, or none a known camera pose; or the clock jumps back.
     """
     for role in (*sensors, *(role for role in ("odometry", "truth") if role in source.roles)):
         _check_clock(source, role, config)
@@ -116,7 +116,7 @@ def match(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> M
 
 
 def _check_clock(source: IndexedBag, role: str, config: SyncConfig) -> None:
-    """Raise DataError if the stamps of a topic stand still or jump back."""
+    """Raise DataError if the stamps of a topic are all equal or jump back."""
     stamps, topic = source.series(role).stamps_ns, source.roles[role]
     advice = "the times of arrival can be used instead (--stamps bag)"
     if len(stamps) > 1 and stamps.min() == stamps.max():
@@ -134,7 +134,7 @@ def _check_clock(source: IndexedBag, role: str, config: SyncConfig) -> None:
 
 
 def _paired(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> dict[str, Rows]:
-    """Which messages belong together, by rising stamp: first both sides of a pair, then scans."""
+    """Group messages by ascending stamp: first left and right images, then scans with images."""
     if "right" not in sensors:
         sync = Synchronizer(config, cameras=sensors[1:], scans=sensors[0])
         return _rows(source, sensors, sync, config.max_difference)
@@ -155,7 +155,7 @@ def _rows(
     reach: float,
     left: Collection[int] | None = None,
 ) -> dict[str, Rows]:
-    """Rows of the messages that belong together; of left images only some rows may count."""
+    """Indices of the messages that belong together; ``left`` restricts the left images."""
     first, *others = sensors
     pairs: list[Pair] = []
     for sensor, row, stamp_ns in _arrivals(source, sensors):
@@ -175,7 +175,7 @@ def _rows(
 
 
 def _arrivals(source: IndexedBag, sensors: tuple[str, ...]) -> list[tuple[str, int, int]]:
-    """Sensor, row and stamp of all messages in the order in which they arrived."""
+    """Sensor, row and stamp of all messages in order of arrival."""
     every = [
         (time_ns, rank, row, stamp_ns)
         for rank, sensor in enumerate(sensors)
@@ -200,7 +200,7 @@ def _say_dropped(source: IndexedBag, dropped: Counter[tuple[str, str]]) -> None:
 def _placed(
     source: IndexedBag, rows: dict[str, Rows], lead: str, points_frame: str
 ) -> tuple[Matrix, dict[str, Rows]]:
-    """Where the left camera was for each frame, and the frames for which that is known."""
+    """Pose of the left camera for each frame, and the frames for which it is known."""
     images, leads = (source.series(name).stamps_ns[rows[name]] for name in ("left", lead))
     places: dict[int, Matrix] = {}
     unknown: list[TransformError] = []
@@ -224,13 +224,13 @@ def _placed(
 
 
 class Motion(NamedTuple):
-    """How a robot moved.
+    """Motion of a robot.
 
     Attributes:
         body: the frame that moved.
-        poses: float64 (K, 4, 4), or None where nothing tells them.
+        poses: float64 (K, 4, 4), or None if unknown.
         known: bool (N), the times that have a pose: K of them.
-        origin: where they come from.
+        origin: origin of the poses.
     """
 
     body: str
@@ -240,9 +240,9 @@ class Motion(NamedTuple):
 
 
 def motion(source: IndexedBag, stamps_ns: NDArray[np.int64]) -> Motion:
-    """The true motion if the bag has it, else that of odometry, else TF's; that which knows most.
+    """Motion by ground truth or odometry (messages, else TF), whichever knows more poses.
 
-    Bags often begin before the odometry does: times without a pose are told apart.
+    Bags often begin before their odometry: ``known`` marks the times that have a pose.
     """
     index, found = source.index, []
     if index.truth_frames is not None:
@@ -256,7 +256,7 @@ def motion(source: IndexedBag, stamps_ns: NDArray[np.int64]) -> Motion:
         origin = PosesOrigin.ODOMETRY
         found.append(_motion(robot, origin, stamps_ns, index.frames.odometry_from_robot))
     found.append(Motion(robot, None, np.ones(len(stamps_ns), dtype=bool), PosesOrigin.NONE))
-    # Of those that know as much, the first.
+    # On ties the first: ground truth.
     return max(found, key=lambda moved: 0 if moved.poses is None else len(moved.poses))
 
 
@@ -273,7 +273,7 @@ def _motion(
 
 
 def with_poses(source: IndexedBag, matched: Matched, moved: Motion) -> Matched:
-    """The frames whose pose is known; the others are left out, and the log says so."""
+    """Keep the frames whose pose is known; the number of others is logged."""
     if moved.poses is None or moved.known.all():
         return matched
     lost = matched.numbers[~moved.known]

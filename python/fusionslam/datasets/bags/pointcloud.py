@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""PointCloud2 messages and scans: any order of fields, step, endianness, organised or not."""
+"""Converts PointCloud2 messages and scans: any field order, step, endianness, organised or not."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -11,24 +11,24 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import Scan
 
-# sensor_msgs/PointField: the codes of its types.
+# Type codes of sensor_msgs/PointField.
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 _CODES = {np.dtype(name): code for code, name in _TYPES.items()}
 _AXES = ("x", "y", "z")
-# PCL packs three bytes into one number of four: 0x00RRGGBB, called a float more often than not.
+# PCL packs three bytes into a number of four, 0x00RRGGBB, usually declared as float.
 _PACKED = ("rgb", "rgba")
 _SHIFTS = np.array([16, 8, 0], dtype=np.uint32)
 
 
 def scan_from(message: Any, stamp_ns: int, frame_id: str) -> Scan:
-    """The scan of a sensor_msgs/PointCloud2.
+    """Convert a sensor_msgs/PointCloud2 to a scan.
 
-    A field with several values a point becomes several, ``name_0``, ``name_1``, ...; fields named
-    "_" are padding.
+    A field with several values per point becomes several, ``name_0``, ``name_1``, ...; fields
+    named "_" are padding.
 
     Raises:
-        DataError: data shorter than the message says, a field outside its point or of an unknown
-            type, no x, y, z in floating point.
+        DataError: the data is shorter than the message says, a field lies outside its point or
+            has an unknown type, or x, y, z are missing or not floating point.
     """
     cells = _cells(message)
     _need_axes(message, cells)
@@ -45,7 +45,7 @@ def scan_from(message: Any, stamp_ns: int, frame_id: str) -> Scan:
 
 
 def _cells(message: Any) -> NDArray[Any]:
-    """The points as (N,) records, without copying them."""
+    """View the points as (N,) records, without a copy."""
     dtype = _record(message)
     height, width, step = int(message.height), int(message.width), int(message.point_step)
     row = width * step if height == 1 else int(message.row_step)
@@ -64,7 +64,7 @@ def _cells(message: Any) -> NDArray[Any]:
 
 
 def _record(message: Any) -> np.dtype[Any]:
-    """What one point looks like in memory."""
+    """Memory layout of one point."""
     order, step = "><"[not message.is_bigendian], int(message.point_step)
     fields = [field for field in message.fields if field.name != "_"]
     for field in fields:
@@ -113,19 +113,19 @@ def _others(cells: NDArray[Any], packed: str | None) -> Iterator[tuple[str, NDAr
 def _unpacked(values: NDArray[Any], name: str) -> NDArray[np.uint8]:
     if values.dtype.itemsize != 4 or values.ndim != 1:
         raise DataError(f"point field '{name}' is {values.dtype}, expected four packed bytes")
-    # Bits, not numbers: as floats some colours are NaN.
+    # Reinterpret the bits: as floats some colours are NaN.
     bits = values.astype(values.dtype.newbyteorder("=")).view(np.uint32)
     return ((bits[:, None] >> _SHIFTS) & 255).astype(np.uint8)
 
 
 def cloud_parts(scan: Scan) -> dict[str, Any]:
-    """What a PointCloud2 says besides its header; ``fields`` are (name, offset, type) of one value.
+    """Fields of a PointCloud2 except its header; its ``fields`` are (name, offset, type).
 
     Points come first, then the other fields in their order, then the colours as "rgb".
 
     Raises:
-        DataError: fields of another length, name or type than a PointCloud2 can have, or a width
-            that does not divide the points.
+        DataError: a field has a length, name or type that a PointCloud2 cannot have, or the width
+            does not divide the number of points.
     """
     count, columns = len(scan.points), dict(_columns(scan))
     if scan.width and count % scan.width:

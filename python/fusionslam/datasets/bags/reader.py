@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reading bags: topics, and their messages as events, one after the other or one at a time."""
+"""Reads bags: their topics, and their messages in sequence or one at a time."""
 
 import functools
 import logging
@@ -32,7 +32,7 @@ _STORAGE = {".mcap": "mcap", ".db3": "rosbag2"}
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a bag: its name, its type ("sensor_msgs/Image"), and how many messages it has."""
+    """A topic of a bag: its name, type ("sensor_msgs/Image") and number of messages."""
 
     name: str
     type: str
@@ -40,19 +40,19 @@ class Topic:
 
     @property
     def is_known(self) -> bool:
-        """Whether its messages are read here."""
+        """Whether its messages can be converted to values."""
         return is_known(self.type)
 
 
 @dataclass(frozen=True)
 class RawMessage:
-    """A ROS message of a bag that is not made a value yet.
+    """A ROS message of a bag, not yet converted to a value.
 
     Attributes:
-        topic: what it was published on.
+        topic: the topic it was published on.
         type: its type, such as "sensor_msgs/Image".
-        time_ns: when it arrived.
-        content: the message of rosbags.
+        time_ns: time of arrival.
+        content: the message as rosbags deserialised it.
     """
 
     topic: str
@@ -61,7 +61,7 @@ class RawMessage:
     content: Any
 
     def value(self) -> Message:
-        """What it says. Raises DataError naming topic, stamp and field."""
+        """Convert it to a value. Raises DataError naming topic, stamp and field."""
         return value_of(self.content, self.type, self.topic)
 
 
@@ -69,13 +69,13 @@ def open_bag(path: str | os.PathLike[str]) -> "Bag":
     """Open a ROS 1 bag (.bag), a ROS 2 bag (folder or .db3) or an MCAP file (or folder).
 
     Raises:
-        DataError: missing, empty, damaged or no bag; rosbags is not installed.
+        DataError: the file is missing, empty, damaged or not a bag; or rosbags is not installed.
     """
     return Bag(Path(path).expanduser())
 
 
 def bag_kind(path: Path) -> str | None:
-    """ "rosbag1", "rosbag2" or "mcap", by what the file begins with; None for what is no bag."""
+    """ "rosbag1", "rosbag2" or "mcap" by the file's first bytes; None if it is not a bag."""
     storage = _storage(path)
     if storage is None:
         return None
@@ -84,7 +84,7 @@ def bag_kind(path: Path) -> str | None:
     except OSError:
         return None
     found = next((kind for magic, kind in _MAGIC.items() if start.startswith(magic)), None)
-    # What is damaged, or compressed as a whole (.db3.zstd), is told by its name alone.
+    # Files that are damaged or compressed as a whole (.db3.zstd) are recognised by suffix alone.
     kinds = {".bag": "rosbag1"} | _STORAGE
     return found or next((kinds[each] for each in storage.suffixes if each in kinds), None)
 
@@ -95,25 +95,25 @@ def _start(storage: Path) -> bytes:
 
 
 def _storage(path: Path) -> Path | None:
-    """The file with the messages, or the first of them; None for a folder that is no bag."""
+    """The file with the messages, or the first of them; None if a folder is not a bag."""
     if not path.is_dir():
         return path
     files = sorted(path.iterdir())
     storage = [file for file in files if _STORAGE.keys() & set(file.suffixes)]
-    # A folder with other things than a bag is another recording with a bag in it.
+    # A folder with files other than a bag's is another kind of recording that contains a bag.
     return storage[0] if storage and ((path / _ABOUT).exists() or storage == files) else None
 
 
 class Bag:
-    """A bag that is open for reading; its methods may be called from several threads.
+    """A bag open for reading; its methods may be called from several threads.
 
     Attributes:
         path: file or folder.
         kind: "rosbag1", "rosbag2" or "mcap".
         topics: by name.
-        start_ns: when the first message arrived; 0 if there is none.
-        stop_ns: when the last message arrived.
-        is_cut: whether its end is missing; what is whole before is read.
+        start_ns: arrival of the first message; 0 if there is none.
+        stop_ns: arrival of the last message.
+        is_cut: whether its end is missing; complete records before it are read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -137,16 +137,16 @@ class Bag:
         start: int | None = None,
         stop: int | None = None,
     ) -> Iterator[Event]:
-        """The messages in the order in which they arrived; only one is in memory at a time.
+        """Yield the messages in order of arrival; only one is in memory at a time.
 
         Args:
-            topics: those wanted; None for all whose type is known here.
+            topics: those to read; None for all of known type.
             start: nanoseconds of arrival; earlier messages are left out.
-            stop: nanoseconds of arrival; those from then on are left out.
+            stop: nanoseconds of arrival; messages from then on are left out.
 
         Raises:
-            DataError: no such topic or of an unknown type; a message that cannot be read, named
-                by topic, stamp and field.
+            DataError: a topic does not exist or is of unknown type; or a message cannot be read,
+                which the error names by topic, stamp and field.
         """
         for raw in self.raw(topics, start=start, stop=stop):
             yield Event(raw.topic, raw.time_ns, self._value(raw))
@@ -158,9 +158,9 @@ class Bag:
         start: int | None = None,
         stop: int | None = None,
     ) -> Iterator[RawMessage]:
-        """As ``events``, with clouds and images left as they are stored."""
+        """Yield messages like ``events``, with their content left as stored."""
         names = self._names(topics)
-        # A reader of its own: several may go through the bag at a time.
+        # A separate reader: the bag may be iterated over several times at once.
         reader = self._open()
         try:
             yield from self._messages(reader, names, start, stop)
@@ -168,7 +168,7 @@ class Bag:
             reader.close()
 
     def message(self, topic: str, time_ns: int, occurrence: int = 0) -> Message:
-        """One message by its topic and time of arrival, of several the one so many later.
+        """Read one message by topic and time of arrival; ``occurrence`` counts equal times.
 
         Raises:
             DataError: there is none, or it cannot be read.
@@ -182,7 +182,7 @@ class Bag:
         return self._value(raw)
 
     def close(self) -> None:
-        """Close the file; the bag cannot be read any more."""
+        """Close the file; the bag cannot be read afterwards."""
         self._reader.close()
 
     def __enter__(self) -> "Bag":
@@ -242,7 +242,7 @@ class Bag:
             ) from error
 
     def _check_definition(self, connection: "Connection") -> None:
-        """ROS 1 tells by a sum whether a type is defined as here; * is any."""
+        """Check a ROS 1 type's MD5 sum against the definition used here; * matches any."""
         name, digest = connection.msgtype, connection.digest
         if self.kind == "rosbag1" and digest not in ("*", _ros1_digest(name)):
             raise DataError(
@@ -293,7 +293,7 @@ def _ros1_digest(name: str) -> str:
 
 
 def _whole(path: Path) -> Path:
-    """The folder, or the only file in one that lacks its description."""
+    """The folder, or its only file if the folder lacks the bag's metadata."""
     if path.is_dir() and not (path / _ABOUT).exists():
         return _storage(path) or path
     return path
@@ -320,7 +320,7 @@ def _checked_kind(path: Path) -> str:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """What rosbags says of a damaged file, and whatever else it stumbles over, as a DataError."""
+    """Turn any error that rosbags raises on a damaged file into a DataError."""
     try:
         yield
     except DataError:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Bags that were cut or never closed: what is whole in them can be read all the same.
+"""Reads the complete records of bags that were truncated or never closed.
 
-Both formats are chains of records, with an index at the end that such a file lacks. rosbags needs
-the index; these readers collect it from the records (format 2.0 of ROS 1 bags; MCAP's
+Both formats are sequences of records with an index at the end, which such a file lacks. rosbags
+needs the index; these readers rebuild it from the records (format 2.0 of ROS 1 bags; MCAP's
 specification).
 """
 
@@ -34,11 +34,11 @@ _MCAP_DATA_END = 0x0F
 
 
 def open_cut(path: Path, kind: str) -> Reader | Reader2 | None:
-    """A reader of what is whole in a bag without index; None where nothing is."""
-    if kind == "rosbag2":  # a database has no order in which it is written
+    """Open the complete records of a bag without index; None if there are none."""
+    if kind == "rosbag2":  # a database is not a sequence of records
         return None
     reader: Any = _CutRosbag1(path) if kind == "rosbag1" else _cut_mcap(path)
-    with suppress(Exception):  # whatever a broken byte leads to
+    with suppress(Exception):  # damaged bytes may raise anything
         reader.open()
         if any(connection.msgcount for connection in reader.connections):
             return cast("Reader | Reader2", reader)
@@ -47,7 +47,7 @@ def open_cut(path: Path, kind: str) -> Reader | Reader2 | None:
 
 
 class _CutRosbag1(Reader):
-    """Reads the chunks whose messages are listed behind them, and of which no byte is missing."""
+    """Reads the chunks that are complete and followed by their index records."""
 
     def open(self) -> None:
         self.bio = self.path.open("rb")
@@ -70,7 +70,7 @@ class _CutRosbag1(Reader):
         ]
 
     def _listed_chunks(self) -> dict[int, dict[int, list[IndexData]]]:
-        """By position of the chunk and connection, where its messages are."""
+        """Positions of messages, by position of the chunk and by connection."""
         listed: dict[int, dict[int, list[IndexData]]] = {}
         chunk = -1
         for position, operation in self._records():
@@ -84,7 +84,7 @@ class _CutRosbag1(Reader):
         return listed
 
     def _records(self) -> Iterator[tuple[int, int]]:
-        """Position and kind of each record that is whole."""
+        """Yield position and kind of each complete record."""
         assert self.bio
         size, position = self.path.stat().st_size, len(_ROS1_MAGIC)
         with suppress(ReaderError):  # the end
@@ -99,7 +99,7 @@ class _CutRosbag1(Reader):
                 position = end
 
     def _find_connections(self, chunk: Chunk) -> None:
-        """A chunk begins a connection before its first message."""
+        """Read the connection records of a chunk; each precedes the connection's first message."""
         assert self.bio
         self.bio.seek(chunk.datapos)
         content = BytesIO(chunk.decompressor(read_bytes(self.bio, chunk.datasize)))
@@ -133,7 +133,7 @@ def _cut_mcap(path: Path) -> Reader2:
 
 
 class _CutMcap(McapReader):
-    """Reads the records that are whole, in the order in which they were written."""
+    """Reads the complete records in the order in which they were written."""
 
     def open(self) -> None:
         self.bio = self.path.open("rb")
@@ -163,7 +163,7 @@ class _CutMcap(McapReader):
         return self.messages_scan(connections, start, stop)
 
     def _end_of_data(self) -> int:
-        """Where the last whole record of data ends; a record is its kind, its length and that."""
+        """End of the last complete data record; a record is its kind, its length and content."""
         assert self.bio
         size, position = self.path.stat().st_size, self.data_start
         while True:

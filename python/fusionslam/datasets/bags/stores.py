@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The message types of ROS 1 and ROS 2, as rosbags has them."""
+"""Message types of ROS 1 and ROS 2, from rosbags."""
 
 import functools
 from typing import TYPE_CHECKING, Any, Literal
@@ -17,7 +17,7 @@ _TRANSFORMS = "geometry_msgs/TransformStamped[] transforms\n"
 
 
 def need_rosbags() -> None:
-    """Raise DataError, with what to install, where rosbags is missing."""
+    """Raise DataError that says what to install if rosbags is missing."""
     try:
         import rosbags.rosbag1  # noqa: F401
     except ImportError as error:
@@ -26,11 +26,11 @@ def need_rosbags() -> None:
 
 @functools.cache
 def type_store(ros: Literal[1, 2]) -> "Typestore":
-    """The message types of a generation of ROS; those read and written here never changed in it."""
+    """Message types of ROS 1 or 2; the definitions used here never changed within either."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
-    # rosbags' ROS 1 types lack those of tf2; tf is what came before it.
+    # rosbags' ROS 1 types lack those of tf2 and of tf, its predecessor.
     for name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
         if name not in store.fielddefs:
             store.register(get_types_from_msg(_TRANSFORMS, name))
@@ -38,7 +38,7 @@ def type_store(ros: Literal[1, 2]) -> "Typestore":
 
 
 def make_in(store: "Typestore") -> Any:
-    """A function that builds messages of a type store, for ``MessageBuilder``."""
+    """Return a function that builds messages of a type store, for ``MessageBuilder``."""
 
     def make(type_name: str, /, **fields: Any) -> Any:
         return store.types[type_name](**fields)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which topic of a bag is which sensor: named by the user, else guessed by type."""
+"""Assigns the topics of a bag to sensors: as the user names them, else guessed by type."""
 
 import logging
 from collections.abc import Iterable, Mapping
@@ -20,12 +20,12 @@ ROLES = {
     "odometry": ("nav_msgs/Odometry",),
     "truth": ("nav_msgs/Odometry",),
 }
-"""What a topic can be to a dataset, and the types that it can then have."""
+"""Roles that a topic can have in a dataset, with the message types of each."""
 INFO_ROLES = {"left": "camera_info", "right": "right_camera_info"}
-"""Which role has the calibration of a camera."""
+"""Role of each camera's calibration."""
 TRANSFORM_TYPES = ("tf2_msgs/TFMessage", "tf/tfMessage")
 
-# Parts of names that tell what a topic is not.
+# Parts of names that exclude a role.
 _NOT_LEFT = ("depth", "right")
 _TRUTH = ("truth", "_gt", "/gt")
 
@@ -33,25 +33,24 @@ _TRUTH = ("truth", "_gt", "/gt")
 def choose_topics(
     topics: Mapping[str, Topic], named: Mapping[str, str] | None = None, bag: str = "the bag"
 ) -> dict[str, str]:
-    """The topic of each role that can be filled.
+    """Choose the topic of each role.
 
-    Of several that have the type, the one with the most messages is taken, and of those the first
-    by name. Images of a camera without CameraInfo beside them, and such as have "depth" or "right"
-    in their name, come last. The CameraInfo is the one whose name shares most parts with that of
-    the images, none of a right camera. The right images are named as the left ones but for "right"
-    in place of "left", or else have "right" in their name and the first part of it in common with
-    the left ones; their CameraInfo is named likewise, or shares more parts with the right images
-    than with the left ones. Odometry with "truth" or "gt" in its name is the truth, other odometry
-    is not.
+    Among topics of the right type the one with the most messages is chosen, on ties the first by
+    name. Image topics without a CameraInfo beside them, or with "depth" or "right" in their name,
+    come last. The CameraInfo chosen is the one whose name shares most parts with that of the
+    images, never that of a right camera. Right images have the name of the left ones with "right"
+    for "left", or else "right" in their name and the same first part as the left ones; their
+    CameraInfo is named likewise, or shares more parts with the right images than with the left
+    ones. Odometry with "truth" or "gt" in its name is ground truth, other odometry is not.
 
     Args:
         topics: of the bag, by name.
-        named: topics by role, which are not guessed; an empty name leaves the role unfilled.
-        bag: what errors call the bag.
+        named: topics by role that are not to be guessed; an empty name leaves the role unfilled.
+        bag: name of the bag in errors.
 
     Raises:
         ConfigError: an unknown role.
-        DataError: no topic of that name, or of another type, or one for both sides of a pair.
+        DataError: a named topic does not exist, has another type, or is both left and right.
     """
     chosen = dict(named or {})
     for role, name in chosen.items():
@@ -94,7 +93,7 @@ def _of_type(topics: Mapping[str, Topic], role: str) -> list[str]:
 
 
 def candidates(topics: Mapping[str, Topic], role: str, chosen: Mapping[str, str]) -> list[str]:
-    """The topics that can have a role, best first, where those of ``chosen`` have theirs."""
+    """List the topics that can have a role, best first, given the roles chosen already."""
     names = sorted(_of_type(topics, role), key=lambda name: (-topics[name].count, name))
     if role == "left":
         infos = _of_type(topics, "camera_info")
@@ -120,7 +119,7 @@ def candidates(topics: Mapping[str, Topic], role: str, chosen: Mapping[str, str]
 
 
 def _right_images(names: Iterable[str], left: str) -> list[str]:
-    """The image topics that can be the right ones beside the left ones, best first."""
+    """List the image topics that can be the right camera of a left one, best first."""
     fitting = [
         name
         for name in names
@@ -134,7 +133,7 @@ def _right_images(names: Iterable[str], left: str) -> list[str]:
 
 
 def _right_infos(names: Iterable[str], chosen: Mapping[str, str]) -> list[str]:
-    """The CameraInfo topics that belong to the right images rather than to the left ones."""
+    """List the CameraInfo topics that match the right images better than the left ones."""
     right, left, taken = (chosen.get(role, "") for role in ("right", "left", "camera_info"))
     fitting = [
         name
@@ -151,7 +150,7 @@ def _is_right(name: str) -> bool:
 
 
 def _is_twin(right: str, left: str) -> bool:
-    """Whether the names differ in the side alone."""
+    """Whether the names differ only in "left" and "right"."""
     return _is_right(right) and right.lower().replace("right", "left") == left.lower()
 
 
@@ -164,6 +163,6 @@ def _near(name: str, infos: Iterable[str]) -> bool:
 
 
 def _shared(first: str, second: str) -> int:
-    """How many parts two names have in common before they part."""
+    """Number of leading parts that two names have in common."""
     pairs = list(zip(first.strip("/").split("/"), second.strip("/").split("/"), strict=False))
     return next((k for k, (a, b) in enumerate(pairs) if a != b), len(pairs))

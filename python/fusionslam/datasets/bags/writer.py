@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writing bags: ROS 1, ROS 2 SQLite and MCAP, whole or under a name that says that they are not."""
+"""Writes bags: ROS 1, ROS 2 SQLite and MCAP. Incomplete ones are kept as ``.partial``."""
 
 import logging
 import os
@@ -29,9 +29,9 @@ logger = logging.getLogger(__name__)
 Images = str | Mapping[str, str]
 
 _SUFFIXES = {".bag": "rosbag1", ".db3": "rosbag2", ".mcap": "mcap"}
-# Version 9 is not read by ROS 2 before Jazzy.
+# ROS 2 before Jazzy cannot read version 9.
 _VERSION: Literal[8] = 8
-# What an SQLite bag may lose when the disk is full.
+# Most bytes that an SQLite bag may lose when the disk is full.
 _COMMIT_BYTES = 4 << 20
 
 
@@ -39,24 +39,24 @@ _COMMIT_BYTES = 4 << 20
 def open_writer(
     path: str | os.PathLike[str], format: str | None = None, *, images: Images = "raw"
 ) -> Iterator["BagWriter"]:
-    """Write a bag, which appears at ``path`` when the block ends and replaces a bag there.
+    """Write a bag that appears at ``path`` when the block ends and replaces a bag there.
 
-    If the block ends with an error, or the disk is full, the messages written until then are kept
-    in a bag named ``<name>.partial<suffix>``, which ``open_bag`` reads.
+    If the block raises or the disk is full, the messages written until then are kept in a bag
+    named ``<name>.partial<suffix>``, which ``open_bag`` reads.
 
     >>> with open_writer("drive.mcap", images={"/camera/image": "jpeg"}) as bag:  # doctest: +SKIP
     ...     bag.write(event)
 
     Args:
         path: file, or folder for "rosbag2".
-        format: "rosbag1", "rosbag2" (SQLite) or "mcap"; None for that of the suffix .bag, .db3 or
+        format: "rosbag1", "rosbag2" (SQLite) or "mcap"; None chooses by the suffix .bag, .db3 or
             .mcap.
-        images: how pictures are stored: "raw", "jpeg" or "png", for all topics or by topic; raw
-            where a topic is not named.
+        images: format of pictures, "raw", "jpeg" or "png", for all topics or by topic; raw for
+            topics that are not named.
 
     Raises:
-        DataError: ``path`` cannot be written, or something else than a bag is there.
-        ConfigError: an unknown format or way to store pictures.
+        DataError: ``path`` cannot be written, or exists and is not a bag.
+        ConfigError: an unknown format of the bag or of pictures.
     """
     target, kind = Path(path).expanduser(), _kind(Path(path), format)
     _check_images(images)
@@ -78,11 +78,11 @@ def open_writer(
 
 
 class BagWriter:
-    """A bag that is being written; made by ``open_writer``.
+    """A bag being written; made by ``open_writer``.
 
     Attributes:
-        count: messages written.
-        broken: whether the bag could not be written any further.
+        count: number of messages written.
+        broken: whether writing failed, so that nothing more can be written.
     """
 
     def __init__(self, target: Path, kind: str, scratch: Path, images: Images) -> None:
@@ -100,9 +100,9 @@ class BagWriter:
         """Write a message as it arrived.
 
         Raises:
-            DataError: a value that cannot be written, or of another type than others on its topic;
-                static transforms on a topic that is not called tf_static, or others on one that
-                is; a time out of range; the disk is full.
+            DataError: the value cannot be written or differs in type from others on its topic;
+                static transforms on a topic not called tf_static, or moving ones on one that is;
+                a time out of range; or the disk is full.
         """
         if self.broken:
             raise DataError(f"{self._target} cannot be written any further")
@@ -130,7 +130,7 @@ class BagWriter:
         name = ros_type(event.message, self._stored(event.topic))
         if event.topic not in self._connections:
             how: dict[str, Any] = {"typestore": self._store}
-            # Who subscribes later gets static transforms all the same.
+            # Late subscribers need static transforms too.
             if is_static(event.topic) and self._kind == "rosbag1":
                 how["latching"] = 1
             elif is_static(event.topic):
@@ -157,7 +157,7 @@ class BagWriter:
         return second
 
     def _commit(self, size: int) -> None:
-        """Make what was written so far safe; rosbags would do so at the end only."""
+        """Commit what was written so far; rosbags would do so only at the end."""
         if self._kind != "rosbag2":
             return
         self._uncommitted += size
@@ -171,7 +171,7 @@ class BagWriter:
         self._guarded(self._writer.close)
 
     def _guarded(self, action: Any, *arguments: Any) -> Any:
-        """Do something with the file; what the system refuses becomes a DataError."""
+        """Run an action on the file; errors of the system become a DataError."""
         try:
             with uninterrupted():
                 return action(*arguments)
@@ -181,7 +181,7 @@ class BagWriter:
             raise DataError(f"cannot write {self._target}: {reason}") from error
 
     def _keep(self) -> str:
-        """Keep what there is under another name; says where."""
+        """Keep the partial bag under another name; returns a note that says where."""
         with suppress(DataError):
             if not self.broken:
                 self._close()
@@ -197,12 +197,12 @@ class BagWriter:
         return f"what was written before is kept in {partial}"
 
     def _give_up(self) -> None:
-        """Let go of a file that cannot be written any further."""
+        """Release a file that cannot be written any further."""
         with suppress(OSError, sqlite3.Error):
             self._writer.abort()
         if self._kind == "rosbag2":
-            # What was not committed is still in the file, and how to undo it lies beside it. SQLite
-            # does so when it reads the file, but not for rosbags, which opens it as immutable.
+            # The file still holds uncommitted rows, and its journal lies beside it. SQLite rolls
+            # them back when it reads the file, except for rosbags, which opens it as immutable.
             with suppress(sqlite3.Error), closing(sqlite3.connect(self._storage)) as database:
                 database.execute("SELECT count(*) FROM messages").fetchone()
 
@@ -251,7 +251,7 @@ def _check(event: Event, kind: str) -> None:
 
 
 def _refuse_other(target: Path, kind: str) -> None:
-    """Nothing but a bag of the same layout is ever replaced."""
+    """Raise DataError if the target exists and is not a bag of the same layout."""
     if kind != "rosbag2" and target.is_dir():
         raise DataError(f"{target} is a folder, expected a file to write")
     if kind == "rosbag2" and target.is_file():
@@ -268,7 +268,7 @@ def _belongs_to_bag(path: Path) -> bool:
 
 @contextmanager
 def _scratch_beside(target: Path) -> Iterator[Path]:
-    """A folder on the same disk, which is gone afterwards."""
+    """Yield a temporary folder on the same disk; it is deleted afterwards."""
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
