@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a robot believes about its way: the truth, or what turning wheels would say."""
+"""Simulates odometry: the ground truth motion, with or without errors."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 
 class OdometryConfig(Section):
-    """Errors of odometry; the defaults are none.
+    """Errors of odometry; none by default.
 
-    Noise is white: its deviation is given for one second of driving and grows with the square root
-    of the time, at any rate. Over T seconds the way forwards is off by ``speed_noise * sqrt(T)``
-    metres and the heading by ``turn_noise * sqrt(T)`` radians, one standard deviation each.
+    Noise is white: its standard deviation is given for one second of driving and grows with the
+    square root of time, at any rate. After T seconds it is ``speed_noise * sqrt(T)`` metres for the
+    distance forwards and ``turn_noise * sqrt(T)`` radians for the heading.
     """
 
     scale: float = option(1.0, "factor on every metre", gt=0, le=10)
@@ -36,7 +36,7 @@ class OdometryConfig(Section):
 
     @property
     def neutral(self) -> bool:
-        """Whether it is the truth that is reported."""
+        """Whether there are no errors."""
         factors = (self.scale, self.rotation_scale)
         return factors == (1, 1) and self.speed_noise == 0 and self.turn_noise == 0
 
@@ -47,9 +47,9 @@ class OdometryTrack(NamedTuple):
     Attributes:
         stamps_ns: int64 (N), increasing.
         poses: float64 (N, 4, 4), odom_from_base; the first one is the true world_from_base, so
-            that without errors the odometry's frame is the world's.
-        linear: float64 (N, 3), m/s in the base's frame, over the step that ends at the stamp (the
-            first one: that starts there).
+            that without errors the odometry frame is the world frame.
+        linear: float64 (N, 3), m/s in the base's frame, over the step that ends at the stamp (for
+            the first stamp: the step that starts there).
         angular: float64 (N, 3), rad/s, likewise.
     """
 
@@ -62,11 +62,11 @@ class OdometryTrack(NamedTuple):
 def simulate_odometry(
     trajectory: Trajectory, config: OdometryConfig, rate_hz: float
 ) -> OdometryTrack:
-    """What odometry says along a trajectory, ``rate_hz`` times a second from its first place on.
+    """Simulate odometry along a trajectory at ``rate_hz``, from its first pose on.
 
     Each step is an arc: the robot turns by half the step's angle, goes straight, and turns by the
-    other half. Factors and noise change the angle and the way, then the steps are joined again.
-    Without errors the poses are those of the trajectory, exactly.
+    other half. Scale factors and noise change angle and translation, then the steps are chained
+    again. Without errors the poses are exactly those of the trajectory.
 
     Raises:
         ConfigError: the rate is not above 0, or so low that there are fewer than two stamps.
@@ -83,7 +83,7 @@ def simulate_odometry(
 
 
 def measured_places(places: Floats, seconds: Floats, config: OdometryConfig) -> Floats:
-    """What odometry says at the places of a drive themselves.
+    """Simulate odometry at the given poses of a drive.
 
     Args:
         places: float64 (N, 3), true x, y in metres and yaw in radians, wrapped or not.
@@ -91,7 +91,8 @@ def measured_places(places: Floats, seconds: Floats, config: OdometryConfig) -> 
         config: the errors.
 
     Returns:
-        float64 (N, 3) in the frame whose first place is the true one; without errors ``places``.
+        float64 (N, 3) in the frame in which the first pose is the true one; without errors
+        ``places``.
     """
     if config.neutral or len(places) < 2:
         return places
@@ -103,7 +104,7 @@ def measured_places(places: Floats, seconds: Floats, config: OdometryConfig) -> 
 def _with_errors(
     turn: Floats, way: Floats, gap: Floats, config: OdometryConfig
 ) -> tuple[Floats, Floats]:
-    """Angles (N - 1) and ways (2, N - 1) of steps that take ``gap`` seconds, as measured."""
+    """Add errors to angles (N - 1) and translations (2, N - 1) of steps of ``gap`` seconds."""
     rng = np.random.default_rng([config.seed, 0x0D0])
     noise = rng.standard_normal((2, len(gap))) * np.sqrt(gap)
     way = config.scale * way
@@ -114,7 +115,7 @@ def _with_errors(
 def _stamps(trajectory: Trajectory, rate_hz: float) -> NDArray[np.int64]:
     if not (np.isfinite(rate_hz) and rate_hz > 0):
         raise ConfigError(f"rate_hz is {rate_hz}, expected more than 0")
-    # A last stamp that rounding puts behind the last place is meant to be on it.
+    # A last stamp that rounding puts after the last pose is meant to be at it.
     count = int(np.floor(trajectory.duration_s * rate_hz + 1e-6)) + 1
     if count < 2:
         raise ConfigError(
@@ -126,9 +127,9 @@ def _stamps(trajectory: Trajectory, rate_hz: float) -> NDArray[np.int64]:
 
 
 def _steps(x: Floats, y: Floats, yaw: Floats) -> tuple[Floats, Floats]:
-    """Angles of the steps between places, (N - 1), and ways forwards and to the left, (2, N - 1).
+    """Angles, (N - 1), and translations forwards and to the left, (2, N - 1), between poses.
 
-    The way is seen from the heading in the middle of the step.
+    Translations are relative to the heading in the middle of the step.
     """
     turn, dx, dy = np.diff(yaw), np.diff(x), np.diff(y)
     c, s = np.cos(yaw[:-1] + turn / 2), np.sin(yaw[:-1] + turn / 2)
@@ -138,7 +139,7 @@ def _steps(x: Floats, y: Floats, yaw: Floats) -> tuple[Floats, Floats]:
 def _joined(
     x: float, y: float, yaw: float, turn: Floats, way: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Places that steps lead to from a first one: x, y, yaw, (N) each."""
+    """Chain steps from a first pose: x, y, yaw, (N) each."""
     yaws = yaw + np.concatenate([[0.0], np.cumsum(turn)])
     c, s = np.cos(yaws[:-1] + turn / 2), np.sin(yaws[:-1] + turn / 2)
     xs = x + np.concatenate([[0.0], np.cumsum(c * way[0] - s * way[1])])
@@ -147,13 +148,13 @@ def _joined(
 
 
 def _rates(way: Floats, gap: Floats) -> Floats:
-    """Velocities of the steps, the first one twice, (N, 3)."""
+    """Velocities of the steps, (N, 3), the first one repeated."""
     rates = np.stack([way[0] / gap, way[1] / gap, np.zeros_like(gap)], axis=1)
     return np.concatenate([rates[:1], rates])
 
 
 def _turn_rates(turn: Floats, gap: Floats) -> Floats:
-    """Turn rates of the steps, the first one twice, (N, 3)."""
+    """Turn rates of the steps, (N, 3), the first one repeated."""
     rates = np.stack([np.zeros_like(gap), np.zeros_like(gap), turn / gap], axis=1)
     return np.concatenate([rates[:1], rates])
 

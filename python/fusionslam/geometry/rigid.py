@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Laying one set of poses in the plane over another: turned and shifted, never stretched."""
+"""Rigid alignment of one set of planar poses to another: rotation and translation, no scale."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,11 +13,11 @@ from fusionslam.storage.arrays import Floats
 
 
 class RigidMotion(NamedTuple):
-    """A rigid motion of the plane: first turned about the origin by ``turn``, then shifted.
+    """A rigid motion of the plane: a rotation about the origin, then a translation.
 
     Attributes:
-        x, y: metres.
-        turn: radians, counter-clockwise.
+        x, y: translation in metres.
+        turn: rotation in radians, counter-clockwise.
     """
 
     x: float
@@ -25,7 +25,7 @@ class RigidMotion(NamedTuple):
     turn: float
 
     def apply(self, poses: Floats) -> Floats:
-        """float64 (n, 3), x, y in metres and heading in radians: the poses moved, headings too."""
+        """Transform poses, headings too: float64 (n, 3), x, y in metres and heading in radians."""
         c, s = np.cos(self.turn), np.sin(self.turn)
         x = c * poses[:, 0] - s * poses[:, 1] + self.x
         y = s * poses[:, 0] + c * poses[:, 1] + self.y
@@ -33,18 +33,18 @@ class RigidMotion(NamedTuple):
 
 
 def fit_rigid(poses: Floats, truth: Floats) -> RigidMotion:
-    """The rigid motion that brings positions nearest to the true ones, in least squares.
+    """Fit the rigid motion that aligns positions to the true ones in least squares.
 
-    Headings do not count, except where all positions are one, so that none of their turns is
-    better than another: there the mean turn between headings.
+    Headings are ignored unless the positions do not determine the rotation, as when all
+    coincide; it is then the mean difference of the headings.
 
     Args:
-        poses, truth: float64 (n, 3), n > 0, x, y in metres and heading in radians, row by row the
-            same moment.
+        poses, truth: float64 (n, 3), n > 0, x, y in metres and heading in radians; equal rows
+            belong to the same time.
 
     Raises:
-        ShapeError: other shapes, or none.
-        DataError: a value that is not finite.
+        ShapeError: the shapes are wrong or differ, or there are no poses.
+        DataError: a value is not finite.
 
     Source: Kabsch 1976, in two dimensions.
     """

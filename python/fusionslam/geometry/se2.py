@@ -15,7 +15,7 @@ _UPRIGHT = np.cos(np.radians(30))
 def places_of(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     """float64 (n, 3): x, y and yaw of poses (n, 4, 4) of a body whose z axis points up.
 
-    A world whose z axis is not up, such as KITTI's, is turned first, so that it is.
+    A world whose z axis does not point up, such as KITTI's, is rotated first so that it does.
     """
     up = poses[:, :3, 2].mean(axis=0)
     up /= np.linalg.norm(up)
@@ -25,7 +25,7 @@ def places_of(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """float64 (3, 3): the turn that takes a direction to z."""
+    """float64 (3, 3): rotation that maps a direction to z."""
     aside = np.eye(3)[np.argmin(np.abs(up))]
     x = np.cross(aside, up)
     x /= np.linalg.norm(x)
@@ -33,7 +33,7 @@ def _to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def compose(poses: Floats, offsets: Floats) -> Floats:
-    """Poses given in the frames of other poses, in the frame of those.
+    """Compose poses with offsets that are given in the frames of the poses.
 
     Args:
         poses, offsets: float64 (n, 3), x, y in metres and heading in radians.
@@ -48,7 +48,7 @@ def compose(poses: Floats, offsets: Floats) -> Floats:
 
 
 def transform_points(points: NDArray[Any], x: float, y: float, yaw: float) -> Floats:
-    """Points (N, 3) seen from a pose on the ground, in the frame of the pose: float64 (N, 3)."""
+    """Transform points from the body frame of a planar pose to its parent frame: float64 (N, 3)."""
     c, s = np.cos(yaw), np.sin(yaw)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     moved = np.einsum("ij,kj->ik", points.astype(np.float64), turn) + np.array([x, y, 0])
@@ -56,5 +56,5 @@ def transform_points(points: NDArray[Any], x: float, y: float, yaw: float) -> Fl
 
 
 def wrapped(angles: Floats) -> Floats:
-    """The same angles, radians, in (-pi, pi]."""
+    """Wrap angles, radians, to (-pi, pi]."""
     return np.asarray(np.pi - (np.pi - angles) % (2 * np.pi))

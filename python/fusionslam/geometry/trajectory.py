@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a robot on the ground is at each time."""
+"""Trajectories of a robot on the ground."""
 
 import csv
 from collections.abc import Iterator
@@ -16,22 +16,22 @@ from fusionslam.storage.files import PathLike, atomic_path, reading
 
 _COLUMNS = ("t", "x", "y", "yaw")
 _EXPECTED = "a trajectory: a line 't,x,y,yaw', then seconds, metres, metres, radians"
-# Seconds: times this far beyond the ends are rounding, not another time.
+# In seconds: times beyond the ends by no more than this are taken for rounding errors.
 _ROUNDING_S = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """N >= 2 places of a robot's base on the ground, straight lines between them.
+    """N >= 2 poses of a robot's base on the ground, connected by straight lines.
 
     Attributes:
         seconds: float64 (N), increasing.
-        x, y: float64 (N), metres in the world's frame.
-        yaw: float64 (N), radians, continuous (not wrapped), x towards y.
+        x, y: float64 (N), metres in the world frame.
+        yaw: float64 (N), radians, continuous (not wrapped), from x towards y.
 
     Raises:
-        ShapeError: the arrays differ in length, or hold fewer than two places.
-        DataError: a value is not finite, or a time not after the one before.
+        ShapeError: the arrays differ in length, or hold fewer than two poses.
+        DataError: a value is not finite, or a time is not later than the one before.
     """
 
     seconds: Floats
@@ -55,7 +55,7 @@ class Trajectory:
 
     @property
     def duration_s(self) -> float:
-        """Seconds from the first place to the last."""
+        """Seconds from the first pose to the last."""
         return float(self.seconds[-1] - self.seconds[0])
 
     @property
@@ -64,10 +64,10 @@ class Trajectory:
         return float(np.hypot(np.diff(self.x), np.diff(self.y)).sum())
 
     def places(self, seconds: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """x, y and yaw at times, (M,) each, interpolated.
+        """Interpolate x, y and yaw at times, (M,) each.
 
         Raises:
-            DataError: a time is before the first place or after the last.
+            DataError: a time is before the first pose or after the last.
         """
         times = np.asarray(seconds, np.float64)
         first, last = self.seconds[0], self.seconds[-1]
@@ -84,18 +84,18 @@ class Trajectory:
         """float64 (M, 4, 4), world_from_base at times (M,).
 
         Raises:
-            DataError: a time is before the first place or after the last.
+            DataError: a time is before the first pose or after the last.
         """
         return ground_poses(*self.places(np.atleast_1d(seconds)))
 
     def speeds(self) -> tuple[Floats, Floats]:
-        """Forward speed in m/s and turn rate in rad/s at each place, (N,) each."""
+        """Forward speed in m/s and turn rate in rad/s at each pose, (N,) each."""
         dx, dy, turn = (np.gradient(v, self.seconds) for v in (self.x, self.y, self.yaw))
         return dx * np.cos(self.yaw) + dy * np.sin(self.yaw), turn
 
 
 def ground_poses(x: Floats, y: Floats, yaw: Floats) -> Floats:
-    """float64 (N, 4, 4) of places on the ground, (N,) each: z is 0 and up."""
+    """float64 (N, 4, 4) of poses on the ground, (N,) each: z points up and is 0."""
     poses = np.tile(np.eye(4), (len(x), 1, 1))
     c, s = np.cos(yaw), np.sin(yaw)
     poses[:, 0, 0], poses[:, 0, 1], poses[:, 1, 0], poses[:, 1, 1] = c, -s, s, c
@@ -104,11 +104,11 @@ def ground_poses(x: Floats, y: Floats, yaw: Floats) -> Floats:
 
 
 def read_trajectory(path: PathLike) -> Trajectory:
-    """A trajectory from a CSV file: the line ``t,x,y,yaw``, then one place a line.
+    """Read a trajectory from a CSV file: the line ``t,x,y,yaw``, then one pose per line.
 
     Raises:
-        DataError: missing, other columns, fewer than two places, no number, not finite, or a time
-            that is not later than the one before; the message names the line.
+        DataError: the file is missing, has other columns or fewer than two poses; a value is not
+            a finite number; or a time is not later than the one before; the message names the line.
     """
     path = Path(path)
     with reading(path, _EXPECTED):
@@ -129,7 +129,7 @@ def read_trajectory(path: PathLike) -> Trajectory:
 
 
 def write_trajectory(path: PathLike, trajectory: Trajectory) -> None:
-    """Write a trajectory as CSV with all digits: it is read back exactly.
+    """Write a trajectory as CSV with all digits, so that it is read back exactly.
 
     Raises:
         DataError: the file cannot be written.
@@ -142,7 +142,7 @@ def write_trajectory(path: PathLike, trajectory: Trajectory) -> None:
 
 
 def _filled(text: str) -> Iterator[tuple[int, list[str]]]:
-    """The lines of a CSV text that hold something, with their numbers from 1."""
+    """Yield the non-empty lines of a CSV text with their numbers from 1."""
     reader = csv.reader(text.splitlines())
     for cells in reader:
         if any(cell.strip() for cell in cells):

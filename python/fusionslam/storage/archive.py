@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Stored values: arrays in a ``.npz`` or plain values in JSON, with the name of their format.
+"""Stores arrays in a ``.npz`` or plain values in JSON, with the name of their format.
 
 An archive is a ``.npz`` that holds, beside its arrays, the text ``about``: JSON with the format's
-name and version and whatever else describes the arrays. Files are written whole or not at all.
+name and version and metadata of the arrays. Files are written atomically.
 """
 
 import json
@@ -31,14 +31,14 @@ def save_archive(
     *,
     compress: bool = False,
 ) -> None:
-    """Write arrays and what describes them.
+    """Write arrays and their metadata.
 
     Args:
         target: path of the file, or a binary stream.
         format: name and version, such as "fusionslam.view_run.1".
-        about: what describes the arrays, as JSON can hold it.
-        arrays: by name; None stands for an array that is not there.
-        compress: whether to spend time on a smaller file.
+        about: metadata of the arrays; must be representable in JSON.
+        arrays: by name; None for an array that is absent.
+        compress: whether to compress the file, which takes longer.
 
     Raises:
         DataError: the file cannot be written.
@@ -51,21 +51,21 @@ def save_archive(
 def load_archive(
     source: PathLike | BinaryIO, format: str, expected: str
 ) -> Iterator[tuple[dict[str, Any], dict[str, NDArray[Any]]]]:
-    """Read what ``save_archive`` wrote, and turn it into a value inside the block.
+    """Read an archive of ``save_archive``; the block converts it into a value.
 
-    Whatever fails inside the block, too, is an error of the file.
+    Errors inside the block are reported as errors of the file, too.
 
     Args:
         source: path of the file, or a binary stream.
-        format: the one that can be read.
-        expected: what the file should be, for messages: "a stored view run".
+        format: the supported format.
+        expected: description of the file for messages: "a stored view run".
 
     Yields:
-        What describes the arrays, and the arrays by name.
+        The metadata, and the arrays by name.
 
     Raises:
-        DataError: missing, cut short, damaged, of another format, or something else; the message
-            names the file.
+        DataError: the file is missing, truncated, damaged, of another format or not an archive;
+            the message names it.
     """
     with load_arrays(source, expected) as arrays:
         about = json.loads(str(arrays.pop(ABOUT)))
@@ -76,7 +76,7 @@ def load_archive(
 def save_arrays(
     target: PathLike | BinaryIO, arrays: Mapping[str, Any], *, compress: bool = False
 ) -> None:
-    """Write a ``.npz`` of arrays alone; otherwise like ``save_archive``."""
+    """Write a ``.npz`` of arrays without metadata; otherwise like ``save_archive``."""
     save = np.savez_compressed if compress else np.savez
     present: dict[str, Any] = {name: rows for name, rows in arrays.items() if rows is not None}
     if not isinstance(target, str | os.PathLike):
@@ -88,11 +88,11 @@ def save_arrays(
 
 @contextmanager
 def load_arrays(source: PathLike | BinaryIO, expected: str) -> Iterator[dict[str, NDArray[Any]]]:
-    """Read a ``.npz`` of arrays alone; otherwise like ``load_archive``."""
+    """Read a ``.npz`` of arrays without metadata; otherwise like ``load_archive``."""
     path = source if isinstance(source, str | os.PathLike) else None
     with reading(path, expected):
         with _open(source) as stream:
-            if not zipfile.is_zipfile(stream):  # numpy takes it for a pickle, and says so
+            if not zipfile.is_zipfile(stream):  # numpy would report a pickle
                 raise ValueError("it is no .npz, or it is cut short")
             stream.seek(0)
             with np.load(stream, allow_pickle=False) as stored:
@@ -101,7 +101,7 @@ def load_arrays(source: PathLike | BinaryIO, expected: str) -> Iterator[dict[str
 
 
 def format_of(path: PathLike) -> str | None:
-    """The format that an archive names; None for whatever is no archive that can be read."""
+    """Format named in an archive; None if the file is not a readable archive."""
     try:
         with reading(path, "an archive"), np.load(path, allow_pickle=False) as stored:
             return str(json.loads(str(stored[ABOUT]))["format"])
@@ -112,7 +112,7 @@ def format_of(path: PathLike) -> str | None:
 def save_json(
     path: PathLike, format: str | None, content: Mapping[str, Any], *, indent: int | None = None
 ) -> None:
-    """Write values as JSON, with their format unless it is None.
+    """Write values as JSON, with the name of their format unless it is None.
 
     Raises:
         DataError: the file cannot be written.
@@ -126,7 +126,7 @@ def save_json(
 
 @contextmanager
 def load_json(path: PathLike, format: str | None, expected: str) -> Iterator[dict[str, Any]]:
-    """Read what ``save_json`` wrote, and turn it into a value inside the block.
+    """Read a file of ``save_json``; the block converts it into a value.
 
     Args, raises: as for ``load_archive``.
     """
@@ -144,7 +144,7 @@ def _open(source: PathLike | BinaryIO) -> AbstractContextManager[BinaryIO]:
 
 
 def _check_format(about: dict[str, Any], expected: str) -> None:
-    """Take the format away. Raises DataError unless it is the expected one."""
+    """Remove the format from the metadata. Raises DataError unless it is the expected one."""
     found = about.pop("format", None)
     if found != expected:
         raise DataError(f"is of format {found}, expected {expected}")

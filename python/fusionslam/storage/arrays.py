@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Names for the types of arrays; shapes and units stand where an array is used."""
+"""Type aliases of arrays; shapes and units are documented where an array is used."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Files are written whole or not at all."""
+"""Atomic writing of files and folders, and reading with errors that name the file."""
 
 import os
 import signal
@@ -17,12 +17,11 @@ PathLike = str | os.PathLike[str]
 
 @contextmanager
 def reading(path: PathLike | None, expected: str) -> Iterator[None]:
-    """Turn whatever goes wrong inside the block into a ``DataError`` that names the file.
+    """Turn any error inside the block into a ``DataError`` that names the file.
 
     Args:
-        path: of the file that is read; None for bytes, whose errors the reader of the file around
-            them completes.
-        expected: what the file should be, such as "a stored view run".
+        path: of the file being read; None for bytes within a file, whose reader adds the name.
+        expected: description of the file, such as "a stored view run".
     """
     try:
         yield
@@ -32,7 +31,7 @@ def reading(path: PathLike | None, expected: str) -> Iterator[None]:
         raise DataError(f"{path}: {error}") from error
     except FileNotFoundError as error:
         raise DataError(f"{path} is missing: expected {expected}") from error
-    except Exception as error:  # numpy, zipfile and others raise anything on a damaged file
+    except Exception as error:  # damaged files make numpy, zipfile and others raise anything
         subject = "" if path is None else f"{path} cannot be read: "
         why = f"no {error}" if isinstance(error, KeyError) else error
         why = getattr(error, "strerror", None) or why
@@ -41,11 +40,11 @@ def reading(path: PathLike | None, expected: str) -> Iterator[None]:
 
 @contextmanager
 def atomic_path(path: PathLike) -> Iterator[Path]:
-    """Yield a temporary path beside ``path``; on success it replaces ``path``, else it vanishes.
+    """Yield a temporary path beside ``path``; it replaces ``path`` on success, else is deleted.
 
     Raises:
-        DataError: the folder cannot be made or written, or something is there that is no file, such
-            as a device, which must not be replaced.
+        DataError: the folder cannot be made or written, or the path is neither a file nor a
+            folder, such as a device, which must not be replaced.
     """
     target = Path(path)
     if os.path.exists(target) and not (os.path.isfile(target) or os.path.isdir(target)):
@@ -69,12 +68,12 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
 
 @contextmanager
 def made_folder(folder: Path) -> Iterator[None]:
-    """Make a folder before the work is done whose results go there; gone again if none came.
+    """Make a folder for the results of the block; it is removed again if it stays empty.
 
     Raises:
-        DataError: it cannot be made, or nothing can be written there.
+        DataError: it cannot be made or written.
     """
-    # Path.exists raises where a folder on the way must not be entered.
+    # Path.exists raises if a parent folder must not be entered.
     new = [one for one in (folder, *folder.parents) if not os.path.exists(one)]
     try:
         try:
@@ -90,7 +89,7 @@ def made_folder(folder: Path) -> Iterator[None]:
 
 
 def why_not(target: Path, error: OSError) -> str:
-    """Why no file can be made at a path: what the system says, or that a folder is none."""
+    """Explain why a file cannot be made: the system's reason, or a parent that is not a folder."""
     folder = next((one for one in target.parents if os.path.exists(one)), None)
     if folder is None or folder.is_dir():
         return error.strerror or str(error)
@@ -99,7 +98,7 @@ def why_not(target: Path, error: OSError) -> str:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Hold back Ctrl-C and SIGTERM while a file that others wrote code for is half changed.
+    """Delay Ctrl-C and SIGTERM while third-party code changes a file.
 
     They take effect at the end of the block. Threads other than the main one are never interrupted.
     """

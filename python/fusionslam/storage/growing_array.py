@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tables that grow by rows."""
+"""Arrays that grow row by row."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 class Rows:
-    """An array that grows at its end, at a cost that does not depend on its length.
+    """An array to which rows are appended in amortised constant time.
 
     Args:
         dtype: of the numbers.
@@ -25,11 +25,11 @@ class Rows:
 
     @property
     def all(self) -> NDArray[Any]:
-        """Every row: a view, which the next row may leave behind."""
+        """All rows, as a view that may be out of date after the next ``append``."""
         return self._stored[: self._count]
 
     def append(self, row: Any) -> None:
-        """Add a row."""
+        """Append a row."""
         if self._count == len(self._stored):
             self._stored = np.concatenate([self._stored, np.zeros_like(self._stored)])
         self._stored[self._count] = row
@@ -37,7 +37,7 @@ class Rows:
 
     @classmethod
     def of(cls, rows: NDArray[Any]) -> "Rows":
-        """With these rows, which are copied."""
+        """Make a table from a copy of these rows."""
         made = cls(rows.dtype.type, rows.shape[1] if rows.ndim == 2 else 0)
         made._stored = np.concatenate([rows, made._stored])
         made._count = len(rows)

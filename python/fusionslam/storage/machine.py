@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a result was made with: versions and machine."""
+"""Software versions and machine that a result was made with."""
 
 import os
 import platform
@@ -25,7 +25,7 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, str | int]:
-    """The processor's name and how many cores this process may use."""
+    """The processor's name and the number of cores that this process may use."""
     # macOS has no affinity and no /proc.
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {"cpu": _cpu_model(), "cores": count or 1}
@@ -48,9 +48,9 @@ def _cpu_model() -> str:
 
 
 def peak_memory(work: Callable[[], object]) -> int:
-    """Bytes of resident memory that ``work`` takes at most on top of what is in use (Linux).
+    """Peak resident memory of ``work`` in bytes, beyond what is in use before it (Linux).
 
-    0 where the kernel does not tell.
+    0 if the kernel does not report it.
     """
     import ctypes
 

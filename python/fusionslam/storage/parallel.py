@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Work on several items at a time, results in their order."""
+"""Parallel work with results in order."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -13,7 +13,7 @@ T = TypeVar("T")
 def in_order(
     pool: ThreadPoolExecutor, work: Callable[[int], T], items: Iterable[int], ahead: int
 ) -> Iterator[T]:
-    """The results of work on each item, in order, of which at most ``ahead`` are begun."""
+    """Yield the results of ``work`` in the order of the items, with at most ``ahead`` in flight."""
     rest, begun = iter(items), deque[Future[T]]()
     for item in rest:
         begun.append(pool.submit(work, item))

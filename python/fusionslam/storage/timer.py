@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the parts of a step take; nothing but reports depends on it."""
+"""Measures the time of the parts of a step, for reports only."""
 
 import time
 from collections.abc import Iterator
@@ -11,14 +11,14 @@ Part = Literal["view", "cells", "map"]
 
 
 class Stopwatch:
-    """Adds up the time that each part of a step takes."""
+    """Adds up the time spent in each part of a step."""
 
     def __init__(self) -> None:
         self._spent: dict[Part, float] = {"view": 0.0, "cells": 0.0, "map": 0.0}
 
     @contextmanager
     def of(self, part: Part) -> Iterator[None]:
-        """Counts what happens inside for a part."""
+        """Add the time of the block to a part."""
         start = time.perf_counter()
         try:
             yield
@@ -27,5 +27,5 @@ class Stopwatch:
 
     @property
     def seconds(self) -> tuple[float, float, float]:
-        """What looking, the cells and the map took."""
+        """Seconds spent on the view, the pose cells and the map."""
         return self._spent["view"], self._spent["cells"], self._spent["map"]
