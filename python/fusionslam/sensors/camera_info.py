@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rectified cameras and images out of CameraInfo: of a single camera, or of a stereo pair."""
+"""Makes rectified cameras and images from CameraInfo, for one camera or a stereo pair."""
 
 from collections.abc import Mapping
 
@@ -12,21 +12,20 @@ from fusionslam.sensors.frame import Camera
 from fusionslam.sensors.messages import CameraInfo, Picture
 from fusionslam.storage.arrays import Image, Matrix
 
-# Relative: calibrations are printed with at least so many digits.
+# Relative tolerance: calibrations are printed with at least this precision.
 _SAME = 1e-6
 
 
 def camera_from(info: CameraInfo, camera_from_points: Matrix, name: str = "camera") -> Camera:
-    """The rectified camera of a CameraInfo.
+    """Make the rectified camera of a CameraInfo.
 
     Args:
-        info: its projection of zeros, as drivers without rectification send, means K itself.
+        info: a projection of zeros, as sent by drivers without rectification, stands for K.
         camera_from_points: float64 (4, 4), maps points of the scan to the camera's optical frame.
-        name: what errors call it: its topic.
+        name: its name in errors: its topic.
 
     Raises:
-        DataError: a camera matrix of zeros, as sent by cameras that were never calibrated, or
-            one that no camera can have.
+        DataError: the camera matrix is all zeros, as of uncalibrated cameras, or is impossible.
     """
     rectified_from_camera = np.eye(4)
     rectified_from_camera[:3, :3] = info.rectification
@@ -38,19 +37,20 @@ def cameras_from(
     left_from_points: Matrix,
     names: Mapping[str, str] | None = None,
 ) -> dict[str, Camera]:
-    """The rectified cameras "left" and, of a stereo pair, "right".
+    """Make the rectified cameras "left" and, of a stereo pair, "right".
 
-    The right camera's projection counts from the left one's rectified frame and has the baseline
-    in it (REP 104: P[0, 3] = -f * b). So both have the left one's place, whichever frame the right
-    CameraInfo names and wherever TF has that.
+    The right camera's projection is relative to the left one's rectified frame and contains the
+    baseline (REP 104: P[0, 3] = -f * b). So both have the left one's pose, whichever frame the
+    right CameraInfo names and wherever TF places that.
 
     Args:
         infos: by camera: "left" alone, or both.
         left_from_points: float64 (4, 4), maps points to the left camera's optical frame.
-        names: what errors call them: their topics.
+        names: their names in errors: their topics.
 
     Raises:
-        DataError: as ``camera_from``; or the two are no rectified pair: no baseline, other sizes.
+        DataError: as ``camera_from``; or the two are not a rectified pair, such as without a
+            baseline or with different sizes.
     """
     called = names or {name: name for name in infos}
     left = camera_from(infos["left"], left_from_points, called["left"])
@@ -69,7 +69,7 @@ def check_pair(left: CameraInfo, right: CameraInfo, names: Mapping[str, str]) ->
             f"{names['left']} for {left.size[0]}x{left.size[1]}: expected one size in a pair"
         )
     first, second = _projection(left, names["left"]), _projection(right, names["right"])
-    # f, the rows' centre: what one row of both images sees has to be the same.
+    # fx, fy and cy: equal rows of both images must see the same.
     rows = [(0, 0), (1, 1), (1, 2)]
     if not np.allclose([first[k] for k in rows], [second[k] for k in rows], rtol=_SAME, atol=_SAME):
         raise DataError(
@@ -85,10 +85,10 @@ def check_pair(left: CameraInfo, right: CameraInfo, names: Mapping[str, str]) ->
 
 
 def rectified(picture: Picture, info: CameraInfo, name: str = "camera") -> Image:
-    """The image as the projection of its CameraInfo sees it: without distortion.
+    """Rectify and undistort an image for the projection of its CameraInfo.
 
     Raises:
-        DataError: the image has another size than its CameraInfo says, or a calibration that
+        DataError: the image has another size than its CameraInfo says, or the calibration
             cannot be used.
     """
     check_size(picture, info, name)
@@ -106,7 +106,7 @@ def rectified(picture: Picture, info: CameraInfo, name: str = "camera") -> Image
             projection=projection,
             size=info.size,
         )
-    except (DataError, ConfigError) as error:  # an unknown model is the camera's, no option of ours
+    except (DataError, ConfigError) as error:  # an unknown model is the data's fault
         raise DataError(f"CameraInfo of {name}: {error}") from error
 
 

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the sensors deliver: cameras, frames, and the coloured clouds made of them.
+"""Cameras, frames of sensor data, and the coloured clouds made from them.
 
-Arrays follow one rule everywhere: points float32 (N, 3) in metres, colours uint8 (N, 3) RGB,
+Arrays have the same form everywhere: points float32 (N, 3) in metres, colours uint8 (N, 3) RGB,
 images uint8 (H, W, 3) RGB or (H, W), poses float64 (4, 4) where ``a_from_b`` maps points in b to
 points in a, stamps integer nanoseconds.
 """
@@ -22,18 +22,18 @@ Bytes = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Camera:
-    """A rectified pinhole camera and its place relative to the frame's points.
+    """A rectified pinhole camera and its pose relative to the frame's points.
 
     Attributes:
         projection: float64 (3, 4), maps homogeneous points of the rectified camera frame to
             pixels (KITTI's P0 .. P3).
         rectified_from_points: float64 (4, 4), maps points of the scan to the rectified camera
             frame (KITTI odometry: Tr; raw and object: R0_rect * Tr_velo_to_cam).
-        size: (width, height) in pixels that the calibration was made for, if it says so.
+        size: (width, height) in pixels that the calibration is for; None if unknown.
 
     Raises:
-        ShapeError: a matrix of another shape.
-        DataError: a matrix with NaN or infinity, or one that cannot be inverted.
+        ShapeError: a matrix has the wrong shape.
+        DataError: a matrix has NaN or infinity, or cannot be inverted.
     """
 
     projection: NDArray[np.float64]
@@ -77,17 +77,17 @@ class Cloud:
 
 
 class Frame:
-    """What the sensors saw at one instant. Points and images are read when first asked for.
+    """Sensor data of one instant. Points and images are loaded on first access.
 
     Args:
         index: number of the frame in its dataset.
         stamp_ns: time in nanoseconds.
         points: float32 (N, 3), metres, in the scan's frame; or a function that loads them.
-        colors: uint8 (N, 3) RGB, for data whose points are coloured already; or a loader.
+        colors: uint8 (N, 3) RGB, for data whose points are already coloured; or a loader.
         images: by camera name ("left", "right"): uint8 (H, W, 3) RGB or (H, W); or loaders.
         cameras: calibration by camera name.
         pose: float64 (4, 4), world_from_body; the dataset says which body (``pose_frame``).
-        odometry: float64 (4, 4), odom_from_robot at the scan's stamp, as measured on board.
+        odometry: float64 (4, 4), measured odom_from_robot at the scan's stamp.
         robot_from_points: float64 (4, 4), maps points of the scan to the robot's frame.
     """
 
@@ -123,19 +123,19 @@ class Frame:
 
     @property
     def colors(self) -> NDArray[np.uint8] | None:
-        """uint8 (N, 3) RGB where the data came with coloured points, else None."""
+        """uint8 (N, 3) RGB if the data has coloured points, else None."""
         if callable(self._colors):
             self._colors = self._colors()
         return self._colors
 
     @property
     def has_points(self) -> bool:
-        """Whether there is a scan, without loading it."""
+        """Whether there is a scan; does not load it."""
         return self._points is not None
 
 
 class _LazyMapping(Mapping[str, Bytes]):
-    """A mapping whose values are loaded when first asked for."""
+    """A mapping whose values are loaded on first access."""
 
     def __init__(self, values: Mapping[str, Bytes | Callable[[], Bytes]]) -> None:
         self._values = dict(values)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A scan and the images that belong to it as a frame."""
+"""Assembles a scan and its images into a frame."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -28,22 +28,22 @@ def frame_from_pair(
     pose: Matrix | None = None,
     still: bool = False,
 ) -> Frame:
-    """A scan and the images that belong to it as a frame.
+    """Assemble a scan and its images into a frame.
 
-    Rays without return (NaN) are left out. The images are rectified when first asked for.
+    Rays without return (NaN) are left out. The images are rectified on first access.
 
     Args:
         scan: None for a stereo pair alone, whose points are in the left camera's optical frame.
         pictures: by camera name; "left" and "right" together are a stereo pair.
         infos: calibration of each of them.
-        frames: where sensors and robot were.
+        frames: poses of sensors and robot.
         index: number of the frame.
-        pose: float64 (4, 4), the true one, where it is known.
-        still: leave odometry out of it.
+        pose: float64 (4, 4), ground truth, if known.
+        still: do not use odometry.
 
     Raises:
-        TransformError: something is not known at its time (a DataError).
-        DataError: a calibration that cannot be used, or an image of another size.
+        TransformError: a transform is not known at the time needed (a DataError).
+        DataError: a calibration cannot be used, or an image has another size.
     """
     for name, picture in pictures.items():
         check_size(picture, infos[name], name)
@@ -83,7 +83,7 @@ def _robot_from_points(
     try:
         return frames.robot_from(_optical_frame("left", pictures, infos), pictures["left"].stamp_ns)
     except TransformError:
-        # A pair needs no transforms, but waits for them as long as they may come.
+        # A stereo pair works without transforms, but waits for them while they may still arrive.
         if not still:
             raise
         return None
@@ -102,7 +102,7 @@ def _placed_cameras(
     frames: RobotFrames,
     still: bool,
 ) -> dict[str, Camera]:
-    """Every camera where it was when it took its image; the right one of a pair with the left."""
+    """Each camera with its pose when it took its image; the right one of a pair has the left's."""
     cameras: dict[str, Camera] = {}
     for name, picture in pictures.items():
         if name == "right" and "left" in pictures:

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages in, frames out: what a robot runs, and what reading its recordings is built of.
+"""Builds frames from messages, on a robot or from its recordings.
 
 ``FrameBuilder`` takes scans, images, calibrations, odometry and transforms as they arrive and
-yields each scan as a ``Frame`` with its images and with cameras placed where they were when they
-saw them.
+returns each scan as a ``Frame`` with its images and with the camera poses at the times of the
+images.
 """
 
 import logging
@@ -43,7 +43,7 @@ NO_TRANSFORM = "no transform"
 NO_CAMERA_INFO = "no CameraInfo"
 BAD_CALIBRATION = "calibration does not fit"
 
-# What to do, for those who own the robot.
+# Advice for the robot's owner.
 _ADVICE = {
     NO_TRANSFORM: "publish it on /tf_static or /tf, as robot_state_publisher does",
     NO_CAMERA_INFO: "is it published, or has its topic to be remapped?",
@@ -60,7 +60,7 @@ _PAIR = ("left", "right")
 
 
 class OnlineConfig(Section):
-    """How messages become frames while they arrive."""
+    """Configuration of how arriving messages become frames."""
 
     sync: SyncConfig = option(SyncConfig(), "which image belongs to which scan")
     robot_frame: str = option(
@@ -84,7 +84,7 @@ class OnlineConfig(Section):
 
 
 def _pictures(pair: Pair) -> dict[str, Picture]:
-    """All images of a pair, whose left one may be a pair itself."""
+    """All images of a pair, whose left one may itself be a stereo pair."""
     found = {"left": pair.item} if isinstance(pair.item, Picture) else {}
     for name, image in pair.images.items():
         found |= _pictures(image.item) if isinstance(image.item, Pair) else {name: image.item}
@@ -92,24 +92,25 @@ def _pictures(pair: Pair) -> dict[str, Picture]:
 
 
 class FrameBuilder:
-    """Makes frames of messages, in bounded memory and without ever stopping on bad ones.
+    """Builds frames from messages in bounded memory; bad messages never stop it.
 
-    A scan is out once its images are decided (``Synchronizer``) and its transforms and CameraInfo
-    are there; it waits for those up to ``wait`` seconds of the sensors' and the odometry's newest
-    stamp. For the sensor ``sync.scans``, always: added = frames + dropped + waiting.
+    A scan becomes a frame once its images are decided (``Synchronizer``) and its transforms and
+    CameraInfo have arrived; it waits for these for up to ``wait`` seconds, measured by the newest
+    stamp of sensors and odometry. For the sensor ``sync.scans`` this always holds:
+    added = frames + dropped + waiting.
 
     Args:
         config: limits and names.
-        cameras: which cameras every frame needs; "left" and "right" together are a stereo pair.
+        cameras: cameras that every frame needs; "left" and "right" together are a stereo pair.
         scans: whether frames are scans; else they are stereo pairs, in the left camera's frame.
 
     Attributes:
         sync: the synchroniser, with its counts.
-        stereo: the one that makes the pairs that go to ``sync`` as "left"; None without.
-        robot: where sensors and robot were.
+        stereo: synchroniser of stereo pairs, which go to ``sync`` as "left"; None without them.
+        robot: poses of sensors and robot.
         frames: number of frames so far.
-        refused: messages of wrong content by type: transforms that form a loop, ...
-        still: number of frames for whose time odometry was not known.
+        refused: number of messages with invalid content by type: transforms that form a loop, ...
+        still: number of frames without known odometry.
     """
 
     def __init__(
@@ -149,11 +150,11 @@ class FrameBuilder:
 
     @property
     def jumps(self) -> int:
-        """How often the clock of a scanner or camera went back."""
+        """Number of times the clock of a scanner or camera jumped back."""
         return self.sync.jumps + (self.stereo.jumps if self.stereo else 0)
 
     def frame_of(self, cloud_frame: CloudFrame) -> str:
-        """The name of the frame that clouds of ``fuse`` lie in, as far as it is known by now."""
+        """Name of the frame of clouds from ``fuse``, as far as it is known by now."""
         names = {"robot": self.robot.robot, "odometry": self.robot.odometry}
         if cloud_frame in names:
             return names[cloud_frame] or ""
@@ -163,13 +164,13 @@ class FrameBuilder:
 
     @property
     def dropped(self) -> Counter[tuple[str, str]]:
-        """Messages that came to nothing, by (sensor, reason)."""
+        """Number of messages dropped, by (sensor, reason)."""
         paired = self.stereo.dropped if self.stereo else Counter()
         return self.sync.dropped + paired + self._given_up
 
     @property
     def waiting(self) -> dict[str, int]:
-        """By sensor, messages that are not decided yet."""
+        """Number of undecided messages by sensor."""
         waiting = Counter(self.sync.waiting)
         if self.stereo:
             waiting.update(self.stereo.waiting)
@@ -177,15 +178,15 @@ class FrameBuilder:
         return dict(waiting)
 
     def process(self, message: Message, camera: str = "left") -> list[Frame]:
-        """Take a message and return the frames that it completes, by rising stamp.
+        """Process a message and return the frames that it completes, by ascending stamp.
 
         Args:
-            message: of any sensor. Wrong content is refused, counted and logged once.
-            camera: which camera an image or a CameraInfo is of.
+            message: from any sensor. Invalid content is refused, counted and logged once.
+            camera: the camera that an image or a CameraInfo belongs to.
 
         Raises:
-            ConfigError: an image of a camera that was not named when the object was made, or a
-                scan without ``scans``.
+            ConfigError: an image of a camera that was not named at construction, or a scan
+                without ``scans``.
         """
         if isinstance(message, CameraInfo):
             self._infos[camera] = message
@@ -199,7 +200,7 @@ class FrameBuilder:
         return self._complete()
 
     def flush(self) -> list[Frame]:
-        """The frames of all that waits: nothing more will come."""
+        """Return the frames of all waiting messages; no more are expected."""
         if self.stereo:
             for both in self.stereo.flush():
                 self._pending.extend(self.sync.add("left", both.stamp_ns, both))
@@ -211,7 +212,7 @@ class FrameBuilder:
         pairs = self._paired(sensor, message)
         if self.sync.jumps > jumps:
             self._start_anew()
-            # What odometry and TF have of the new time already stays.
+            # Odometry and TF that already have the new time are kept.
             self.robot.forget_after(message.stamp_ns + self._jump_ns)
         self._pending.extend(pairs)
         self._see(message.stamp_ns)
@@ -220,7 +221,7 @@ class FrameBuilder:
             self._give_up(BUFFER_FULL, "too many scans wait")
 
     def _paired(self, sensor: str, message: Scan | Picture) -> list[Pair]:
-        """What a message completes; left and right images find each other first."""
+        """Add a message and return the pairs it completes; left and right images pair first."""
         if self.stereo is None or sensor not in _PAIR:
             return self.sync.add(sensor, message.stamp_ns, message)
         pairs: list[Pair] = []
@@ -238,7 +239,7 @@ class FrameBuilder:
             self.refused[type(message).__name__] += 1
             self._log(type(message).__name__, str(error), *cause_of(error))
         else:
-            # Transforms may be dated ahead, as a localiser's are: they tell no time.
+            # Transforms may be stamped ahead, as a localiser's are: they do not advance the time.
             if isinstance(message, Odometry):
                 self._see(message.stamp_ns)
 
@@ -246,7 +247,7 @@ class FrameBuilder:
         self._newest_ns = stamp_ns if self._newest_ns is None else max(self._newest_ns, stamp_ns)
 
     def _start_anew(self) -> None:
-        """The clock went back: what waits belongs to another time."""
+        """Give up all waiting scans after the clock jumped back."""
         self._newest_ns = None
         while self._pending:
             self._pending.popleft()
@@ -271,7 +272,7 @@ class FrameBuilder:
         return 0 if self._newest_ns is None else self._newest_ns - pair.stamp_ns
 
     def _frame(self, pair: Pair, late: bool) -> Frame | None:
-        """The pair's frame, or None if it had to be given up. Raises _NotYetError."""
+        """Frame of a pair, or None if it had to be given up. Raises _NotYetError."""
         missing = [name for name in _pictures(pair) if name not in self._infos]
         if missing and not late:
             raise _NotYetError
@@ -289,7 +290,7 @@ class FrameBuilder:
         return None
 
     def _placed(self, pair: Pair, late: bool) -> Frame:
-        """Without odometry where that is all that is missing."""
+        """Frame of a pair, without odometry if only that is missing."""
         scan = pair.item if isinstance(pair.item, Scan) else None
         pose = self._true_pose(pair.stamp_ns, late)
         given = scan, _pictures(pair), self._infos, self.robot
@@ -305,7 +306,7 @@ class FrameBuilder:
             return frame
 
     def _true_pose(self, stamp_ns: int, late: bool) -> Matrix | None:
-        """None where the truth is not known. Raises TransformError if it may become known."""
+        """Ground truth pose; None if unknown. Raises TransformError if it may become known."""
         try:
             return self.robot.world_from_robot(stamp_ns)
         except TransformError as error:
@@ -318,7 +319,7 @@ class FrameBuilder:
         self._log(reason, problem, *cause)
 
     def _log(self, reason: str, problem: str, *cause: str) -> None:
-        """Warn of each cause once; later occurrences are debug messages."""
+        """Log each cause as a warning once, then as debug messages."""
         cause = (reason, *cause)
         level = logging.DEBUG if cause in self._logged else logging.WARNING
         self._logged.add(cause)
@@ -328,4 +329,4 @@ class FrameBuilder:
 
 
 class _NotYetError(Exception):
-    """Something that a pair needs may still arrive."""
+    """A message that a pair needs may still arrive."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The images that one camera took on a drive."""
+"""Images of one camera on a drive."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,15 +13,15 @@ from fusionslam.storage.arrays import Floats, Image
 
 @dataclass(frozen=True, eq=False)
 class Images:
-    """Images of one camera in the order of time.
+    """Images of one camera in order of time.
 
     Attributes:
         seconds: float64 (n), increasing, on the clock of the scans.
-        poses: float64 (n, 3), true x, y in metres and yaw in radians; None where there is none.
+        poses: float64 (n, 3), true x, y in metres and yaw in radians; None without ground truth.
         image: reads or renders the i-th, uint8 (H, W) or (H, W, 3); may be called by any thread.
-        origin: where they come from, for people.
-        key: what they are made of, for the cache; None for images that need not be kept.
-        camera: of the whole images; None where nobody knows.
+        origin: their origin, for display.
+        key: identifies their source in the cache; None for images that need not be cached.
+        camera: calibration of the whole images; None if unknown.
     """
 
     seconds: Floats
@@ -36,5 +36,5 @@ class Images:
 
     @property
     def rate_hz(self) -> float:
-        """Images a second, the median; 0 where there are fewer than two."""
+        """Median rate in images per second; 0 for fewer than two."""
         return float(1 / np.median(np.diff(self.seconds))) if len(self) > 1 else 0.0

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What single sensors say at one instant, as values without any middleware.
+"""Messages of single sensors as values independent of any middleware.
 
-Bags, the simulator and robots deliver these; a ``Synchronizer`` makes frames of them. Every value
-has the stamp of its header (integer nanoseconds) and the name of the frame it is measured in.
+Bags, the simulator and robots deliver these; a ``Synchronizer`` groups them into frames. Every
+value has the stamp of its header (integer nanoseconds) and the name of its frame.
 """
 
 from collections.abc import Mapping
@@ -17,21 +17,21 @@ from fusionslam.errors import ClockError, ShapeError
 from fusionslam.storage.arrays import Matrix, Points
 
 NANOSECONDS = 1_000_000_000
-"""In a second."""
+"""Per second."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scan:
-    """One cloud of a LiDAR, or of anything else that publishes points.
+    """One cloud of a LiDAR or any other source of points.
 
     Attributes:
         stamp_ns: time of the header.
-        frame_id: the frame the points are in.
+        frame_id: the frame of the points.
         points: float32 (N, 3), metres; NaN marks a ray without return.
         fields: other values of each point by name, (N,) each: "intensity", "ring", "time" in
             seconds after the stamp, "object" as the simulator numbers them, ...
-        colors: uint8 (N, 3) RGB where the points are coloured already.
-        width: points a row of an organised cloud; 0 where the cloud has no order (one row).
+        colors: uint8 (N, 3) RGB if the points are already coloured.
+        width: points per row of an organised cloud; 0 for an unorganised cloud (one row).
     """
 
     stamp_ns: int
@@ -44,7 +44,7 @@ class Scan:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Picture:
-    """One image of a camera: uint8 (H, W, 3) RGB or (H, W) grey, as it was taken."""
+    """One image of a camera: uint8 (H, W, 3) RGB or (H, W) grey, as taken."""
 
     stamp_ns: int
     frame_id: str
@@ -53,7 +53,7 @@ class Picture:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CameraInfo:
-    """How a camera sees (sensor_msgs/CameraInfo): x right, y down, z forward.
+    """Calibration of a camera (sensor_msgs/CameraInfo): x right, y down, z forward.
 
     Attributes:
         stamp_ns: time of the header.
@@ -78,7 +78,7 @@ class CameraInfo:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Odometry:
-    """Where the robot believes to be and how fast it moves.
+    """Pose and velocity of the robot by odometry.
 
     Attributes:
         stamp_ns: time of the header.
@@ -99,11 +99,11 @@ class Odometry:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FrameTransform:
-    """Where one frame is in another, at one time or, if static, always.
+    """Pose of one frame in another, at one time or, if static, always.
 
     Attributes:
-        stamp_ns: time of the header; without meaning if static.
-        parent: name of the frame that the pose is in (header.frame_id).
+        stamp_ns: time of the header; meaningless if static.
+        parent: name of the frame that the pose is given in (header.frame_id).
         child: name of the frame whose pose it is (child_frame_id).
         parent_from_child: float64 (4, 4).
         static: whether it holds for all times.
@@ -128,11 +128,11 @@ Message = Scan | Picture | CameraInfo | Odometry | FrameTransforms
 
 @dataclass(frozen=True, eq=False)
 class Event:
-    """A message as it arrived.
+    """A message with its topic and time of arrival.
 
     Attributes:
-        topic: what it was published on.
-        time_ns: when it arrived; not its stamp, which is when it was measured.
+        topic: the topic it was published on.
+        time_ns: time of arrival; its stamp is the time of measurement.
         message: the value.
     """
 
@@ -142,11 +142,11 @@ class Event:
 
 
 def next_stamp(stamp_ns: int, last_ns: int | None) -> int:
-    """The stamp as an int, not before the last one; the same again is allowed.
+    """Return a stamp as an int after checking that it is not earlier than the last one.
 
     Raises:
-        ClockError: it lies before the last one.
-        ShapeError: no whole number that int64 holds.
+        ClockError: it is earlier than the last one.
+        ShapeError: it is not an integer that fits int64.
     """
     stamp = np.asarray(stamp_ns)
     if stamp.shape or stamp.dtype.kind not in "iu" or stamp > np.iinfo(np.int64).max:

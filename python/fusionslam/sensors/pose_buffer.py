@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a robot was on the ground at any time, out of odometry that may come late.
+"""Interpolates a robot's pose on the ground at any time from odometry that may arrive late.
 
 poses = PosesInTime()
 poses.add(odometry)
@@ -25,14 +25,14 @@ Ground = tuple[float, float, float]
 
 
 class PosesInTime:
-    """Odometry of one robot, kept for a while and interpolated.
+    """A buffer of one robot's odometry that interpolates poses.
 
-    After the clock went back go on with a new one.
+    Use a new one after the clock jumped back.
 
     Args:
         history_s: how long odometry is kept, in seconds before the newest.
-        jump_s: odometry that lies further before the newest comes of a clock that went back; what
-            lies less far back has only changed places with another message.
+        jump_s: odometry that is older than the newest by more seconds means that the clock jumped
+            back; if it is older by less, messages only arrived out of order.
     """
 
     def __init__(self, *, history_s: float = 30.0, jump_s: float = SyncConfig().jump) -> None:
@@ -41,12 +41,12 @@ class PosesInTime:
         self._names: tuple[str, str] | None = None
 
     def add(self, odometry: Odometry) -> None:
-        """Take odometry.
+        """Add odometry.
 
         Raises:
             ClockError: it lies too far before the newest.
-            DataError: a pose that is none, or that of another robot or in another frame than
-                before. Nothing is added where this raises.
+            DataError: the pose is invalid, or belongs to another robot or frame than before.
+                Nothing is added then.
         """
         names = odometry.frame_id or "odometry", odometry.child_frame_id or "robot"
         if self._names not in (None, names):
@@ -73,7 +73,7 @@ class PosesInTime:
         """x, y in metres and yaw in radians in the odometry's frame.
 
         Raises:
-            TransformError: not known; ``may_come`` says whether later odometry may tell.
+            TransformError: not known; ``may_come`` says whether later odometry may provide it.
         """
         if self._names is None:
             raise TransformError("there was no odometry yet", may_come=True, code="no-odometry")
@@ -82,14 +82,14 @@ class PosesInTime:
 
 
 class PosedInTime(Generic[T]):
-    """Things of which the robot's pose is wanted: each waits until odometry tells it.
+    """A queue of items that wait until odometry gives the robot's pose at their stamps.
 
     Args:
         history_s: how long odometry is kept, in seconds before the newest.
-        most: things that wait at most; the oldest is given out without a pose.
+        most: maximum number of waiting items; beyond it the oldest is returned without a pose.
 
     Attributes:
-        jumps: how often the clock of odometry or of the things went back.
+        jumps: number of times the clock of odometry or of the items jumped back.
     """
 
     def __init__(self, *, history_s: float = 30.0, most: int = 1000) -> None:
@@ -102,7 +102,7 @@ class PosedInTime(Generic[T]):
         self._waiting: deque[tuple[int, T]] = deque()
 
     def add(self, stamp_ns: int, item: T) -> list[tuple[int, T, Ground | None]]:
-        """Take a thing; returns what is decided now: stamp, thing, pose or None, in order."""
+        """Add an item; returns what is now decided, in order: stamp, item, pose or None."""
         jump_ns = NANOSECONDS * SyncConfig().jump
         done = []
         if self._waiting and self._waiting[-1][0] - stamp_ns > jump_ns:
@@ -111,23 +111,23 @@ class PosedInTime(Generic[T]):
         return done + self._decided()
 
     def move(self, odometry: Odometry) -> list[tuple[int, T, Ground | None]]:
-        """Take odometry; returns what is decided now. Raises DataError as ``PosesInTime.add``."""
+        """Add odometry; returns what is now decided. Raises DataError as ``PosesInTime.add``."""
         done = []
         try:
             self._poses.add(odometry)
         except ClockError:
             poses = PosesInTime(history_s=self._history_s)
-            poses.add(odometry)  # what it refuses tells no time: then all stays as it was
+            poses.add(odometry)  # raises on invalid odometry, before anything changes
             done = self._start_anew()
             self._poses = poses
         return done + self._decided()
 
     def flush(self) -> list[tuple[int, T, Ground | None]]:
-        """All that waits, with poses as far as they are known: nothing more will come."""
+        """Return all waiting items, with poses if known; no more odometry is expected."""
         return self._decided(final=True)
 
     def _start_anew(self) -> list[tuple[int, T, Ground | None]]:
-        """The clock went back: what waits belongs to another time."""
+        """Return all waiting items and empty the buffers after the clock jumped back."""
         done = self._decided(final=True)
         self.jumps += 1
         self._start()

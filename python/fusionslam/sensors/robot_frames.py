@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a robot's sensors are and where the robot was, out of TF and odometry."""
+"""Poses of a robot and of its sensors from TF and odometry."""
 
 from collections.abc import Iterable
 
@@ -11,24 +11,24 @@ from fusionslam.sensors.messages import FrameTransform, FrameTransforms, Odometr
 from fusionslam.sensors.transforms import TransformTree
 from fusionslam.storage.arrays import Matrix
 
-# What robots call themselves and the frame that they start in, where nothing says it.
+# Default names of the robot's frame and of the odometry frame.
 ROBOT_FRAMES = ("base_footprint", "base_link")
 ODOMETRY_FRAMES = ("odom",)
 
 
 class RobotFrames:
-    """Where a robot's sensors are, and where the robot was, at any time.
+    """Poses of a robot and of its sensors at any time.
 
     Odometry messages are kept apart from TF, as the two may disagree: the robot's motion comes
-    from odometry where there is any, else from TF.
+    from odometry messages if there are any, else from TF.
 
     Args:
-        history_s: how long what moves is kept, in seconds; None for all.
+        history_s: how long moving transforms are kept, in seconds; None for all.
         extrapolation_s: as ``TransformTree``.
-        robot: the robot's frame, and
-        odometry: the frame that odometry is measured in; empty finds them out.
-        truth: odometry in this frame, unless it is ``odometry``, is no odometry but true poses;
-            empty where there are none.
+        robot: the robot's frame; empty detects it.
+        odometry: the frame that odometry is measured in; empty detects it.
+        truth: odometry messages in this frame, unless it is ``odometry``, are ground truth; empty
+            if there are none.
 
     Attributes:
         tree: all of TF.
@@ -51,11 +51,11 @@ class RobotFrames:
         self._true: tuple[str, str] | None = None
 
     def add(self, message: FrameTransforms | Odometry) -> None:
-        """Take transforms or odometry.
+        """Add transforms or odometry.
 
         Raises:
-            DataError: as ``TransformTree.add``, of the first wrong transform; the others that
-                came with it are taken.
+            DataError: as ``TransformTree.add``, for the first invalid transform; the valid ones
+                of the same message are added.
         """
         if isinstance(message, FrameTransforms):
             self._add_all(message.transforms)
@@ -79,18 +79,18 @@ class RobotFrames:
             raise errors[0]
 
     def forget_moving(self) -> None:
-        """Drop all that moved: the clock went back."""
+        """Drop all moving transforms after the clock jumped back."""
         self.tree.forget_moving()
         self._moves.forget_moving()
         self._true_moves.forget_moving()
 
     def forget_after(self, stamp_ns: int) -> None:
-        """Drop all that moved later: the clock went back to here."""
+        """Drop moving transforms later than a stamp, to which the clock jumped back."""
         for tree in (self.tree, self._moves, self._true_moves):
             tree.forget_after(stamp_ns)
 
     def goes_back(self, message: FrameTransforms | Odometry, jump_ns: int) -> bool:
-        """Whether something in it lies further before the newest of its frame than this."""
+        """Whether a stamp in it is earlier than its frame's newest by more than ``jump_ns``."""
         if isinstance(message, Odometry):
             moves = self._true_moves if self._is_true(message) else self._moves
             newest = moves.newest(message.child_frame_id)
@@ -101,19 +101,19 @@ class RobotFrames:
 
     @property
     def robot(self) -> str | None:
-        """The name of the robot's frame, if it is known."""
-        # Some drivers leave the name in their odometry empty.
+        """Name of the robot's frame, if it is known."""
+        # Some drivers leave the name empty in their odometry.
         measured = self._measured[1] if self._measured else ""
         return self._robot or measured or self._first(ROBOT_FRAMES)
 
     @property
     def odometry(self) -> str | None:
-        """The name of the frame that the robot's motion is measured in, if it is known."""
+        """Name of the frame that the robot's motion is measured in, if it is known."""
         found = self._measured[0] if self._measured else self._first(ODOMETRY_FRAMES)
         return self._odometry or found
 
     def odometry_from_robot(self, stamp_ns: int) -> Matrix | None:
-        """float64 (4, 4) at a time, or None where nothing measures motion.
+        """float64 (4, 4) at a time, or None if there is no odometry.
 
         Raises:
             TransformError: odometry is not known for that time.
@@ -125,7 +125,7 @@ class RobotFrames:
         return None
 
     def world_from_robot(self, stamp_ns: int) -> Matrix | None:
-        """float64 (4, 4), the true pose at a time, or None where nothing tells the truth.
+        """float64 (4, 4), the true pose at a time, or None if there is no ground truth.
 
         Raises:
             TransformError: it is not known for that time.
@@ -133,7 +133,7 @@ class RobotFrames:
         return self._true_moves.lookup(*self._true, stamp_ns) if self._true else None
 
     def robot_from(self, sensor: str, stamp_ns: int) -> Matrix | None:
-        """float64 (4, 4), robot_from_sensor, or None where the robot's frame is not in TF.
+        """float64 (4, 4), robot_from_sensor, or None if the robot's frame is not in TF.
 
         Raises:
             TransformError: the two are not linked, or not at that time.
@@ -145,10 +145,10 @@ class RobotFrames:
     def camera_from_points(
         self, camera: str, camera_ns: int, scanner: str, scan_ns: int, *, still: bool = False
     ) -> Matrix:
-        """float64 (4, 4): points of a scan as a camera met them when it took its image.
+        """float64 (4, 4): maps points of a scan to the camera at the time of its image.
 
-        Between the two times the robot moved as odometry says; without odometry, or with
-        ``still``, it is taken to stand.
+        Between the two times the robot moves as odometry says; without odometry, or with
+        ``still``, it is assumed to stand still.
 
         Raises:
             TransformError: one of the frames is not linked, or not at its time.

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which image belongs to which scan: pairs messages of several sensors by their stamps.
+"""Pairs scans with images, or messages of other sensors, by their stamps.
 
-Works as messages arrive, on a robot or out of a bag, in bounded memory. Stastny 2022, section
+Works as messages arrive, on a robot or from a bag, in bounded memory. Stastny 2022, section
 4.3, takes the last image before the scan; his program takes the nearest one.
 """
 
@@ -33,7 +33,7 @@ REASONS = {
 
 
 class SyncConfig(Section):
-    """How scans and images find each other."""
+    """Configuration of how scans and images are paired."""
 
     policy: Literal["nearest", "last_before"] = option(
         "nearest", "image of a scan: the nearest in time, or the last one that is not after it"
@@ -68,7 +68,7 @@ class Stamped(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A scan and, by camera name, the image that belongs to it."""
+    """A scan and its images by camera name."""
 
     stamp_ns: int
     item: Any
@@ -77,7 +77,7 @@ class Pair:
 
 @dataclass(eq=False)
 class _Waiting:
-    """The messages of one sensor that are kept, by rising stamp."""
+    """Buffered messages of one sensor, by ascending stamp."""
 
     stamps: list[int]
     items: list[Any]
@@ -85,7 +85,7 @@ class _Waiting:
     newest: int | None = None
 
     def insert(self, stamp_ns: int, item: Any) -> bool:
-        """Whether the stamp was new."""
+        """Insert an item; returns whether the stamp was new."""
         place = bisect_left(self.stamps, stamp_ns)
         if place < len(self.stamps) and self.stamps[place] == stamp_ns:
             return False
@@ -96,7 +96,7 @@ class _Waiting:
         return True
 
     def remove_first(self, count: int) -> list[bool]:
-        """Whether each of the oldest ones had been used."""
+        """Remove the oldest messages; returns whether each had been used."""
         used = self.used[:count]
         del self.stamps[:count], self.items[:count], self.used[:count]
         return used
@@ -105,26 +105,26 @@ class _Waiting:
 class Synchronizer:
     """Pairs each scan with one image of every camera, in the order of the scans' stamps.
 
-    A scan is decided once no better image can come: every camera's newest stamp lies further
-    after it than ``lateness`` (with policy nearest: than ``lateness`` and the distance of the best
-    image so far), or an image has the scan's very stamp; or when a buffer is full, or on
-    ``flush``. If nothing arrives later than ``lateness`` allows, the pairs are those of the sorted
-    messages, whatever the order of arrival. One image may serve several scans, as a LiDAR may be
-    faster than the camera; of two that are equally near, the earlier one is taken.
+    A scan is decided once no better image can arrive: every camera's newest stamp is later by
+    more than ``lateness`` (with policy nearest: plus the distance of the best image so far), or an
+    image has exactly the scan's stamp; or when a buffer is full, or on ``flush``. If no message is
+    later than ``lateness`` allows, the pairs are those of the sorted messages, whatever the order
+    of arrival. One image may serve several scans, as a LiDAR may be faster than the camera; of two
+    equally near images, the earlier one is taken.
 
-    For every sensor, always: added = paired + unused + dropped + waiting.
+    For every sensor this always holds: added = paired + unused + dropped + waiting.
 
     Args:
         config: limits and policy.
         cameras: the sensors of which every pair needs an image.
-        scans: the sensor that the others are paired with; a camera, where there is no LiDAR.
+        scans: the sensor that the others are paired with; a camera if there is no LiDAR.
 
     Attributes:
         added: messages by sensor.
         paired: those that are part of a pair, by sensor.
         unused: images that no scan needed, by camera.
         dropped: by (sensor, reason); ``REASONS`` explains them.
-        jumps: how often a clock went back.
+        jumps: number of times a clock jumped back.
     """
 
     def __init__(
@@ -148,19 +148,19 @@ class Synchronizer:
 
     @property
     def waiting(self) -> dict[str, int]:
-        """By sensor, the messages that are neither part of a pair nor given up."""
+        """Number of messages by sensor that are neither part of a pair nor given up."""
         return {name: buffer.used.count(False) for name, buffer in self._buffers.items()}
 
     @property
     def buffered(self) -> dict[str, int]:
-        """By sensor, the messages held in memory."""
+        """Number of messages held in memory, by sensor."""
         return {name: len(buffer.stamps) for name, buffer in self._buffers.items()}
 
     def add(self, sensor: str, stamp_ns: int, item: Any) -> list[Pair]:
-        """Take a message and return the pairs that it completes.
+        """Add a message and return the pairs that it completes.
 
         Raises:
-            ConfigError: a sensor that was not named when the object was made.
+            ConfigError: the sensor was not named at construction.
         """
         if sensor not in self._buffers:
             raise ConfigError(f"sensor is {sensor!r}, expected one of {', '.join(self._buffers)}")
@@ -171,7 +171,7 @@ class Synchronizer:
         return self._decided()
 
     def flush(self) -> list[Pair]:
-        """Decide all scans that wait: nothing more will come."""
+        """Decide all waiting scans; no more messages are expected."""
         pairs = [pair for _ in range(len(self._scans.stamps)) if (pair := self._decide())]
         for camera in self.cameras:
             self._retire(camera, len(self._buffers[camera].stamps))
@@ -180,7 +180,7 @@ class Synchronizer:
     def _start_anew(self) -> None:
         self._buffers = {name: _Waiting([], [], []) for name in (self.scans, *self.cameras)}
         self._scans = self._buffers[self.scans]
-        # All scans that are decided from now on have later stamps.
+        # All scans decided from now on have later stamps.
         self._decided_ns: int | None = None
 
     def _jumped(self, sensor: str, stamp_ns: int) -> bool:
@@ -207,10 +207,10 @@ class Synchronizer:
             self._drop(sensor, DUPLICATE)
 
     def _first_useful(self, camera: str) -> float:
-        """No scan to come wants an image before this stamp.
+        """Stamp before which no future scan needs an image.
 
-        Scans to come are later than the last decided one, so of the images up to there only the
-        newest can still be the last before one, or the nearest.
+        Future scans are later than the last decided one, so of the images up to that one only the
+        newest can still be the last before a scan, or the nearest.
         """
         if self._decided_ns is None:
             return float("-inf")
@@ -240,7 +240,7 @@ class Synchronizer:
         distance = self._reach
         if place is not None:
             distance = abs(self._buffers[camera].stamps[place] - stamp_ns)
-            # Nothing beats it; but with lateness, an earlier scan may still be on its way.
+            # No image is nearer; but with lateness, an earlier scan may still arrive.
             if distance == 0 and self._lateness == 0:
                 return True
         ahead = distance if self.config.policy == "nearest" else 0
@@ -251,10 +251,10 @@ class Synchronizer:
         return newest is not None and newest > stamp_ns + self._lateness
 
     def _match(self, camera: str, stamp_ns: int) -> int | None:
-        """The place of the image that belongs to a scan, of those that are here."""
+        """Index of the image that belongs to a scan, among the buffered ones."""
         stamps = self._buffers[camera].stamps
         after = bisect_right(stamps, stamp_ns)
-        # The one before comes first: it wins where both are equally near.
+        # The earlier one comes first, so that it wins ties.
         places = [after - 1] if after else []
         if self.config.policy == "nearest" and after < len(stamps):
             places.append(after)
@@ -262,7 +262,7 @@ class Synchronizer:
         return min(near, key=lambda place: abs(stamps[place] - stamp_ns), default=None)
 
     def _decide(self) -> Pair | None:
-        """Pair the oldest scan or give it up, and let go of the images before it."""
+        """Pair the oldest scan or give it up, and discard the images no longer needed."""
         stamp_ns, item = self._scans.stamps[0], self._scans.items[0]
         self._scans.remove_first(1)
         self._decided_ns = stamp_ns
@@ -287,7 +287,7 @@ class Synchronizer:
         return Stamped(buffer.stamps[place], buffer.items[place])
 
     def _retire(self, camera: str, count: int, reason: str | None = None) -> None:
-        """Let go of the oldest images; those never used count as unused, or as dropped."""
+        """Discard the oldest images; those never used count as unused, or as dropped."""
         used = self._buffers[camera].remove_first(max(count, 0))
         if reason is None:
             self.unused[camera] += used.count(False)
@@ -296,7 +296,7 @@ class Synchronizer:
 
 
 def stereo_synchronizer(config: SyncConfig) -> Synchronizer:
-    """Pairs right images with left ones, which lead: a stereo pair is taken at one time.
+    """Make a synchroniser that pairs each left image with the right one of the same time.
 
     Args:
         config: its ``stereo_difference`` is the limit, whatever the policy for scans.

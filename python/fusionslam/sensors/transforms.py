@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where every frame of a robot is at any time: a tree of static and moving transforms (ROS's TF).
+"""A tree of static and moving transforms between a robot's frames (ROS's TF).
 
 Foote 2013, "tf: The transform library". Between two samples, positions are interpolated linearly
 and rotations at constant angular velocity.
@@ -18,15 +18,15 @@ from fusionslam.errors import DataError
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform
 from fusionslam.storage.arrays import Matrix
 
-# Quaternions of real robots are rounded: their matrices miss orthogonality by this or less.
+# Tolerance for orthogonality: real robots send rounded quaternions.
 _ORTHOGONAL = 1e-3
 
 
 class TransformError(DataError):
-    """A transform cannot be told; the message names frames and times.
+    """A transform is not known; the message names frames and times.
 
     Attributes:
-        may_come: whether later messages may make it possible.
+        may_come: whether later messages may provide it.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class TransformError(DataError):
 
 @dataclass(eq=False)
 class _Link:
-    """Where a frame is in its parent: one static matrix, or samples by rising stamp."""
+    """Pose of a frame in its parent: one static matrix, or samples by ascending stamp."""
 
     parent: str
     static: Matrix | None = None
@@ -55,18 +55,18 @@ class _Link:
             self.samples.insert(place, matrix)
 
     def forget_before(self, stamp_ns: int) -> None:
-        """Drop what is older, except for the two samples that are always kept."""
+        """Drop older samples, but always keep two."""
         count = min(bisect_left(self.stamps, stamp_ns), len(self.stamps) - 2)
         if count > 0:
             del self.stamps[:count], self.samples[:count]
 
     def forget_after(self, stamp_ns: int) -> None:
-        """Drop what is later."""
+        """Drop later samples."""
         count = bisect_right(self.stamps, stamp_ns)
         del self.stamps[count:], self.samples[count:]
 
     def at(self, stamp_ns: int) -> Matrix:
-        """parent_from_child; beyond the samples, the outermost two are carried on."""
+        """parent_from_child, interpolated, or extrapolated from the outermost two samples."""
         if self.static is not None:
             return self.static
         if len(self.stamps) == 1:
@@ -79,13 +79,13 @@ class _Link:
 
 
 class TransformTree:
-    """All transforms of a robot, and the way from any frame to any other at any time.
+    """All transforms of a robot; gives the transform between any two frames at any time.
 
     Args:
         history_s: how long moving transforms are kept, in seconds before the newest of the same
             frame; None keeps all, as for recordings.
         extrapolation_s: how far beyond the first or last sample of a moving frame a lookup may
-            lie, in seconds; its last motion is carried on.
+            lie, in seconds; the outermost motion is extrapolated.
     """
 
     def __init__(self, *, history_s: float | None = 10.0, extrapolation_s: float = 0.0) -> None:
@@ -95,15 +95,15 @@ class TransformTree:
 
     @property
     def frames(self) -> list[str]:
-        """All names, sorted."""
+        """Names of all frames, sorted."""
         return sorted({*self._links, *(link.parent for link in self._links.values())})
 
     def add(self, transform: FrameTransform) -> None:
-        """Take a transform. Where a frame is both moving and static, the moving ones count.
+        """Add a transform. If a frame is both moving and static, the moving ones count.
 
         Raises:
-            DataError: a matrix that is no rotation and translation, a frame that would become its
-                own ancestor, or a frame that has another parent already. The tree stays as it was.
+            DataError: the matrix is not a rigid transform, or the frame would become its own
+                ancestor or already has another parent. The tree stays as it was.
         """
         parent, child = _name(transform.parent), _name(transform.child)
         matrix = _rigid(transform.parent_from_child, parent, child)
@@ -121,13 +121,13 @@ class TransformTree:
             link.static = matrix
 
     def forget_moving(self) -> None:
-        """Drop all samples of moving frames: the clock went back."""
+        """Drop all samples of moving frames after the clock jumped back."""
         self._links = {
             child: link for child, link in self._links.items() if link.static is not None
         }
 
     def forget_after(self, stamp_ns: int) -> None:
-        """Drop later samples of moving frames: the clock went back to here."""
+        """Drop samples of moving frames later than a stamp, to which the clock jumped back."""
         for link in self._links.values():
             link.forget_after(stamp_ns)
         self._links = {
@@ -137,7 +137,7 @@ class TransformTree:
         }
 
     def newest(self, child: str) -> int | None:
-        """The stamp of the last sample of a moving frame; None if there is none."""
+        """Stamp of the last sample of a moving frame; None if there is none."""
         link = self._links.get(_name(child))
         return link.stamps[-1] if link and link.stamps else None
 
@@ -145,30 +145,30 @@ class TransformTree:
         """float64 (4, 4), target_from_source at a time.
 
         Raises:
-            TransformError: an unknown frame, two frames that nothing links, or a time for which
-                a frame on the way has no sample around it.
+            TransformError: a frame is unknown, the frames are not connected, or a frame on the
+                path has no samples around that time.
         """
         up, down = self._ways(target, source)
         target_from_top = np.linalg.inv(self._climb(down, stamp_ns))
         return np.asarray(target_from_top @ self._climb(up, stamp_ns), dtype=np.float64)
 
     def chain(self, target: str, source: str) -> list[str]:
-        """The frames on the way from target to source, both included.
+        """The frames on the path from target to source, both included.
 
         Raises:
-            TransformError: an unknown frame, or two frames that nothing links.
+            TransformError: a frame is unknown, or the frames are not connected.
         """
         up, down = self._ways(target, source)
         top = self._links[up[-1]].parent if up else source
         return [*down, _name(top), *reversed(up)]
 
     def root(self, frame: str) -> str:
-        """The uppermost frame above one; that itself if nothing is above it."""
+        """Root of the tree that contains a frame."""
         name = _name(frame)
         return [name, *self._ancestors(name)][-1]
 
     def drawn(self) -> str:
-        """All trees, one frame a line, children indented below their parents."""
+        """Text of all trees, one frame per line, children indented below their parents."""
         roots = [name for name in self.frames if name not in self._links]
         return "\n".join(line for root in roots for line in self._branch(root, ""))
 
@@ -190,7 +190,7 @@ class TransformTree:
             yield name
 
     def _ways(self, target: str, source: str) -> tuple[list[str], list[str]]:
-        """The frames below the nearest common ancestor, going up from source and from target."""
+        """Frames from source and from target up to below their nearest common ancestor."""
         ups, downs = ([name, *self._ancestors(name)] for name in map(self._known, (source, target)))
         common = next((name for name in ups if name in downs), None)
         if common is None:
@@ -250,7 +250,7 @@ class TransformTree:
 
 
 def _name(frame: str) -> str:
-    """Without the slash that ROS once put before frame names."""
+    """Remove the leading slash that ROS once put before frame names."""
     return frame.removeprefix("/")
 
 
@@ -267,7 +267,7 @@ def _rigid(value: Matrix, parent: str, child: str) -> Matrix:
 
 
 def _between(first: Matrix, second: Matrix, share: float) -> Matrix:
-    """From the first (share 0) to the second (share 1), or beyond."""
+    """Interpolate from the first (share 0) to the second (share 1), or beyond."""
     start = Rotation.from_matrix(first[:3, :3])
     turn = (start.inv() * Rotation.from_matrix(second[:3, :3])).as_rotvec()
     matrix = np.eye(4)
