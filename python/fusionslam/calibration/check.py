@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether scan and image fit together: which small turn, shift or delay would fit better.
+"""Checks whether a small rotation, translation or delay would align scans and images better.
 
 The score is the edge alignment of ``calibration.edges``. A recording is checked, not calibrated:
-the answer is meant for people who wonder whether their extrinsics or clocks are wrong.
+the result tells users whether their extrinsics or clocks are wrong.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,25 +31,25 @@ from fusionslam.storage.progress import Progress
 
 FORMAT = "fusionslam.calib_check.1"
 _FEWEST_POINTS = 100
-# A value whose plausible range covers more of what was tried than this is not determined.
+# A value is undetermined if its plausible range covers more than this share of the range tried.
 _FLAT = 0.7
-# An explanation that gains this share of what the best one gains may be the true one.
+# An explanation with at least this share of the best one's gain may be the true one.
 _NEAR = 0.7
-# A gain of this many standard errors deserves a mention.
+# A gain of this many standard errors is mentioned.
 _PERHAPS = 2.5
-# So large a gain, in shares of the present score, leaves a doubt even where it may be chance.
+# A gain of this share of the present score leaves a doubt even if it may be chance.
 _MUCH = 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """The score along one value while all others stay at the present calibration.
+    """Score as a function of one value, all others at the present calibration.
 
     Attributes:
         name: "roll", "pitch", "yaw" (degrees), "right", "down", "forward" (metres) or "delay" (s).
-        values: float64 (K), rising; 0 is the present calibration.
+        values: float64 (K), ascending; 0 is the present calibration.
         scores: float64 (K), mean score of an edge point, -1 to 1.
-        low, high: bounds of the values whose score is not surely worse than the best.
+        low, high: bounds of the values whose score is not significantly worse than the best.
         errors: gain of the best over the present calibration in standard errors.
     """
 
@@ -67,18 +67,18 @@ class Curve:
 
     @property
     def flat(self) -> bool:
-        """Whether nearly every value may be the right one: nothing can be said."""
+        """Whether nearly every value is plausible, so that the value is undetermined."""
         return self.high - self.low > _FLAT * float(self.values[-1] - self.values[0])
 
 
 @dataclass(frozen=True)
 class Turn:
-    """The best turn of the camera, all three angles tried together.
+    """The best rotation of the camera, with all three angles varied together.
 
     Attributes:
         degrees: roll (right side down), pitch (down), yaw (to the left).
-        ranges: (low, high) of each among the turns that are not surely worse.
-        score: with it.
+        ranges: (low, high) of each among the rotations that are not significantly worse.
+        score: mean score of an edge point with it, -1 to 1.
         errors: gain over the present calibration in standard errors.
     """
 
@@ -90,16 +90,16 @@ class Turn:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationCheck:
-    """What was found.
+    """Result of a calibration check.
 
     Attributes:
-        frames: numbers of the frames that were looked at.
-        points: depth edges used.
+        frames: indices of the frames used.
+        points: number of depth edges used.
         present: score of the present calibration, -1 to 1.
-        turn: the best turn of the camera.
-        curves: the score along each single value, by name; no "delay" where nothing tells it.
+        turn: the best rotation of the camera.
+        curves: score as a function of each single value, by name; no "delay" if undetermined.
         verdict: in words.
-        fits: whether nothing surely better was found; None if nothing can be said.
+        fits: whether nothing significantly better was found; None if undecided.
     """
 
     frames: list[int]
@@ -111,7 +111,7 @@ class CalibrationCheck:
     fits: bool | None
 
     def rows(self) -> list[tuple[str, str, str, str]]:
-        """For a table: what, best, range of what is not surely worse, score."""
+        """Rows of a table: name, best value, range that is not significantly worse, score."""
         rows = [("present calibration", "", "", f"{self.present:.4f}")]
         turn = self.turn
         for name, best, (low, high) in zip(TURNS, turn.degrees, turn.ranges, strict=True):
@@ -123,7 +123,7 @@ class CalibrationCheck:
         return rows
 
     def save(self, path: Path) -> None:
-        """Write it as JSON, curves and all."""
+        """Write the result as JSON, curves included."""
         whole = asdict(self)
         for curve in whole["curves"].values():
             curve["values"] = curve["values"].round(6).tolist()
@@ -139,7 +139,7 @@ def check_calibration(
     """Try other calibrations on a few frames of a recording.
 
     Raises:
-        DataError: no scans, images or calibration, or hardly any depth edge in view.
+        DataError: there are no scans, images or calibration, or too few depth edges in view.
     """
     config = config or CalibrationCheckConfig()
     numbers = frames_of(recording, config.frames)
@@ -163,7 +163,7 @@ def check_calibration(
 
 
 def write_overlays(recording: Recording, numbers: Sequence[int], folder: Path) -> list[Path]:
-    """A picture of each of these frames, the scan over the image."""
+    """Write a picture of each of these frames with the scan drawn over the image."""
     paths = []
     for number in numbers:
         points, image, camera = sensed(recording[number])
@@ -173,7 +173,7 @@ def write_overlays(recording: Recording, numbers: Sequence[int], folder: Path) -
 
 
 def frames_of(recording: Recording, most: int) -> list[int]:
-    """Numbers of frames, evenly spread."""
+    """Indices of at most ``most`` frames, evenly spaced."""
     count = min(most, len(recording))
     return sorted({int(n) for n in np.linspace(0, len(recording) - 1, count).round()})
 
@@ -197,7 +197,7 @@ def _curve(name: str, trial: Trial) -> Curve:
 
 
 def _gain(trial: Trial, present: Floats) -> float:
-    """How surely the best is better than the present, in standard errors."""
+    """Gain of the best over the present calibration, in standard errors."""
     now = Trial(trial.values[:1], present[None], trial.weight)
     return float(now.errors(trial.parts[trial.best])[0])
 
@@ -215,7 +215,7 @@ def _row(curve: Curve) -> tuple[str, str, str, str]:
 
 @dataclass(frozen=True)
 class _Better:
-    """A change that would fit better: its score, how surely better, and its words."""
+    """A change that would fit better: its score, gain in standard errors, and description."""
 
     score: float
     errors: float
@@ -225,7 +225,7 @@ class _Better:
 def _verdict(
     present: float, turn: Turn, curves: dict[str, Curve], config: CalibrationCheckConfig
 ) -> tuple[str, bool | None]:
-    """In words, and whether the calibration fits; the explanation with the best score first."""
+    """The verdict, best explanation first, and whether the calibration fits."""
     better = sorted(_better(turn, curves, config), key=lambda each: -each.score)
     if any(each.errors > config.sure for each in better):
         first = better[0]
@@ -234,7 +234,7 @@ def _verdict(
         also = f"; nearly as well: {'; '.join(near)}" if near else ""
         return f"{first.words}{also}", False
     wide = _undetermined(turn, config)
-    # Roll moves little in the middle of an image and may stay unknown.
+    # Roll moves little in the middle of an image and may stay undetermined.
     if {"pitch", "yaw"} & {*wide}:
         return f"cannot say: too little to tell {' and '.join(wide)} by; try more frames", None
     maybe = next((each for each in better if each.errors > _PERHAPS), None)
@@ -250,7 +250,7 @@ def _verdict(
 def _doubt(
     present: float, turn: Turn, curves: dict[str, Curve], config: CalibrationCheckConfig
 ) -> str:
-    """What speaks against a calibration though nothing is surely better; empty if nothing does."""
+    """Doubts about a calibration although nothing is significantly better; empty if none."""
     far = [
         (name, angle)
         for name, angle in zip(TURNS, turn.degrees, strict=True)
@@ -275,7 +275,7 @@ def _doubt(
 
 
 def _undetermined(turn: Turn, config: CalibrationCheckConfig) -> list[str]:
-    """The angles of which nearly every value may be the right one."""
+    """Names of the angles for which nearly every value is plausible."""
     ranges = zip(TURNS, turn.ranges, strict=True)
     return [name for name, (low, high) in ranges if high - low > _FLAT * 2 * config.turn]
 
@@ -283,7 +283,7 @@ def _undetermined(turn: Turn, config: CalibrationCheckConfig) -> list[str]:
 def _better(
     turn: Turn, curves: dict[str, Curve], config: CalibrationCheckConfig
 ) -> Iterator[_Better]:
-    """Every kind of change whose best value is more than a tolerance away from none."""
+    """Yield each kind of change whose best value exceeds its tolerance."""
     angles = [
         (name, angle)
         for name, angle, (low, high) in zip(TURNS, turn.degrees, turn.ranges, strict=True)
@@ -300,7 +300,7 @@ def _better(
 
 
 def _moved(curve: Curve, config: CalibrationCheckConfig) -> str:
-    """What to do about a shift or a delay; nothing if it is small."""
+    """Describe a shift or a delay; empty if it is small."""
     if curve.name == DELAY:
         side = "late" if curve.best > 0 else "early"
         large = abs(curve.best) > config.delay_tolerance

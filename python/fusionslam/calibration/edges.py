@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""How well the depth edges of a scan lie on the edges of an image, for many calibrations at once.
+"""Scores the alignment of a scan's depth edges with image edges, for many calibrations at once.
 
 Levinson and Thrun 2013, "Automatic Online Calibration of Cameras and Lasers": points before a jump
-in depth should fall onto strong gradients of the image; a map that falls off slowly around each
-gradient rewards those that come near. Castorena, Kamilov and Boufounos 2016 align edges alike.
+in depth should project onto strong image gradients; a map that decays slowly around each gradient
+rewards near misses. Castorena, Kamilov and Boufounos 2016 align edges in a similar way.
 """
 
 from dataclasses import dataclass
@@ -18,30 +18,30 @@ from scipy.spatial import cKDTree
 from fusionslam.sensors.frame import Camera
 from fusionslam.storage.arrays import Floats, Image
 
-# Beyond this, a jump is no more an edge than another: open doors would outweigh all else.
+# Larger jumps count as this one: else open doors would outweigh all other edges.
 _LARGEST_JUMP = 3.0
 _NEIGHBOURS = 4
 _NEAREST = 0.5
-# Share of a pixel's own gradient against that of its surroundings: Levinson and Thrun's alpha.
+# Weight of a pixel's own gradient against that of its surroundings: Levinson and Thrun's alpha.
 _OWN_SHARE = 1 / 3
-# The parts of a frame whose scores are compared, to tell chance from gain.
+# Number of parts of a frame whose scores are compared to estimate standard errors.
 STRIPS = 12
-# Side of the square that a pixel is compared with, in times the reach.
+# Side of the square that a pixel is compared with, in multiples of the reach.
 _SURROUNDINGS = 4
 
 
 def depth_edges(points: NDArray[np.float32], jump: float) -> tuple[Floats, Floats]:
-    """The points of a scan right before something that is further away.
+    """Find the points of a scan beside which the depth jumps to something further away.
 
-    Neighbours are those in nearly the same direction from the scanner, which along a ring are its
-    neighbours in it; a hundred rings or none make no difference.
+    Neighbours are points in nearly the same direction from the scanner, such as the next ones on
+    a ring; the scan need not have rings.
 
     Args:
-        points: float32 (N, 3), metres, seen from the origin.
-        jump: metres, and at least a twentieth of the distance.
+        points: float32 (N, 3), metres, with the scanner at the origin.
+        jump: smallest jump, metres; it is at least a twentieth of the distance.
 
     Returns:
-        float64 (M, 3) points and float64 (M) weights, the root of the jump up to 3 m.
+        float64 (M, 3) points and float64 (M) weights, the square root of the jump up to 3 m.
     """
     distance = np.linalg.norm(points, axis=1).astype(np.float64)
     seen = np.isfinite(distance) & (distance > _NEAREST)
@@ -58,10 +58,10 @@ def depth_edges(points: NDArray[np.float32], jump: float) -> tuple[Floats, Float
 
 
 def edge_map(image: Image, reach: float) -> NDArray[np.float32]:
-    """How much more edge there is at a pixel than around it: float32 (H, W), -1 to 1.
+    """Edge strength of each pixel relative to its surroundings: float32 (H, W), -1 to 1.
 
-    Strong gradients count 1 and fall off around them by 1/e in ``reach`` pixels; of that the mean
-    over a square is taken away, as Levinson and Thrun do not.
+    Strong gradients count 1 and decay around them by 1/e in ``reach`` pixels. Unlike in Levinson
+    and Thrun, the mean over a square is then subtracted.
     """
     grey = image.mean(axis=2) if image.ndim == 3 else image.astype(np.float64)
     smooth = ndimage.gaussian_filter(grey, 1.0)
@@ -73,7 +73,7 @@ def edge_map(image: Image, reach: float) -> NDArray[np.float32]:
         for before, line in pairwise(lines):
             np.maximum(line, fall * before, out=line)
     felt = _OWN_SHARE * own + (1 - _OWN_SHARE) * around
-    # Else a turn towards busier texture, such as trees, would pay wherever the edges fall in it.
+    # Else a rotation towards busier texture, such as trees, would raise the score by itself.
     side = 2 * round(_SURROUNDINGS * reach / 2) + 1  # odd: the pixel is in the middle
     return np.asarray(felt - ndimage.uniform_filter(felt, side), np.float32)
 
@@ -85,9 +85,9 @@ class EdgeView:
     Attributes:
         points: float64 (M, 3), in the scan's frame.
         weights: float64 (M).
-        strips: int64 (M), in which vertical strip of the image each point lies at present.
-        edges: float32 (H, W), of ``edge_map``.
-        camera: as the present calibration has it.
+        strips: int64 (M), vertical strip of the image that each point lies in at present.
+        edges: float32 (H, W), from ``edge_map``.
+        camera: with the present calibration.
     """
 
     points: Floats
@@ -100,7 +100,7 @@ class EdgeView:
     def of(
         cls, points: Floats, weights: Floats, edges: NDArray[np.float32], camera: Camera, most: int
     ) -> "EdgeView":
-        """Keep the points that are in the image now, evenly thinned to at most ``most``."""
+        """Keep the points that are in the image at present, evenly thinned to at most ``most``."""
         columns, _, inside = _pixels(
             points, camera, camera.rectified_from_points[None], edges.shape
         )
@@ -110,10 +110,10 @@ class EdgeView:
         return cls(points[kept], weights[kept], strips, edges, camera)
 
     def scores(self, rectified_from_points: Floats) -> Floats:
-        """Summed score of the points of each strip: float64 (K, STRIPS).
+        """Sum of the points' scores in each strip: float64 (K, STRIPS).
 
-        A point that falls outside of the image counts as the image's mean: leaving it neither
-        pays nor costs.
+        A point outside the image scores the image's mean, so that leaving the image neither
+        raises nor lowers the score.
 
         Args:
             rectified_from_points: float64 (K, 4, 4), the calibrations to judge.
@@ -132,7 +132,7 @@ class EdgeView:
 def in_view(
     points: NDArray[np.float32], camera: Camera, shape: tuple[int, ...]
 ) -> NDArray[np.float32]:
-    """The points of a scan that fall into an image of this shape."""
+    """Select the points of a scan that project into an image of this shape."""
     _, _, inside = _pixels(points, camera, camera.rectified_from_points[None], shape)
     return np.asarray(points[inside[0]])
 
@@ -143,7 +143,7 @@ def _pixels(
     rectified_from_points: Floats,
     shape: tuple[int, ...],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-    """Column, row, and whether in the image, (K, M) each; those outside have pixel 0, 0."""
+    """Column, row and whether inside the image, (K, M) each; points outside have pixel 0, 0."""
     projection = camera.projection @ rectified_from_points
     seen = projection[:, :, :3] @ points.T + projection[:, :, 3:]
     depth = seen[:, 2]

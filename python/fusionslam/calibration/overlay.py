@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A scan drawn over its image: a look that tells whether a calibration fits."""
+"""Draws a scan over its image, to check a calibration by eye."""
 
 import os
 
@@ -23,14 +23,14 @@ def draw_overlay(
     *,
     size: float = 1.5,
 ) -> NDArray[np.float32]:
-    """Write a PNG of the image's size with the points that it sees, near red, far blue.
+    """Write a PNG of the image's size with the visible points drawn in, near red, far blue.
 
     Args:
         path: of the picture.
         points: float32 (N, 3), metres, in the scan's frame.
         image: uint8 (H, W, 3) RGB or (H, W).
-        camera: where the points fall.
-        size: of a point, in square points of print (0.72 of a pixel).
+        camera: projects the points into the image.
+        size: area of a point in square typographic points (a pixel is 0.72 points wide).
 
     Returns:
         float32 (H, W): the depth of the nearest point in each pixel, metres, 0 for none.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scores of many calibrations of a recording: turns, shifts and delays of its camera."""
+"""Scores many calibrations of a recording: rotations, translations and delays of its camera."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,11 +32,11 @@ class Recording(Protocol):
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name for display."""
 
     @property
     def body_from_points(self) -> Floats | None:
-        """float64 (4, 4), maps points to the body whose pose frames have, if they have one."""
+        """float64 (4, 4), maps points to the body of the frames' poses; None if unknown."""
 
     def __len__(self) -> int: ...
 
@@ -44,7 +44,7 @@ class Recording(Protocol):
 
 
 class CalibrationCheckConfig(Section):
-    """How far and how finely other calibrations are tried."""
+    """Range and resolution of the calibrations to try."""
 
     frames: int = option(20, "how many frames are looked at, evenly spread", ge=1)
     turn: float = option(3.0, "largest turn of the camera tried", unit="deg", gt=0, le=20)
@@ -61,7 +61,7 @@ class CalibrationCheckConfig(Section):
 
 
 class Site:
-    """One frame, ready to be judged under other calibrations and delays."""
+    """One frame, prepared for scoring with other calibrations and delays."""
 
     def __init__(self, recording: Recording, number: int, config: CalibrationCheckConfig) -> None:
         self._recording, self._number, self._config = recording, number, config
@@ -76,7 +76,7 @@ class Site:
         return EdgeView.of(*self._edges, edges, self.camera, self._config.points)
 
     def other_image(self, steps: int) -> Floats | None:
-        """(STRIPS,) scores on the image of a frame some steps later; None if there is none."""
+        """(STRIPS,) scores on the image ``steps`` frames later; None if there is none."""
         if not 0 <= self._number + steps < len(self._recording):
             return None
         image = self._recording[self._number + steps].images[CAMERA]
@@ -86,7 +86,7 @@ class Site:
 
     @cached_property
     def period(self) -> float:
-        """Seconds between two frames here; 0 if there is only one."""
+        """Seconds between neighbouring frames here; 0 if there is only one."""
         stamps = [
             self._recording[n].stamp_ns
             for n in (self._number - 1, self._number, self._number + 1)
@@ -96,7 +96,7 @@ class Site:
 
     @cached_property
     def motion(self) -> tuple[TransformTree, Floats] | None:
-        """Where the body was around this frame, and body_from_points; None if nobody knows."""
+        """Poses of the body around this frame, and body_from_points; None if unknown."""
         tree = TransformTree(history_s=None, extrapolation_s=self._config.delay)
         place = None
         for number in range(self._number - 1, self._number + 2):
@@ -110,8 +110,8 @@ class Site:
         return None if place is None else (tree, place)
 
     def delayed(self, delay_ns: int) -> Floats:
-        """rectified_from_points if the image was taken that much before its stamp says."""
-        assert self.motion is not None  # asked before
+        """rectified_from_points if the image was taken ``delay_ns`` before its stamp."""
+        assert self.motion is not None  # checked by the caller
         tree, body_from_points = self.motion
         then, now = (tree.lookup(_WORLD, _BODY, self.stamp_ns - d) for d in (delay_ns, 0))
         moved = np.linalg.inv(then @ body_from_points) @ now @ body_from_points
@@ -126,7 +126,7 @@ def _moved(stamp_ns: int, pose: Floats) -> FrameTransform:
 
 
 def _pose_of(recording: Recording, frame: Frame) -> tuple[Floats, Floats] | None:
-    """world_from_body and body_from_points, of odometry if there is any, else of the truth."""
+    """world_from_body and body_from_points from odometry if there is any, else ground truth."""
     if frame.odometry is not None and frame.robot_from_points is not None:
         return frame.odometry, frame.robot_from_points
     if frame.pose is not None and recording.body_from_points is not None:
@@ -150,9 +150,9 @@ class Trial:
     """Scores of K calibrations.
 
     Attributes:
-        values: float64 (K) or (K, 3), what was changed.
-        parts: float64 (K, parts), summed over the edge points of a strip of a frame.
-        weight: of all edge points.
+        values: float64 (K) or (K, 3), the values tried.
+        parts: float64 (K, parts), scores summed over the edge points of a strip of a frame.
+        weight: sum of the weights of all edge points.
     """
 
     values: Floats
@@ -166,11 +166,11 @@ class Trial:
 
     @property
     def best(self) -> int:
-        """The number of the best calibration."""
+        """Index of the best calibration."""
         return int(np.argmax(self.scores))
 
     def errors(self, best: Floats) -> Floats:
-        """(K): how far below ``best`` (parts,) each is, in standard errors of the difference."""
+        """(K): distance below ``best`` (parts,) in standard errors of the difference."""
         difference = best - self.parts
         spread = difference.std(axis=1, ddof=1) * np.sqrt(self.parts.shape[1])
         gain = difference.sum(axis=1)
@@ -178,18 +178,18 @@ class Trial:
 
     @property
     def plausible(self) -> NDArray[np.bool_]:
-        """(K): whether each is not surely worse than the best: within two standard errors."""
+        """(K): whether each is within two standard errors of the best."""
         return np.asarray(self.errors(self.parts[self.best]) <= 2)
 
 
 def turned(degrees: Floats) -> Floats:
-    """float64 (K, 4, 4): changes of rectified_from_points that turn the camera.
+    """float64 (K, 4, 4): changes of rectified_from_points that rotate the camera.
 
     Args:
         degrees: float64 (K, 3), roll (right side down), pitch (down) and yaw (to the left) of the
             camera, as of a robot that looks where the camera looks.
     """
-    # Points turn the other way than the camera; its axes are right, down, forward.
+    # Points rotate opposite to the camera; its axes are right, down, forward.
     axes = np.column_stack([degrees[:, 1], degrees[:, 2], -degrees[:, 0]])
     changes = np.tile(np.eye(4), (len(degrees), 1, 1))
     changes[:, :3, :3] = Rotation.from_rotvec(axes, degrees=True).as_matrix()
@@ -208,14 +208,14 @@ def shifted(metres: Floats) -> Floats:
 
 
 class Search:
-    """Tries other calibrations on all frames together."""
+    """Scores other calibrations on all frames together."""
 
     def __init__(self, sites: Sequence[Site], config: CalibrationCheckConfig) -> None:
         self._sites, self._config = sites, config
         self.present = self._tried(np.zeros((1, 3)), np.eye(4)[None])
 
     def turns(self) -> Trial:
-        """All three angles together, on a grid and on a finer one around its best."""
+        """Try all three angles together, on a grid, then on a finer grid around its best."""
         step = self._config.turn_step
         coarse = self._tried_turns(_grid(self._config.turn, step))
         fine = coarse.values[coarse.best] + _grid(step, step / _FINER)
@@ -227,7 +227,7 @@ class Search:
         )
 
     def single(self, name: str) -> Trial | None:
-        """One angle (deg), shift (m) or the delay (s) alone; None for an unknown delay."""
+        """Try one angle (deg), shift (m) or the delay (s) alone; None for an unknown delay."""
         if name == DELAY:
             return self._delays()
         kinds, change = (TURNS, turned) if name in TURNS else (SHIFTS, shifted)
@@ -245,7 +245,7 @@ class Search:
         return _trial(values, parts, self._sites)
 
     def _delays(self) -> Trial | None:
-        """By the motion of the robot, else by the images of neighbouring frames."""
+        """Try delays by the robot's motion, else by the images of neighbouring frames."""
         if any(site.motion is None for site in self._sites):
             return self._delays_by_images()
         values = _line(self._config.delay, self._config.delay / _STEPS)
@@ -279,6 +279,6 @@ def _line(largest: float, step: float) -> Floats:
 
 
 def _grid(largest: float, step: float) -> Floats:
-    """float64 (K, 3): every combination of three values."""
+    """float64 (K, 3): all combinations of three values."""
     line = _line(largest, step)
     return np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
