@@ -25,7 +25,7 @@ Preset = Literal["robust", "paper", "author"]
 
 
 class DescriptorConfig(Section):
-    """How clouds are described."""
+    """Configuration of descriptors."""
 
     preset: Preset = option(
         "robust", "M2DP and c-M2DP: robust (ours), paper (He 2016) or author (Perdomo 2019)"

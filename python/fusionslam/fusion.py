@@ -84,7 +84,7 @@ SOURCES = tuple(SENSORS_OF)
 
 
 class FusionConfig(Section):
-    """How a frame becomes a coloured cloud."""
+    """Configuration of how frames become coloured clouds."""
 
     source: Source = option(
         "lidar",

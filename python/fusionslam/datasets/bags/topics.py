@@ -38,10 +38,10 @@ def choose_topics(
     Among topics of the right type the one with the most messages is chosen, on ties the first by
     name. Image topics without a CameraInfo beside them, or with "depth" or "right" in their name,
     come last. The CameraInfo chosen is the one whose name shares most parts with that of the
-    images, never that of a right camera. Right images have the name of the left ones with "right"
-    for "left", or else "right" in their name and the same first part as the left ones; their
-    CameraInfo is named likewise, or shares more parts with the right images than with the left
-    ones. Odometry with "truth" or "gt" in its name is ground truth, other odometry is not.
+    images, and not a right camera's unless the images are. Right images have the name of the left
+    ones with "right" for "left", or else "right" in their name and the same first part as the left
+    ones; their CameraInfo is named likewise, or shares more parts with the right images than with
+    the left ones. Odometry with "truth" or "gt" in its name is ground truth, other odometry is not.
 
     Args:
         topics: of the bag, by name.
