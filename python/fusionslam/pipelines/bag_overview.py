@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is in a bag, for people: topics, rates, clocks, where the sensors are, what is missing."""
+"""Summarise a bag for people: topics, rates, clocks, sensor placement, what is missing."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ from fusionslam.pipelines.first_frame import FirstCloud, first_cloud
 if TYPE_CHECKING:
     from fusionslam.datasets.base import Dataset
 
-# A step so much longer than the median is a gap.
+# A step longer than this many median steps is a gap.
 _GAP = 1.5
-# Whoever arrives within this time of the stamp is not late.
+# A message that arrives within this time of its stamp is not late.
 _PROMPT_MS = 0.05
 _NEEDED = {"points": "PointCloud2", "left": "Image", "camera_info": "CameraInfo"}
 
@@ -47,7 +47,7 @@ class Inspection:
         return cls(open_indexed(path, topics, stamps, calibration=calibration, everything=True))
 
     def rows(self) -> Iterator[tuple[str, str]]:
-        """(what, value) of the bag itself."""
+        """Yield (label, value) pairs about the bag itself."""
         bag = self.source.bag
         yield "name", bag.path.name
         yield "kind", bag.kind + (", without its end: it was cut or not closed" * bag.is_cut)
@@ -63,7 +63,7 @@ class Inspection:
             yield "refused", f"{_counted(count, 'message')}: {reason}"
 
     def fusion(self, dataset: "Dataset | None") -> FirstCloud:
-        """Whether the bag can be fused, and if not, all that is known to be missing."""
+        """Tell whether the bag can be fused; if not, list everything known to be missing."""
         missing = [
             f"no {kind}" + (" of the camera" * (role == "camera_info"))
             for role, kind in _NEEDED.items()
@@ -77,7 +77,7 @@ class Inspection:
         return first_cloud(dataset)
 
     def cameras(self) -> str:
-        """What there is of a camera that is not placed against a scan."""
+        """Describe a camera whose pose relative to the scan is unknown."""
         roles = self.source.roles
         images = f"images in {roles['left']}" if "left" in roles else "no images"
         calibration = f"calibration in {roles['camera_info']}" if "camera_info" in roles else ""
@@ -116,7 +116,7 @@ class Inspection:
 
 
 def rate_words(series: Series) -> str:
-    """Rate, and what is unusual: steps that are longer, messages that arrive late."""
+    """Describe the rate and anomalies: gaps between stamps, messages that arrive late."""
     parts = [step_words(series.stamps_ns)] if len(series.times) > 1 else []
     delays = series.delays_ns / 1e6
     if np.abs(delays).max() >= _PROMPT_MS:
@@ -128,7 +128,7 @@ def rate_words(series: Series) -> str:
 
 
 def step_words(stamps_ns: NDArray[np.int64]) -> str:
-    """Rate of at least two stamps, gaps between them and steps back."""
+    """Describe the rate of at least two stamps, gaps between them and steps back in time."""
     steps = np.diff(stamps_ns) / 1e9
     median = float(np.median(steps))
     if median <= 0:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a run that is not finished keeps on disk: chunks of described frames."""
+"""Chunks of described frames, which an unfinished run keeps on disk."""
 
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +18,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True)
 class Described:
-    """One frame: its index, vectors and points, seconds by stage; or why there are none."""
+    """One described frame: index, vectors, number of points, seconds by stage; or why it failed."""
 
     index: int
     vectors: dict[str, NDArray[np.float32]] = field(default_factory=dict)
@@ -28,7 +28,7 @@ class Described:
 
 
 def save_chunk(path: Path, frames: Sequence[Described]) -> None:
-    """Write some frames, whole or not at all. Raises DataError."""
+    """Write some frames atomically. Raises DataError."""
     good, bad = [f for f in frames if f.reason is None], [f for f in frames if f.reason is not None]
     arrays: dict[str, NDArray[Any]] = {
         "rows": np.array([f.index for f in good], np.int64),
@@ -45,7 +45,7 @@ def save_chunk(path: Path, frames: Sequence[Described]) -> None:
 
 
 def joined_chunks(paths: Sequence[Path]) -> Arrays:
-    """The arrays of all chunks, one after the other; those of frames only if there are any.
+    """Concatenate the arrays of all chunks; those of frames are included only if there are any.
 
     Raises:
         DataError: a chunk cannot be read; the message names it.
@@ -59,12 +59,12 @@ def joined_chunks(paths: Sequence[Path]) -> Arrays:
 
 
 def partial_folder(folder: Path, source: str, names: Sequence[str], key: str) -> Path:
-    """Where the chunks of a call wait for the others."""
+    """Return the folder that holds the chunks of a call until all are done."""
     return folder / f".partial-{source}-{'+'.join(names)}-{key}"
 
 
 def forget_partial(folder: Path, source: str, names: Sequence[str]) -> None:
-    """Delete the chunks of calls that wanted no more than these, with whatever settings."""
+    """Delete the chunks of calls for these descriptors or some of them, whatever the settings."""
     for path in _partial_of(folder, source):
         if set(path.name.split("-")[2].split("+")) <= set(names):
             shutil.rmtree(path, ignore_errors=True)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Descriptors side by side on one recording: accuracy and cost.
+"""Compare the accuracy and cost of descriptors on one recording.
 
 recording = Recording.at("kitti/dataset", sequence="06")
 for evaluation in benchmark(recording, "out", ["m2dp", "cm2dp"]):
@@ -39,23 +39,23 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 Step = Callable[[str, int, int], None]
-"""Called with what is being done, how much of it is done, and how much there is."""
+"""Progress callback: called with the name of the step, how much is done, and the total."""
 
 DEMO: Mapping[str, Mapping[str, Any]] = {"stereo": {"fusion": {"voxel": 0.2}}}
-"""What the demo changes, by source: dense stereo clouds are thinned, or it would take long."""
+"""Settings that the demo changes, by source: dense stereo clouds are thinned to save time."""
 
 DEMO_DESCRIPTORS: Mapping[str, Sequence[str]] = {
     "lidar": tuple(DESCRIPTORS),
     "stereo": tuple(DESCRIPTORS),
     "cloud": ("m2dp",),
 }
-"""The demo's sources and what is computed of each."""
+"""The demo's sources and the descriptors computed from each."""
 
 INDOOR: Mapping[str, Any] = {
     "evaluation": {"radius": 0.8, "window": 40},
     "loop_closure": {"window": 40},
 }
-"""What the demo changes indoors: places are smaller; 40 scans are 20 s."""
+"""Settings that the demo changes indoors: places are smaller; 40 scans are 20 s."""
 INDOOR_DESCRIPTORS: Mapping[str, Sequence[str]] = {"lidar": tuple(DESCRIPTORS)}
 """The indoor demo's source: a robot's scan, coloured by its camera."""
 DEMO_NOTE = (
@@ -76,25 +76,26 @@ def benchmark(
     step: Step | None = None,
     demo: bool = False,
 ) -> list[Evaluation]:
-    """Describe a recording, find its loops and judge them, for every source and descriptor.
+    """Describe a recording, find its loops and evaluate them, for every source and descriptor.
 
-    Runs are stored in ``folder/descriptors``; those there already are taken as they are. Times
-    of stages are those of one frame while ``jobs`` frames are worked on.
+    Runs are stored in ``folder/descriptors``; existing ones are reused. The time of a stage is
+    that of one frame while ``jobs`` frames are processed in parallel.
 
     Args:
         recording: the data.
-        folder: where results go.
+        folder: output folder.
         names: descriptors, or descriptors by source; those that need colours are left out where
             clouds have none.
         configs: by source; None for the defaults with every source that the data allow.
-        jobs: frames worked on at a time.
+        jobs: number of frames processed in parallel.
         bad_frames: as for ``describe_dataset``.
-        command: what to store as the command that led here.
-        step: told about progress.
+        command: the command line to store with the results.
+        step: progress callback.
         demo: whether a later demo may replace the results.
 
     Raises:
-        DataError: the data cannot be used, or the folder cannot be written or holds other work.
+        DataError: the data cannot be used, or the folder cannot be written or holds the results
+            of other data.
         ConfigError: an unknown descriptor.
     """
     configs = configs or {source: PipelineConfig() for source in recording.sources()}
@@ -123,14 +124,14 @@ def benchmark(
 
 
 def for_source(config: PipelineConfig, source: str) -> PipelineConfig:
-    """The configuration with this source of clouds."""
+    """Return the configuration with this source of clouds."""
     return merged(config, {"fusion": {"source": source}})
 
 
 def describable(
     dataset: "Dataset", names: Sequence[str], config: PipelineConfig, bad_frames: str = "error"
 ) -> list[str]:
-    """The descriptors that the clouds allow; says in the log which need colours in vain."""
+    """Return the descriptors that the clouds allow; logs those that need missing colours."""
 
     def has_colors(index: int) -> bool:
         return fuse(dataset[index], config.fusion).colors is not None
@@ -158,7 +159,7 @@ def work_on(
     inside: str = "descriptors",
     demo: bool = False,
 ) -> list[DescriptorRun]:
-    """Say in ``folder/run.json`` what is being done, and describe what has yet to be.
+    """Record the work in ``folder/run.json`` and describe the frames that are not described yet.
 
     Args: as for ``benchmark``; runs go to ``folder/inside``.
     """
@@ -194,14 +195,14 @@ def describe_missing(
     bad_frames: str = "error",
     progress: Progress | None = None,
 ) -> list[DescriptorRun]:
-    """``describe_dataset`` for the descriptors whose run is not stored in the folder yet.
+    """Run ``describe_dataset`` for the descriptors whose run is not in the folder yet.
 
-    A stored run counts if it was made of the same frames with the same configuration, and is
-    newer than the recording's files and the core in use; else the log says what differs. True
-    poses are taken anew.
+    A stored run is reused if it was made from the same frames with the same configuration, and is
+    newer than the recording's files and the core in use; otherwise the log says what differs.
+    Ground-truth poses are always read again.
 
     Raises:
-        DataError: as ``describe_dataset``; or a run of other data is where one would be written.
+        DataError: as ``describe_dataset``; or a run of other data is in the way.
     """
     config = settled(dataset, names, config, bad_frames)
     stored = Stored(dataset, Path(folder), config, bad_frames)
@@ -224,7 +225,7 @@ def describe_missing(
 def with_matching_time(
     run: DescriptorRun, config: PipelineConfig, step: Step | None = None
 ) -> DescriptorRun:
-    """The run with the time that finding each frame's nearest candidate takes."""
+    """Return the run with the time that it takes to find each frame's nearest candidate."""
     label = f"matching {run.source} {run.descriptor}"
     progress = (lambda done, total: step(label, done, total)) if step else None
     report = find_loops(run, config.loop_closure, progress)
@@ -232,7 +233,7 @@ def with_matching_time(
 
 
 def assessed(run: DescriptorRun, config: PipelineConfig, step: Step | None = None) -> Evaluation:
-    """The run timed and judged; both take long where there are many frames."""
+    """Time and evaluate the run; both take long for many frames."""
     timed = with_matching_time(run, config, step)
     say: Step = step or (lambda label, done, total: None)
     label = f"judging {run.source} {run.descriptor}"
@@ -243,7 +244,7 @@ def assessed(run: DescriptorRun, config: PipelineConfig, step: Step | None = Non
 
 
 def judged(run: DescriptorRun, config: EvaluationConfig) -> Evaluation:
-    """The run judged under every protocol with a configuration's radius and window."""
+    """Evaluate the run under every protocol with the configured radius and window."""
     return evaluate(run, radius=config.radius, window=config.window)
 
 
@@ -253,13 +254,14 @@ def stored_evaluations(
     truth: str | os.PathLike[str] | None = None,
     step: Step | None = None,
 ) -> tuple[list[Evaluation], EvaluationConfig]:
-    """Judge every run that a folder of results holds.
+    """Evaluate every run in a folder of results.
 
     Args:
-        folder: what ``benchmark`` or ``describe_dataset`` wrote.
-        changes: of the evaluation's configuration that is stored there.
-        truth: file of true poses in KITTI or TUM format, instead of those in the runs.
-        step: told about progress.
+        folder: written by ``benchmark`` or ``describe_dataset``.
+        changes: to the evaluation configuration stored there.
+        truth: file of ground-truth poses in KITTI or TUM format, to use instead of those in the
+            runs.
+        step: progress callback.
 
     Raises:
         DataError: no such folder, no runs in it, or poses that do not fit.

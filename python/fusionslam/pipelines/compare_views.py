@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recognisers of places side by side: tables 5.2 to 5.5 of Stastny 2022 for any drive.
+"""Compare place recognisers: tables 5.2 to 5.5 of Stastny 2022 for any drive.
 
 drive = open_drive("recordings/warehouse.npz", render=rendered_images)
 for result in bench_views([drive], ["objects:author", "visual_templates"], frames=["robot"]):
@@ -32,18 +32,18 @@ DATA_VARIABLE = "FUSIONSLAM_TEST_DATA"
 
 @dataclass(frozen=True, eq=False)
 class ViewResult:
-    """The result of one method on one drive, beside the figures of others.
+    """The result of one method on one drive, with the published figures to compare with.
 
     Attributes:
-        drive: its name.
-        frame: of the clouds.
-        method: its name, as ``find_method`` takes it.
-        title: of the row.
-        scans: of the drive, empty ones left out.
-        run: ids and costs; None where there was none.
-        paper, author: the run judged by these rules.
+        drive: name of the drive.
+        frame: frame of the clouds.
+        method: name of the method, as ``find_method`` takes it.
+        title: title of the table row.
+        scans: number of scans of the drive, without empty ones.
+        run: ids and costs; None if the method could not run.
+        paper, author: evaluation of the run by these rules.
         published: the thesis's figures for the same method in the same world.
-        rerun: those that were measured again, for the same frame, too.
+        rerun: figures of the thesis's program run again, for the same frame too.
         note: why there is no run.
     """
 
@@ -68,22 +68,22 @@ def bench_views(
     jobs: int = 1,
     step: Step | None = None,
 ) -> list[ViewResult]:
-    """Run every method on every drive, in every frame, and judge the ids.
+    """Run every method on every drive, in every frame, and evaluate the ids.
 
     A method that cannot run (an extra is missing, a drive has no images) has a result with a note
     and no run.
 
     Args:
-        drives: with true poses.
+        drives: with ground-truth poses.
         methods: names that ``find_method`` takes.
-        frames: of ``FRAMES``.
-        jobs: number of images that are rendered at a time; matching is timed and takes one scan at
-            a time.
-        step: called with the progress.
+        frames: names from ``FRAMES``.
+        jobs: number of images rendered in parallel; matching is timed and takes one scan at a
+            time.
+        step: progress callback.
 
     Raises:
         ConfigError: an unknown method or frame.
-        DataError: two drives of one name.
+        DataError: two drives have the same name.
     """
     names = [drive.name for drive in drives]
     if twice := {name for name in names if names.count(name) > 1}:
@@ -93,7 +93,7 @@ def bench_views(
         if frame not in FRAMES:
             raise ConfigError(f"frame is {frame!r}, expected one of {', '.join(FRAMES)}")
     for drive in drives:
-        # What is wrong with one is found before the others are compared.
+        # Load every drive first, so that a bad one fails before any is compared.
         logger.info("%s: %d scans", drive.name, len(drive.scenes))
     results = []
     for drive in drives:
@@ -109,11 +109,11 @@ def bench_views(
 
 
 def run_method(method: Method, task: Task) -> tuple[ViewRun | None, str]:
-    """The run of a method; or None, and why it cannot run."""
+    """Return the run of a method and "", or None and the reason why it cannot run."""
     try:
         return method.run(task), ""
     except FusionSlamError as error:
-        # One method that cannot run must not cost the others: the table says why.
+        # A method that cannot run must not stop the others: the table says why.
         logger.warning("%s: no %s: %s", task.drive.name, task.title, error)
         return None, str(error)
 
@@ -139,7 +139,7 @@ def _result(name: str, method: Method, task: Task, run: ViewRun | None, note: st
 
 
 def known_recordings() -> list[str]:
-    """The paths in ``recordings`` below the folder that FUSIONSLAM_TEST_DATA names."""
+    """Return the paths in ``recordings`` below the folder that FUSIONSLAM_TEST_DATA names."""
     folder = os.environ.get(DATA_VARIABLE)
     found = sorted(Path(folder).glob("recordings/*.npz")) if folder else []
     return [str(path) for path in found]

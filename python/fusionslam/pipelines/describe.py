@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""From a recording to descriptors: fuse and describe every frame, in parallel and resumable."""
+"""Fuse and describe every frame of a recording, in parallel and resumable."""
 
 import hashlib
 import json
@@ -48,9 +48,9 @@ logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 CHUNK = 16
-"""Frames that are written together; what an interruption can lose, with those under way."""
+"""Number of frames written together. An interruption loses at most these and those in progress."""
 BAD_FRAMES = ("error", "skip")
-"""What to do with frames that cannot be read, fused or described."""
+"""Ways to treat frames that cannot be read, fused or described."""
 
 
 class PipelineConfig(Section):
@@ -72,24 +72,24 @@ def describe_dataset(
     bad_frames: str = "error",
     progress: Progress | None = None,
 ) -> list[DescriptorRun]:
-    """Describe every frame with every named descriptor and store one run a descriptor.
+    """Describe every frame with every named descriptor and store one run per descriptor.
 
-    Frames done are kept in ``folder/.partial-*`` until all are: a call that was interrupted goes
-    on where it stopped. Results do not depend on ``jobs``.
+    Finished frames are kept in ``folder/.partial-*`` until all are done: an interrupted call
+    resumes where it stopped. Results do not depend on ``jobs``.
 
     Args:
         dataset: the recording.
         names: descriptors.
         folder: runs are written to ``folder/<source>-<descriptor>.npz``.
-        jobs: frames worked on at a time (threads; the work is done outside the GIL).
-        bad_frames: a frame that cannot be read, fused or described is an "error", or "skip"
-            leaves it out: its number and the reason are logged and stored with the run.
-        progress: called with (frames done, frames in all).
+        jobs: number of frames processed in parallel (threads; the work is done outside the GIL).
+        bad_frames: "error" fails on a frame that cannot be read, fused or described; "skip"
+            leaves it out and logs and stores its number and the reason with the run.
+        progress: called with (frames done, total frames).
 
     Raises:
-        DataError: a frame that cannot be read, fused or described (the message names it), no
-            frame that can be, or a folder that cannot be written.
-        ConfigError: an unknown descriptor or way to treat bad frames.
+        DataError: a frame cannot be read, fused or described (the message names it), no frame
+            can be, or the folder cannot be written.
+        ConfigError: an unknown descriptor or value of ``bad_frames``.
     """
     settings = config or PipelineConfig()
     if bad_frames not in BAD_FRAMES:
@@ -109,7 +109,7 @@ def describe_dataset(
 def settled(
     dataset: "Dataset", names: Sequence[str], config: PipelineConfig, bad_frames: str = "error"
 ) -> PipelineConfig:
-    """The configuration with what depends on the first frame fixed."""
+    """Return the configuration with the values that depend on the first frame fixed."""
     if not any(descriptor_named(name).needs_normals for name in names):
         return config
 
@@ -121,7 +121,7 @@ def settled(
 
 
 def first_that_works(dataset: "Dataset", action: Callable[[int], T], bad_frames: str) -> T:
-    """What an action gives for the first frame, or the first of which it can be had.
+    """Return an action's result for the first frame, or for the first frame that it succeeds on.
 
     Raises:
         DataError: from the action, with the name of the frame.
@@ -147,7 +147,7 @@ class _Work:
 
     @cached_property
     def partial(self) -> Path:
-        """Where finished chunks wait; the name changes with anything that changes the result."""
+        """Folder of finished chunks; its name changes with anything that changes the result."""
         identity = [
             _core.__version__,
             str(self.dataset.root),
@@ -162,11 +162,12 @@ class _Work:
         return partial_folder(self.folder, self.config.fusion.source, self.names, key)
 
     def run(self, jobs: int) -> Iterator[int]:
-        """Do the chunks that are missing; yield the number of frames in each chunk."""
+        """Process the missing chunks; yield the number of frames in each chunk."""
         missing = [chunk for chunk in self._chunks() if not self._chunk_path(chunk).exists()]
         frames = (index for chunk in missing for index in chunk)
         with ThreadPoolExecutor(jobs) as pool:
-            # Some ahead, so that nobody waits for the slowest of a chunk or while it is written.
+            # Work some frames ahead, so that no thread idles at the end of a chunk or while it is
+            # written.
             described = in_order(pool, self._frame, frames, 4 * jobs)
             try:
                 for chunk in self._chunks():
@@ -178,7 +179,7 @@ class _Work:
                 raise
 
     def finish(self) -> list[DescriptorRun]:
-        """Join the chunks into runs, store these, and forget the chunks."""
+        """Join the chunks into runs, store the runs and delete the chunks."""
         joined = joined_chunks([self._chunk_path(chunk) for chunk in self._chunks()])
         skipped = self._skipped(joined)
         runs = [self._descriptor_run(name, joined, skipped) for name in self.names]
@@ -217,7 +218,7 @@ class _Work:
         return Described(index, vectors, len(cloud), clock.seconds)
 
     def _skipped(self, joined: Arrays) -> dict[int, str]:
-        """Frame numbers left out, and why; says so in the log."""
+        """Return the numbers of skipped frames with the reasons, and log them."""
         numbers = self.dataset.numbers[joined["bad"]].tolist()
         skipped = dict(zip(numbers, joined["reasons"].tolist(), strict=True))
         if not len(joined["rows"]):
@@ -252,18 +253,18 @@ class _Work:
         )
 
     def _working_memory(self, name: str, largest: int) -> int:
-        """Memory that describing the largest cloud takes on top of what was there before."""
+        """Memory that describing the largest cloud takes beyond what was in use before."""
         cloud = fuse(self.dataset[largest], self.config.fusion)
         return peak_memory(lambda: describe(cloud, name, self.config.descriptors))
 
 
 def run_path(folder: str | os.PathLike[str], source: str, descriptor: str) -> Path:
-    """Where describe_dataset stores a run."""
+    """Return the path where ``describe_dataset`` stores a run."""
     return Path(folder) / f"{source}-{descriptor}.npz"
 
 
 def load_runs(folder: str | os.PathLike[str]) -> list[DescriptorRun]:
-    """All runs in a folder. Raises DataError if there is none."""
+    """Load all runs in a folder. Raises DataError if there is none."""
     paths = run_files(folder)
     if not paths:
         raise DataError(f"{folder} holds no descriptor runs: make some with fusionslam describe")
@@ -271,12 +272,12 @@ def load_runs(folder: str | os.PathLike[str]) -> list[DescriptorRun]:
 
 
 def run_files(folder: str | os.PathLike[str]) -> list[Path]:
-    """The files of all descriptor runs in a folder, by name."""
+    """Return the files of all descriptor runs in a folder, sorted by name."""
     return sorted(Path(folder).glob("*-*.npz"))
 
 
 def _state(path: Path) -> list[Any]:
-    """What changes when a file does; a file that is gone is reported when it is read."""
+    """Fingerprint of a file, to detect changes; a missing file is reported when it is read."""
     with suppress(OSError):
         status = path.stat()
         return [str(path), status.st_size, status.st_mtime_ns]
@@ -297,7 +298,7 @@ class _Clock:
 
 
 def _load(frame: Any, source: str) -> None:
-    """Read what the source needs now, so that reading is timed apart from fusing."""
+    """Read the data that the source needs now, so that reading is timed apart from fusing."""
     for sensor in SENSORS_OF[source]:
         if sensor == "points":
             _ = frame.points

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Drives: recordings with the robot's way, as RatSLAM and the comparison of methods take them."""
+"""Drives: recordings with the robot's trajectory, the input of RatSLAM and method comparison."""
 
 import os
 from collections.abc import Callable
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
 
 Step = Callable[[str, int, int], None]
-"""Called with what is being done, how much of it is done, and how much there is."""
+"""Progress callback: called with the name of the step, how much is done, and the total."""
 Render = Callable[..., Images]
 """Renders a drive's images in a world: ``fusionslam.sim.rendered_images.rendered_images``."""
 FrameName = Literal["robot", "odometry", "drift"]
@@ -49,20 +49,20 @@ FRAMES: dict[FrameName, str] = {
     "odometry": "clouds in the frame of odometry that never errs: what the thesis did",
     "drift": "clouds in the frame of odometry that drifts: 2 % of the way, 1 % of the turns",
 }
-"""The frames that clouds may be in, and what they are."""
+"""The frames that clouds may be in, with a description of each."""
 
 
 class Drive:
-    """A robot's way through a world: what it saw, how it moved, and where it truly was.
+    """A robot's drive through a world: sensor data, odometry and ground truth.
 
     Args:
         dataset: scans, images, or both.
         name: for people; None for the dataset's.
-        world: the thesis's world that it is a drive through; None for any other.
+        world: the thesis's world that was driven through; None for any other.
         ranges: how scans of a range recording become clouds.
         render: renders the images of a range recording in the world beside it; None for no images.
-        jobs: frames worked on at a time.
-        step: told about progress.
+        jobs: number of frames processed in parallel.
+        step: progress callback.
     """
 
     def __init__(
@@ -85,21 +85,21 @@ class Drive:
 
     @property
     def shapes(self) -> str:
-        """What the scanner met, "collision" or "visual"; empty where nobody knows."""
+        """Shapes that the scanner saw, "collision" or "visual"; empty if unknown."""
         return self.dataset.shapes if isinstance(self.dataset, RangeRecording) else ""
 
     @property
     def topic(self) -> str | None:
-        """The topic of odometry; None without one."""
+        """The odometry topic, or None."""
         return self.dataset.odometry_topic
 
     def odometry(self) -> list[Odometry]:
-        """The odometry messages, by their stamps. Raises DataError without any."""
+        """Return the odometry messages in the order of stamps. Raises DataError without any."""
         return self.dataset.motion("odometry")
 
     @cached_property
     def truth(self) -> Trajectory | None:
-        """Where the robot truly was; None where nobody knows. Odometry is no truth."""
+        """Ground-truth trajectory; None if unknown. Odometry does not count as ground truth."""
         dataset = self.dataset
         if isinstance(dataset, RangeRecording):
             return _range_truth(dataset)
@@ -113,17 +113,18 @@ class Drive:
         return _between(self.stamps_ns / 1e9, places_of(dataset.poses))
 
     def true_way(self) -> Trajectory:
-        """The truth. Raises DataError where nobody knows it."""
+        """Return the ground-truth trajectory. Raises DataError if it is unknown."""
         if self.truth is None:
             raise DataError(f"{self.name}: no true poses, in the data or beside them (gt)")
         return self.truth
 
     def scan(self, index: int, *, ground: bool) -> Any:
-        """A cloud in the robot's frame, or a frame to be fused.
+        """Return a cloud in the robot's frame, or a frame to be fused.
 
         Args:
             index: of the scan.
-            ground: whether a cloud keeps its ground; of a frame, whoever fuses it decides.
+            ground: whether a cloud keeps its ground; has no effect on a frame, which the caller
+                fuses.
         """
         if isinstance(self.dataset, RangeRecording):
             height = None if ground else self._ranges.ground_height
@@ -134,10 +135,10 @@ class Drive:
         return self.dataset[index]
 
     def images(self, bottom: int | None = None) -> Images | None:
-        """What the camera saw; None for none.
+        """Return the camera images, or None if there are none.
 
         Args:
-            bottom: the row after the last that is needed.
+            bottom: index of the row after the last one needed.
         """
         dataset = self.dataset
         if not isinstance(dataset, RangeRecording):
@@ -148,7 +149,7 @@ class Drive:
         return self._render(world, dataset.seconds, dataset.places, bottom=bottom)
 
     def placed_images(self, bottom: int | None = None) -> Images | None:
-        """As ``images``, with the true places of the images between those of the scans."""
+        """Return ``images`` with ground-truth poses, interpolated between those of the scans."""
         images = self.images(bottom)
         if images is None or images.poses is not None:
             return images
@@ -157,11 +158,11 @@ class Drive:
 
     @cached_property
     def scenes(self) -> SceneSet:
-        """Clouds without ground and true poses of all scans with something above the floor.
+        """Clouds without ground, and ground-truth poses, of all scans with points above the floor.
 
         Raises:
-            DataError: no true poses, a scene set in another frame than the robot's, or nothing
-                above the floor; or as ``record_scenes``.
+            DataError: there are no ground-truth poses, the scene set is not in the robot's frame,
+                or no scan has points above the floor; or as ``record_scenes``.
         """
         whole = self._all_scenes
         whole.true_poses()
@@ -176,12 +177,12 @@ class Drive:
 
     @property
     def dropped(self) -> int:
-        """Scans that were left out because nothing stands above the floor there."""
+        """Number of scans left out because they have no points above the floor."""
         return len(self._all_scenes) - len(self.scenes)
 
     @cached_property
     def with_ground(self) -> SceneSet | None:
-        """The same scans with the ground left in; None where it is gone."""
+        """The same scans with the ground left in; None if the recording was stored without it."""
         if isinstance(self.dataset, SceneRecording):
             return None
         whole = self._record(ground=True)
@@ -189,7 +190,7 @@ class Drive:
 
     @property
     def picture(self) -> Callable[[int], Image] | None:
-        """Gives the left image of a scan, by its number; None where there is none."""
+        """Function from the number of a scan to its left image; None if there are no images."""
         dataset = self.dataset
         if "left" not in dataset.sensors:
             return None
@@ -197,7 +198,7 @@ class Drive:
         return lambda number: dataset[rows[number]].images["left"]
 
     def cloud(self, number: int) -> Cloud:
-        """The cloud of a scan, by its number. Raises DataError where the set holds none."""
+        """Return the cloud of a scan, by its number. Raises DataError if the set lacks it."""
         row = np.flatnonzero(self.scenes.numbers == number)
         if self.scenes.clouds is None or not row.size:
             raise DataError(f"{self.name}: no cloud of scan {number}")
@@ -208,7 +209,7 @@ class Drive:
         return self._record(ground=False)
 
     def _record(self, *, ground: bool) -> SceneSet:
-        """All scans as clouds, with or without their ground."""
+        """Record all scans as clouds, with or without the ground."""
         fusion = merged(ROBOT_FUSION, {"source": _source(self.dataset)})
         ranges, step, label = self._ranges, self._step, f"fusing {self.name}"
         if ground:
@@ -237,10 +238,10 @@ def open_drive(
     Args:
         source: the recording, or its path.
         ranges: how scans of a range recording become clouds; None for the collision shapes. Where
-            the recording lacks the shapes asked for, the others are taken.
-        render: makes the images of a range recording in the world beside it; None for no images.
-        jobs: frames worked on at a time.
-        step: told about progress.
+            the recording lacks the shapes asked for, the others are used.
+        render: renders the images of a range recording in the world beside it; None for no images.
+        jobs: number of frames processed in parallel.
+        step: progress callback.
 
     Raises:
         DataError, ConfigError: as ``Recording.open``.
@@ -255,7 +256,7 @@ def open_drive(
     return Drive(
         dataset,
         name=f"simulated {simulated}" if simulated else None,
-        # A simulated world is another one than the thesis's of the same name.
+        # A simulated world differs from the thesis's world of the same name.
         world=None if simulated else world_of(place),
         ranges=ranges,
         render=render,
@@ -265,14 +266,14 @@ def open_drive(
 
 
 def _source(dataset: "Dataset") -> str:
-    """What clouds of a dataset are made of."""
+    """Return the source of a dataset's clouds."""
     if dataset.has_points and "left" in dataset.sensors:
         return "lidar"
     return "stereo" if dataset.has_stereo else "cloud"
 
 
 def _range_truth(data: RangeRecording) -> Trajectory | None:
-    """The drive that was recorded, else straight lines between the poses of the scans."""
+    """Return the recorded trajectory, else straight lines between the poses of the scans."""
     if data.places is None:
         return None
     world = world_beside(data.root)
@@ -283,13 +284,13 @@ def _range_truth(data: RangeRecording) -> Trajectory | None:
 
 
 def world_beside(recording: Path) -> Path | None:
-    """The world that a recording is named after, in ``worlds`` beside its folder; None if none."""
+    """Return the world named like a recording, in ``worlds`` beside its folder, or None."""
     found = recording.resolve().parent.parent / "worlds" / f"{recording.stem}.glb"
     return found if found.is_file() else None
 
 
 def _between(seconds: Floats, places: Floats) -> Trajectory | None:
-    """Straight lines between places (n, 3); none between fewer than two, or the same times."""
+    """Join places (n, 3) by straight lines; None for fewer than two places or distinct times."""
     rising = np.concatenate([[True], np.diff(seconds) > 0])
     if np.count_nonzero(rising) < 2:
         return None
@@ -298,7 +299,10 @@ def _between(seconds: Floats, places: Floats) -> Trajectory | None:
 
 
 def places_at(times: Floats, seconds: Floats, poses: Floats | None) -> Floats | None:
-    """float64 (k, 3): places at times, straight between poses (n, 3) at increasing seconds (n)."""
+    """float64 (k, 3): places at ``times``, interpolated linearly between poses (n, 3).
+
+    ``seconds`` (n) are the increasing times of the poses.
+    """
     if poses is None:
         return None
     columns = (poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2]))
@@ -306,10 +310,10 @@ def places_at(times: Floats, seconds: Floats, poses: Floats | None) -> Floats | 
 
 
 def moved(scenes: SceneSet, frame: FrameName) -> SceneSet:
-    """The set with its clouds in one of ``FRAMES``; scenes and descriptors are left behind.
+    """Return the set with its clouds in one of ``FRAMES``, without scenes and descriptors.
 
     Raises:
-        DataError: no true poses, or no clouds.
+        DataError: the set has no ground-truth poses, or no clouds.
     """
     if frame == "robot":
         return scenes
@@ -329,7 +333,7 @@ def moved(scenes: SceneSet, frame: FrameName) -> SceneSet:
 
 
 def _placed(cloud: Cloud, x: float, y: float, yaw: float) -> Cloud:
-    """A cloud of the robot's frame in the frame in which the robot is at x, y, yaw."""
+    """Transform a cloud from the robot's frame to the frame in which the robot is at x, y, yaw."""
     c, s = np.cos(yaw), np.sin(yaw)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     points = np.einsum("ij,kj->ik", cloud.points.astype(np.float64), turn) + np.array([x, y, 0])

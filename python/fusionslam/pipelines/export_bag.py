@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coloured clouds of a whole recording as a bag: ROS 1, ROS 2 SQLite or MCAP."""
+"""Write the coloured clouds of a whole recording as a bag: ROS 1, ROS 2 SQLite or MCAP."""
 
 import logging
 import os
@@ -49,23 +49,23 @@ def write_cloud_bag(
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write a bag of clouds on /rgb_cloud, with what is known of the robot's motion.
+    """Write a bag of clouds on /rgb_cloud, with the known motion of the robot.
 
     /odom holds the odometry of the frames; /ground_truth their poses in the world, all of them,
-    if they are known by more than odometry; /tf links world, odom, base_footprint, the scan's frame
-    (lidar) and camera as far as they are known, /tf_static those of lidar and camera that are the
-    same in all frames. Stamps are those of the frames. Memory does not grow with the recording.
+    if they are known from more than odometry; /tf links world, odom, base_footprint, the scan's
+    frame (lidar) and camera as far as known, /tf_static the links of lidar and camera that are
+    the same in all frames. Stamps are those of the frames. Memory does not grow with the recording.
 
     Args:
         recording: the data.
         path: file ending in .bag or .mcap, or a folder ending in .db3.
         config: how frames become clouds.
-        jobs: frames worked on at a time.
-        progress: called with (frames done, frames in all).
+        jobs: number of frames processed in parallel.
+        progress: called with (frames done, total frames).
 
     Raises:
-        DataError: a frame that cannot be read or fused, a bag that cannot be written or is the
-            recording itself; what was written until then is kept, as ``open_writer`` says.
+        DataError: a frame cannot be read or fused, or the bag cannot be written or is the
+            recording itself; the part written so far is kept, see ``open_writer``.
     """
     from fusionslam.datasets.bags import open_writer
 
@@ -85,10 +85,10 @@ def write_cloud_bag(
 
 
 def _refuse_own_input(recording: Recording, target: Path) -> None:
-    """Raise DataError if the bag, or what is kept of it after an error, would replace the data."""
+    """Raise DataError if the bag, or the part kept after an error, would replace the input."""
     for path in (target, target.with_name(f"{target.stem}.partial{target.suffix}")):
         refuse_input(recording, path)
-        # A bag of ROS 2 is a folder, and either that or the file in it may be what is read.
+        # A ROS 2 bag is a folder; the input may be that folder or the file in it.
         source, there = Path(recording.path), path.resolve()
         inside = there.exists() and source in there.parents and (source / "metadata.yaml").exists()
         if there in source.parents or inside:
@@ -96,7 +96,7 @@ def _refuse_own_input(recording: Recording, target: Path) -> None:
 
 
 def _in_order(pool: ThreadPoolExecutor, maker: "_Maker", ahead: int) -> Iterator[list[Event]]:
-    """The events of all frames in order; no more than ``ahead`` frames are held at a time."""
+    """Yield the events of all frames in order; holds at most ``ahead`` frames at a time."""
     waiting: deque[Future[list[Event]]] = deque()
     try:
         for index in range(len(maker.dataset)):
@@ -111,9 +111,9 @@ def _in_order(pool: ThreadPoolExecutor, maker: "_Maker", ahead: int) -> Iterator
 
 
 def _fixed_frames(dataset: "Dataset") -> frozenset[str]:
-    """The scan's frame and the camera's, as far as they are where they were in all frames.
+    """Return which of the scan's and the camera's frames are fixed throughout the recording.
 
-    A camera of a bag moves from frame to frame against the scan if both are taken at other times.
+    In a bag the camera moves relative to the scan if the two are taken at different times.
     """
     fixed = {SCAN: True, _FRAME_IDS["camera"]: True}
     first = dataset[0]
@@ -136,7 +136,7 @@ def _same(one: Matrix | None, other: Matrix | None) -> bool:
 
 @dataclass(frozen=True)
 class _Maker:
-    """Makes the messages of single frames; shared by all threads."""
+    """Builds the messages of single frames; shared by all threads."""
 
     dataset: "Dataset"
     config: FusionConfig
@@ -155,7 +155,7 @@ class _Maker:
         links = self._links(frame, stamp_ns)
         for topic, is_static in (("/tf_static", True), ("/tf", False)):
             chosen = tuple(link for link in links if link.static is is_static)
-            # What is fixed is said once.
+            # Static transforms are written once.
             if chosen and (index == 0 or not is_static):
                 messages.append((topic, FrameTransforms(transforms=chosen)))
         messages += [(topic, odometry) for topic, odometry in self._motion(frame, stamp_ns)]
@@ -175,7 +175,7 @@ class _Maker:
         return found
 
     def _links(self, frame: Frame, stamp_ns: int) -> tuple[FrameTransform, ...]:
-        """A tree: world, odom, base_footprint, lidar, camera, without what is not known."""
+        """Return the chain world, odom, base_footprint, lidar, camera, without unknown frames."""
         chain: list[tuple[str, Matrix]] = []  # name, name_from_scan; from the root down
         world_from_scan = self._world_from_scan(frame)
         if world_from_scan is not None:
@@ -201,8 +201,8 @@ class _Maker:
     def _world_from_scan(self, frame: Frame) -> Matrix | None:
         if frame.pose is None:
             return None
-        # Whether odometry is all that is known is the recording's matter, not that of a frame, in
-        # which the truth may happen to be the same.
+        # Ask the recording whether it has only odometry: in a single frame the ground truth may
+        # equal it.
         if frame.odometry is not None and self.dataset.poses_origin is PosesOrigin.ODOMETRY:
             return None
         body_from_points = self.dataset.body_from_points

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coloured clouds of a whole recording as a plain folder, which ``open_dataset`` reads again."""
+"""Write the coloured clouds of a recording as a plain folder that ``open_dataset`` can read."""
 
 import logging
 import os
@@ -41,21 +41,21 @@ def write_clouds(
 ) -> Path:
     """Write ``clouds/NNNNNN.<format>``, times.txt and, if the data has them, poses of the scans.
 
-    Files are numbered as the frames of the dataset. Clouds that are there already are kept: a
-    call that was interrupted goes on. Format bin drops the colours.
+    Files have the numbers of the dataset's frames. Existing clouds are kept, so that an
+    interrupted call resumes. Format bin drops the colours.
 
     Args:
         recording: the data.
-        folder: where to.
+        folder: output folder.
         config: how frames become clouds.
         format: one of ``FORMATS``.
-        jobs: frames worked on at a time.
-        command: what to store as the command that led here.
-        progress: called with (frames done, frames in all).
+        jobs: number of frames processed in parallel.
+        command: the command line to store with the results.
+        progress: called with (frames done, total frames).
 
     Raises:
-        DataError: a frame that cannot be read or fused, a folder that cannot be written, holds
-            other clouds or is the recording itself. ConfigError: unknown format.
+        DataError: a frame cannot be read or fused, or the folder cannot be written, holds other
+            clouds or is the recording itself. ConfigError: unknown format.
     """
     if format not in FORMATS:
         raise ConfigError(f"format is {format!r}, expected one of {', '.join(FORMATS)}")
@@ -66,7 +66,7 @@ def write_clouds(
     about = {
         "fusion": config.model_dump(mode="json"),
         "format": format,
-        # Clouds are numbered from 0 on, whatever is missing: other frames are other clouds.
+        # Clouds are numbered from 0 despite gaps, so other frames would be other clouds.
         "frames": dataset.numbers.tolist(),
     }
     work = Work(recording, dataset.name, command, about=about)
@@ -85,14 +85,14 @@ def write_clouds(
 
 
 def refuse_input(recording: Recording, target: Path) -> None:
-    """Raise DataError if writing to ``target`` would replace what is read."""
+    """Raise DataError if writing to ``target`` would replace the input."""
     source, there = Path(recording.path), target.resolve()
     if there == source or (target.exists() and source.exists() and target.samefile(source)):
         raise DataError(f"{target} is the recording that is read: write to another place")
 
 
 def _refuse_foreign(root: Path) -> None:
-    """Raise DataError where files that no earlier call wrote have the names of ours."""
+    """Raise DataError if files not written by an earlier call have the names of ours."""
     if Work.load(root) is not None:
         return
     for name in ("clouds", "times.txt", "poses.txt"):
@@ -132,14 +132,14 @@ def _write_texts(root: Path, dataset: "Dataset", config: FusionConfig) -> None:
 
 
 def cloud_poses(dataset: "Dataset", config: FusionConfig) -> NDArray[np.float64] | None:
-    """float64 (N, 4, 4), world_from_cloud of the clouds' frame; None if the data have no poses.
+    """float64 (N, 4, 4): world_from_cloud for the frame of the clouds; None without poses.
 
     Raises:
-        DataError: a frame does not say where the frame of its cloud is.
+        DataError: a frame does not know the pose of its cloud's frame.
     """
     if dataset.poses is None:
         return None
-    # A plain folder's poses are those of its points.
+    # The poses in a plain folder are those of the points.
     body_from_points = np.eye(4) if dataset.body_from_points is None else dataset.body_from_points
     scans = dataset.poses @ body_from_points
     if config.frame == "scan":

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a recording or a robot's messages can be fused, tried on the first frame."""
+"""Check on the first frame whether a recording or a robot's messages can be fused."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FirstCloud:
-    """What comes of fusing a first frame.
+    """The outcome of fusing a first frame.
 
     Attributes:
         status: "possible"; "doubtful" where the cloud has no points; "not possible"; or "not
             needed" where the recording holds coloured clouds.
-        points: of the cloud.
-        problem: what is wrong; empty where fusing is possible or not needed.
-        detail: for people, what there is where nothing is wrong.
+        points: number of points of the cloud.
+        problem: what is wrong; empty if fusing is possible or not needed.
+        detail: description of the data, for people, if nothing is wrong.
     """
 
     status: Literal["possible", "doubtful", "not possible", "not needed"]
@@ -36,7 +36,7 @@ class FirstCloud:
 
 
 def first_cloud(dataset: "Dataset") -> FirstCloud:
-    """What fusing the first frame gives, or why it cannot be fused."""
+    """Fuse the first frame and return the outcome, or why it cannot be fused."""
     if isinstance(dataset, CloudDataset):
         return FirstCloud("not needed", detail="the clouds have their colours")
     if dataset.sensors == ("points",):
@@ -52,7 +52,7 @@ def first_cloud(dataset: "Dataset") -> FirstCloud:
 
 
 def try_frame(frame: "Frame", config: FusionConfig) -> FirstCloud:
-    """What fusing a frame gives. Raises as ``fuse``."""
+    """Fuse a frame and return the outcome. Raises as ``fuse``."""
     count = len(fuse(frame, config))
     first = "first stereo pair" if config.source == "stereo" else "first scan"
     if count:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The loops of a whole recording, found as a robot would find them: frame after frame."""
+"""Find the loops of a whole recording as a robot would: frame after frame."""
 
 import csv
 import os
@@ -25,10 +25,10 @@ class LoopReport:
     Attributes:
         run: the descriptors that were compared.
         config: threshold and window.
-        loops: those accepted; query and match are rows of the run.
-        without_candidates: number of queries that had nothing to be compared with.
+        loops: accepted loops; query and match are rows of the run.
+        without_candidates: number of queries without any candidate to compare with.
         best: smallest distance to a candidate; None if no query had one.
-        seconds: float64 (N,), what searching and remembering took for each frame.
+        seconds: float64 (N,), time to search and to store each frame.
     """
 
     run: DescriptorRun
@@ -50,7 +50,7 @@ class LoopReport:
         return f"{found}: {', '.join(parts)}{self._remedy()}"
 
     def _remedy(self) -> str:
-        """What to do where the run is too short for the window."""
+        """Return advice for a run that is too short for the window, else an empty string."""
         queries, window = len(self.run), self.config.window
         if self.without_candidates < queries or not 0 < queries <= window + 1:
             return ""
@@ -60,7 +60,7 @@ class LoopReport:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a CSV, one line a loop; frames by their number. Raises DataError."""
+        """Write a CSV with one line per loop and the numbers of the frames. Raises DataError."""
         numbers, stamps = self.run.numbers, self.run.stamps_ns
         with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
@@ -75,9 +75,9 @@ def find_loops(
     config: LoopConfig | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> LoopReport:
-    """Give the descriptors of a run to a loop detector, one after the other.
+    """Pass the descriptors of a run to a loop detector, one after the other.
 
-    ``progress`` is called with (frames done, frames in all) now and then.
+    ``progress`` is called with (frames done, total frames) from time to time.
     """
     length = run.descriptors.shape[1]
     detector = LoopDetector(run.descriptor, config=config, length=length)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The stamped events of a drive: odometry of one kind, and what a source of views looks at."""
+"""The stamped events of a drive: odometry of one kind, and the input of a view source."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -22,19 +22,20 @@ from fusionslam.sensors.messages import Odometry
 
 OdometryName = Literal["topic", "visual", "truth", "truth+noise"]
 ODOMETRY: tuple[str, ...] = get_args(OdometryName)
-"""What may tell how a robot moved."""
+"""The kinds of odometry."""
 
 _SEEN_DRIFT = {"drift_m": 0.15, "drift_turn": 0.03, "drift_heading": 0.03}
 
 RATE_HZ = 30.0
-"""Odometry messages a second that are made of the truth."""
+"""Rate of the odometry messages generated from ground truth."""
 
 _NO_ERRORS = OdometryConfig()
 
 
 def expected_drift(odometry: str | None) -> dict[str, float]:
-    """Options of the map that differ from its defaults for odometry of this kind: that of a camera
-    alone strays farther than that of wheels, and right loops must not look wrong beside it.
+    """Map options that differ from the defaults for this kind of odometry.
+
+    Visual odometry drifts more than wheel odometry, and correct loops must not be rejected for it.
 
     Args:
         odometry: one of ``ODOMETRY``, or None.
@@ -44,7 +45,7 @@ def expected_drift(odometry: str | None) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Unreadable:
-    """Something to look at that cannot be read, and why."""
+    """A scan or image that cannot be read, and why."""
 
     stamp_ns: int
     error: FusionSlamError
@@ -52,15 +53,15 @@ class Unreadable:
 
 @dataclass(frozen=True, eq=False)
 class RunEvents:
-    """What RatSLAM is fed with.
+    """The input of RatSLAM for one drive.
 
     Attributes:
         name: of the drive.
-        odometry: what tells the motion, for people.
+        odometry: description of the source of motion, for people.
         motions: odometry in the order of stamps.
-        look_stamps_ns: int64 (m), increasing, when something is looked at.
-        item: what is looked at, by its place among those.
-        truth: where the robot truly was; None where nobody knows.
+        look_stamps_ns: int64 (m), increasing, time stamps of the scans or images.
+        item: function from an index into ``look_stamps_ns`` to the scan or image.
+        truth: ground-truth trajectory; None if unknown.
     """
 
     name: str
@@ -71,10 +72,10 @@ class RunEvents:
     truth: Trajectory | None = None
 
     def after(self, moved_ns: int | None, looked_ns: int | None) -> "RunEvents":
-        """The odometry later than one stamp and the looks later than another; None for all.
+        """Return the odometry after one stamp and the looks after another; None keeps all.
 
         Raises:
-            DataError: there is nothing later.
+            DataError: there are no later events.
         """
         motions = [one for one in self.motions if moved_ns is None or one.stamp_ns > moved_ns]
         first = (
@@ -98,8 +99,7 @@ class RunEvents:
         return len(self.motions) + len(self.look_stamps_ns)
 
     def __iter__(self) -> Iterator[Event | Unreadable]:
-        """The events in the order of their stamps, of equal ones odometry first; read when asked
-        for."""
+        """Yield the events in the order of their stamps, odometry first at equal stamps; lazily."""
         stamps = [motion.stamp_ns for motion in self.motions]
         places = np.searchsorted(stamps, self.look_stamps_ns, side="right").tolist()
         done = 0
@@ -127,19 +127,19 @@ def events_of(
     jobs: int = 1,
     progress: Step | None = None,
 ) -> RunEvents:
-    """What RatSLAM is fed with on a drive, from the first view to the last.
+    """Return the input of RatSLAM for a drive, from the first view to the last.
 
     Args:
         drive: scans or images, and the motion.
-        source: what recognises places.
-        odometry: one of ``ODOMETRY``; None for the topic where there is one, else the truth.
-        errors: of truth+noise.
-        seen: how speed is seen in images, of visual odometry; None for the defaults.
-        jobs: images that are rendered at a time.
-        progress: told about that.
+        source: recognises places.
+        odometry: one of ``ODOMETRY``; None for the topic if there is one, else the ground truth.
+        errors: odometry errors of "truth+noise".
+        seen: configuration of visual odometry; None for the defaults.
+        jobs: number of images rendered in parallel.
+        progress: rendering progress callback.
 
     Raises:
-        DataError: the drive lacks what is asked for. ConfigError: an unknown kind of odometry.
+        DataError: the drive lacks the requested data. ConfigError: an unknown kind of odometry.
     """
     stamps_ns, item = _looks(drive, source, jobs, progress)
     if odometry == "visual":
@@ -152,7 +152,7 @@ def events_of(
 def motions_of(
     drive: Drive, odometry: str | None, errors: OdometryConfig
 ) -> tuple[str, list[Odometry | Motion]]:
-    """What tells the motion, for people, and all that it says. Raises as ``events_of``."""
+    """Return a description of the source of motion, and its messages. Raises as ``events_of``."""
     if odometry is None and drive.topic is None and drive.truth is None:
         raise DataError(
             f"{drive.name} has neither odometry messages nor true poses; odometry may be 'visual' "
@@ -192,7 +192,7 @@ def _drift_title(errors: OdometryConfig) -> str:
 def _looks(
     drive: Drive, source: ViewSource, jobs: int, progress: Step | None
 ) -> tuple[NDArray[np.int64], Callable[[int], Any]]:
-    """When there is something to look at, and what."""
+    """Return the stamps of the looks, and a function from index to scan or image."""
     if isinstance(source, TemplateSource):
         return _image_looks(drive, source, jobs, progress)
     ground = isinstance(source, MatcherSource) and source.matcher.fusion_config.ground == "none"
@@ -202,7 +202,7 @@ def _looks(
 def _image_looks(
     drive: Drive, source: TemplateSource, jobs: int, progress: Step | None
 ) -> tuple[NDArray[np.int64], Callable[[int], Any]]:
-    """Images; of rendered ones what templates keep of them, which is cached."""
+    """Return the looks at images; rendered images become cached views of visual templates."""
     config = source.templates.config
     images = drive.images(config.bottom)
     if images is None or not len(images):
@@ -219,11 +219,11 @@ def _image_looks(
 def during(
     motions: Sequence[Odometry | Motion], stamps_ns: NDArray[np.int64]
 ) -> list[Odometry | Motion]:
-    """Odometry from the last one before the first view to the first one after the last view.
+    """Return the odometry from the last one before the first view to the first after the last view.
 
     Args:
         motions: in the order of stamps.
-        stamps_ns: int64 (m), m > 0, increasing, of the views.
+        stamps_ns: int64 (m), m > 0, increasing stamps of the views.
     """
     stamps = np.array([motion.stamp_ns for motion in motions], np.int64)
     first = max(int(np.searchsorted(stamps, stamps_ns[0], side="right")) - 1, 0)

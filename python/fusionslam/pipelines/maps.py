@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""RatSLAM run over a whole recording, and everything that it did."""
+"""Run RatSLAM over a whole recording and record everything that it does."""
 
 import logging
 import os
@@ -31,22 +31,22 @@ logger = logging.getLogger(__name__)
 _FIT = ("error_m", "error_rad", "allowed_m", "allowed_rad")
 _OF_THE_MAP = ("nodes", "node_stamps_ns", "node_views", "links")
 
-# The first and last true pose count for steps this far before and after.
+# The first and last ground-truth poses apply to steps up to this long before and after them.
 _BEYOND_S = 0.1
 
 Watch = Callable[[Step, RatSlam, Event], None]
-"""Called after each step, with what was taken."""
+"""Called after each step, with the step, the ``RatSlam`` and the event."""
 
 
 class RunRecorder:
-    """Steps a ``RatSlam`` and keeps what it did; ``record`` may be asked for at any time.
+    """Steps a ``RatSlam`` and records what it does; ``record`` may be called at any time.
 
-    A step is done whole or not at all, whenever Ctrl-C is pressed.
+    A step is atomic: Ctrl-C never interrupts it half-way.
 
     Args:
-        slam: new, or one that goes on.
-        events: what it is fed with.
-        earlier: what the same ``slam`` did before; the record begins with it.
+        slam: new or resumed.
+        events: its input.
+        earlier: earlier run of the same ``slam``; the record begins with it.
     """
 
     def __init__(
@@ -60,11 +60,11 @@ class RunRecorder:
 
     @property
     def has_steps(self) -> bool:
-        """Whether anything was taken yet."""
+        """Whether any step was made yet."""
         return bool(self._steps)
 
     def step(self, event: Event | Unreadable) -> Step | None:
-        """Take an event; None of one that is refused, which is noted."""
+        """Process an event; return None for a refused event, which is noted."""
         if isinstance(event, Unreadable):
             self._refuse(event.error)
             return None
@@ -93,7 +93,7 @@ class RunRecorder:
             self._notes.append(f"{step.stamp_ns / 1e9:.3f} s: {step.why}")
 
     def record(self) -> RatSlamRun:
-        """Everything so far. Raises what was refused first, if nothing was seen."""
+        """Return the run so far. Raises the first refusal if no view was taken."""
         slam, steps = self.slam, self._steps
         looked = [step for step in steps if step.looked]
         if self._refused is not None and not looked:
@@ -145,21 +145,21 @@ def run_ratslam(
 
     Args:
         source: a drive, or what ``open_drive`` takes.
-        views: what recognises places, one of ``RECOGNISERS``.
-        odometry: what tells the motion, one of ``ODOMETRY``; None for the topic where there is one,
-            else the truth.
-        config: of the cells and the map; None for the defaults, with the drift that is to be
-            expected of this odometry.
-        options: what views are made with.
-        errors: of odometry "truth+noise".
-        seen: how speed is seen in images, of odometry "visual"; None for the defaults.
-        jobs: images that are rendered at a time.
-        progress: told about progress.
+        views: place recogniser, one of ``RECOGNISERS``.
+        odometry: source of the motion, one of ``ODOMETRY``; None for the topic if there is one,
+            else the ground truth.
+        config: of the cells and the map; None for the defaults, with the drift expected of this
+            odometry.
+        options: how views are built.
+        errors: odometry errors of "truth+noise".
+        seen: configuration of "visual" odometry; None for the defaults.
+        jobs: number of images rendered in parallel.
+        progress: progress callback.
         watch: called after each step.
 
     Raises:
-        DataError: the recording cannot be read, or lacks what is asked for. ConfigError: an unknown
-            name.
+        DataError: the recording cannot be read, or lacks the requested data. ConfigError: an
+            unknown name.
     """
     chosen = build_view_source(views, options)
     drive = source if isinstance(source, Drive) else open_drive(source, jobs=jobs, step=progress)
@@ -173,11 +173,11 @@ def run_ratslam(
 def run_events(
     recorder: RunRecorder, progress: Progress | None = None, watch: Watch | None = None
 ) -> None:
-    """Take all events of a recorder, but for those that its ``RatSlam`` has seen before.
+    """Process all events of a recorder, except those that its ``RatSlam`` has seen before.
 
     Args:
-        recorder: keeps what was done, also when this is interrupted.
-        progress: told about progress.
+        recorder: keeps the steps made, even if this call is interrupted.
+        progress: progress callback.
         watch: called after each step.
     """
     label = f"{recorder.events.name}: mapping"
@@ -191,7 +191,7 @@ def run_events(
 
 
 def joined(earlier: RatSlamRun, later: RatSlamRun) -> RatSlamRun:
-    """The steps of two runs of the same ``RatSlam``, and the map as it is after the later one."""
+    """Join the steps of two runs of the same ``RatSlam``; the map is that of the later one."""
     changes: dict[str, Any] = {}
     for name, value in vars(later).items():
         before = getattr(earlier, name)
@@ -203,7 +203,7 @@ def joined(earlier: RatSlamRun, later: RatSlamRun) -> RatSlamRun:
 
 
 def truth_at(truth: Trajectory | None, stamps_ns: list[int]) -> NDArray[np.float64] | None:
-    """float64 (n, 3): true poses at stamps; NaN where they are not known. None if all are not."""
+    """float64 (n, 3): true poses at stamps, NaN where unknown; None if all are unknown."""
     if truth is None:
         return None
     poses = true_poses(truth, stamps_ns)
@@ -214,7 +214,7 @@ def truth_at(truth: Trajectory | None, stamps_ns: list[int]) -> NDArray[np.float
 
 
 def true_poses(truth: Trajectory, stamps_ns: list[int]) -> NDArray[np.float64]:
-    """float64 (n, 3): true x, y and heading in (-pi, pi] at stamps; NaN where not known."""
+    """float64 (n, 3): true x, y and heading in (-pi, pi] at stamps; NaN where unknown."""
     seconds = np.array(stamps_ns) / 1e9
     inside = np.clip(seconds, truth.seconds[0], truth.seconds[-1])
     known = np.abs(seconds - inside) <= _BEYOND_S

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Methods that are compared: recognisers with a preset, and baselines without a sensor.
+"""Methods to compare: recognisers with a preset, and baselines without a sensor.
 
-A method has the name of its recogniser (``fusionslam.views.recognisers``) and of a preset that is
-not the default: "objects", "objects:author". ``METHODS`` holds those of the published tables.
+A method is named after its recogniser (``fusionslam.views.recognisers``) and, unless it is the
+default, its preset: "objects", "objects:author". ``METHODS`` holds those of the published tables.
 """
 
 import time
@@ -38,11 +38,11 @@ class Task:
     """One method on one drive.
 
     Attributes:
-        title: of the row.
+        title: title of the table row.
         drive: scans and images.
-        frame: of the clouds.
-        jobs: number of images that are rendered at a time.
-        step: called with the progress.
+        frame: frame of the clouds.
+        jobs: number of images rendered in parallel.
+        step: progress callback.
     """
 
     title: str
@@ -52,7 +52,7 @@ class Task:
     step: Step | None = None
 
     def progress(self, what: str) -> Callable[[int, int], None] | None:
-        """A callback that reports how much of something is done to ``step``."""
+        """Return a callback that reports progress to ``step``; None without ``step``."""
         if self.step is None:
             return None
         step, label = self.step, f"{self.drive.name}, {self.title}: {what}"
@@ -61,16 +61,16 @@ class Task:
 
 @dataclass(frozen=True)
 class Method:
-    """A recogniser with its values, or a baseline.
+    """A configured recogniser, or a baseline.
 
     Attributes:
-        title: of its row.
+        title: title of its table row.
         help: what it does, in one line.
         run: gives every scan of a drive an id.
-        any_frame: whether its result is the same in every frame of the clouds.
+        any_frame: whether its result does not depend on the frame of the clouds.
         published: its name in the tables of the thesis; None if it is not there.
-        rerun: its name, by frame, among the figures that were measured again.
-        matcher: builds its ``ViewMatcher``, to try other thresholds; None where it has none.
+        rerun: its name, by frame, among the figures of the thesis's program run again.
+        matcher: builds its ``ViewMatcher``, to try other thresholds; None if it has none.
     """
 
     title: str
@@ -85,12 +85,12 @@ class Method:
 def run_matcher(
     build: Callable[[], ViewMatcher], *, with_ground: bool = False, frame: FrameName | None = None
 ) -> Callable[[Task], ViewRun]:
-    """A run of a ``ViewMatcher``.
+    """Return a function that runs a ``ViewMatcher`` on a task.
 
     Args:
-        build: builds an empty one.
-        with_ground: whether clouds keep the ground, where the drive still has it.
-        frame: the frame of its clouds, whatever the task says; None for that of the task.
+        build: builds an empty matcher.
+        with_ground: whether clouds keep the ground, if the drive still has it.
+        frame: the frame of the clouds, overriding the task's; None for that of the task.
     """
 
     def run_task(task: Task) -> ViewRun:
@@ -106,11 +106,11 @@ def run_matcher(
 def run_templates(
     config: VisualTemplatesConfig, *, every_image: bool = False
 ) -> Callable[[Task], ViewRun]:
-    """A run of visual templates, which process every image.
+    """Return a function that runs visual templates on a task; they process every image.
 
     Args:
         config: of the templates.
-        every_image: whether every image is judged; else only the latest one of each scan.
+        every_image: whether every image is evaluated; else only the latest one of each scan.
     """
 
     def run_task(task: Task) -> ViewRun:
@@ -143,7 +143,7 @@ class _TemplateMatches:
     match_seconds: Floats
 
     def at(self, rows: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
-        """The columns of a ``ViewRun``, for some images."""
+        """Return the columns of a ``ViewRun`` for some images."""
         return {name: values[rows] for name, values in vars(self).items()}
 
 
@@ -181,14 +181,14 @@ def _at_scans(drive: Drive, images: Images, matches: _TemplateMatches) -> dict[s
 
 
 def latest(times: NDArray[np.float64], asked: NDArray[np.float64]) -> NDArray[np.intp]:
-    """For each asked time the row of the last of ``times`` up to it; row 0 if there is none."""
+    """For each asked time return the row of the last of ``times`` up to it; row 0 if none."""
     # Stamps of the same instant may differ by rounding.
     rows = np.searchsorted(times, asked + 1e-6, side="right") - 1
     return np.maximum(rows, 0)
 
 
 def run_baseline(name: str) -> Callable[[Task], ViewRun]:
-    """A run without a sensor: one of ``baselines``."""
+    """Return a function that runs one of ``baselines``, which use no sensor, on a task."""
 
     def run_task(task: Task) -> ViewRun:
         scenes = task.drive.scenes
@@ -205,7 +205,7 @@ def run_baseline(name: str) -> Callable[[Task], ViewRun]:
 
 
 def _by_recogniser(name: str, preset: str, title: str, **known: Any) -> Method:
-    """The method of one recogniser of clouds. Raises ConfigError for an unknown preset."""
+    """Return the method of a recogniser of clouds. Raises ConfigError for an unknown preset."""
     recogniser = RECOGNISERS[name]
     config = merged(ViewMatcherConfig(), {"method": name, "preset": preset})
 
@@ -235,7 +235,7 @@ METHODS: dict[str, Method] = {
         published="first stage",
         rerun=_FIRST_STAGE,
     ),
-    # The thresholds of the thesis (0.84, 0.00134) belong to its own weights; 0.5 is even chance.
+    # The thresholds of the thesis (0.84, 0.00134) suit only its own weights; 0.5 is even chance.
     "two_stages:author": _by_recogniser(
         "two_stages",
         "author",
@@ -285,10 +285,10 @@ METHODS: dict[str, Method] = {
         rerun=dict.fromkeys(_ALL_FRAMES, "no sensor: new every 3rd"),
     ),
 }
-"""The methods of the published tables, our own and baselines: ``bench views`` compares these."""
+"""Methods of the published tables, our own methods and baselines, compared by ``bench views``."""
 
 BASELINES = ("always_new", "every_2nd", "every_3rd")
-"""Those of them that look at nothing."""
+"""Names of the methods that use no sensor."""
 
 RENAMED_METHODS: Mapping[str, str] = {
     **RENAMED,
@@ -298,16 +298,16 @@ RENAMED_METHODS: Mapping[str, str] = {
     "robust": "objects",
     "robust_two_stages": "two_stages",
 }
-"""Today's name of a method by a former one."""
+"""Current names of methods by their former names."""
 
 
 def method_names() -> tuple[str, ...]:
-    """All methods: those of ``METHODS``, then every other recogniser."""
+    """Return the names of all methods: those of ``METHODS``, then every other recogniser."""
     return tuple(dict.fromkeys([*METHODS, *RECOGNISERS]))
 
 
 def find_method(name: str, key: str = "method") -> Method:
-    """One of ``METHODS``, or any recogniser with a preset, such as "objects:paper".
+    """Return one of ``METHODS``, or any recogniser with a preset, such as "objects:paper".
 
     Raises:
         ConfigError: an unknown method or preset; the message begins with ``key``.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is in a recording, as a value that prints."""
+"""Summarise a recording as a printable value."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Overview:
-    """What is in a recording.
+    """Summary of a recording.
 
     Attributes:
-        rows: (what, value) in the order in which people want to know.
+        rows: (label, value) pairs, the most interesting first.
         gaps: numbers of the frames that lack a file.
     """
 
@@ -38,21 +38,21 @@ class Overview:
 
 
 def overview(dataset: "Dataset") -> Overview:
-    """Look at a recording; reads no scan and of the images only their size.
+    """Summarise a recording without reading scans; of images only the size is read.
 
     Raises:
-        DataError: a file that cannot be read.
+        DataError: a file cannot be read.
     """
     return Overview(list(_rows(dataset)), [int(number) for number in dataset.gaps])
 
 
 def look_at(recording: "Recording") -> Overview:
-    """Look at a recording and fuse its first frame; of a bag say what is in it.
+    """Summarise a recording and fuse its first frame; for a bag, summarise its content.
 
-    A bag that is no dataset is told with the reason.
+    The summary of a bag that cannot be opened as a dataset gives the reason.
 
     Raises:
-        DataError: a file that cannot be read. ConfigError: as ``open_dataset``.
+        DataError: a file cannot be read. ConfigError: as ``open_dataset``.
     """
     from fusionslam.datasets.bags.reader import bag_kind
     from fusionslam.datasets.bags.stores import KINDS as BAG_KINDS
@@ -108,7 +108,7 @@ def _time(stamps_ns: NDArray[np.int64]) -> str:
 
 
 def calibration_words(camera: Camera) -> str:
-    """Focal length, centre and size of a camera."""
+    """Describe focal length, centre and size of a camera."""
     focal = camera.projection[[0, 1], [0, 1]]
     centre = camera.projection[:2, 2]
     size = "" if camera.size is None else f", made for {camera.size[0]}x{camera.size[1]}"
@@ -128,17 +128,17 @@ def _path(dataset: "Dataset") -> str:
     if dataset.poses is None:
         return "none"
     steps = np.linalg.norm(np.diff(dataset.poses[:, :3, 3], axis=0), axis=1)
-    # What was driven where frames are missing is not known.
+    # The distance driven across missing frames is unknown.
     known = np.diff(dataset.numbers) == 1
     gaps = "" if known.all() else f", {(~known).sum()} gaps not counted"
     metres = steps[known].sum()
-    # Of a metre or two, the digits matter.
+    # Short paths need a decimal.
     path = f"path of {metres:.{0 if metres >= 100 else 1}f} m{gaps}"
     return f"{len(dataset.poses)} of {dataset.pose_frame} {_origin(dataset)}, {path}"
 
 
 def _origin(dataset: "Dataset") -> str:
-    """Where the poses come from, in words."""
+    """Describe the origin of the poses."""
     if dataset.poses_origin is PosesOrigin.TRUTH:
         return f"from true poses in {dataset.truth_topic}"
     if dataset.poses_origin is PosesOrigin.ODOMETRY:
@@ -165,7 +165,7 @@ def _gaps(dataset: "Dataset") -> str:
 
 
 def _offsets(dataset: "Dataset") -> str:
-    """Median time of each sensor relative to the first, where each has times of its own."""
+    """Describe the median time offset of each sensor to the first, if sensors have own times."""
     if len(dataset.sensors) < 2:
         return "none: one sensor"
     times = {sensor: dataset.sensor_stamps(sensor) for sensor in dataset.sensors}

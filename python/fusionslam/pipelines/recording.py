@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The one way to open what a command calls DATA, as a value that results keep."""
+"""The one way to open a command's DATA, as a value that is stored with results."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording and how it is opened: what ``open_dataset`` reads, or a scene set.
+    """A recording and how to open it: anything that ``open_dataset`` reads, or a scene set.
 
     The other arguments are those of ``open_dataset``; ``sync`` holds the values of ``SyncConfig``
-    that are not its defaults.
+    that differ from its defaults.
 
     Attributes:
         simulated: name of the simulated world that the recording was made in; None for any other.
@@ -43,14 +43,14 @@ class Recording:
 
     @classmethod
     def at(cls, path: str | os.PathLike[str], **how: Any) -> "Recording":
-        """The recording at a path, which may be relative here and is not in what is stored."""
+        """Return the recording at a path, which may be relative; the absolute path is stored."""
         for name in ("poses", "calibration"):
             if (file := how.get(name)) is not None:
                 how[name] = _absolute(file)
         return cls(_absolute(path), **how)
 
     def open(self, source: str | None = None) -> "Dataset":
-        """The dataset with the sensors that a source needs; None for all that it has.
+        """Open the dataset with the sensors that a source needs; None for all that it has.
 
         Raises:
             DataError, ConfigError: as ``open_dataset``.
@@ -58,10 +58,10 @@ class Recording:
         return self._open(None if source is None else SENSORS_OF[source])
 
     def sources(self) -> tuple[str, ...]:
-        """The sources of clouds that the data allow, at least one.
+        """Return the sources of clouds that the data allow, at least one.
 
         Raises:
-            DataError: there is none, or a file is missing in the middle of one.
+            DataError: there is no source, or a source lacks a file in between.
         """
         everything, problem = self._everything()
         if everything is not None and (
@@ -120,7 +120,7 @@ class Recording:
             return None, error
 
     def _allows(self, source: str) -> bool:
-        """Whether there are frames for a source; frames missing in between are an error."""
+        """Tell whether there are frames for a source; frames missing in between are an error."""
         try:
             self.open(source)
         except GapsError:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Folders of results: what ``run.json`` says of them, so that a later command can go on."""
+"""Folders of results, described by ``run.json`` so that a later command can continue."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -24,15 +24,15 @@ FILE = "run.json"
 
 @dataclass(frozen=True)
 class Work:
-    """What ``run.json`` says about the results in its folder.
+    """The description of a folder's results in ``run.json``.
 
     Attributes:
-        recording: what was worked on.
-        dataset: its name.
-        command: what was typed.
+        recording: the input data.
+        dataset: name of the dataset.
+        command: the command line.
         configs: the configuration in force, by source.
-        about: whatever else belongs to these results; a change of it makes other results.
-        demo: whether the demo made these, and may replace them.
+        about: anything else that the results depend on.
+        demo: whether the demo made the results, and may replace them.
     """
 
     recording: Recording
@@ -43,12 +43,12 @@ class Work:
     demo: bool = False
 
     def save(self, folder: str | os.PathLike[str]) -> None:
-        """Write ``run.json``, whole or not at all. Raises DataError."""
+        """Write ``run.json`` atomically. Raises DataError."""
         save_json(Path(folder) / FILE, FORMAT, asdict(self), indent=1)
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> "Work | None":
-        """Read what ``save`` wrote; None where there is none. Raises DataError naming the file."""
+        """Read ``run.json``; return None if there is none. Raises DataError naming the file."""
         path = Path(folder) / FILE
         if not path.exists():
             return None
@@ -57,10 +57,10 @@ class Work:
 
 
 def claim(folder: str | os.PathLike[str], work: Work) -> Work:
-    """Take a folder for this work, together with work on the same data that is there already.
+    """Claim a folder for this work; earlier work on the same data may stay there.
 
     Returns:
-        The work with the configurations of the earlier one that it does not replace.
+        The work, with the configurations of the earlier work that it does not replace.
 
     Raises:
         DataError: the folder holds work on other data, or cannot be written.
@@ -89,7 +89,7 @@ def _shown(about: Mapping[str, Any]) -> str:
 
 
 def forget_demo(folder: str | os.PathLike[str], recording: Recording) -> None:
-    """Take what an earlier demo made of another drive out of the way, and nothing else.
+    """Delete the results that an earlier demo made from another drive, and nothing else.
 
     Raises:
         DataError: the folder holds other work, which is kept; or a file cannot be deleted.
@@ -110,7 +110,7 @@ def forget_demo(folder: str | os.PathLike[str], recording: Recording) -> None:
 
 
 def _runs_of(work: Work, folder: str | os.PathLike[str]) -> Iterator[Path]:
-    """The runs in a folder that belong to this work; others may lie beside them."""
+    """Yield the runs in a folder that belong to this work; others may lie beside them."""
     from fusionslam.evaluation import DescriptorRun
 
     for source in work.configs:
@@ -121,6 +121,6 @@ def _runs_of(work: Work, folder: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def runs_folder(folder: str | os.PathLike[str]) -> Path:
-    """Where the descriptor runs of a folder of results lie."""
+    """Return the folder of descriptor runs in a folder of results."""
     inner = Path(folder) / "descriptors"
     return inner if inner.is_dir() else Path(folder)

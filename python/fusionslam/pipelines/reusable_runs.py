@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs that are stored already: whether they can be used again, and if not, why."""
+"""Decide whether stored runs can be reused, and if not, why."""
 
 import logging
 from collections.abc import Iterator, Mapping
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-# The result is the same for any number of threads.
+# The number of threads does not change the result.
 _IRRELEVANT = {"threads"}
 
 
 @dataclass(frozen=True)
 class Stored:
-    """The runs in a folder that were made of a dataset with a configuration."""
+    """The runs in a folder that were made from a dataset with a configuration."""
 
     dataset: "Dataset"
     folder: Path
@@ -37,7 +37,7 @@ class Stored:
     bad_frames: str = "error"
 
     def run(self, name: str) -> DescriptorRun | None:
-        """The stored run of a descriptor; None if it has to be made, and the log says why.
+        """Return the stored run of a descriptor; None, with the reason logged, if it must be made.
 
         Raises:
             DataError: there is a run of other data, which must not be overwritten.
@@ -58,7 +58,7 @@ class Stored:
         return None if changes else run
 
     def _changes(self, run: DescriptorRun, path: Path) -> Iterator[str]:
-        """What makes the run another one than is wanted."""
+        """Yield the differences between the run and the requested one."""
         before, now = (
             _relevant(config, run.descriptor)
             for config in (run.config, self.config.model_dump(mode="json"))
@@ -81,8 +81,8 @@ class Stored:
 
     @cached_property
     def _newest(self) -> float:
-        """When the recording or the compiled core changed last."""
-        with suppress(OSError):  # a file that is gone is reported when it is read
+        """Time of the last change of the recording or the compiled core."""
+        with suppress(OSError):  # a missing file is reported when it is read
             return max(
                 path.stat().st_mtime for path in (Path(str(_core.__file__)), *self.dataset.files())
             )
@@ -90,12 +90,12 @@ class Stored:
 
 
 def with_poses_of(dataset: "Dataset", run: DescriptorRun) -> DescriptorRun:
-    """The run with the poses that the dataset has now."""
+    """Return the run with the current poses of the dataset."""
     return replace(run, poses=None if dataset.poses is None else dataset.poses[run.frames])
 
 
 def _relevant(config: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """What of a configuration decides a descriptor, by dotted key."""
+    """Return the values of a configuration that affect a descriptor, by dotted key."""
     ignored = _IRRELEVANT | (set() if DESCRIPTORS[name].needs_normals else {"normal_radius"})
     if DESCRIPTORS[name].needs_normals:
         ignored |= {"preset", "color_space", "m2dp"}

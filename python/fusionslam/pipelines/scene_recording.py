@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A stored scene set as a recording."""
+"""Open a stored scene set as a recording."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ from fusionslam.views.scene_set import SceneSet
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SceneRecording(CloudDataset):
-    """The clouds of a scene set, in the frame of the set; none where it kept only scenes.
+    """The clouds of a scene set, in the frame of the set; none if the set holds only scenes.
 
     Attributes:
         scenes: the set.
@@ -26,7 +26,7 @@ class SceneRecording(CloudDataset):
 
     @classmethod
     def open(cls, path: Path) -> "SceneRecording":
-        """Read a scene set. Raises DataError as ``SceneSet.load``, or if it is without scans."""
+        """Read a scene set. Raises DataError as ``SceneSet.load``, or if it has no scans."""
         scenes = SceneSet.load(path)
         if not len(scenes):
             raise DataError(f"{path} is a scene set without scans")
@@ -44,21 +44,21 @@ class SceneRecording(CloudDataset):
 
     @property
     def counts(self) -> dict[str, int]:
-        """The number of clouds; nothing where the set has none."""
+        """The number of clouds; empty if the set has none."""
         return {} if self.scenes.clouds is None else {"points": len(self)}
 
     def content(self, sensor: str) -> str:
-        """Number of clouds and the frame that they are in."""
+        """Describe the number of clouds and their frame."""
         empty = int(self.scenes.empty.sum())
         return f"{len(self)} coloured clouds in the {self.scenes.frame} frame, {empty} empty"
 
     def whole_cloud(self, index: int) -> Cloud:
-        """A stored cloud. Raises DataError where the set kept only scenes."""
+        """Return a stored cloud. Raises DataError if the set holds only scenes."""
         if self.scenes.clouds is None:
             raise DataError(f"{self.name} holds no clouds: record it without --only-scenes")
         return self.scenes.clouds[index]
 
     def rows(self) -> list[tuple[str, str]]:
-        """(what, value) of what a set holds beside clouds."""
+        """Return (label, value) pairs about the content of the set other than clouds."""
         built = "built when needed" if self.scenes.scenes is None else f"{len(self)} stored"
         return [("scenes", built), ("features", ", ".join(self.scenes.features) or "none")]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""From data to a ``SceneSet``: each frame fused, without its ground, in the robot's frame."""
+"""Record data as a ``SceneSet``: each frame fused, without ground, in the robot's frame."""
 
 import logging
 from collections.abc import Sequence
@@ -46,22 +46,22 @@ def record_scenes(
     source: dict[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> SceneSet:
-    """Every scan of a recording as a coloured cloud, with its time and true pose.
+    """Record every scan as a coloured cloud, with its time and ground-truth pose.
 
-    Scans of which nothing is left are kept, and marked as empty.
+    Scans without remaining points are kept, and marked as empty.
 
     Args:
-        data: what ``Recording.open`` gives; of a scene set the set itself.
+        data: the result of ``Recording.open``; a scene set is returned as it is.
         fusion: how frames of a dataset become clouds.
         recording: how scans of a ``RangeRecording`` become clouds.
-        features: names of descriptors to compute, too.
-        descriptors: their configuration.
-        jobs: frames of a dataset worked on at a time; the result does not depend on it.
-        source: what to store about where the data come from.
-        progress: called with (scans done, scans in all).
+        features: names of descriptors to compute as well.
+        descriptors: configuration of the descriptors.
+        jobs: number of frames processed in parallel; does not change the result.
+        source: information to store about the origin of the data.
+        progress: called with (scans done, total scans).
 
     Raises:
-        DataError: a frame that cannot be read or fused, or has no colours; the message names it.
+        DataError: a frame cannot be read or fused, or has no colours; the message names it.
         ConfigError: an unknown descriptor.
     """
     for name in features:
@@ -83,15 +83,16 @@ def recorded_cloud(
     fusion: FusionConfig = ROBOT_FUSION,
     recording: RecordingConfig | None = None,
 ) -> Cloud:
-    """One scan's coloured cloud, as ``record_scenes`` makes it, without making the others.
+    """Return the coloured cloud of one scan as ``record_scenes`` makes it, without the others.
 
     Args:
-        data: what ``record_scenes`` takes.
-        number: of the scan, as the data number it.
+        data: as for ``record_scenes``.
+        number: of the scan, in the numbering of the data.
         fusion, recording: as for ``record_scenes``.
 
     Raises:
-        DataError: no such scan, no clouds, or a frame that cannot be read or fused.
+        DataError: there is no such scan, there are no clouds, or the frame cannot be read or
+            fused.
     """
     found = np.flatnonzero(data.numbers == number)
     if not len(found):
@@ -157,7 +158,7 @@ def _fields(
 
 
 def _true_places(data: "Dataset", config: FusionConfig) -> NDArray[np.float64] | None:
-    """float64 (n, 3): x, y, yaw of the robot, or of its scanner where that is all that is known."""
+    """float64 (n, 3): true x, y, yaw of the robot, or of its scanner if only that is known."""
     if data.poses is None:
         return None
     on_robot = data[0].robot_from_points is not None
@@ -166,7 +167,7 @@ def _true_places(data: "Dataset", config: FusionConfig) -> NDArray[np.float64] |
 
 
 def _feature(scenes: dict[str, Any], name: str, config: DescriptorConfig) -> NDArray[np.float32]:
-    """float32 (n, D); NaN where a cloud cannot be described, which the log says."""
+    """float32 (n, D); NaN where a cloud cannot be described, which is logged."""
     clouds: CloudArray = scenes["clouds"]
     rows = np.full((len(clouds), length_of(name, config)), np.nan, np.float32)
     if descriptor_named(name).needs_normals and len(clouds.points):

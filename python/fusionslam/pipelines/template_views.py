@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What visual templates keep of a drive's images, cached for rendered ones."""
+"""Visual-template views of a drive's images, cached for rendered images."""
 
 import hashlib
 import json
@@ -19,17 +19,17 @@ from fusionslam.storage.parallel import in_order
 from fusionslam.storage.progress import Progress
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 
-# Other values of VisualTemplatesConfig do not change what is kept of an image.
+# Other values of VisualTemplatesConfig do not change the view of an image.
 _OF_VIEWS = ("columns", "rows", "top", "bottom", "left", "right", "mean", "patch")
 
 
 @dataclass(frozen=True, eq=False)
 class TemplateViews:
-    """What templates keep of a drive's images.
+    """The visual-template views of a drive's images.
 
     Attributes:
         views: float32 (n, columns * rows).
-        build_ms: median time to make one of an image.
+        build_ms: median time to make a view from an image.
     """
 
     views: NDArray[np.float32]
@@ -43,17 +43,17 @@ def template_views(
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> TemplateViews:
-    """What templates keep of each image; of rendered ones it is kept in the user's cache.
+    """Make the view of each image; those of rendered images are kept in the user's cache.
 
     Args:
         images: of the drive.
         config: of the templates.
-        jobs: images read or rendered at a time; the result does not depend on it.
-        progress: called with (images done, images in all).
+        jobs: number of images read or rendered in parallel; does not change the result.
+        progress: called with (images done, total images).
 
     Raises:
-        DataError: an image that cannot be read or rendered, or the cache cannot be written.
-        ShapeError: an image that cannot become a template.
+        DataError: an image cannot be read or rendered, or the cache cannot be written.
+        ShapeError: an image cannot become a template.
     """
     path = None if images.key is None else _cache_path(images.key, config)
     stored = None if path is None else _load_views(path, images, config)
@@ -95,7 +95,7 @@ def _cache_path(key: str, config: VisualTemplatesConfig) -> Path:
 
 
 def _load_views(path: Path, images: Images, config: VisualTemplatesConfig) -> TemplateViews | None:
-    """What the cache has; None for nothing, or for a file that is none of ours."""
+    """Load cached views; return None if there are none, or for a file that is not ours."""
     try:
         with load_arrays(path, "template views") as stored:
             views, build_ms = stored["views"], float(stored["build_ms"])

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Looks for the parameters of the similarity that judge recorded drives best (Stastny 2022, 4.6).
+"""Tune the similarity parameters on recorded drives (Stastny 2022, 4.6).
 
-The thesis uses a genetic algorithm, its author's program differential evolution: both are pymoo's.
+The thesis uses a genetic algorithm, its author's program differential evolution, both from pymoo.
 """
 
 import math
@@ -66,15 +66,15 @@ _ROBUST: Bounds = {
     "threshold": (0, 1),
 }
 BOUNDS = {"thesis": _THESIS, "robust": _ROBUST}
-"""Numbers to look for by name, and between what values: those of thesis S, and of our preset."""
+"""Parameters to tune and their bounds, by name: those of Stastny's thesis and of our preset."""
 _DIGITS = 6
-"""Of each number: what is written is what was tried."""
+"""Significant digits of each parameter; the values written are exactly those tried."""
 _WORST = 1e6
-"""The value of numbers that are no configuration, such as weights that are all 0."""
+"""The objective for invalid parameters, such as weights that are all 0."""
 
 
 class TuningConfig(Section):
-    """How parameters are looked for, and what a good run is."""
+    """How to search for parameters, and how to rate a run."""
 
     algorithm: Literal["ga", "de"] = option(
         "ga", "ga: genetic algorithm (Stastny 2022); de: differential evolution (his program)"
@@ -96,13 +96,13 @@ class TuningConfig(Section):
 
 @dataclass(frozen=True, eq=False)
 class TuningResult:
-    """The best that was found.
+    """The best parameters found.
 
     Attributes:
-        config: of the matcher, with the numbers found.
-        value: what was minimised.
-        reports: the judged run over each set.
-        best_values: float64 (generations,), the best value until then.
+        config: of the matcher, with the best parameters.
+        value: minimum of the objective.
+        reports: evaluation of the run over each set.
+        best_values: float64 (generations,), the best value so far.
     """
 
     config: ViewMatcherConfig
@@ -123,22 +123,22 @@ def tune(
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> TuningResult:
-    """Look for the numbers with which a matcher does best on average over scene sets.
+    """Search for the parameters with which a matcher does best on average over scene sets.
 
-    The numbers of ``base`` are among the first that are tried, so the result is no worse. The
-    result depends on the seed, not on ``jobs``.
+    The parameters of ``base`` are in the first generation, so the result is no worse. The result
+    depends on the seed, not on ``jobs``.
 
     Args:
-        sets: with true poses, and clouds or scenes.
-        base: the matcher's configuration, of which the numbers are changed.
-        config: how to look for them.
-        state: keeps what was tried: a call that was interrupted goes on, and comes to the same end.
-        jobs: processes that try numbers.
-        progress: called with (generations done, generations in all, best value).
+        sets: with ground-truth poses, and clouds or scenes.
+        base: the matcher's configuration, whose parameters are changed.
+        config: how to search.
+        state: keeps the generations, so that an interrupted call resumes, with the same result.
+        jobs: number of processes that evaluate parameters.
+        progress: called with (generations done, total generations, best value).
 
     Raises:
-        DataError: a set without poses, or a state that belongs to other data or settings.
-        ConfigError: a matcher that does not compare scenes. FusionSlamError: pymoo is missing.
+        DataError: a set has no poses, or the state belongs to other data or settings.
+        ConfigError: the matcher does not compare scenes. FusionSlamError: pymoo is missing.
     """
     config = config or TuningConfig()
     if base.method not in (None, "objects"):
@@ -166,7 +166,7 @@ Drive = tuple[list[View], ViewJudge]
 
 
 def drives_of(sets: Sequence[SceneSet], base: ViewMatcherConfig, rule: str) -> list[Drive]:
-    """What of scene sets does not depend on the numbers: views and judges."""
+    """Return the parts of scene sets that do not depend on the parameters: views and judges."""
     drives = []
     for scenes in sets:
         judge = ViewJudge(scenes.true_poses(), scenes.seconds, rule=rule)
@@ -176,14 +176,14 @@ def drives_of(sets: Sequence[SceneSet], base: ViewMatcherConfig, rule: str) -> l
 
 @dataclass(frozen=True)
 class Trial:
-    """Tries numbers on drives."""
+    """Evaluates parameters on drives."""
 
     drives: Sequence[Drive]
     base: ViewMatcherConfig
     config: TuningConfig
 
     def value(self, numbers: Floats) -> float:
-        """What is minimised, of one vector of numbers."""
+        """Return the objective for one parameter vector."""
         try:
             reports = self.reports(numbers)
         except ConfigError:
@@ -191,7 +191,7 @@ class Trial:
         return float(np.mean([self._badness(report) for report in reports]))
 
     def reports(self, numbers: Floats) -> list[ViewReport]:
-        """The judged runs. Raises ConfigError if the numbers are no configuration."""
+        """Return the evaluated runs. Raises ConfigError for invalid parameters."""
         config = with_numbers(self.base, self.config.numbers, numbers)
         reports = []
         for views, judge in self.drives:
@@ -206,7 +206,7 @@ class Trial:
             config.false_positives * report.false_positives
             + config.false_negatives * report.false_negatives
         )
-        # A drive without loops has none to find or to miss.
+        # A drive without loops offers none to find or to miss.
         missed = 1 - (1.0 if report.loop_recall is None else report.loop_recall)
         false = 1 - (1.0 if report.loop_precision is None else report.loop_precision)
         return (
@@ -215,7 +215,7 @@ class Trial:
 
 
 def with_numbers(base: ViewMatcherConfig, which: str, numbers: Floats) -> ViewMatcherConfig:
-    """The configuration with numbers in the order of ``BOUNDS[which]`` in it."""
+    """Return the configuration with parameters given in the order of ``BOUNDS[which]``."""
     values = {
         name: float(f"{number:.{_DIGITS}g}")
         for name, number in zip(BOUNDS[which], numbers.tolist(), strict=True)
@@ -226,14 +226,14 @@ def with_numbers(base: ViewMatcherConfig, which: str, numbers: Floats) -> ViewMa
 
 
 class _Search:
-    """The algorithm, asked for numbers and told their values, generation after generation."""
+    """Asks the algorithm for parameters and tells it their values, generation by generation."""
 
     def __init__(self, base: ViewMatcherConfig, config: TuningConfig) -> None:
         self.base, self.config = base, config
         self.low, self.high = np.array([*BOUNDS[config.numbers].values()], np.float64).T
 
     def identity(self, sets: Sequence[SceneSet]) -> dict[str, Any]:
-        """What another search differs in; more generations of the same one do not."""
+        """Return what identifies a search; the number of generations is not part of it."""
         return {
             "views": self.base.model_dump(mode="json"),
             "tuning": self.config.model_dump(mode="json", exclude={"generations"}),
@@ -243,13 +243,13 @@ class _Search:
     def generations(
         self, known: Sequence[Generation], values_of: Callable[[Floats], Floats]
     ) -> Iterator[Generation]:
-        """Each generation: those known are told as they were, the others are tried.
+        """Yield each generation: the known ones are replayed, the others evaluated.
 
-        The algorithm asks for the same numbers again as long as it is told the same values: this
-        needs nothing of what it keeps inside.
+        The algorithm asks for the same parameters as long as it is told the same values, so its
+        internal state need not be stored.
 
         Raises:
-            DataError: it asks for others than those known.
+            DataError: the algorithm asks for parameters that differ from the known ones.
         """
         algorithm = self._algorithm()
         for number in range(self.config.generations):
@@ -287,7 +287,7 @@ class _Search:
         return algorithm
 
     def _first(self) -> Floats:
-        """float64 (population, d): the numbers of the base, then evenly random ones."""
+        """float64 (population, d): the parameters of the base, then uniformly random ones."""
         rng = np.random.default_rng([self.config.seed, 0x7E])
         first = rng.uniform(self.low, self.high, (self.config.population, len(self.low)))
         core = similarity_config(self.base)
@@ -315,14 +315,15 @@ def _result(done: Sequence[Generation], trial: Trial) -> TuningResult:
 
 @contextmanager
 def _workers(trial: Trial, jobs: int) -> Iterator[Callable[[Floats], Floats]]:
-    """A function that gives the values, float64 (k,), of numbers, float64 (k, d)."""
+    """Yield a function from parameters, float64 (k, d), to their values, float64 (k,)."""
     if jobs <= 1:
         yield lambda numbers: np.array([trial.value(row) for row in numbers])
         return
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
-    # Processes: a run is as much Python as it is the core. Forking is unsafe beside threads.
+    # Processes, because a run spends as much time in Python as in the core; spawned, because
+    # forking is unsafe beside threads.
     pool = ProcessPoolExecutor(
         jobs,
         mp_context=get_context("spawn"),
@@ -338,13 +339,13 @@ def _workers(trial: Trial, jobs: int) -> Iterator[Callable[[Floats], Floats]]:
 
 
 _trials: list[Trial] = []
-"""The trial of this process, where it is a worker's."""
+"""The trial of this process, if it is a worker."""
 
 
 def _begin(drives: Sequence[Drive], base: dict[str, Any], config: dict[str, Any]) -> None:
     import signal
 
-    # Ctrl-C reaches all processes: the first one ends the others.
+    # Ctrl-C reaches all processes: the parent ends the workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _trials[:] = [Trial(drives, merged(ViewMatcherConfig(), base), TuningConfig(**config))]
 
@@ -360,7 +361,7 @@ def write_tuned(
     sets: "Sequence[SceneSet]",
     command: str,
 ) -> None:
-    """Write what was found as YAML, with all values of scenes and similarity.
+    """Write the result as YAML, with all values of scenes and similarity.
 
     A comment says how it was made and how well it does.
 
@@ -381,7 +382,7 @@ def write_tuned(
 
 
 def _values(config: "ViewMatcherConfig") -> dict[str, Any]:
-    """Everything that decides the ids: a later preset with other values does not change them."""
+    """Return every value that affects the ids, so that later changes of presets do not."""
     from fusionslam.views.recognisers import scene_config, similarity_config
 
     values = config.model_dump(mode="json", exclude_unset=True)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a tuning tried, kept after each generation so that it can go on."""
+"""The generations of a tuning, stored after each one so that the tuning can resume."""
 
 import json
 import os
@@ -19,7 +19,7 @@ FORMAT = "fusionslam.tuning.1"
 
 @dataclass(frozen=True, eq=False)
 class Generation:
-    """Numbers that were tried, float64 (k, d), and their values, float64 (k,)."""
+    """Parameters that were tried, float64 (k, d), and their values, float64 (k,)."""
 
     numbers: NDArray[np.float64]
     values: NDArray[np.float64]
@@ -38,10 +38,11 @@ class TuningState:
         self._identity = ""
 
     def begin(self, identity: dict[str, Any]) -> None:
-        """Take up what the file holds.
+        """Load the generations in the file.
 
         Raises:
-            DataError: it is cut, of another version, or of a tuning with other data or settings.
+            DataError: the file is truncated, of another version, or of a tuning with other data
+                or settings.
         """
         self._identity = json.dumps(identity, sort_keys=True)
         if self.path is None or not self.path.exists():
@@ -55,7 +56,7 @@ class TuningState:
             )
 
     def add(self, generation: Generation) -> None:
-        """Keep a generation. Raises DataError if the file cannot be written."""
+        """Store a generation. Raises DataError if the file cannot be written."""
         self.generations.append(generation)
         if self.path is None:
             return
@@ -76,7 +77,7 @@ def _read(path: Path) -> tuple[str, list[Generation]]:
 
 
 def _differences(before: dict[str, Any], now: dict[str, Any]) -> str:
-    """The names of what differs, such as "tuning.seed, sets"."""
+    """Return the names of the differing values, such as "tuning.seed, sets"."""
     names = []
     for key, value in now.items():
         other = before.get(key)

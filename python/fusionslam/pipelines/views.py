@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A whole scene set given to a matcher, scan after scan, and thresholds swept over one."""
+"""Run a matcher over a whole scene set, scan after scan, and sweep its threshold."""
 
 import csv
 import os
@@ -26,21 +26,22 @@ from fusionslam.views.recognisers import ViewMatcherConfig, scene_config
 from fusionslam.views.scene_set import SceneSet
 from fusionslam.views.two_stage_comparison import TWO_STAGES
 
-# Of alignments, which take too long for a hundred runs.
+# Thresholds for alignments, which take too long for a hundred runs.
 _PROBABILITIES = (0.0, 0.5, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98, 0.99, 1.0)
 COLUMNS = ("scan", "stamp_ns", "id", "similarity", "is_new", "matched", "x", "y", "yaw", "reason")
 
 
 @dataclass(frozen=True, eq=False)
 class MatchRun:
-    """What a matcher made of each scan of a set.
+    """The matches of all scans of a set.
 
     Attributes:
         scenes: the set.
-        matches: one a scan.
-        stats: of the matcher at the end.
-        threshold: from which similarity scans matched.
-        build_seconds, match_seconds: float64 (n,), what a scan took, to compare it and to find it.
+        matches: one per scan.
+        stats: statistics of the matcher at the end.
+        threshold: similarity from which scans match.
+        build_seconds, match_seconds: float64 (n,), time to build the view of a scan and to match
+            it.
     """
 
     scenes: SceneSet
@@ -52,20 +53,20 @@ class MatchRun:
 
     @property
     def ids(self) -> NDArray[np.int64]:
-        """int64 (n,), -1 for scans that hold nothing to recognise."""
+        """int64 (n,), -1 for scans without anything to recognise."""
         return np.array([match.id for match in self.matches], np.int64)
 
     @property
     def similarities(self) -> NDArray[np.float64]:
-        """float64 (n,), of the best stored view."""
+        """float64 (n,), similarities to the best stored view."""
         return np.array([match.similarity for match in self.matches], np.float64)
 
     def with_truth(self, method: str, config: Mapping[str, Any] | None = None) -> ViewRun:
-        """What is judged and reported. Raises DataError where the set has no true poses.
+        """Return the run with ground truth. Raises DataError if the set has no true poses.
 
         Args:
-            method: what gave the ids, for tables.
-            config: what was configured.
+            method: name of the method that gave the ids, for tables.
+            config: its configuration.
         """
         clouds, compared = self.scenes.clouds, self.similarities > 0
         rows = {int(number): row for row, number in enumerate(self.scenes.numbers)}
@@ -86,7 +87,7 @@ class MatchRun:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a CSV, one line a scan; scans by their number. Raises DataError."""
+        """Write a CSV with one line per scan and the numbers of the scans. Raises DataError."""
         with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS)
@@ -111,16 +112,16 @@ class MatchRun:
 
 
 def run_views(scenes: SceneSet, matcher: ViewMatcher, progress: Progress | None = None) -> MatchRun:
-    """Give every scan of a set to a matcher.
+    """Pass every scan of a set to a matcher.
 
     Args:
-        scenes: whatever the matcher compares must be in it, or be made of its clouds.
-        matcher: new, or one that goes on.
-        progress: called with (scans done, scans in all).
+        scenes: a set with the views that the matcher compares, or clouds to make them from.
+        matcher: new or resumed.
+        progress: called with (scans done, total scans).
 
     Raises:
-        DataError: the set lacks what is compared, or a scan cannot be compared; the message names
-            it.
+        DataError: the set lacks the views to compare, or a scan cannot be compared; the message
+            names it.
     """
     matches, seconds = [], np.zeros((2, len(scenes)))
     for index, view in enumerate(_timed(scenes, matcher, seconds[0])):
@@ -135,7 +136,7 @@ def run_views(scenes: SceneSet, matcher: ViewMatcher, progress: Progress | None 
 def views_of(
     scenes: SceneSet, matcher: ViewMatcher, progress: Progress | None = None
 ) -> list[View]:
-    """What the matcher compares of each scan: built once, for many runs. Raises as run_views."""
+    """Build the view of each scan once, for many runs. Raises as ``run_views``."""
     views = []
     for view in _timed(scenes, matcher, np.zeros(len(scenes))):
         views.append(view)
@@ -157,7 +158,7 @@ def _timed(scenes: SceneSet, matcher: ViewMatcher, seconds: NDArray[np.float64])
 
 
 def _items(scenes: SceneSet, matcher: ViewMatcher) -> Callable[[int], Any]:
-    """What to give the matcher of each scan: what is stored if it fits, else its cloud."""
+    """Return a function from scan to matcher input: the stored view if it fits, else the cloud."""
     kind = matcher.comparison.kind
     if kind.endswith("alignment") and scenes.frame == "odometry":
         raise DataError(
@@ -176,7 +177,7 @@ def _items(scenes: SceneSet, matcher: ViewMatcher) -> Callable[[int], Any]:
 
 
 def _explain_lack(scenes: SceneSet, kind: str) -> str:
-    """What else a set without clouds would have to hold."""
+    """Say what a set without clouds would have to hold instead."""
     if kind in DESCRIPTORS:
         return f"no {kind}: record it with --features {kind}"
     if kind.startswith(TWO_STAGES):
@@ -196,21 +197,21 @@ def sweep_thresholds(
     comparison: Callable[[], Comparison] | None = None,
     progress: Progress | None = None,
 ) -> ViewCurve:
-    """Judge a run with each of a hundred thresholds; the views are built once.
+    """Evaluate a run with each of a hundred thresholds; the views are built once.
 
     Object scenes are tried from 0 to 1 in steps of 0.01 (Stastny 2022, 5.4). Other similarities lie
-    closer together: their thresholds divide the similarities to the best earlier scan evenly.
+    closer together: their thresholds are quantiles of the similarities to the best earlier scan.
 
     Args:
-        scenes: with true poses.
+        scenes: with ground-truth poses.
         config: of the matcher, whose threshold is not used.
-        descriptors: how clouds are described, where the method is a descriptor.
-        rule: of the judge.
-        comparison: makes a new one for each run; None for the configured one.
-        progress: called with (runs done, runs in all).
+        descriptors: how clouds are described, if the method is a descriptor.
+        rule: name of the evaluation rule.
+        comparison: makes a new comparison for each run; None for the configured one.
+        progress: called with (runs done, total runs).
 
     Raises:
-        DataError: the set has no poses, or lacks what is compared.
+        DataError: the set has no poses, or lacks the views to compare.
     """
     judge = ViewJudge(scenes.true_poses(), scenes.seconds, rule=rule)
 
@@ -239,7 +240,7 @@ def sweep_thresholds(
 
 
 def _quantiles(views: Sequence[View], strict: ViewMatcher, count: int) -> list[float]:
-    """Thresholds that divide the best similarities evenly."""
+    """Return thresholds that divide the best similarities evenly."""
     found = [strict.process(view) for view in views]
     best = [match.similarity for match in found if match.id >= 0 and match.similarity > 0]
     divided = np.quantile(np.array(best or [0.0]), np.linspace(0, 1, count))

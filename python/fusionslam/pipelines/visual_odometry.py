@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Visual odometry over all images of a drive: what it says, as a map takes it."""
+"""Run visual odometry over all images of a drive and convert it to the input of a map."""
 
 import hashlib
 import json
@@ -34,16 +34,16 @@ logger = logging.getLogger(__name__)
 def visual_speeds(
     images: Images, odometry: VisualOdometry, *, jobs: int = 1, progress: Progress | None = None
 ) -> list[VisualSpeed | None]:
-    """What visual odometry says at each image; None where it cannot say anything.
+    """Return the speed from visual odometry at each image; None where it has no estimate.
 
     Args:
         images: of the drive.
-        odometry: new; it has seen all of them afterwards.
-        jobs: images that are read or rendered at a time; the result does not depend on it.
-        progress: called with (images done, images in all).
+        odometry: new; it has processed all images afterwards.
+        jobs: number of images read or rendered in parallel; does not change the result.
+        progress: called with (images done, total images).
 
     Raises:
-        DataError, ShapeError: an image that cannot be read or used.
+        DataError, ShapeError: an image cannot be read or used.
     """
     stamps_ns = image_stamps_ns(images)
     sights = all_sights(images, odometry, jobs, progress)
@@ -60,16 +60,16 @@ def seen_motions(
     jobs: int = 1,
     progress: Step | None = None,
 ) -> tuple[str, list[Odometry | Motion]]:
-    """What visual odometry is called, for people, and what it says on a drive.
+    """Return a description of visual odometry, for people, and its motions on a drive.
 
     Args:
         drive: with images.
         config: None for the defaults.
-        jobs: images that are read or rendered at a time; the result does not depend on it.
-        progress: told about that.
+        jobs: number of images read or rendered in parallel; does not change the result.
+        progress: progress callback.
 
     Raises:
-        DataError: no images, or as ``visual_speeds``.
+        DataError: the drive has no images, or as ``visual_speeds``.
     """
     images = drive.images()
     if images is None or not len(images):
@@ -87,11 +87,11 @@ def seen_motions(
 def visual_motions(
     stamps_ns: NDArray[np.int64], speeds: Sequence[VisualSpeed | None]
 ) -> list[Motion]:
-    """Odometry messages at the stamps of images: a robot that cannot see stands still.
+    """Return odometry messages at the stamps of images; without an estimate the robot stands still.
 
     Args:
         stamps_ns: int64 (n).
-        speeds: of ``visual_speeds``.
+        speeds: result of ``visual_speeds``.
     """
     doubts = Counter(
         speed.why.partition(" by ")[0] for speed in speeds if speed is not None and speed.why
@@ -105,17 +105,17 @@ def visual_motions(
 
 
 def image_stamps_ns(images: Images) -> NDArray[np.int64]:
-    """int64 (n): when images were taken."""
+    """int64 (n): time stamps of the images."""
     return np.round(images.seconds * 1e9).astype(np.int64)
 
 
 def all_sights(
     images: Images, odometry: VisualOdometry, jobs: int = 1, progress: Progress | None = None
 ) -> list[Sight]:
-    """What is used of each image; of rendered ones it is kept in the user's cache.
+    """Return the part of each image that is used; for rendered images it is cached.
 
     Raises:
-        DataError, ShapeError: an image that cannot be read or used, or the cache cannot be written.
+        DataError, ShapeError: an image cannot be read or used, or the cache cannot be written.
     """
     path = None if images.key is None else _cache_path(images.key, odometry)
     kept = None if path is None else _kept(path, len(images))
@@ -151,7 +151,7 @@ def _cache_path(key: str, odometry: VisualOdometry) -> Path:
 
 
 def _kept(path: Path, count: int) -> list[Sight] | None:
-    """What the cache has; None for nothing, or for a file that is none of ours."""
+    """Load cached sights; return None if there are none, or for a file that is not ours."""
     try:
         with load_arrays(path, "profiles of images") as stored:
             (height, width), turns, speeds = stored["shape"], stored["turns"], stored["speeds"]
