@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Listens to a robot as the nodes would, without publishing anything."""
+"""Listen to a robot as the nodes would, without publishing anything."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -30,17 +30,17 @@ _POLL_S = 0.05
 
 
 class TopicListener:
-    """Listens to the topics of the nodes, or to the best guess where one is not there.
+    """Listens to the topics of the nodes, or to the best guess for a missing topic.
 
     Args:
-        asked: topics of the nodes by role, and what /tf and /tf_static are to them, as remapped;
-            rospy itself must know of no remappings, or it would remap the guesses.
-        trial: takes what arrives.
+        asked: topics of the nodes by role, and the remapped names of /tf and /tf_static; rospy
+            itself must know no remappings, or it would remap the guesses.
+        trial: receives the messages.
 
     Attributes:
-        graph: what the master knew when it was asked last.
-        choices: by role.
-        heard: by role, where there is a topic.
+        graph: the latest answer of the master.
+        choices: chosen topics by role.
+        heard: observed topics by role, for roles with a topic.
 
     Raises:
         FusionSlamError: the master does not answer.
@@ -54,13 +54,16 @@ class TopicListener:
         self._by_arrival = common.stamps == "arrival"
         self._inbox = Inbox(common.queue, common.only_one)
         self._subscribers: dict[str, Any] = {}
-        # Before anybody publishes them: a bag tells its static transforms once, at its start.
+        # Subscribe before anyone publishes: a bag sends its static transforms once, at its start.
         for role in TRANSFORMS:
             self._subscribe(role, asked[role])
         self._subscribe_new()
 
     def listen(self, seconds: float, progress: Progress) -> None:
-        """Wait so long for the first sensor, then listen so long. Raises as the constructor."""
+        """Wait up to ``seconds`` for a first message, then listen for ``seconds``.
+
+        Raises as the constructor.
+        """
         self._poll_until("waiting", seconds, progress, self._has_messages)
         if self._has_messages():
             self._poll_until("listening", seconds, progress, rospy.is_shutdown)
@@ -87,12 +90,12 @@ class TopicListener:
         progress(what, round(seconds), round(seconds))
 
     def _subscribe_new(self) -> None:
-        """Listen to what was not there before."""
+        """Subscribe to topics that have appeared since."""
         self.graph = read_graph()
         self.choices = choose(self.graph.topics, self.graph.publishers, self._asked)
         for role, choice in self.choices.items():
             present = self.heard.get(role)
-            # What ended meanwhile was heard all the same.
+            # Keep what was heard of topics that have ended meanwhile.
             if choice.topic and (present is None or present.topic != choice.topic):
                 self.heard[role] = ObservedTopic(choice.topic, self.graph.topics[choice.topic].type)
                 self._subscribe(role, choice.topic)
@@ -110,13 +113,13 @@ class TopicListener:
         )
 
     def _queue(self, message: Any, place: tuple[str, str]) -> None:
-        """In a thread of rospy: note when it came, and leave the rest to the main thread."""
+        """Note the arrival time in a thread of rospy; leave the rest to the main thread."""
         role, topic = place
         about, now_ns = message._connection_header, rospy.Time.now().to_nsec()
         is_tf = role in TRANSFORMS
-        # The name of its topic tells what is static, wherever that was remapped to.
+        # The role of a transform topic tells whether it is static, even if it was remapped.
         raw = RawMessage(role if is_tf else topic, about["type"], now_ns, message)
-        # Of two publishers nodes hear the first alone: so does this.
+        # Like the nodes, listen only to the first of two publishers.
         dropped = self._inbox.put(
             Arrival(role, raw, time.monotonic()), None if is_tf else about["callerid"]
         )
@@ -125,7 +128,7 @@ class TopicListener:
             self.heard[role].series.add(replace(raw, content=SimpleNamespace(header=header)))
 
     def _process(self, arrival: Arrival) -> None:
-        """Read a message, of images and clouds only those until a first cloud came of them."""
+        """Read a message; images and clouds only until a first cloud was fused."""
         role, raw = arrival.topic, arrival.message
         if raw.type in _LARGE and self._trial.first is not None:
             return
@@ -134,7 +137,7 @@ class TopicListener:
             self._trial.take(role, value, raw.time_ns)
 
     def _value(self, role: str, raw: RawMessage) -> Message | None:
-        """What a message says, with the stamp that counts; None if the nodes would refuse it."""
+        """Convert a message, with the stamp in force; None if the nodes would refuse it."""
         try:
             value = replace(raw, content=deserialized(raw.content, raw.type)).value()
         except DataError as error:

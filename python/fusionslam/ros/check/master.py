@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a ROS master knows: topics, who publishes them, which clock counts."""
+"""Ask a ROS master for topics, their publishers and the clock in use."""
 
 import os
 import socket
@@ -15,7 +15,7 @@ from fusionslam.datasets.bags.reader import Topic
 from fusionslam.errors import FusionSlamError
 
 CLOCK = "/clock"
-# What another server than a master makes of our question.
+# Errors raised if no ROS master answers at the address.
 _NO_MASTER = (OSError, ValueError, client.Error, HTTPException, ExpatError)
 _OWN = "/fusionslam_check"
 _PATIENCE_S = 3.0
@@ -23,11 +23,11 @@ _PATIENCE_S = 3.0
 
 @dataclass(frozen=True)
 class Graph:
-    """What a master knows at one time.
+    """The state of a ROS master at one time.
 
     Attributes:
-        uri: where the master is.
-        topics: those published, by name; each counts as one message.
+        uri: address of the master.
+        topics: published topics by name; each counts as one message.
         publishers: the nodes that publish each topic.
         sim_time: whether the parameter use_sim_time is set.
     """
@@ -39,10 +39,10 @@ class Graph:
 
 
 def read_graph() -> Graph:
-    """Ask the master that ROS_MASTER_URI names.
+    """Ask the master at ROS_MASTER_URI.
 
     Raises:
-        FusionSlamError: it does not answer; the message says what to do.
+        FusionSlamError: the master does not answer; the message says what to do.
     """
     import rosgraph
 
@@ -69,7 +69,7 @@ def read_graph() -> Graph:
 
 
 def silent_nodes(nodes: Sequence[str]) -> dict[str, str]:
-    """Those of these nodes that cannot be reached from here, with the address that they gave."""
+    """Return the nodes that cannot be reached from here, with the addresses that they gave."""
     import rosgraph
 
     master, found = rosgraph.Master(_OWN), {}
@@ -84,7 +84,7 @@ def silent_nodes(nodes: Sequence[str]) -> dict[str, str]:
 
 
 def _check_address(uri: str) -> str:
-    """Why nothing answers there; empty if something does. A call of ROS might wait for minutes."""
+    """Say why nothing answers there; empty if something does. A ROS call could wait for minutes."""
     place = urlparse(uri)
     try:
         if not place.hostname or not place.port:

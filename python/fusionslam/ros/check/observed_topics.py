@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a robot's topics are to the nodes, and what was heard of them, without any middleware."""
+"""The roles of a robot's topics for the nodes, and their messages, without any middleware."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ INPUTS = {
     "odometry": ODOM,
     "truth": TRUTH,
 }
-"""What the nodes call the topic of each role."""
+"""The nodes' topic name for each role."""
 LAUNCH_ARGUMENTS = {
     "points": "scan",
     "left": "image",
@@ -33,29 +33,29 @@ LAUNCH_ARGUMENTS = {
     "odometry": "odom",
     "truth": "truth",
 }
-"""What launch files call it."""
+"""The launch files' argument for each role."""
 _OF_MOTION = ("odometry", "truth")
 
 
 def needed_roles(source: str) -> Sequence[str]:
-    """What clouds of a source are made of: sensors, each camera with its CameraInfo."""
+    """Return the roles that a source of clouds needs: sensors, each camera with its CameraInfo."""
     roles = ((sensor, INFO_ROLES.get(sensor)) for sensor in SENSORS_OF[source])
     return [role for pair in roles for role in pair if role is not None]
 
 
 def roles_of(source: str) -> Sequence[str]:
-    """All that nodes may listen to, if clouds are made of this source."""
+    """Return all roles that nodes may listen to with this source of clouds."""
     return (*needed_roles(source), *_OF_MOTION)
 
 
 @dataclass(frozen=True)
 class Choice:
-    """Which topic fills a role.
+    """The topic chosen for a role.
 
     Attributes:
-        role: what it is to the nodes.
-        asked: the topic that nodes listen to as they are started.
-        topic: the one that fits: that one, else the best guess; empty if there is none.
+        role: the role for the nodes.
+        asked: the topic that the nodes listen to as started.
+        topic: the chosen topic: the one asked for, else the best guess; empty if there is none.
         others: further topics that would fit, best first.
     """
 
@@ -66,24 +66,24 @@ class Choice:
 
     @property
     def is_guess(self) -> bool:
-        """Whether the nodes need a remapping."""
+        """Whether the topic is a guess, for which the nodes need a remapping."""
         return bool(self.topic) and self.topic != self.asked
 
     @property
     def remapping(self) -> str:
-        """How the nodes are told of the topic."""
+        """The remapping that gives the nodes this topic."""
         return f"{INPUTS[self.role]}:={self.topic}"
 
 
 def choose(
     topics: Mapping[str, Topic], publishers: Mapping[str, Sequence[str]], asked: Mapping[str, str]
 ) -> dict[str, Choice]:
-    """A topic for each role, guessed where the one that is asked for is not there.
+    """Choose a topic for each role, guessing if the one asked for is missing.
 
     Args:
-        topics: all that are published.
-        publishers: nodes by topic; what our own nodes publish is no sensor.
-        asked: the topics that nodes listen to, by role.
+        topics: all published topics.
+        publishers: nodes by topic; topics of our own nodes are not sensors.
+        asked: the topics that the nodes listen to, by role.
     """
     free = {name: topics[name] for name in topics if not _is_own(publishers.get(name, ()))}
     chosen = {
@@ -109,14 +109,14 @@ def _is_own(nodes: Iterable[str]) -> bool:
 
 @dataclass(eq=False)
 class ObservedTopic:
-    """What arrived on a topic.
+    """The messages that arrived on a topic.
 
     Attributes:
         topic: its full name.
-        type: of its messages, as "nav_msgs/Odometry".
-        series: when they were measured and when they arrived, by ROS time.
-        value: the last one that could be read.
-        unreadable: how many could not, and
+        type: message type, such as "nav_msgs/Odometry".
+        series: stamps and arrival times, in ROS time.
+        value: the last message that could be read.
+        unreadable: number of messages that could not be read.
         why: what is wrong with the last of these.
     """
 
@@ -128,17 +128,17 @@ class ObservedTopic:
     why: str = ""
 
     def refuse(self, why: str) -> None:
-        """Note a message that could not be read."""
+        """Count a message that could not be read."""
         self.unreadable, self.why = self.unreadable + 1, why
 
     @property
     def count(self) -> int:
-        """How many messages arrived."""
+        """Number of messages that arrived."""
         return len(self.series.times)
 
     @property
     def unstamped(self) -> int:
-        """How many of them have the stamp zero."""
+        """Number of messages with the stamp zero."""
         return sum(not stamp for stamp in self.series.headers)
 
     @property
@@ -148,7 +148,7 @@ class ObservedTopic:
 
 
 def delay_s(series: Series) -> float:
-    """How long after their stamps messages arrived: the median, in seconds; NaN without stamps."""
+    """Median delay from stamp to arrival in seconds; NaN without stamps."""
     known = np.array(series.headers, dtype=np.int64) > 0
     delays = series.delays_ns[known]
     return float(np.median(delays)) / 1e9 if len(delays) else float("nan")

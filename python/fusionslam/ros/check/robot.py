@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a running robot, or a bag that is played, has what the nodes need."""
+"""Check that a running robot, or a bag being played, has what the nodes need."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -36,14 +36,14 @@ _NOTHING = "This suffices for none of the nodes"
 
 @dataclass(frozen=True)
 class Evidence:
-    """What was found out by listening.
+    """The evidence gathered by listening.
 
     Attributes:
-        graph: what the master knows.
-        choices: which topic is what, by role.
-        heard: what arrived, by role.
-        trial: what came of it.
-        seconds: how long nothing, or something, was waited for.
+        graph: state of the master.
+        choices: chosen topics by role.
+        heard: observed topics by role.
+        trial: the trial fusion of the messages.
+        seconds: how long it waited for messages, and then listened.
         unreachable: publishers that cannot be reached, with their addresses.
         clock: whether ROS time runs.
         arguments: remappings and parameters of the nodes.
@@ -59,21 +59,21 @@ class Evidence:
     arguments: Sequence[str] = ()
 
     def value(self, role: str) -> object:
-        """The last message of a role that could be read; None without."""
+        """Return the last readable message of a role, or None."""
         return self.heard[role].value if role in self.heard else None
 
 
 @dataclass(frozen=True)
 class Check:
-    """What suffices on a robot, and what does not.
+    """The result of checking a robot.
 
     Attributes:
-        findings: one for each thing looked at.
-        remappings: what the nodes have to be given so that they find their topics, and
-        again: that with what they were given already.
+        findings: one for each aspect checked.
+        remappings: remappings that the nodes need to find their topics.
+        again: the arguments given, together with these remappings.
         verdict: which nodes can work, in a sentence.
-        launch: name and arguments of the launch file that makes most of it; empty without any.
-        works: whether data_fusion can work as it was asked for.
+        launch: name and arguments of the launch file that uses most of the robot; empty if none.
+        works: whether data_fusion can work as requested.
     """
 
     findings: Sequence[Finding]
@@ -85,25 +85,25 @@ class Check:
 
 
 def check_robot(arguments: Sequence[str], seconds: float, progress: "Progress") -> Check:
-    """Listen to a robot and judge what it has. Once in a process: rospy allows no more.
+    """Listen to a robot and judge it. Only once per process: rospy allows no more.
 
     Args:
         arguments: remappings and parameters (_fusion/source:=stereo) as data_fusion takes them,
             or topics as launch files do (scan:=/points).
         seconds: how long to wait for a sensor, and then to listen.
-        progress: called with what is done, seconds done and seconds in all.
+        progress: called with the name of the step, seconds done and total seconds.
 
     Raises:
-        FusionSlamError: there is no ROS, or no master that answers.
-        ConfigError: an argument that is none, or a parameter that data_fusion does not know.
+        FusionSlamError: ROS is missing, or no master answers.
+        ConfigError: a malformed argument, or a parameter that data_fusion does not know.
     """
     if wrong := [argument for argument in arguments if ":=" not in argument]:
         raise ConfigError(f"{wrong[0]!r} is no remapping, expected NAME:=TOPIC")
     need_ros()
-    read_graph()  # rospy would wait for it for ever
+    read_graph()  # fails without a master; rospy would wait for ever
     import rospy
 
-    # Remappings of topics are left to us: the topics that are guessed are as they are.
+    # Keep topic remappings from rospy: guessed topics must not be remapped.
     own = [argument for argument in arguments if argument.startswith("_")]
     try:
         rospy.init_node(_NAME, argv=[_NAME, *own], anonymous=True, disable_signals=True)
@@ -115,14 +115,14 @@ def check_robot(arguments: Sequence[str], seconds: float, progress: "Progress") 
 
 
 def _expand_launch_arguments(arguments: Sequence[str]) -> Sequence[str]:
-    """Arguments of launch files as the remappings that they make of them."""
+    """Translate arguments of launch files to the remappings that these make of them."""
     names = {short: INPUTS[role] for role, short in LAUNCH_ARGUMENTS.items()}
     pairs = [argument.partition(":=") for argument in arguments]
     return [f"{names.get(name, name)}:={value}" for name, _, value in pairs]
 
 
 def _clean_up() -> None:
-    """Leave nothing behind: neither parameters of ours nor a node that the master knows."""
+    """Remove our parameters from the server and our node from the master."""
     import rospy
 
     with suppress(OSError, rospy.ROSException):  # the master is gone
@@ -132,7 +132,7 @@ def _clean_up() -> None:
 
 
 def _resolve_topics(arguments: Sequence[str], names: Mapping[str, str]) -> dict[str, str]:
-    """The full names of topics, as nodes with these arguments know them."""
+    """Return the full names of topics, as nodes with these arguments resolve them."""
     import rospy
     from rosgraph.names import load_mappings, resolve_name
 
@@ -176,7 +176,7 @@ def _listen(arguments: Sequence[str], seconds: float, progress: "Progress") -> E
 
 
 def judge(evidence: Evidence) -> Check:
-    """What the evidence says."""
+    """Judge the evidence."""
     config = evidence.trial.config
     needed = needed_roles(config.fusion.source)
     findings = [*_clock_findings(evidence)]
@@ -190,14 +190,14 @@ def judge(evidence: Evidence) -> Check:
     works = found and evidence.trial.first is not None
     files = _launch_files(evidence)
     verdict = _verdict(evidence, files, bool(remappings))
-    # The last one does most.
+    # The last launch file does most.
     launch = [files[-1], *_launch_arguments(evidence, files[-1])] if files else []
     again = _merge_remappings(evidence.arguments, remappings) if remappings else []
     return Check(findings, remappings, again, verdict, launch, works)
 
 
 def _merge_remappings(arguments: Sequence[str], remappings: Sequence[str]) -> Sequence[str]:
-    """The arguments with these remappings in the place of older ones."""
+    """Return the arguments with these remappings in place of older ones."""
     names = {each.partition(":=")[0] for each in remappings}
     return [*(each for each in arguments if each.partition(":=")[0] not in names), *remappings]
 
@@ -249,7 +249,7 @@ def _content_findings(evidence: Evidence, role: str, heard: ObservedTopic) -> It
 
 
 def _joint_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Whether what several sensors say goes together."""
+    """Check that the data of several sensors fit together."""
     heard, config = evidence.heard, evidence.trial.config
     by_arrival, sync = config.node.stamps == "arrival", config.online.sync
     if {"points", "left"} <= heard.keys():
@@ -278,7 +278,7 @@ def _joint_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _sensor_frames(evidence: Evidence) -> tuple[str, str]:
-    """The frames of scanner and camera, as far as they are known."""
+    """Return the frames of scanner and camera, as far as known."""
     scan, info, picture = (evidence.value(role) for role in ("points", "camera_info", "left"))
     frames = [each.frame_id for each in (info, picture) if isinstance(each, CameraInfo | Picture)]
     camera = next((frame for frame in frames if frame), "")
@@ -291,7 +291,7 @@ def _describe_missing(evidence: Evidence, needed: Sequence[str]) -> str:
 
 
 def _launch_files(evidence: Evidence) -> Sequence[str]:
-    """The launch files that the robot suffices for; they make clouds of scans and images."""
+    """Return the launch files that the robot has the data for; they need the source "lidar"."""
     if evidence.trial.config.fusion.source != "lidar":
         return []
     clouds, odometry = evidence.trial.first is not None, evidence.value("odometry") is not None
@@ -301,17 +301,17 @@ def _launch_files(evidence: Evidence) -> Sequence[str]:
 
 
 def _launch_arguments(evidence: Evidence, file: str) -> Iterator[str]:
-    """What a launch file has to be told: topics that are not where it looks by itself."""
+    """Yield the arguments that a launch file needs: topics that differ from its defaults."""
     for role, argument in LAUNCH_ARGUMENTS.items():
         topic = evidence.choices[role].topic
         is_known = file != "visual" or role in _OF_IMAGES
-        # Without being told a topic, it expects no truth.
+        # Without this argument a launch file uses no ground truth.
         if topic and is_known and (role == "truth" or topic != f"/{INPUTS[role]}"):
             yield f"{argument}:={topic}"
 
 
 def _verdict(evidence: Evidence, files: Sequence[str], remapped: bool) -> str:
-    """Which nodes and launch files the robot suffices for, and what the others lack."""
+    """Say which nodes and launch files can work with the robot, and what the others lack."""
     clouds = evidence.trial.first is not None
     images, odometry, truth = (
         evidence.value(role) is not None for role in ("left", "odometry", "truth")

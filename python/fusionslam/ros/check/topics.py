@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the topics of a robot's sensors and odometry are what the nodes need."""
+"""Check that the topics of a robot's sensors and odometry are what the nodes need."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -26,7 +26,7 @@ WORDS = {
     "odometry": "odometry",
     "truth": "true poses",
 }
-"""What people call each role."""
+"""The name of each role, for people."""
 _CAMERA = "start the camera's driver"
 _CALIBRATE = "calibrate the camera (rosrun camera_calibration), its driver then publishes it"
 _ADVICE = {
@@ -40,7 +40,7 @@ _ADVICE = {
 }
 _APART_S = 1.0
 FAR_S = 10.0
-"""Stamps further than this from ROS time are of another clock, not late."""
+"""Stamps further than this from ROS time come from another clock; they are not just late."""
 
 
 def topic_finding(
@@ -49,7 +49,7 @@ def topic_finding(
     publishers: Mapping[str, Sequence[str]],
     needed: bool,
 ) -> Finding:
-    """Whether the topic that the nodes listen to is there; if not, what to do."""
+    """Check that the topic that the nodes listen to exists; if not, say what to do."""
     what, nodes = WORDS[choice.role], publishers.get(choice.topic, ())
     if choice.topic and not choice.is_guess:
         if len(nodes) < 2:
@@ -73,7 +73,7 @@ def topic_finding(
 def silence_finding(
     choice: Choice, seconds: float, unreachable: Mapping[str, str], needed: bool
 ) -> Finding:
-    """That a published topic delivered nothing, and what may be the reason."""
+    """Report that a published topic delivered nothing, with possible reasons."""
     why = "is the sensor connected, is a bag paused or over?"
     if unreachable:
         node, address = next(iter(unreachable.items()))
@@ -86,13 +86,13 @@ def silence_finding(
 
 
 def rate_finding(role: str, heard: ObservedTopic, by_arrival: bool, jump_s: float) -> Finding:
-    """How often messages come, how late, and whether their stamps can be used.
+    """Report how often messages come, how late, and whether their stamps can be used.
 
     Args:
         role: of the topic.
-        heard: at least one message.
-        by_arrival: whether the nodes go by the times of arrival.
-        jump_s: a step back by so much is a clock that went back.
+        heard: the topic, with at least one message.
+        by_arrival: whether the nodes use arrival times instead of stamps.
+        jump_s: a step back by this much means that the clock went back.
     """
     what, stamps = f"{WORDS[role]} rate", heard.series.stamps_ns
     if by_arrival:
@@ -104,7 +104,7 @@ def rate_finding(role: str, heard: ObservedTopic, by_arrival: bool, jump_s: floa
         )
         return Finding(what, False, detail)
     if len(stamps) < 2:
-        # A calibration may be published once for all.
+        # A calibration may be published only once.
         return Finding(what, role in INFO_ROLES.values(), "one message", optional=True)
     rises = np.diff(stamps)
     words = step_words(stamps)
@@ -118,13 +118,13 @@ def rate_finding(role: str, heard: ObservedTopic, by_arrival: bool, jump_s: floa
 
 
 def unreadable_finding(role: str, heard: ObservedTopic) -> Finding:
-    """That some messages cannot be used."""
+    """Report that some messages cannot be used."""
     detail = f"{heard.unreadable} cannot be read, the last one: {heard.why}"
     return Finding(f"{WORDS[role]} content", False, detail, optional=heard.value is not None)
 
 
 def scan_finding(scan: Scan) -> Finding:
-    """What is in a scan."""
+    """Describe a scan."""
     valid = np.isfinite(scan.points).all(axis=1)
     count = len(scan.points)
     if not valid.any():
@@ -140,7 +140,7 @@ def scan_finding(scan: Scan) -> Finding:
 
 
 def image_finding(role: str, picture: Picture, type_name: str) -> Finding:
-    """What an image is."""
+    """Describe an image."""
     height, width = picture.image.shape[:2]
     detail = f"{width}x{height}, {type_name.partition('/')[2]}, in '{picture.frame_id}'"
     if picture.image.ndim == 2:
@@ -150,7 +150,7 @@ def image_finding(role: str, picture: Picture, type_name: str) -> Finding:
 
 
 def info_finding(role: str, info: CameraInfo, picture: Picture | None, topic: str) -> Finding:
-    """Whether a calibration can be used, and fits the images."""
+    """Check that a calibration can be used and fits the images."""
     try:
         camera = camera_from(info, np.eye(4), topic)
         if picture is not None:
@@ -165,7 +165,7 @@ def info_finding(role: str, info: CameraInfo, picture: Picture | None, topic: st
 
 
 def pair_finding(left: CameraInfo, right: CameraInfo, topics: Mapping[str, str]) -> Finding:
-    """Whether the calibrations of two cameras are those of a stereo pair."""
+    """Check that the calibrations of two cameras are those of a stereo pair."""
     try:
         check_pair(left, right, topics)
     except DataError as error:
@@ -174,7 +174,7 @@ def pair_finding(left: CameraInfo, right: CameraInfo, topics: Mapping[str, str])
 
 
 def odometry_finding(role: str, odometry: Odometry, config: OnlineConfig) -> Finding:
-    """Between which frames odometry, or the truth, tells."""
+    """Report the frames that odometry, or ground truth, relates."""
     frame, child = odometry.frame_id, odometry.child_frame_id
     detail = f"'{child}' in '{frame}'"
     truth = config.truth_frame
@@ -187,7 +187,7 @@ def odometry_finding(role: str, odometry: Odometry, config: OnlineConfig) -> Fin
 def sync_findings(
     scans: ObservedTopic, images: ObservedTopic, reach_s: float, by_arrival: bool, what: str
 ) -> Iterator[Finding]:
-    """Whether scans, or left images, have an image near in time; ``what`` says that in words."""
+    """Check that scans, or left images, have an image near in time; ``what`` names the pair."""
     times = [np.array(h.series.times if by_arrival else h.series.headers) for h in (scans, images)]
     first, other = times[0], np.sort(times[1])
     if not len(first) or not len(other):
@@ -212,7 +212,7 @@ def sync_findings(
 
 
 def motion_finding(scans: ObservedTopic, odometry: ObservedTopic) -> Finding | None:
-    """That odometry is of another time than the scans that arrive with it, if it is."""
+    """Report odometry whose stamps differ from those of scans arriving with it, if any."""
     gap = odometry.delay_s - scans.delay_s
     if not abs(gap) > _APART_S:
         return None
@@ -225,7 +225,7 @@ def motion_finding(scans: ObservedTopic, odometry: ObservedTopic) -> Finding | N
 
 
 def clock_finding(heard: Mapping[str, ObservedTopic], sim_time: bool) -> Finding | None:
-    """That stamps are of another clock than ROS time, if they are."""
+    """Report stamps of another clock than ROS time; None if there are none."""
     far = {h.topic: h.delay_s for h in heard.values() if abs(h.delay_s) >= FAR_S}
     if not far or sim_time:
         return None

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether TF says where a robot's sensors are, and whether clouds come of it."""
+"""Check that TF places a robot's sensors, and that clouds can be fused."""
 
 from collections.abc import Collection, Iterator, Sequence, Set
 
@@ -23,12 +23,12 @@ _AT_START = (
 
 
 def frame_findings(trial: TrialFusion, scanner: str, camera: str) -> Iterator[Finding]:
-    """What TF says of the frames that matter.
+    """Report what TF knows about the frames in use.
 
     Args:
-        trial: which has taken all transforms.
-        scanner: frame of the scans; empty if they are not needed, or unknown.
-        camera: the camera's optical frame; the same.
+        trial: has received all transforms.
+        scanner: frame of the scans; empty if not needed or unknown.
+        camera: optical frame of the camera; empty if not needed or unknown.
     """
     tree, robot = trial.links.tree, trial.frames.robot.robot or ""
     for problem, count in trial.links.problems.items():
@@ -61,7 +61,7 @@ def _no_robot_finding(frames: Collection[str]) -> Finding:
 def _link_finding(
     trial: TrialFusion, what: str, target: str, source: str, advise: bool
 ) -> tuple[Finding, Sequence[str]]:
-    """Whether TF links two frames, with what to do if not; and the frames on the way."""
+    """Check that TF links two frames, with advice if not; also return the frames on the way."""
     tree, ends = trial.links.tree, (target.removeprefix("/"), source.removeprefix("/"))
     if ends[0] == ends[1]:
         return Finding(what, True, f"both are '{target}'"), ()
@@ -77,7 +77,7 @@ def _link_finding(
 
 
 def _moving_findings(trial: TrialFusion, used: Set[str]) -> Iterator[Finding]:
-    """How late the transforms come that something depends on."""
+    """Report how late the moving transforms in use arrive."""
     wait = trial.config.online.wait
     for child in sorted(used & trial.links.moving.keys()):
         series = trial.links.moving[child]
@@ -90,11 +90,11 @@ def _moving_findings(trial: TrialFusion, used: Set[str]) -> Iterator[Finding]:
 
 
 def cloud_finding(trial: TrialFusion, lacking: str) -> Finding:
-    """Whether a cloud came of what arrived.
+    """Report whether a cloud could be fused from the messages.
 
     Args:
-        trial: which has taken everything.
-        lacking: what did not arrive at all, for people; empty if all did.
+        trial: has received all messages.
+        lacking: the data that did not arrive at all, for people; empty if all did.
     """
     if trial.first is None:
         reason = trial.reason() or "no scan found its image, listen longer (--seconds)"

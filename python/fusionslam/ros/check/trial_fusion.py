@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tries what data_fusion would do with what arrives, and finds out why it cannot."""
+"""Fuse incoming messages as data_fusion would, and diagnose why that fails."""
 
 from collections import Counter
 
@@ -30,9 +30,9 @@ class Links:
     """All transforms that arrived.
 
     Attributes:
-        tree: those that go together.
+        tree: the consistent transforms.
         problems: the others, by what is wrong with them.
-        moving: by frame, when the transforms of one that moves were measured and when they came.
+        moving: stamps and arrival times of moving transforms, by frame.
     """
 
     def __init__(self) -> None:
@@ -41,11 +41,11 @@ class Links:
         self.moving: dict[str, Series] = {}
 
     def refuse(self, why: str) -> None:
-        """Note what cannot be used."""
+        """Count a transform that cannot be used."""
         self.problems[why] += 1
 
     def take(self, message: FrameTransforms, time_ns: int) -> FrameTransforms:
-        """Look at transforms that arrived at a time; returns those that nodes use."""
+        """Process transforms that arrived at a time; return those that the nodes use."""
         used = []
         for each in message.transforms:
             if not (each.static or each.stamp_ns):
@@ -64,16 +64,16 @@ class Links:
 
 
 class TrialFusion:
-    """Fuses what arrives until a cloud comes of it.
+    """Fuses incoming messages until a first cloud is made.
 
     Args:
         config: of data_fusion.
 
     Attributes:
         first: the first cloud with points, if there is one yet.
-        above: how many of its points are left without the ground.
-        links: all of TF.
-        frames: what makes frames.
+        above: number of its points that are not ground.
+        links: all transforms.
+        frames: the frame builder.
     """
 
     def __init__(self, config: DataFusionConfig) -> None:
@@ -86,26 +86,26 @@ class TrialFusion:
         self._last: dict[str, Message] = {}
 
     def take(self, role: str, message: Message, time_ns: int) -> None:
-        """Take a message of a role that arrived at a time; transforms have no role."""
+        """Process a message of a role that arrived at a time; transforms have no role."""
         if isinstance(message, FrameTransforms):
             message = self.links.take(message, time_ns)
         else:
             self._last[role] = message
         camera = "right" if role in _RIGHT else "left"
-        # A topic of true poses is no business of data_fusion.
+        # data_fusion does not use ground truth.
         if role != "truth":
             self._fuse_first(self.frames.process(message, camera))
 
     def end(self) -> None:
-        """Nothing more will come."""
+        """Finish: no more messages will come."""
         self._fuse_first(self.frames.flush())
 
     def reason(self) -> str:
-        """Why there is no cloud; empty where nothing could be tried."""
+        """Say why there is no cloud; empty if nothing could be tried."""
         dropped = {why for _, why in self.frames.dropped}
         if self._why or not dropped:
             return self._why
-        # Pairs that were given up, unlike scans without an image, lack TF or a calibration.
+        # Pairs that were given up lack TF or a calibration, unlike scans without an image.
         given_up = dropped & {NO_TRANSFORM, NO_CAMERA_INFO, BAD_CALIBRATION}
         return (
             self._diagnose_last_pair()
@@ -131,7 +131,7 @@ class TrialFusion:
         self.above, self.first = len(fuse(frame, config)), found
 
     def _diagnose_last_pair(self) -> str:
-        """What is wrong with a frame of the last messages, whatever their times."""
+        """Say what is wrong with a frame made from the last messages, ignoring their times."""
         pictures = {
             name: picture
             for name in ("left", "right")
