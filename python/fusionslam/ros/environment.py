@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where ROS 1 and the messages of fusionslam are on this machine."""
+"""Find ROS 1 and the messages of fusionslam on this machine."""
 
 import sys
 from importlib.util import find_spec
@@ -10,14 +10,14 @@ from fusionslam.errors import FusionSlamError
 
 PACKAGE = "fusionslam_ros"
 
-# Debian's Python modules, pure Python all that is needed; a virtual environment does not see them.
+# Debian's Python modules, invisible to a virtual environment; the ones needed are pure Python.
 _DEBIAN = "/usr/lib/python3/dist-packages"
 
 
 def has_ros() -> bool:
-    """Whether rospy can be imported, after ``need_ros`` has made Debian's visible if need be."""
+    """Tell whether rospy can be imported, adding Debian's modules to the path if need be."""
     if find_spec("rospy") is None and Path(_DEBIAN, "rospy").is_dir():
-        # Last, so that all else comes from the environment that this runs in.
+        # Last, so that everything else comes from the current environment.
         sys.path.append(_DEBIAN)
     return find_spec("rospy") is not None
 

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Starting nodes, launch files and bags."""
+"""Start nodes and launch files, and play bags."""

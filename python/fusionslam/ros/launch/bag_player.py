@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Plays a bag to the nodes of a launch file, from when all listen until all is worked off."""
+"""Play a bag to the nodes of a launch file, once all listen, until all have processed it."""
 
 import re
 import subprocess
@@ -23,35 +23,35 @@ from fusionslam.ros.runtime.config import from_parameters
 
 _POLL_S = 0.1
 _SAME_REPORTS = 3
-"""A node that says so often that nothing happened has worked off everything."""
+"""A node has processed everything once its report repeats this many times."""
 _OWN_TIME = ("processor time", "latency")
-"""What changes in a report though nothing happened."""
+"""Values of a report that change even if nothing happens."""
 
 
 class BagPlayerConfig(Section):
-    """What is played."""
+    """Configuration of the bag player."""
 
     bag: str = option("", "the bag")
     rate: float = option(1.0, "how much faster than it was recorded", gt=0)
 
 
 class _Reports:
-    """What nodes say of themselves, and how often they said the same."""
+    """The latest reports of nodes on /diagnostics, and how often they were repeated."""
 
     def __init__(self) -> None:
         self._last: dict[str, tuple[Any, int]] = {}
         rospy.Subscriber("/diagnostics", message_class(DIAGNOSTICS), self._heard)
 
     def have(self, nodes: Collection[str]) -> bool:
-        """Whether all nodes reported."""
+        """Tell whether all nodes have reported."""
         return all(node in self._last for node in nodes)
 
     def are_quiet(self, nodes: Collection[str]) -> bool:
-        """Whether nothing happens in any node."""
+        """Tell whether all nodes have stopped changing."""
         return all(self._last[node][1] >= _SAME_REPORTS for node in nodes)
 
     def forget(self) -> None:
-        """Count anew."""
+        """Reset the counts."""
         self._last = {node: (None, 0) for node in self._last}
 
     def _heard(self, message: Any) -> None:
@@ -62,11 +62,11 @@ class _Reports:
 
 
 def play_bag() -> None:
-    """Play the bag of the private parameters, and wait until its messages are worked off.
+    """Play the bag named by the private parameters, and wait until the nodes have processed it.
 
     Raises:
         ConfigError: a wrong parameter.
-        DataError: no bag, one without a topic that the nodes wait for, or a node that ended.
+        DataError: there is no bag, it has no topic that the nodes listen to, or a node ended.
     """
     config = from_parameters(BagPlayerConfig(), rospy.get_param("~", {}))
     bag = Path(config.bag).expanduser()
@@ -77,7 +77,7 @@ def play_bag() -> None:
     reports = _Reports()
     _wait(lambda nodes: reports.have(nodes))
     played = _played(held)
-    # Who listens has to be connected: static transforms may come once, and at once.
+    # Wait until every subscriber is connected: static transforms may come only once, at the start.
     options = ["--quiet", "--clock", "--wait-for-subscribers", "--delay", "1"]
     options += ["--rate", str(config.rate)]
     player = subprocess.Popen(["rosbag", "play", *options, str(bag), "--topics", *played])
@@ -94,12 +94,12 @@ def _wait(condition: Any) -> None:
 
 
 def _nodes() -> set[str]:
-    """Our nodes that roslaunch has started. Raises DataError if one of them ended."""
+    """Return our nodes started by roslaunch. Raises DataError if one of them ended."""
     alive: set[str] = set()
     dead: set[str] = set()
     for uri in rospy.get_param("/roslaunch/uris", {}).values():
         launcher: Any = ServerProxy(uri)
-        # Those that ended long ago stay on the list.
+        # Launch processes that ended long ago stay on the list.
         with suppress(OSError):
             _, _, (active, ended) = launcher.list_processes()
             alive |= _ours(process for process, _ in active)
@@ -110,19 +110,19 @@ def _nodes() -> set[str]:
 
 
 def _ours(processes: Iterable[str]) -> set[str]:
-    """Names of our nodes; roslaunch numbers its processes."""
+    """Return the names of our nodes; roslaunch numbers its processes."""
     names = {"/" + re.sub(r"-\d+$", "", process).lstrip("/") for process in processes}
     return {name for name in names if name.rpartition("/")[2] in NODES}
 
 
 def _played(held: Collection[str]) -> list[str]:
-    """Topics of the bag that somebody listens to and no node publishes.
+    """Return the topics of the bag that have subscribers and no publisher.
 
     Raises:
         DataError: there are none.
     """
     publishers, subscribers, _ = rosgraph.Master(rospy.get_name()).getSystemState()
-    # What a recording has of our own nodes is not played to them; of transforms each has a part.
+    # Do not play topics that our nodes publish themselves; transforms come from both.
     own = {topic for topic, _ in publishers} - {"/tf", "/tf_static"}
     wanted = {topic for topic, _ in subscribers} - own - {"/clock"}
     lacking = sorted(wanted - set(held))
@@ -135,6 +135,6 @@ def _played(held: Collection[str]) -> list[str]:
 
 
 def _with_guess(topic: str, held: Collection[str]) -> str:
-    """A topic that the bag lacks, and what it may be called there."""
+    """Return a topic that the bag lacks, with a guess at its name there."""
     near = [each for each in sorted(held) if each.startswith(f"{topic}/")]
     return f"{topic} (is it {near[0]}?)" if near else topic

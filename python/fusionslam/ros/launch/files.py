@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Launch files and nodes found without a catkin workspace."""
+"""Find launch files and nodes without a catkin workspace."""
 
 import os
 import shutil
@@ -14,14 +14,14 @@ from fusionslam.ros.check.observed_topics import INPUTS, LAUNCH_ARGUMENTS, choos
 from fusionslam.ros.environment import PACKAGE
 
 _PLACES = (Path(__file__).parents[1] / "share" / PACKAGE, Path(__file__).parents[4] / "ros")
-"""Of the ROS package: in an installation, and in the source."""
+"""Folders of the ROS package: in an installation, and in the source tree."""
 
 
 def package_folder() -> Path:
-    """The ROS package, to put into ROS_PACKAGE_PATH.
+    """Return the folder of the ROS package, for ROS_PACKAGE_PATH.
 
     Raises:
-        FusionSlamError: this installation lacks it.
+        FusionSlamError: this installation lacks the package.
     """
     for folder in _PLACES:
         if (folder / "package.xml").is_file():
@@ -30,10 +30,10 @@ def package_folder() -> Path:
 
 
 def launch_file(name: str) -> Path:
-    """A launch file by its path, or one of the package by its name, "ratslam" say.
+    """Find a launch file by its path, or one of the package by its name, such as "ratslam".
 
     Raises:
-        ConfigError: there is none; the message lists those of the package.
+        ConfigError: no such launch file; the message lists those of the package.
     """
     if Path(name).is_file():
         return Path(name)
@@ -46,17 +46,16 @@ def launch_file(name: str) -> Path:
 
 
 def guess_bag_topics(arguments: Sequence[str]) -> list[str]:
-    """The arguments of bag.launch that a bag needs whose topics have other names than expected.
+    """Return the arguments of bag.launch for a bag whose topics have unexpected names.
 
-    Topics are guessed by type and name, as ``fusionslam info`` does. True poses are not guessed:
-    giving them starts another node.
+    Topics are guessed by type and name, as ``fusionslam info`` does. The ground truth is not
+    guessed: giving it starts another node.
 
     Args:
-        arguments: those given to the launch file (``bag:=drive.bag``, ``scan:=/points``), which
-            are left as they are.
+        arguments: given to the launch file (``bag:=drive.bag``, ``scan:=/points``); not changed.
 
     Returns:
-        One ``name:=/topic`` for each topic that is neither given nor called as the nodes expect.
+        One ``name:=/topic`` for each topic that is not given and has an unexpected name.
 
     Raises:
         DataError: the bag cannot be read.
@@ -79,12 +78,12 @@ def guess_bag_topics(arguments: Sequence[str]) -> list[str]:
 
 
 def launch_environment() -> dict[str, str]:
-    """This process's environment, but roslaunch finds the package, and its nodes this Python."""
-    # Launch files complete relative paths by PWD, which only shells keep up to date.
+    """Return this process's environment, changed so that roslaunch finds package and Python."""
+    # Launch files resolve relative paths against PWD, which only shells keep up to date.
     environment = {**os.environ, "PWD": str(Path.cwd())}
     for name, first in (
         ("ROS_PACKAGE_PATH", package_folder()),
-        # The nodes begin with "/usr/bin/env python3".
+        # The nodes start with "/usr/bin/env python3".
         ("PATH", Path(sys.executable).parent),
     ):
         others = environment.get(name)
@@ -93,7 +92,7 @@ def launch_environment() -> dict[str, str]:
 
 
 def roslaunch(path: Path, arguments: list[str]) -> None:
-    """Become roslaunch with a launch file; does not return.
+    """Replace this process by roslaunch with a launch file; does not return.
 
     Raises:
         FusionSlamError: roslaunch is not installed.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the executables of the ROS package start."""
+"""Entry points of the ROS package's executables."""
 
 import logging
 import os
@@ -24,13 +24,13 @@ def start(name: str, arguments: list[str] | None = None) -> None:
             (``_fusion/voxel:=0.05``); None for those of this process.
 
     Raises:
-        SystemExit: 2 if it cannot start, 130 if it is interrupted before it could.
+        SystemExit: 2 if the node cannot start, 130 if it is interrupted while starting.
     """
     _guarded(name, lambda: _run(name, sys.argv if arguments is None else [name, *arguments]))
 
 
 def start_player() -> None:
-    """Play a bag to the nodes of the launch file that this process is part of."""
+    """Play a bag to the nodes of the launch file that started this process."""
 
     def play() -> None:
         from fusionslam.ros.launch.bag_player import play_bag
@@ -63,7 +63,7 @@ def _run(name: str, arguments: list[str]) -> None:
 
     try:
         shell = Shell(kind)
-    except (OSError, rospy.ROSException) as error:  # as the master is asked for parameters
+    except (OSError, rospy.ROSException) as error:  # while reading parameters from the master
         raise _no_start(error) from error
     except ConfigError:
         _forget_parameters(arguments)
@@ -81,7 +81,7 @@ def _init(name: str, arguments: list[str] | None = None) -> None:
         init_node(name, arguments)
     except (OSError, ValueError, rospy.ROSException) as error:
         raise _no_start(error) from error
-    except (TypeError, OverflowError) as error:  # of what sends parameters to the server
+    except (TypeError, OverflowError) as error:  # while sending parameters to the server
         raise ConfigError(
             f"a parameter on the command line is nothing that ROS can hold ({error}); null is the "
             "text \"'null'\""
@@ -89,7 +89,7 @@ def _init(name: str, arguments: list[str] | None = None) -> None:
 
 
 def _no_start(error: Exception) -> BaseException:
-    """What to raise where rospy does not start: interrupted, or for what reason."""
+    """Return the exception for a failed start: an interrupt, or the reason."""
     import rospy
 
     if rospy.is_shutdown():
@@ -100,7 +100,7 @@ def _no_start(error: Exception) -> BaseException:
 
 
 def _forget_parameters(arguments: list[str]) -> None:
-    """Refused ones would stay on the server, and be refused at the next start, too."""
+    """Delete refused parameters from the server, where they would spoil the next start too."""
     import rospy
 
     for given in rospy.client.load_command_line_node_params(arguments):

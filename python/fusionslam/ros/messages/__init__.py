@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages from and to the types of the library."""
+"""Conversion between ROS messages and the types of the library."""

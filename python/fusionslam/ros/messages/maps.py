@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the map and its changes are as messages (Ball et al. 2013), and for RViz."""
+"""Messages of the map and its changes (Ball et al. 2013), and markers for RViz."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -33,7 +33,7 @@ _NODES, _LINKS = (0.95, 0.75, 0.2), (0.35, 0.65, 0.95)
 
 
 def action_message(step: Step, frame_id: str) -> Any:
-    """The TopologicalAction of a step."""
+    """Return the TopologicalAction of a step."""
     action = step.action
     x, y = action.relative_place
     return make(
@@ -49,7 +49,7 @@ def action_message(step: Step, frame_id: str) -> Any:
 
 
 def map_message(top: Any, slam: RatSlam) -> Any:
-    """The TopologicalMap as it is now."""
+    """Return the current TopologicalMap."""
     graph, memory = slam.map, slam.memory
     rows = zip(graph.nodes.tolist(), memory.node_stamps_ns, memory.node_views, strict=True)
     nodes = [
@@ -89,7 +89,7 @@ def _edges(links: NDArray[np.void]) -> list[Any]:
 
 
 def map_markers(top: Any, slam: RatSlam) -> Any:
-    """Nodes as dots and links as lines."""
+    """Return markers with nodes as dots and links as lines."""
     nodes, links = slam.map.nodes, slam.map.links
     ends = np.stack([links["source"], links["target"]], axis=1).ravel()
     dots = marker(top, "nodes", 0, _SPHERES, [_NODE_M] * 3, color(_NODES))
@@ -100,7 +100,7 @@ def map_markers(top: Any, slam: RatSlam) -> Any:
 
 
 def path_message(top: Any, nodes: Floats, visits: Sequence[int]) -> Any:
-    """The nodes that the robot was at, one after another, where the map has them now."""
+    """Return the path over the nodes that the robot visited, at their current positions."""
     poses = [
         make(POSE, header=top, pose=ground_pose((x, y, heading)))
         for x, y, heading in nodes[list(visits)].tolist()

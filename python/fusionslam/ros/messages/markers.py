@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Markers of RViz."""
+"""Markers for RViz."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,13 +11,13 @@ from fusionslam.ros.messages.types import ground_pose, make
 def marker(
     top: Any, namespace: str, number: int, kind: int, scale: Sequence[float], look: Any
 ) -> Any:
-    """A visualization_msgs/Marker without points, at the origin of its frame.
+    """Return a visualization_msgs/Marker without points, at the origin of its frame.
 
     Args:
         top: its header.
-        namespace, number: together its name: the next one of that name replaces it.
-        kind: of the constants of Marker.
-        scale: metres along x, y, z; what that means depends on the kind.
+        namespace, number: together identify the marker; a later one with both replaces it.
+        kind: one of the type constants of Marker.
+        scale: metres along x, y, z; the meaning depends on the kind.
         look: its colour.
     """
     x, y, z = scale
@@ -35,11 +35,11 @@ def marker(
 
 
 def point(x: float, y: float, z: float = 0.0) -> Any:
-    """A geometry_msgs/Point."""
+    """Return a geometry_msgs/Point."""
     return make("geometry_msgs/Point", x=x, y=y, z=z)
 
 
 def color(rgb: tuple[float, float, float], alpha: float = 1.0) -> Any:
-    """A std_msgs/ColorRGBA of shares in [0, 1]."""
+    """Return a std_msgs/ColorRGBA of components in [0, 1]."""
     r, g, b = rgb
     return make("std_msgs/ColorRGBA", r=r, g=g, b=b, a=alpha)

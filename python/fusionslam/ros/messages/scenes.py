@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What RViz shows of scenes, as messages."""
+"""Messages that show scenes in RViz."""
 
 import colorsys
 from collections.abc import Iterator
@@ -17,13 +17,13 @@ from fusionslam.sensors.messages import Scan
 from fusionslam.views.clusters import ClusteredScan
 
 _GREY = (90, 90, 90)
-_GOLDEN = 0.618034  # of a turn from hue to hue: neighbours differ, however many there are
+_GOLDEN = 0.618034  # of a turn between hues: neighbours differ for any number of hues
 _TRIANGLES, _DELETE_ALL = 11, 3
 _SEE_THROUGH = 0.25
 
 
 def clustered_cloud(scan: Scan, objects: ClusteredScan) -> Scan:
-    """A scan's points, each in the colour of its object; grey where it belongs to none."""
+    """Colour each point of a scan by its object; points without an object are grey."""
     colors = np.full((len(objects.points), 3), _GREY, np.uint8)
     for number, members in enumerate(objects.members):
         colors[members] = np.round(255 * np.array(_hue(number)))
@@ -31,7 +31,7 @@ def clustered_cloud(scan: Scan, objects: ClusteredScan) -> Scan:
 
 
 def hull_markers(scan: Scan, objects: ClusteredScan) -> Any:
-    """The convex hulls of the objects as triangles; those of the scan before are deleted."""
+    """Return the objects' convex hulls as triangles; deletes those of the previous scan."""
     top = header(scan.stamp_ns, scan.frame_id)
     markers = [make("visualization_msgs/Marker", header=top, action=_DELETE_ALL)]
     for number, members in enumerate(objects.members):
@@ -48,7 +48,7 @@ def _hue(number: int) -> tuple[float, float, float]:
 
 
 def _triangles(points: NDArray[np.float32]) -> Iterator[list[float]]:
-    """The corners of the hull's triangles, three after three; none of a flat object."""
+    """Yield the corners of the hull's triangles, three at a time; none for a flat object."""
     try:
         hull = ConvexHull(points.astype(np.float64))
     except QhullError:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The classes of ROS messages by name, and messages made of values."""
+"""Look up ROS message classes by name, and make messages from values."""
 
 import functools
 import math
@@ -36,7 +36,7 @@ Ground = tuple[float, float, float]
 
 @functools.cache
 def message_class(type_name: str) -> type[Any]:
-    """The class of a type such as "nav_msgs/Odometry". Raises DataError if it is not installed."""
+    """Return the class of a type like "nav_msgs/Odometry". Raises DataError if not installed."""
     package, _, name = plain_type(type_name).partition("/")
     try:
         return getattr(import_module(f"{package}.msg"), name)  # type: ignore[no-any-return]
@@ -45,11 +45,11 @@ def message_class(type_name: str) -> type[Any]:
 
 
 def make(type_name: str, /, **fields: Any) -> Any:
-    """A message of its fields, as ``MessageBuilder`` wants it."""
+    """Make a message from its fields, as ``MessageBuilder`` needs it."""
     if type_name.startswith("builtin_interfaces/"):
         return ros_time(int(fields["sec"]) * NANOSECONDS + int(fields["nanosec"]))
     flat = {
-        # What genpy packs as bytes has to be bytes.
+        # Fields that genpy packs as bytes must be bytes.
         name: value.tobytes()
         if isinstance(value, np.ndarray) and value.dtype == np.uint8
         else value
@@ -59,20 +59,20 @@ def make(type_name: str, /, **fields: Any) -> Any:
 
 
 builder = MessageBuilder(make, ros=1)
-"""Makes messages of scans, images, calibrations, odometry and transforms."""
+"""Makes messages from scans, images, calibrations, odometry and transforms."""
 
 
 def deserialized(message: Any, type_name: str) -> Any:
-    """A message that rospy left as it came (AnyMsg), as its type. Raises DataError."""
+    """Deserialise a raw message of rospy (AnyMsg) as its type. Raises DataError."""
     typed = message_class(type_name)()
     try:
         return typed.deserialize(message._buff)
-    except Exception as error:  # genpy raises all kinds
+    except Exception as error:  # genpy raises exceptions of many types
         raise DataError(f"no {type_name}, or cut short: {error}; look at its publisher") from error
 
 
 def ros_time(stamp_ns: int) -> Any:
-    """A time of rospy."""
+    """Return a ROS 1 time stamp."""
     from genpy import Time
 
     seconds, nanoseconds = divmod(int(stamp_ns), NANOSECONDS)
@@ -80,7 +80,7 @@ def ros_time(stamp_ns: int) -> Any:
 
 
 def ros_duration(nanoseconds: int) -> Any:
-    """A duration of rospy, which may be negative."""
+    """Return a ROS 1 duration, which may be negative."""
     from genpy import Duration
 
     seconds, rest = divmod(int(nanoseconds), NANOSECONDS)
@@ -88,19 +88,19 @@ def ros_duration(nanoseconds: int) -> Any:
 
 
 def header(stamp_ns: int, frame_id: str) -> Any:
-    """A std_msgs/Header."""
+    """Return a std_msgs/Header."""
     return make("std_msgs/Header", stamp=ros_time(stamp_ns), frame_id=frame_id)
 
 
 def ground_pose(place: Ground) -> Any:
-    """A geometry_msgs/Pose of x, y in metres and a heading in radians."""
+    """Return a geometry_msgs/Pose from x, y in metres and a heading in radians."""
     x, y, heading = (float(value) for value in place)
     position = make("geometry_msgs/Point", x=x, y=y, z=0.0)
     return make("geometry_msgs/Pose", position=position, orientation=_turned(heading))
 
 
 def ground_transform(place: Ground) -> Any:
-    """A geometry_msgs/Transform of the same."""
+    """Return a geometry_msgs/Transform from x, y in metres and a heading in radians."""
     x, y, heading = (float(value) for value in place)
     translation = make("geometry_msgs/Vector3", x=x, y=y, z=0.0)
     return make("geometry_msgs/Transform", translation=translation, rotation=_turned(heading))

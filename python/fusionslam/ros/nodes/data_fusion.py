@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scans and images in, coloured clouds out (Stastny 2022, 4.2.2)."""
+"""Node that turns scans and images into coloured clouds (Stastny 2022, 4.2.2)."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -44,11 +44,11 @@ _ADVICE = {
 
 
 class DataFusionConfig(CommonConfig):
-    """Of the node data_fusion."""
+    """Configuration of the node data_fusion."""
 
     fusion: FusionConfig = option(ROBOT_FUSION, "what a cloud is made of, where it lies, ground")
-    # rospy has a thread for each topic: at five times a bag's pace odometry arrives up to half a
-    # second of stamps after the scan that it belongs to, on a busy machine even later.
+    # rospy has one thread per topic: when a bag is played five times as fast, odometry arrives up
+    # to half a second of stamps after its scan, on a busy machine even later.
     online: OnlineConfig = option(
         OnlineConfig(wait=5.0),
         "which image belongs to which scan; frames",
@@ -56,7 +56,7 @@ class DataFusionConfig(CommonConfig):
 
 
 def frame_builder(config: DataFusionConfig) -> FrameBuilder:
-    """What makes frames of messages, with the cameras that the source of clouds needs."""
+    """Return a builder of frames from messages, with the cameras that the source needs."""
     sensors = SENSORS_OF[config.fusion.source]
     cameras = tuple(sensor for sensor in sensors if sensor != "points")
     return FrameBuilder(config.online, cameras=cameras, scans="points" in sensors)
@@ -78,7 +78,7 @@ class DataFusion(Node[DataFusionConfig]):
 
     @property
     def inputs(self) -> Sequence[Input]:
-        """Scans, images with their calibration, odometry and TF."""
+        """Inputs: scans, images with their calibration, odometry and TF."""
         found = [
             Input(ODOM, [ODOMETRY], self._take, small=True, optional=True),
             Input("/tf", [TRANSFORMS], self._take, shared=True, optional=True),
@@ -96,11 +96,11 @@ class DataFusion(Node[DataFusionConfig]):
         return [Input(images, IMAGES, take), Input(info, [CAMERA_INFO], take)]
 
     def idle(self) -> None:
-        """Fuse what waits: nothing that it waits for has come."""
+        """Fuse the waiting frames: the messages that they wait for have not come."""
         self._publish(self._frames.flush())
 
     def report(self) -> Mapping[str, int]:
-        """Frames and all that was dropped, by reason."""
+        """Count frames, and dropped messages by reason."""
         frames = self._frames
         dropped = {f"{sensor}: {why}": count for (sensor, why), count in frames.dropped.items()}
         refused = {f"refused {kind}": count for kind, count in frames.refused.items()}
@@ -148,7 +148,7 @@ class DataFusion(Node[DataFusionConfig]):
             self.problems.add(self._lead, _NOTHING_SEEN, "nothing-seen")
 
     def _show(self, frame: Frame) -> None:
-        """Debian's RViz decodes no images; and it shows when a cloud got the wrong one."""
+        """Publish the decoded image: Debian's RViz decodes none, and it reveals wrong pairs."""
         if "left" in frame.images and self.outlet.is_wanted(COLORING):
             name = self._frames.frame_of("camera")
             picture = Picture(stamp_ns=frame.stamp_ns, frame_id=name, image=frame.images["left"])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coloured clouds in, loops with the robot's pose out (Perdomo 2019, chapter 3)."""
+"""Node that finds loops, with the robot's pose, from coloured clouds (Perdomo 2019, chapter 3)."""
 
 import logging
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ LOOPS = "loop_closures"
 
 
 class LoopClosureConfig(CommonConfig):
-    """Of the node loop_closure."""
+    """Configuration of the node loop_closure."""
 
     descriptor: Literal["m2dp", "cm2dp", "shot", "cshot"] = option("cm2dp", "which one is compared")
     descriptors: DescriptorConfig = option(DescriptorConfig(), "clouds to vectors")
@@ -35,7 +35,7 @@ class LoopClosureConfig(CommonConfig):
 
 
 class LoopClosure(Node[LoopClosureConfig]):
-    """Finds the clouds that were taken where an older one was."""
+    """Finds clouds that were taken at the place of an older one."""
 
     name = "loop_closure"
     defaults = LoopClosureConfig()
@@ -63,15 +63,15 @@ class LoopClosure(Node[LoopClosureConfig]):
 
     @property
     def inputs(self) -> Sequence[Input]:
-        """Coloured clouds."""
+        """Inputs: coloured clouds."""
         return [Input(COLORED, [CLOUD], self._take)]
 
     def idle(self) -> None:
-        """Keep what is known now."""
+        """Save the descriptors so far."""
         self._saver.write()
 
     def close(self) -> None:
-        """Keep all descriptors."""
+        """Save all descriptors."""
         self._saver.close()
 
     def _take(self, scan: Scan) -> None:
@@ -87,7 +87,7 @@ class LoopClosure(Node[LoopClosureConfig]):
 
 
 def _settings(detector: LoopDetector) -> dict[str, Any]:
-    """What of the parameters its memory depends on; the first cloud may fix the radius."""
+    """Return the parameters that its memory depends on; the first cloud may fix the radius."""
     describe = detector.describe_config.model_dump(exclude={"threads", "normal_radius"})
     return {
         "descriptor": detector.descriptor,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""View ids and the truth in, how good they are out (Stastny 2022, 4.2.6)."""
+"""Node that evaluates view ids against ground truth (Stastny 2022, 4.2.6)."""
 
 import json
 import logging
@@ -37,13 +37,13 @@ logger = logging.getLogger(__name__)
 
 STATISTICS = "view_statistics"
 _RECENT = 100
-"""Images that wait for the view they belong to."""
+"""Number of recent images kept until their views arrive."""
 
 _SHARES = ("accuracy", "precision", "recall", "loop_recall", "loop_precision")
 
 
 class ViewAnalyzerConfig(CommonConfig):
-    """Of the node lv_analyzer."""
+    """Configuration of the node lv_analyzer."""
 
     rule: Literal["paper", "author"] = option("paper", "how views are judged")
     output: str = option(
@@ -63,7 +63,7 @@ class ViewAnalyzerConfig(CommonConfig):
 
 
 class ViewAnalyzer(Node[ViewAnalyzerConfig]):
-    """Judges the ids by true poses while the robot drives."""
+    """Evaluates the ids against ground-truth poses while the robot drives."""
 
     name = "lv_analyzer"
     defaults = ViewAnalyzerConfig()
@@ -82,7 +82,7 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
 
     @property
     def inputs(self) -> Sequence[Input]:
-        """Ids, the truth, and images, which only pictures need."""
+        """Inputs: ids, ground truth, and images, which only pictures need."""
         found = [
             Input(TEMPLATES, [VIEW_TEMPLATE], self._take_view),
             Input(TRUTH, [ODOMETRY], self._take_truth, small=True),
@@ -92,11 +92,11 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
         return found
 
     def idle(self) -> None:
-        """No pose is to be expected any more."""
+        """Judge the waiting views: no more poses are expected."""
         self._judge(self._waiting.flush())
 
     def close(self) -> None:
-        """Say, and write, how good the ids were."""
+        """Log and write how good the ids were."""
         self._judge(self._waiting.flush())
         if not len(self._running):
             logger.warning("nothing was judged: no views with a true pose")
@@ -108,7 +108,7 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
                 temporary.write_text(json.dumps(report.metrics(), indent=1), encoding="utf-8")
 
     def report(self) -> Mapping[str, int]:
-        """Views judged, and those without a true pose."""
+        """Count views judged, and views without a ground-truth pose."""
         return {**self.counts, "views judged": len(self._running), "jumps": self._waiting.jumps}
 
     @property
@@ -117,7 +117,7 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
 
     def _take_view(self, message: Any) -> None:
         stamp_ns = stamp_of(message.header.stamp)
-        # A matcher that lost its memory gives ids again, which stand for other places.
+        # A matcher that lost its memory reuses ids for other places.
         view = GivenView(message.current_id, message.is_new)
         self._judge(self._waiting.add(stamp_ns, self._views.look(view, stamp_ns).view_id))
 
@@ -138,14 +138,14 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
             self.outlet.publish(STATISTICS, self._statistics(placed[-1][0]))
 
     def _on(self, stamp_ns: int) -> int:
-        """A stamp on a clock that never goes back: the drive goes on when a bag begins anew."""
+        """Map a stamp to a monotonic clock: the drive continues when a bag restarts."""
         if self._last_ns is not None and stamp_ns + self._offset_ns < self._last_ns:
             self._offset_ns = self._last_ns + NANOSECONDS - stamp_ns
         self._last_ns = stamp_ns + self._offset_ns
         return self._last_ns
 
     def _remember(self, judged: JudgedView, stamp_ns: int) -> None:
-        """The image of a new place, or a picture of what was taken for it."""
+        """Keep the image of a new place; write a picture of a false positive."""
         if not self.config.output:
             return
         image = self._image_at(stamp_ns)
@@ -170,7 +170,7 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
         self.counts["pictures"] += 1
 
     def _image_at(self, stamp_ns: int) -> bytes | None:
-        """The image nearest in time, if one is near enough."""
+        """Return the image nearest in time, or None if none is near enough."""
         near = min(self._images, key=lambda image: abs(image[0] - stamp_ns), default=None)
         reach = self.config.image_difference * NANOSECONDS
         return None if near is None or abs(near[0] - stamp_ns) > reach else near[1]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coloured clouds in, what places are recognised by out (Stastny 2022, 4.2.3)."""
+"""Node that turns coloured clouds into views for place recognition (Stastny 2022, 4.2.3)."""
 
 from collections.abc import Sequence
 from typing import ClassVar
@@ -22,7 +22,7 @@ CLUSTERS, HULLS = "clustered_viz", "convex_hull_viz"
 
 
 class ViewBuilder(Node[ViewsConfig]):
-    """Makes views of clouds, and pictures of their objects for RViz."""
+    """Makes views from clouds, and shows their objects in RViz."""
 
     name = "lv_builder"
     defaults = ViewsConfig()
@@ -38,7 +38,7 @@ class ViewBuilder(Node[ViewsConfig]):
 
     @property
     def inputs(self) -> Sequence[Input]:
-        """Coloured clouds."""
+        """Inputs: coloured clouds."""
         return [Input(COLORED, [CLOUD], self._take)]
 
     def _take(self, scan: Scan) -> None:

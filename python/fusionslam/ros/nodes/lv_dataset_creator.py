@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Clouds or scenes and the truth in, a file to tune and train with out (Stastny 2022, 4.2.7)."""
+"""Node that writes clouds or scenes with ground truth, for tuning and training.
+
+Source: Stastny 2022, 4.2.7.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
@@ -24,11 +27,11 @@ from fusionslam.views.serialization import view_from_bytes
 
 TRUTH = "ground_truth"
 _MOST_WAITING = 100
-"""Clouds of a few megabytes each that wait for the truth at most."""
+"""Maximum number of clouds, a few megabytes each, that wait for ground truth."""
 
 
 class DatasetCreatorConfig(ViewsConfig):
-    """Of the node lv_dataset_creator."""
+    """Configuration of the node lv_dataset_creator."""
 
     keep: Literal["clouds", "scenes"] = option(
         "clouds", "what is kept of a scan; scenes take little room, but cannot be built otherwise"
@@ -41,7 +44,7 @@ class DatasetCreatorConfig(ViewsConfig):
 
 
 class DatasetCreator(Node[DatasetCreatorConfig]):
-    """Pairs clouds or scenes with true poses and writes a scene set."""
+    """Pairs clouds or scenes with ground-truth poses and writes a scene set."""
 
     name = "lv_dataset_creator"
     defaults = DatasetCreatorConfig()
@@ -60,7 +63,7 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
 
     @property
     def inputs(self) -> Sequence[Input]:
-        """What is kept, and the truth."""
+        """Inputs: clouds or scenes, whichever is kept, and ground truth."""
         what = (
             Input(COLORED, [CLOUD], self._take_cloud)
             if self.config.keep == "clouds"
@@ -69,7 +72,7 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
         return [what, Input(TRUTH, [ODOMETRY], self._take_truth, small=True)]
 
     def idle(self) -> None:
-        """No pose is to be expected any more."""
+        """Process the waiting scans: no more poses are expected."""
         self._keep(self._waiting.flush())
         self._saver.write()
 
@@ -79,7 +82,7 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
         self._saver.close()
 
     def report(self) -> Mapping[str, int]:
-        """Scans kept, dropped, and without a pose."""
+        """Count scans kept, dropped, and without a pose."""
         return {
             **self.counts,
             "scans kept": len(self._recorder),

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Views in, ids of places out (Stastny 2022, 4.2.4); or images, as in the original RatSLAM."""
+"""Node that gives views the ids of places (Stastny 2022, 4.2.4).
+
+It can also match images, as in the original RatSLAM.
+"""
 
 import logging
 from collections.abc import Sequence
@@ -26,7 +29,7 @@ TEMPLATES = "LocalView/Template"
 
 
 class ViewMatchingConfig(ViewsConfig):
-    """Of the node lv_matching."""
+    """Configuration of the node lv_matching."""
 
     memory: SavingConfig = option(SavingConfig(), "where views are kept when the node ends")
 
@@ -57,17 +60,17 @@ class ViewMatching(Node[ViewMatchingConfig]):
 
     @property
     def inputs(self) -> Sequence[Input]:
-        """Views of lv_builder, or images."""
+        """Inputs: views of lv_builder, or images."""
         if matcher_of(self._source) is None:
             return [Input(LEFT[0], IMAGES, self._take_image)]
         return [Input(DESCRIPTIONS, [VIEW_DESCRIPTION], self._take_view)]
 
     def idle(self) -> None:
-        """Keep what is known now."""
+        """Save the views so far."""
         self._saver.write()
 
     def close(self) -> None:
-        """Keep all views."""
+        """Save all views."""
         self._saver.close()
 
     def _take_view(self, message: Any) -> None:
@@ -89,11 +92,11 @@ class ViewMatching(Node[ViewMatchingConfig]):
 
 
 def _settings(source: ViewSource) -> dict[str, Section]:
-    """What of the parameters its memory depends on."""
+    """Return the parameters that its memory depends on."""
     matcher = matcher_of(source)
     if matcher is not None:
         return {"views": matcher.config, "descriptors": matcher.descriptor_config}
-    assert isinstance(source, TemplateSource)  # all that there is besides
+    assert isinstance(source, TemplateSource)  # the only other kind
     return {"visual_templates": source.templates.config}
 
 

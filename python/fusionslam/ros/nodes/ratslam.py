@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry and view ids in, a map and the robot's place on it out (Stastny 2022, 4.2.5)."""
+"""Node that makes a map and localises the robot on it from odometry and view ids.
+
+Source: Stastny 2022, 4.2.5.
+"""
 
 import logging
 import time
@@ -44,13 +47,13 @@ ACTIONS, PLACE = "PoseCell/TopologicalAction", "ExperienceMap/RobotPose"
 MAP, MAP_MARKERS, MAP_PATH = "ExperienceMap/Map", "ExperienceMap/MapMarker", "ExperienceMap/Path"
 TF = "/tf"
 _SHOWN = 20_000
-"""Nodes of the way that are shown: the robot's last hours."""
+"""Number of nodes shown on the path: the robot's last hours."""
 _SHARE = 20
-"""A large map takes seconds to put into messages: no more than this part of the time goes there."""
+"""Publishing a map takes at most 1 in this many seconds: a large map takes seconds to convert."""
 
 
 class MapperConfig(CommonConfig):
-    """Of the node ratslam."""
+    """Configuration of the node ratslam."""
 
     ratslam: RatSlamConfig = option(RatSlamConfig(), "the cells and the map")
     order: OrderConfig = option(OnlineRatSlamConfig().order, "in which order what arrives is taken")
@@ -66,10 +69,10 @@ class MapperConfig(CommonConfig):
 
 
 class Mapper(Node[MapperConfig]):
-    """Makes the map, and says where the robot is on it."""
+    """Makes the map and publishes the robot's pose on it."""
 
     name = "ratslam"
-    # Views of the last scans may still be on their way when odometry has ended.
+    # Views of the last scans may arrive after odometry has ended.
     defaults = MapperConfig(node=NodeConfig(idle=2.0))
     outputs: ClassVar = {
         ACTIONS: TOPOLOGICAL_ACTION,
@@ -103,20 +106,20 @@ class Mapper(Node[MapperConfig]):
 
     @property
     def inputs(self) -> Sequence[Input]:
-        """Odometry and what views were recognised."""
+        """Inputs: odometry and the ids of recognised views."""
         return [
             Input("odom", [ODOMETRY], self._take_odometry, small=True),
             Input(TEMPLATES, [VIEW_TEMPLATE], self._take_view),
         ]
 
     def idle(self) -> None:
-        """Take what waits; show and keep the map as it is."""
+        """Process waiting messages; publish and save the map."""
         self._publish(self._online.flush())
         self._show()
         self._saver.write()
 
     def close(self) -> None:
-        """Keep the map."""
+        """Save and export the map."""
         self._publish(self._online.flush())
         self._saver.close()
         if self.config.export:
@@ -124,7 +127,7 @@ class Mapper(Node[MapperConfig]):
             export_run(Path(self.config.export).expanduser(), here)
 
     def report(self) -> Mapping[str, int]:
-        """Nodes, links, loops refused, and what was left out."""
+        """Count nodes, links, refused loops and messages left out."""
         graph = self._online.slam.map
         size = {"nodes": len(graph.nodes), "links": len(graph.links), "jumps": self._online.jumps}
         return {**self.counts, **size, **self._online.refused}
@@ -168,7 +171,7 @@ class Mapper(Node[MapperConfig]):
         return shown is None or abs(stamp_ns - shown) >= every * NANOSECONDS
 
     def _show(self) -> None:
-        """The map as it is, to whoever listens; the last one is there for those who come later."""
+        """Publish the current map; it is latched for later subscribers."""
         last = self._online.last
         if last is None or self._is_shown:
             return
@@ -181,7 +184,10 @@ class Mapper(Node[MapperConfig]):
         self._drawing_s = time.monotonic() - began
 
     def _publish_frame(self, odometry: Odometry) -> None:
-        """As of the last step, dated as the odometry that came last: it changes at loops alone."""
+        """Publish map <- odometry of the last step, stamped with the latest odometry.
+
+        It changes only at loops.
+        """
         place = self._online.map_from_odometry
         if place is None:
             return

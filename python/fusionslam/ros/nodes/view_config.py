@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the nodes that recognise places by clouds have in common."""
+"""Shared parts of the nodes that recognise places by clouds."""
 
 import numpy as np
 from pydantic import field_validator
@@ -23,7 +23,7 @@ from fusionslam.views.visual_templates import VisualTemplatesConfig
 
 
 class ViewsConfig(CommonConfig):
-    """How places are recognised; lv_builder and lv_matching need the same."""
+    """How places are recognised; lv_builder and lv_matching must agree on it."""
 
     source: str = option("alignment", "what recognises places, as fusionslam ratslam --views")
     views: ViewMatcherConfig = option(
@@ -43,7 +43,7 @@ class ViewsConfig(CommonConfig):
 
 
 def source_of(config: ViewsConfig) -> ViewSource:
-    """A new source of views as configured."""
+    """Return a new source of views as configured."""
     options = SourceOptions(
         views=config.views, descriptors=config.descriptors, templates=config.visual_templates
     )
@@ -51,18 +51,18 @@ def source_of(config: ViewsConfig) -> ViewSource:
 
 
 def matcher_of(source: ViewSource) -> ViewMatcher | None:
-    """What compares clouds; None where images are compared."""
+    """Return the matcher of clouds; None if the source compares images."""
     return source.matcher if isinstance(source, MatcherSource) else None
 
 
 EMPTY = (
     "the cloud is empty: does the scanner see anything, and does ~fusion of data_fusion keep it?"
 )
-"""What to say of a cloud without points."""
+"""Message about a cloud without points."""
 
 
 def cloud_of(scan: Scan) -> Cloud:
-    """The points that returned, with their colours. Raises DataError where they have none."""
+    """Return the valid points with their colours. Raises DataError if they have no colours."""
     if scan.colors is None:
         raise DataError(
             "the cloud has no colours (a point field rgb), which places are recognised by: remap "

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The frame around every node: queues, threads, diagnostics, files, logging."""
+"""The runtime of every node: queues, threads, diagnostics, files, logging."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a node keeps in a file, while it runs and when it ends."""
+"""Save a node's state to a file, while it runs and when it ends."""
 
 import logging
 import os
@@ -21,7 +21,7 @@ _ADVICE = "nothing is kept until it can be written: make room, allow it, or give
 
 
 class SavingConfig(Section):
-    """Where a node keeps what it knows."""
+    """Where a node saves its state."""
 
     file: str = option("", "the file, with which the node goes on at its next start; empty: none")
     every: float = option(
@@ -34,7 +34,7 @@ class SavingConfig(Section):
 
 @contextmanager
 def continued(path: Path) -> Iterator[None]:
-    """Reads what a node goes on from. Raises DataError, which says what to do besides."""
+    """Context for loading a node's saved state; adds advice to a DataError."""
     try:
         yield
     except DataError as error:
@@ -44,7 +44,7 @@ def continued(path: Path) -> Iterator[None]:
 
 
 def other_settings(name: str, path: Path) -> ConfigError:
-    """What to raise where a file was made with other parameters than the node has."""
+    """Return the error for a file that was made with other parameters than the node's."""
     return ConfigError(
         f"~{name} differs from what {path} was made with: set it as it was, move the file away, "
         f"or give another {_NAME}"
@@ -52,12 +52,12 @@ def other_settings(name: str, path: Path) -> ConfigError:
 
 
 class Saver:
-    """Writes a file now and then, and at the end; where that fails, it says so and tries again.
+    """Writes a file periodically and at the end; reports failures and tries again.
 
     Args:
         config: which file, how often.
-        save: writes it, whole or not at all; raises DataError.
-        problems: those of the node.
+        save: writes the file atomically; raises DataError.
+        problems: the node's problem log.
     """
 
     def __init__(
@@ -70,39 +70,39 @@ class Saver:
 
     @property
     def path(self) -> Path | None:
-        """The file; None where nothing is kept."""
+        """The file; None if nothing is saved."""
         return Path(self._config.file).expanduser() if self._config.file else None
 
     @property
     def kept(self) -> Path | None:
-        """What there is to go on from; None where there is nothing, or an empty folder."""
+        """The saved state to resume from; None if there is none, or only an empty folder."""
         path = self.path
-        # Path.exists raises where a folder on the way must not be entered.
+        # Path.exists raises if a parent folder is not accessible.
         if path is None or not os.path.exists(path):
             return None
         return None if path.is_dir() and not any(path.iterdir()) else path
 
     def changed(self) -> None:
-        """Something changed: write it if the last writing is long ago."""
+        """Note that the state changed; write it if a write is due."""
         self._is_changed = True
         self.write_if_due()
 
     def write_if_due(self) -> None:
-        """Write what changed since the last writing, if that is long ago."""
+        """Write changes if the last write is long enough ago."""
         if time.monotonic() - self._saved >= self._config.every:
             self.write()
 
     def close(self) -> None:
-        """Write what changed since the last writing: nothing comes after it."""
+        """Write the last changes; log an error if they cannot be written."""
         self.write()
         if self.path is not None and self._is_changed:
             logger.error("%s: what is new since the last writing is lost", self.path)
 
     def write(self) -> None:
-        """Write what changed since the last writing."""
+        """Write changes since the last write, if there are any."""
         if self.path is None or not self._is_changed:
             return
-        # Before it is tried: a disk that is full is not asked again at once.
+        # Set before the attempt, so that a full disk is not tried again at once.
         self._saved = time.monotonic()
         try:
             self._save(self.path)
@@ -113,7 +113,7 @@ class Saver:
         logger.debug("kept %s", self.path)
 
     def _try(self, path: Path) -> None:
-        """Whether something can be written there is known before the robot drives off."""
+        """Check that the file's folder can be made, before the robot drives off."""
         try:
             with made_folder(path.parent):
                 pass
@@ -121,5 +121,5 @@ class Saver:
             self._complain(path, error)
 
     def _complain(self, path: Path, error: Exception) -> None:
-        # The cause stands on a line of its own: it may name files that are made on the way.
+        # The cause is on its own line, as it may name temporary files.
         self._problems.add(_NAME, f"cannot write {path}: {_ADVICE}\n{error}", "cannot-write")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What all nodes can be told, and how parameters become a configuration."""
+"""The configuration shared by all nodes, and its values from ROS parameters."""
 
 import re
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from fusionslam.errors import ConfigError
 
 
 class NodeConfig(Section):
-    """What all nodes have in common."""
+    """Configuration shared by all nodes."""
 
     queue: int = option(
         100, "messages of a topic that wait at most; the oldest make room and are counted", ge=1
@@ -42,7 +42,7 @@ class NodeConfig(Section):
 
 
 class CommonConfig(Section):
-    """What the configuration of every node is derived from."""
+    """Base class of the configuration of every node."""
 
     node: NodeConfig = option(NodeConfig(), "queues, stamps and reports")
 
@@ -51,20 +51,21 @@ C = TypeVar("C", bound=Section)
 
 
 def from_parameters(defaults: C, parameters: Mapping[str, Any]) -> C:
-    """A node's configuration with the values of its private ROS parameters.
+    """Return a node's configuration with the values of its private ROS parameters.
 
     Args:
         defaults: of the node.
-        parameters: nested by the same names: ``~fusion/voxel`` is {"fusion": {"voxel": ...}}; the
-            parameter server knows no None, which is written as the text "null".
+        parameters: nested by name: ``~fusion/voxel`` is {"fusion": {"voxel": ...}}; the parameter
+            server has no None, which is written as the text "null".
 
     Raises:
-        ConfigError: an unknown name (the message has the nearest), a wrong type, or out of range.
+        ConfigError: an unknown name (the message suggests the nearest), a wrong type, or a value
+            out of range.
     """
     try:
         return merged(defaults, _with_none(parameters), "~")
     except ConfigError as error:
-        # ROS puts slashes where files put dots.
+        # ROS uses slashes where files use dots.
         text = re.sub(r"~[\w.]+", lambda key: key[0].replace(".", "/"), str(error))
         raise ConfigError(text.replace("configuration key", "parameter")) from error
 

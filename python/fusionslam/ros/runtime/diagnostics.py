@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a node says of itself on /diagnostics: counts, latencies, processor time."""
+"""Reports of a node on /diagnostics: counts, latencies, processor time."""
 
 import time
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ _OK, _WARN = 0, 1
 
 
 def diagnostics(worker: "Worker") -> Any:
-    """A DiagnosticArray of a node as it is now."""
+    """Return a DiagnosticArray of the node's current state."""
     import rospy
 
     values = dict(reported(worker))
@@ -34,7 +34,7 @@ def diagnostics(worker: "Worker") -> Any:
 
 
 def reported(worker: "Worker") -> Iterator[tuple[str, str]]:
-    """All that is counted and measured, as (what, how much)."""
+    """Yield all counts and measurements as (label, value) pairs."""
     taken = worker.inbox.taken
     for topic in worker.inputs:
         yield f"received {topic}", str(taken[topic])

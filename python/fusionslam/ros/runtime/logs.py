@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is logged reaches ROS and the console, whatever can be written."""
+"""Send log messages to ROS and the console, even if no log file can be written."""
 
 import logging
 import os
@@ -14,10 +14,10 @@ _NO_FOLDER = os.path.join(os.devnull, "none")
 
 
 class ToRosout(logging.Handler):
-    """What is logged goes where ROS collects it; what the library warns of, once for each cause.
+    """Passes log records to rosout; warnings of the library only once for each cause.
 
     Attributes:
-        problems: those of the node, once there is one.
+        problems: the node's problem log, once there is a node.
     """
 
     def __init__(self) -> None:
@@ -25,14 +25,14 @@ class ToRosout(logging.Handler):
         self.problems: ProblemLog | None = None
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Pass a record on."""
+        """Pass on a record."""
         import rospy
 
         if record.levelno < logging.WARNING:
             rospy.loginfo("%s", self.format(record))
             return
         if self.problems is not None and not record.name.startswith(__package__):
-            # Loggers that report several problems with one template tell them apart by ``cause``.
+            # ``cause`` distinguishes problems that are logged with the same template.
             cause = getattr(record, "cause", (str(record.msg),))
             name = record.name.removeprefix("fusionslam.")
             self.problems.add(name, record.getMessage(), *cause)
@@ -42,7 +42,9 @@ class ToRosout(logging.Handler):
 
 
 def init_node(name: str, arguments: list[str] | None = None) -> None:
-    """As rospy's, also where no log file can be written: rospy ends there, or says nothing more.
+    """Initialise a node as rospy does, even if no log file can be written.
+
+    rospy alone would then end, or log nothing more.
 
     Args:
         arguments: as on a command line; None for those of this process.
@@ -51,14 +53,14 @@ def init_node(name: str, arguments: list[str] | None = None) -> None:
     import rospy
     from rosgraph.roslogging import RosStreamHandler
 
-    # A disk that is full is no reason for a traceback with each line that is logged.
+    # On a full disk, do not print a traceback for each line logged.
     logging.raiseExceptions = False
     folder = Path(rospkg.get_log_dir())
     try:
         with made_folder(folder):
             pass
     except DataError:
-        # There rospy does without files.
+        # With this folder rospy does without log files.
         os.environ["ROS_LOG_DIR"] = _NO_FOLDER
     rospy.init_node(name, argv=arguments)
     console = logging.getLogger("rosout")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Survives a restart of the ROS master, which rospy alone does not."""
+"""Survive a restart of the ROS master, which rospy alone does not."""
 
 import logging
 import threading
@@ -22,9 +22,9 @@ _SUCCESS = 1
 
 
 class Registration(threading.Thread):
-    """Tells a master that was started anew what this node offers and wants.
+    """Registers this node's publishers and subscribers again after a restart of the master.
 
-    In a thread of its own: where the network is gone, asking the master takes long.
+    It is a thread of its own, as asking the master takes long if the network is down.
     """
 
     def __init__(self) -> None:
@@ -32,7 +32,7 @@ class Registration(threading.Thread):
         self._is_complete = True
 
     def run(self) -> None:
-        """Look, now and then, whether the master still knows this node, until ROS shuts down."""
+        """Check periodically that the master still knows this node, until ROS shuts down."""
         while not rospy.is_shutdown():
             time.sleep(_PERIOD_S)
             try:
@@ -43,10 +43,10 @@ class Registration(threading.Thread):
     def _renew(self) -> None:
         master, name = _proxy(rosgraph.get_master_uri()), rospy.get_name()
         code, _, _ = master.lookupNode(name, name)
-        # A node that ends takes its topics back before it counts as shut down.
+        # A node that ends unregisters its topics before it counts as shut down.
         if (code == _SUCCESS and self._is_complete) or is_shutdown_requested():
             return
-        # The master may go away half-way, knowing some of the topics only.
+        # The master may stop half-way, knowing only some of the topics.
         self._is_complete = False
         _register(master, name)
         self._is_complete = True
@@ -59,12 +59,12 @@ def _register(master: Any, name: str) -> None:
         master.registerPublisher(name, topic, type_name, own)
     for topic, type_name in topics.get_subscriptions():
         _, _, publishers = master.registerSubscriber(name, topic, type_name, own)
-        # What the master tells nodes when publishers change, by the node's own slave API.
+        # The call that the master makes to the node's slave API when publishers change.
         _proxy(own).publisherUpdate("/master", topic, publishers)
 
 
 class _Impatient(Transport):
-    """Gives up on a server that does not answer."""
+    """Transport with a time limit for servers that do not answer."""
 
     def make_connection(self, host: Any) -> HTTPConnection:
         connection = super().make_connection(host)

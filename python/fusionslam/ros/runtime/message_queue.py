@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages that wait for a node: bounded, with all that is dropped counted."""
+"""Bounded queue of messages for a node, which counts dropped messages."""
 
 import threading
 from collections import Counter, deque
@@ -10,7 +10,7 @@ from typing import Any
 
 TOO_MANY = "too many wait"
 SECOND_PUBLISHER = "second publisher"
-# Of small messages, such as odometry, and transforms, which come from everywhere.
+# Factor for topics of small messages, such as odometry, or with many publishers, such as TF.
 _MANY = 10
 
 
@@ -19,10 +19,10 @@ class Arrival:
     """A message as it arrived.
 
     Attributes:
-        topic: as the node names it.
-        message: what the middleware delivered.
-        seconds: when, by a clock that only rises.
-        stamp_ns: when, by the clock that stamps are of; 0 where that is not known.
+        topic: the node's name of the topic.
+        message: as delivered by the middleware.
+        seconds: arrival time by the monotonic clock.
+        stamp_ns: arrival time by the clock of the stamps; 0 if unknown.
     """
 
     topic: str
@@ -32,15 +32,15 @@ class Arrival:
 
 
 class Inbox:
-    """Takes messages from any thread and gives them out in the order in which they came.
+    """Takes messages from any thread and returns them in the order of arrival.
 
     Args:
-        limit: messages of a topic that wait at most, ten times as many where it has several
-            publishers, or small messages; the oldest of the topic make room.
-        only_one_s: a second publisher of a topic is heard once the first was silent for so long;
-            messages of two at a time contradict each other.
-        is_there: whether a topic's publisher still is; where it is gone, as after a restart of
-            its driver under another name, the next one is heard at once.
+        limit: maximum number of waiting messages per topic, ten times as many for topics with
+            several publishers or small messages; the oldest of the topic are dropped first.
+        only_one_s: silence in seconds of a topic's publisher after which another one is accepted;
+            messages of two publishers at a time contradict each other.
+        is_there: tells whether a topic's publisher still exists; if it is gone, as after a restart
+            of its driver under another name, the next one is accepted at once.
     """
 
     def __init__(
@@ -59,23 +59,23 @@ class Inbox:
 
     @property
     def taken(self) -> Counter[str]:
-        """Messages by topic so far, dropped ones included."""
+        """Number of messages by topic so far, including dropped ones."""
         with self._changed:
             return self._taken.copy()
 
     @property
     def dropped(self) -> Counter[tuple[str, str]]:
-        """Those that were dropped, by (topic, reason)."""
+        """Number of dropped messages by (topic, reason)."""
         with self._changed:
             return self._dropped.copy()
 
     def put(self, arrival: Arrival, publisher: str | None, *, is_small: bool = False) -> str | None:
-        """Take a message; the reason why a message of the topic was dropped, if one was.
+        """Add a message; return the reason if a message of the topic was dropped, else None.
 
         Args:
             arrival: the message.
-            publisher: who sent it, where the topic must have only one; else None.
-            is_small: whether the topic's messages are small and many, as odometry's.
+            publisher: its sender, if the topic must have only one publisher; else None.
+            is_small: whether the topic's messages are small and many, such as odometry.
         """
         with self._changed:
             self._taken[arrival.topic] += 1
@@ -94,14 +94,14 @@ class Inbox:
             return TOO_MANY if is_full else None
 
     def get(self, timeout_s: float) -> Arrival | None:
-        """The message that waited longest; None if none comes within the time."""
+        """Return the message that waited longest; None if none comes within the time."""
         with self._changed:
             self._changed.wait_for(self._any, timeout_s)
             queues = [queue for queue in self._waiting.values() if queue]
             return min(queues, key=lambda queue: queue[0][0]).popleft()[1] if queues else None
 
     def publisher_of(self, topic: str) -> str | None:
-        """Whom a topic is heard from."""
+        """Return the publisher that a topic is accepted from, or None."""
         with self._changed:
             return self._heard.get(topic, (None, 0.0))[0]
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What all nodes have in common, whatever delivers and takes away their messages."""
+"""Base class of all nodes, independent of the middleware."""
 
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -22,10 +22,10 @@ class Input:
 
     Attributes:
         topic: its name, which can be remapped.
-        types: ROS types that it may have.
-        take: called with each message, as a value of ``sensors.messages`` where there is one.
+        types: allowed ROS types.
+        take: called with each message, converted to ``sensors.messages`` if it has a type there.
         shared: whether it usually has several publishers.
-        small: whether its messages are small and many: more of them may wait.
+        small: whether its messages are small and many, so that more of them may wait.
         optional: whether the node can do without it.
     """
 
@@ -38,36 +38,36 @@ class Input:
 
 
 class Outlet(Protocol):
-    """Where a node's messages go."""
+    """Receiver of a node's output messages."""
 
     def publish(self, topic: str, message: Any) -> None:
-        """Send a message on one of the node's outputs."""
+        """Publish a message on one of the node's outputs."""
 
     def is_wanted(self, topic: str) -> bool:
-        """Whether anybody listens to it."""
+        """Tell whether a topic has subscribers."""
 
 
 class Node(ABC, Generic[C]):
-    """A node: it takes messages one after another, in one thread, and publishes.
+    """A node: it processes messages one after another, in one thread, and publishes.
 
     Args:
         config: of its own type.
-        outlet: where messages go.
+        outlet: receives the messages that it publishes.
 
     Attributes:
-        counts: what it did, in words, for /diagnostics.
-        problems: what was wrong with what it got, said once for each cause.
-        saver: writes what the node goes on from at its next start; None where there is nothing.
+        counts: labelled counts of its work, for /diagnostics.
+        problems: problems with its input, logged once for each cause.
+        saver: writes the state from which the node resumes at its next start; None without state.
     """
 
     name: ClassVar[str]
-    """As ROS knows it."""
+    """Its name in ROS."""
     defaults: ClassVar[CommonConfig]
-    """Its configuration, if no parameter says otherwise."""
+    """Its default configuration."""
     outputs: ClassVar[Mapping[str, str]]
-    """Types by topic."""
+    """Types of its outputs by topic."""
     latched: ClassVar[Sequence[str]] = ()
-    """Outputs whose last message a new listener gets at once."""
+    """Outputs whose last message a new subscriber gets at once."""
 
     def __init__(self, config: C, outlet: Outlet) -> None:
         self.config, self.outlet = config, outlet
@@ -76,21 +76,21 @@ class Node(ABC, Generic[C]):
         self.saver: Saver | None = None
 
     def saved(self, config: SavingConfig, save: Callable[[Path], None]) -> Saver:
-        """The ``saver``, made of the function that writes the file."""
+        """Make the ``saver`` from the function that writes the file."""
         self.saver = Saver(config, save, self.problems)
         return self.saver
 
     @property
     @abstractmethod
     def inputs(self) -> Sequence[Input]:
-        """What it listens to."""
+        """Its input topics."""
 
     def idle(self) -> None:
-        """Called once after a silence of all inputs: work off what waits for more."""
+        """Called once after a silence of all inputs: process what is waiting for more input."""
 
     def close(self) -> None:
-        """Called when the node ends: keep what has to be kept."""
+        """Called when the node ends: save its state."""
 
     def report(self) -> Mapping[str, int]:
-        """Counts for /diagnostics."""
+        """Return counts for /diagnostics."""
         return self.counts

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Counts problems; logs each distinct cause once."""
+"""Count problems, and log each distinct cause once."""
 
 import logging
 import threading
@@ -13,7 +13,7 @@ _MORE = "further causes (not listed)"
 
 
 class ProblemLog:
-    """Counts the problems of each topic and logs each cause once; from any thread.
+    """Counts the problems of each topic and logs each cause once; thread-safe.
 
     Only the first 30 causes of a topic are listed, so that random content fills neither memory
     nor the log.
@@ -26,7 +26,7 @@ class ProblemLog:
 
     @property
     def counts(self) -> Counter[tuple[str, str]]:
-        """By (topic, first line of the first problem of a cause), as of now."""
+        """Current counts by (topic, first line of the first problem of a cause)."""
         counts: Counter[tuple[str, str]] = Counter()
         with self._lock:
             for (topic, cause), count in self._counts.items():
@@ -38,14 +38,14 @@ class ProblemLog:
 
         Args:
             problem: what is wrong and what to do.
-            cause: a code, and fields that tell its causes apart; see ``errors.cause_of``.
+            cause: a code, and fields that distinguish its causes; see ``errors.cause_of``.
 
         Returns:
             True if this cause is new.
         """
         is_new = self._count(topic, cause, problem.partition("\n")[0])
         if is_new:
-            # Outside the lock: logging publishes.
+            # Outside the lock, as logging publishes.
             logger.warning("%s: %s (logged once; /diagnostics keeps counting)", topic, problem)
         return is_new
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""rospy around a node: messages in, messages out, reports, and a clean end."""
+"""Run a node with rospy: subscribe, publish, report diagnostics and end cleanly."""
 
 import time
 from collections.abc import Collection
@@ -18,7 +18,7 @@ from fusionslam.ros.runtime.stopwatch import Stopwatch
 from fusionslam.ros.runtime.worker import Worker
 
 BUFFER_BYTES = 1 << 24
-"""What a socket reads at a time: rospy's default of 64 KiB delays clouds and images."""
+"""Read buffer of a socket: rospy's default of 64 KiB delays clouds and images."""
 _POLL_S = 0.1
 _REPORTS = "/diagnostics"
 
@@ -31,12 +31,13 @@ class Shell:
 
     Raises:
         ConfigError: a parameter that the node does not know, or a wrong value.
-        DataError: what the node would go on from cannot be read.
+        DataError: the node's saved state cannot be read.
     """
 
     def __init__(self, kind: type[Node[Any]]) -> None:
         self.config = from_parameters(kind.defaults, rospy.get_param("~", {}))
-        # Before the node is made, which may take a while: who listens finds the topics at once.
+        # Advertise before making the node, which may take long, so that subscribers find the
+        # topics at once.
         self._publishers = {topic: self._publisher(topic, kind) for topic in kind.outputs}
         self._reports = rospy.Publisher(_REPORTS, message_class(DIAGNOSTICS), queue_size=10)
         self._watch = Stopwatch()
@@ -51,12 +52,12 @@ class Shell:
 
     @property
     def inputs(self) -> Collection[str]:
-        """Topics of the node."""
+        """The node's input topics."""
         return self._worker.inputs
 
     @property
     def problems(self) -> ProblemLog:
-        """Those of the node."""
+        """The node's problem log."""
         return self._worker.problems
 
     def publish(self, topic: str, message: Any) -> None:
@@ -69,7 +70,7 @@ class Shell:
         return bool(self._publishers[topic].get_num_connections())
 
     def run(self) -> None:
-        """Work until ROS shuts down, then let the node keep what it has to."""
+        """Process messages until ROS shuts down, then let the node save its state."""
         try:
             while not rospy.is_shutdown():
                 if self._worker.work(_POLL_S):
@@ -99,7 +100,7 @@ class Shell:
         )
 
     def _subscriber(self, topic: str) -> rospy.Subscriber:
-        """Of any type: rospy would only log, again and again, that a wrong one does not connect."""
+        """Subscribe with any type: with a wrong type rospy would just log repeated failures."""
         return rospy.Subscriber(
             topic,
             rospy.AnyMsg,
@@ -123,6 +124,6 @@ def _send(publisher: rospy.Publisher, message: Any) -> None:
     try:
         publisher.publish(message)
     except rospy.ROSException:
-        # Raised, too, if the node is shut down at this very moment.
+        # Also raised if the node is being shut down.
         if not rospy.is_shutdown():
             raise

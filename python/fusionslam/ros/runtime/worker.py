@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Between delivered messages and a node: whatever is wrong with one of them, the node goes on."""
+"""Pass delivered messages to a node, which keeps running whatever is wrong with one of them."""
 
 import logging
 import time
@@ -20,20 +20,20 @@ logger = logging.getLogger(__name__)
 
 
 class Worker:
-    """Takes messages as they come and has a node work on one after another.
+    """Queues messages as they arrive and passes them to a node one after another.
 
     Args:
-        node: whose inputs they are.
-        full_name: of a topic, after remapping.
-        now_ns: the time by the clock that stamps are of, which may be simulated; 0 if unknown.
-        is_there: whether a topic's publisher still is.
-        watch: how long messages took; whoever publishes tells it.
+        node: processes the messages.
+        full_name: returns the full name of a topic, after remapping.
+        now_ns: returns the time by the clock of the stamps, which may be simulated; 0 if unknown.
+        is_there: tells whether a topic's publisher still exists.
+        watch: measures latencies; whoever publishes notifies it.
 
     Attributes:
-        inputs: those of the node by topic.
-        inbox: what waits.
-        problems: those of the node.
-        is_idle: whether nothing came since ``idle``.
+        inputs: the node's inputs by topic.
+        inbox: the waiting messages.
+        problems: the node's problem log.
+        is_idle: whether nothing arrived since ``idle``.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Worker:
         self.is_idle = True
 
     def arrived(self, message: Any, topic: str) -> None:
-        """A message as rospy's AnyMsg has it; called in any thread."""
+        """Queue a message delivered as rospy's AnyMsg; called in any thread."""
         sender = _sender(message)
         arrival = Arrival(topic, message, time.monotonic(), self._now_ns())
         entry = self.inputs[topic]
@@ -75,7 +75,7 @@ class Worker:
             )
 
     def work(self, timeout_s: float) -> bool:
-        """Work off the message that waited longest; False if none comes within the time."""
+        """Process the message that waited longest; return False if none comes within the time."""
         arrival = self.inbox.get(timeout_s)
         if arrival is None:
             return False
@@ -86,23 +86,23 @@ class Worker:
         return True
 
     def keep(self) -> None:
-        """Called all the time: what changed is written though nothing changes any more."""
+        """Write changed state if due; called periodically, even if no messages arrive."""
         if self.node.saver is not None:
             self.guarded("keeping", self.node.saver.write_if_due)
 
     def idle(self) -> None:
-        """Nothing has come for a while."""
+        """Tell the node that nothing has arrived for a while."""
         self.is_idle = True
         self.guarded("silence", self.node.idle)
 
     @property
     def silent(self) -> list[Input]:
-        """What the node needs and has heard nothing of."""
+        """Required inputs that have not received anything."""
         taken = self.inbox.taken
         return [each for each in self.inputs.values() if not (each.optional or taken[each.topic])]
 
     def say_silent(self) -> None:
-        """Say which topics those are, and what to do."""
+        """Log the silent topics, and what to do."""
         for entry in self.silent:
             logger.warning(
                 "nothing has arrived on %s: is it published, as %s, or must it be remapped "
@@ -113,7 +113,7 @@ class Worker:
             )
 
     def guarded(self, topic: str, action: Callable[[], None]) -> None:
-        """Do something; whatever goes wrong is a complaint."""
+        """Run an action; report any exception as a problem."""
         try:
             action()
         except (DataError, ShapeError) as error:
@@ -125,7 +125,7 @@ class Worker:
                 logger.exception("%s", topic)
 
     def _report(self, topic: str, problem: str, error: Exception) -> bool:
-        # What comes of reading a message names its topic already.
+        # Errors from reading a message already begin with its topic.
         return self.problems.add(topic, problem.removeprefix(topic).lstrip(": "), *cause_of(error))
 
     def _take(self, arrival: Arrival) -> None:
@@ -151,8 +151,8 @@ class Worker:
         return message
 
     def _stamped(self, value: Message, arrival: Arrival) -> Message | None:
-        """The value with the stamp that counts; None of transforms without any."""
-        if isinstance(value, CameraInfo):  # whose stamp nobody needs
+        """Return the value with the stamp in force; None for transforms if none has a stamp."""
+        if isinstance(value, CameraInfo):  # its stamp is not used
             return value
         if isinstance(value, FrameTransforms):
             return self._stamped_transforms(value, arrival)
@@ -202,7 +202,7 @@ def _need_stamp(stamp_ns: int) -> None:
 
 
 def _typed(message: Any, entry: Input) -> tuple[Any, str]:
-    """The message as what its publisher says it is. Raises DataError for another type."""
+    """Deserialise the message as its publisher's type. Raises DataError for a wrong type."""
     header, advice = message._connection_header, f"remap {entry.topic} to the right topic"
     found = header.get("type", "unknown")
     if found not in entry.types:
