@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command line. Importing it loads typer only: commands import what they need themselves."""
+"""The command line. Importing it loads only typer; each command imports what it needs."""
 
 import typer
 
@@ -30,9 +30,9 @@ app = typer.Typer(
     help="Place recognition and loop closing for robots that carry a LiDAR and a camera.",
     no_args_is_help=True,
     add_completion=False,
-    # Errors that nobody foresaw show Python's own traceback.
+    # Unexpected errors show Python's own traceback.
     pretty_exceptions_enable=False,
-    # Boxes around help and errors take room, and errors are one line here.
+    # No boxes around help and errors: they take room, and errors are one line here.
     rich_markup_mode=None,
 )
 

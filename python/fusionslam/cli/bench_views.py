@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command that compares recognisers of places: bench views."""
+"""The command bench views: place recognisers compared."""
 
 import textwrap
 from collections.abc import Sequence
@@ -69,7 +69,7 @@ def bench_views(
     wanted = list(METHODS) if methods == "all" else [name.strip() for name in methods.split(",")]
     for name in wanted:
         find_method(name, "--methods")
-    # Accuracy alone says little: what scores without a sensor stands in every table.
+    # Accuracy alone says little, so every table includes the baselines without a sensor.
     wanted += [name for name in BASELINES if name not in wanted]
     needs_extra("report")
     recordings = [opt.build_recording(Path(path)) for path in data or default_data()]
@@ -89,7 +89,7 @@ def bench_views(
 
 
 def default_data() -> list[str]:
-    """What is compared where no DATA is given: known recordings, else simulated worlds."""
+    """Return the default DATA: known recordings, else simulated worlds."""
     from fusionslam.pipelines.compare_views import known_recordings
     from fusionslam.sim.recordings import EMBEDDED
 
@@ -109,7 +109,7 @@ def print_methods() -> None:
 def write(
     output: Path, drives: "Sequence[Drive]", results: "Sequence[ViewResult]", step: Step
 ) -> list[Path]:
-    """Write Markdown and JSON, and a page a frame; returns the paths of the pages."""
+    """Write Markdown, JSON and one page per frame; return the paths of the pages."""
     from fusionslam.report.views.comparison_tables import write_view_bench
     from fusionslam.report.views.page import write_view_report
     from fusionslam.storage.machine import machine, versions
@@ -129,7 +129,7 @@ def write(
 
 
 def show(drives: "Sequence[Drive]", results: "Sequence[ViewResult]") -> None:
-    """The tables, in 80 columns."""
+    """Print the tables, in 80 columns."""
     from fusionslam.report.views.comparison_tables import (
         LEGEND,
         accuracy_table,

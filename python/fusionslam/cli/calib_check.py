@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command that looks whether LiDAR and camera fit together."""
+"""The command calib-check: whether LiDAR and camera fit together."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

@@ -40,7 +40,7 @@ def config(
 
 
 def list_values(whole: "Section", stages: Collection[str]) -> list[list[str]]:
-    """List key, value, unit, range and help of every value of some stages."""
+    """Return key, value, unit, range and help of every value of the given stages."""
     from fusionslam.config import walk
 
     return [
@@ -70,7 +70,7 @@ def _unit(definition: "FieldInfo") -> str:
 
 
 def _range(definition: "FieldInfo") -> str:
-    """The choices or limits of a value, as its definition states them."""
+    """Format the choices or limits in a value's definition."""
     kinds = (definition.annotation, *get_args(definition.annotation))
     choices = next((get_args(kind) for kind in kinds if get_origin(kind) is Literal), ())
     if choices:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What people see: tables on stdout; progress and messages on stderr."""
+"""Console output: tables on stdout; progress and messages on stderr."""
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 Step = Callable[[str, int, int], None]
 
 _WIDTH = 160
-"""Columns where there is no terminal to ask."""
+"""Columns without a terminal."""
 
 
 def stdout() -> "Console":
-    """The console of results."""
+    """Return the console for results."""
     from rich.console import Console
 
     class Patient(Console):
-        """Leaves it to the command what happens when nobody reads on."""
+        """Lets the command handle a broken pipe."""
 
         def on_broken_pipe(self) -> None:
             raise BrokenPipeError
@@ -35,7 +35,7 @@ def stdout() -> "Console":
 
 
 def stderr() -> "Console":
-    """The console of messages."""
+    """Return the console for messages."""
     from rich.console import Console
 
     return Console(stderr=True, width=None if sys.stderr.isatty() else _WIDTH, highlight=False)
@@ -43,7 +43,7 @@ def stderr() -> "Console":
 
 @contextmanager
 def progress() -> Iterator[Step]:
-    """A function that shows how far each step is; it shows nothing where nobody looks."""
+    """Yield a function that shows the progress of each step; silent without a terminal."""
     console = stderr()
     if not console.is_terminal:
         yield lambda label, done, total: None
@@ -70,7 +70,7 @@ def progress() -> Iterator[Step]:
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table of texts."""
+    """Print a table of texts."""
     from rich.markup import escape
 
     table = _table(heads, right=False)
@@ -80,7 +80,7 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def print_findings(findings: "Iterable[Finding]", optional: str) -> None:
-    """What was looked at, one a row; ``optional`` is said of what may be as it is."""
+    """Print findings, one per row; ``optional`` is the status shown for failed optional ones."""
     rows = [
         ["ok" if each.fine else optional if each.optional else "fault", each.what, each.detail]
         for each in findings
@@ -89,7 +89,7 @@ def print_findings(findings: "Iterable[Finding]", optional: str) -> None:
 
 
 def print_figures(title: str, table: "Table") -> None:
-    """A table of figures under its title, as narrow as it can be."""
+    """Print a table of figures under its title, as narrow as possible."""
     from rich.text import Text
 
     shown = _table(["", *(head for head, _ in table.heads)], right=True, space=0)
@@ -101,7 +101,7 @@ def print_figures(title: str, table: "Table") -> None:
 
 
 def _table(heads: Sequence[str], *, right: bool, space: int = 1) -> "RichTable":
-    """A table without lines; ``right`` aligns all columns but the first."""
+    """Make a table without lines; ``right`` right-aligns all columns but the first."""
     from rich import box
     from rich.table import Table
 
@@ -113,7 +113,7 @@ def _table(heads: Sequence[str], *, right: bool, space: int = 1) -> "RichTable":
 
 
 def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
-    """Accuracy and cost of every run, in 80 columns; the report has more."""
+    """Print accuracy and cost of every run, in 80 columns; the report has more."""
     from fusionslam.report.loops.labels import by_rank, winner
     from fusionslam.report.loops.tables import accuracy_table, cost_table, published_table
 
@@ -142,7 +142,7 @@ _COSTS = (
 
 
 def left_out(run: "DescriptorRun", most: int = 8) -> str:
-    """The frames that the run lacks because they cannot be described, as the end of a line."""
+    """List the skipped frames of the run, as the end of a line."""
     if not run.skipped:
         return ""
     numbers = [str(number) for number in run.skipped]
@@ -153,7 +153,7 @@ def left_out(run: "DescriptorRun", most: int = 8) -> str:
 
 
 def _print_grouped(table: "Table", groups: Sequence[tuple[str, int]]) -> None:
-    """A table whose rows come in named groups."""
+    """Print a table with named groups of rows."""
     from rich.text import Text
 
     shown = _table(["", *(title for title, _ in table.heads)], right=True)

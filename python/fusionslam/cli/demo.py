@@ -60,7 +60,7 @@ def demo(
     with progress() as step:
         make = _robot_drive if indoor else _car_drive
         recording = make(world, config, own, output, opt.cores(jobs), step)
-        # A robot before a wall, nearer than its LiDAR can see, has nothing to describe.
+        # Closer to a wall than its LiDAR's minimum range, a robot has nothing to describe.
         bad = opt.bad_frames(indoor)
         compare(
             recording,
@@ -75,7 +75,7 @@ def demo(
 
 
 def _split_settings(settings: list[str] | None) -> tuple[list[str], list[str]]:
-    """Those of the simulator, and the others."""
+    """Split settings into those of the simulator and the others."""
     own = [setting for setting in settings or [] if setting.strip().startswith("sim.")]
     return own, [setting for setting in settings or [] if setting not in own]
 
@@ -83,7 +83,7 @@ def _split_settings(settings: list[str] | None) -> tuple[list[str], list[str]]:
 def _car_drive(
     world: str, file: Path | None, settings: list[str], output: Path, jobs: int, step: Step
 ) -> "Recording":
-    """The drive through the town: the embedded one, or, if it was configured, one of its own."""
+    """Return the drive through the town: the embedded one, or one as configured."""
     from fusionslam.config import with_file, with_settings
     from fusionslam.pipelines.recording import Recording
     from fusionslam.pipelines.results import forget_demo
@@ -103,7 +103,7 @@ def _car_drive(
 def _robot_drive(
     world: str, file: Path | None, settings: list[str], output: Path, jobs: int, step: Step
 ) -> "Recording":
-    """The drive of a robot through one of the other worlds, kept in the cache."""
+    """Return the drive of a robot through one of the other worlds, kept in the cache."""
     from fusionslam.config import with_settings
     from fusionslam.pipelines.recording import Recording
     from fusionslam.pipelines.results import forget_demo
@@ -120,7 +120,7 @@ def _robot_drive(
 
 @contextmanager
 def _cache_can_move(cached: bool) -> "Iterator[None]":
-    """Say how, where the user's cache cannot be written."""
+    """Say how to move the user's cache if it cannot be written."""
     from fusionslam.errors import DataError
 
     try:

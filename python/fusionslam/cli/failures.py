@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What happens when a command fails or is interrupted: one line, and a telling exit code."""
+"""Handle failed and interrupted commands: one line, and a meaningful exit code."""
 
 import os
 import sys
@@ -14,7 +14,7 @@ from typer.core import TyperGroup
 from fusionslam.errors import ConfigError, FusionSlamError
 
 DATA, USAGE, INTERRUPTED = 1, 2, 130
-# Its module is private and another one in each version of typer.
+# Its module is private and differs between versions of typer.
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 _KEPT = "fusionslam.kept"
 _EXTRAS = {
@@ -29,17 +29,17 @@ _EXTRAS = {
 
 
 class Guarded(TyperGroup):
-    """Commands whose known errors are one line; others keep their traceback."""
+    """Group of commands that print known errors in one line; others keep their traceback."""
 
     def make_context(self, *args: Any, **more: Any) -> Any:
-        """Read the options before the command."""
+        """Parse the options before the command."""
         try:
             return super().make_context(*args, **more)
         except UsageError as error:
             raise _misused(error) from error
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Names of commands may have two words: "bench views" stands beside "bench"."""
+        """Allow command names of two words: "bench views" beside "bench"."""
         two = " ".join(args[:2])
         if two in self.commands:
             return two, self.commands[two], args[2:]
@@ -52,7 +52,7 @@ class Guarded(TyperGroup):
             sys.stdout.flush()
             return result
         except BrokenPipeError as error:
-            # Whoever reads, such as head, has enough; the files are written before the tables.
+            # The reader, such as head, has enough; the files are written before the tables.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise typer.Exit(0) from error
         except UsageError as error:
@@ -66,14 +66,14 @@ class Guarded(TyperGroup):
 
 
 def keep(ctx: typer.Context, folder: Path) -> None:
-    """Remember where finished work lies, to say so when the command is interrupted."""
+    """Remember where finished work is kept, to say so if the command is interrupted."""
     ctx.meta[_KEPT] = (
         f"interrupted: what is finished is kept in {folder}; the same command goes on from there"
     )
 
 
 def keep_parts(ctx: typer.Context, folder: Path) -> None:
-    """The same for a command that starts anew."""
+    """As ``keep``, for a command that starts again from the beginning."""
     ctx.meta[_KEPT] = (
         f"interrupted: some files in {folder} may be new and others not; "
         "the same command writes all of them"
@@ -81,7 +81,7 @@ def keep_parts(ctx: typer.Context, folder: Path) -> None:
 
 
 def keep_partial(ctx: typer.Context, path: Path) -> None:
-    """The same for a recording, whose writer says where it keeps what there is."""
+    """As ``keep``, for a recording, whose writer says where it keeps the part written."""
     ctx.meta[_KEPT] = f"interrupted: {path} is not complete"
 
 
@@ -99,7 +99,7 @@ def needs_extra(extra: str) -> None:
 
 
 def missing_extras() -> list[str]:
-    """The extras of which something is not installed."""
+    """Return the extras that are not completely installed."""
     return [
         extra
         for extra, modules in _EXTRAS.items()
@@ -108,7 +108,7 @@ def missing_extras() -> list[str]:
 
 
 def _misused(error: Any) -> Exception:
-    """What to raise for a wrong option once it has been named."""
+    """Return the exception to raise for a wrong option, after naming it."""
     if type(error).__name__ == "NoArgsIsHelpError":
         return error  # type: ignore[no-any-return]
     command = error.ctx.command_path if error.ctx else "fusionslam"

@@ -63,12 +63,12 @@ def fuse(
 
 
 def _warn_of_missing_colors(recording: "Recording") -> None:
-    """Say that clouds stay without colours where nobody has asked for that."""
+    """Warn that clouds stay without colours unless the user chose that."""
     from contextlib import suppress
 
     from fusionslam.errors import DataError
 
-    # What is wrong with a frame is said when it is fused.
+    # Errors in a frame are reported when it is fused.
     with suppress(DataError):
         if recording.open("cloud")[0].colors is None:
             logger.warning(
@@ -87,7 +87,7 @@ def _write_fused(
     jobs: int,
     step: Step,
 ) -> int:
-    """The number of frames written."""
+    """Write the clouds; return the number of frames written."""
     from fusionslam.errors import ConfigError
     from fusionslam.pipelines.export_bag import BAG_SUFFIXES, write_cloud_bag
     from fusionslam.pipelines.export_folder import write_clouds

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Options that several commands share, and what is made of them."""
+"""Options that several commands share, and the objects built from them."""
 
 import functools
 import inspect
@@ -26,7 +26,7 @@ Command = Callable[..., None]
 
 
 def _start_logging(verbose: bool) -> bool:
-    """Messages of the library, from warnings on, go to stderr."""
+    """Send the library's messages to stderr: warnings and above, or more if verbose."""
     import logging
 
     from rich.logging import RichHandler
@@ -41,7 +41,7 @@ def _start_logging(verbose: bool) -> bool:
 
 
 def _said_once() -> "Callable[[LogRecord], bool]":
-    """Lets each message pass once: data are opened anew for each source of clouds."""
+    """Return a filter that passes each message once: data are reopened for each source."""
     said: set[str] = set()
 
     def is_new(entry: "LogRecord") -> bool:
@@ -103,10 +103,10 @@ Verbose = Annotated[
 
 
 def cores(jobs: int | None) -> int:
-    """The number of jobs asked for, else one for each core that this process may use."""
+    """Return the number of jobs asked for, else one per core that this process may use."""
     if jobs is not None:
         return jobs
-    # macOS has no affinity.
+    # macOS has no CPU affinity.
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -150,7 +150,7 @@ def build_recording(
     ] = False,
     gt: Truth = None,
 ) -> "Recording":
-    """The recording that the options name."""
+    """Build the recording that the options name."""
     from fusionslam.cli.worlds import record_if_world
     from fusionslam.datasets.bags.index import STAMPS
     from fusionslam.pipelines.recording import Recording
@@ -175,11 +175,11 @@ def build_recording(
 def reading_options(**fixed: Any) -> "Callable[[Command], Command]":
     """Give a command DATA and the options of ``build_recording``.
 
-    They take the place of the command's parameter ``recording``, which receives the Recording.
-    A command that declares one of them itself, ``data`` say, receives its value, too.
+    They replace the command's parameter ``recording``, which receives the Recording. A command
+    that declares one of them itself, such as ``data``, also receives its value.
 
     Args:
-        fixed: options that this command does not offer, and their values.
+        fixed: values of options that this command does not offer.
     """
 
     def decorate(command: Command) -> Command:
@@ -199,7 +199,7 @@ def reading_options(**fixed: Any) -> "Callable[[Command], Command]":
         place = list(own).index("recording")
         parameters = [*own.values()]
         parameters[place : place + 1] = added
-        # What has a default may stand before what has none.
+        # Keyword-only, as parameters with a default may come before ones without.
         parameters = [each.replace(kind=each.KEYWORD_ONLY) for each in parameters]
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {each.name: each.annotation for each in parameters}
@@ -209,7 +209,7 @@ def reading_options(**fixed: Any) -> "Callable[[Command], Command]":
 
 
 def _topics(texts: list[str]) -> dict[str, str]:
-    """Texts such as points=/velodyne_points by what stands before the sign."""
+    """Parse texts such as points=/velodyne_points into a dictionary."""
     if not texts:
         return {}
     from fusionslam.datasets.bags.topics import ROLES
@@ -221,7 +221,7 @@ def _topics(texts: list[str]) -> dict[str, str]:
 
 
 def _sync_changes(texts: list[str]) -> dict[str, Any]:
-    """The values of SyncConfig that are not its defaults."""
+    """Return the values of SyncConfig that differ from its defaults."""
     from fusionslam.config import with_settings
     from fusionslam.errors import ConfigError
     from fusionslam.sensors.synchronizer import SyncConfig
@@ -242,7 +242,7 @@ def _check_pairs(option: str, texts: list[str], expected: str) -> None:
 
 
 def everything() -> "Section":
-    """Every default of every stage and of the simulator."""
+    """Return the defaults of all stages and of the simulator."""
     from fusionslam.calibration.search import CalibrationCheckConfig
     from fusionslam.config import Section, option
     from fusionslam.datasets.range_recording import RecordingConfig
@@ -256,7 +256,7 @@ def everything() -> "Section":
     from fusionslam.views.visual_templates import VisualTemplatesConfig
 
     class SystemConfig(PipelineConfig):
-        """All there is to configure."""
+        """The whole configuration."""
 
         sim: SimConfig = option(SimConfig(), "the simulated drive of the demo")
         calib_check: CalibrationCheckConfig = option(
@@ -285,7 +285,7 @@ def everything() -> "Section":
 def pipeline_config(
     file: Path | None, settings: list[str] | None, **first: Any
 ) -> "PipelineConfig":
-    """The defaults, changed by ``first``, then by the file, then by the settings.
+    """Return the defaults, changed by ``first``, then by the file, then by the settings.
 
     The file may have a section ``sim``, which only the demo reads.
     """
@@ -301,7 +301,7 @@ def pipeline_config(
 
 
 def warn_of_windows(config: "PipelineConfig") -> None:
-    """Say so if loops are found with one window and judged with another."""
+    """Warn if loops are found with one window and evaluated with another."""
     import logging
 
     found, judged = config.loop_closure.window, config.evaluation.window
@@ -315,12 +315,12 @@ def warn_of_windows(config: "PipelineConfig") -> None:
 
 
 def bad_frames(skip: bool) -> str:
-    """What the option says about frames that cannot be described."""
+    """Return the value of ``bad_frames`` for the option to skip them."""
     return "skip" if skip else "error"
 
 
 def source_of(chosen: str | None, config: "PipelineConfig", recording: "Recording") -> str:
-    """The source asked for by option, else by configuration, else the first that there is."""
+    """Return the source given by option, else by configuration, else the first available."""
     from fusionslam.fusion import SOURCES
 
     if chosen is not None:
@@ -332,7 +332,7 @@ def source_of(chosen: str | None, config: "PipelineConfig", recording: "Recordin
 
 
 def names_of(text: str) -> list[str]:
-    """The descriptors named, once each. Raises ConfigError for one that does not exist."""
+    """Return the named descriptors without repetition. Raises ConfigError for an unknown one."""
     from fusionslam.descriptors import DESCRIPTORS, descriptor_named
 
     names = list(DESCRIPTORS) if text == "all" else [name.strip() for name in text.split(",")]
@@ -349,7 +349,7 @@ def one_of(key: str, value: str, values: tuple[str, ...]) -> None:
 
 
 def check_protocol(protocol: str | None) -> None:
-    """Raise ConfigError for a protocol that does not exist; None is none at all."""
+    """Raise ConfigError for an unknown protocol; None is allowed."""
     from fusionslam.evaluation import PROTOCOLS
 
     if protocol is not None:
@@ -357,7 +357,7 @@ def check_protocol(protocol: str | None) -> None:
 
 
 def command_line() -> str:
-    """What was typed, as it could be typed again."""
+    """Return the command line, quoted so that it can be run again."""
     import shlex
 
     return shlex.join(["fusionslam", *sys.argv[1:]])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command that makes maps: ratslam."""
+"""The command ratslam: maps of recordings."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -102,7 +102,7 @@ def ratslam(
         opt.one_of("--odometry", odometry, ODOMETRY)
     first = {"recording": {"shapes": "collision"}, "ratslam": {"map": expected_drift(odometry)}}
     whole = build_config(None, config, changes, **first)
-    # Images alone make no clouds: whether views need any is found out when they look.
+    # A recording of images alone has no clouds; views that need them fail later.
     with suppress(DataError):
         whole = merged(whole, {"fusion": {"source": opt.source_of(None, whole, recording)}})
     slam, earlier = _mapper(whole, views, resume, changes)
@@ -115,7 +115,7 @@ def ratslam(
                 jobs=opt.cores(jobs),
                 step=step,
             )
-            assert slam.views is not None  # every source that has a name
+            assert slam.views is not None  # holds for every named source
             events = events_of(
                 drive,
                 slam.views,
@@ -128,14 +128,14 @@ def ratslam(
             recorder = RunRecorder(slam, events, earlier=earlier)
             watch = shown.enter_context(_live(live, events))
             interrupted = _interrupted(recorder, step, watch)
-        # Before the view is closed: whatever is wrong with its file, the map is kept.
+        # Before the live view is closed, so that the map is kept even if its file fails.
         _finish(recorder, output, save, interrupted=interrupted, no_report=no_report)
 
 
 def _finish(
     recorder: "RunRecorder", output: Path, save: Path | None, *, interrupted: bool, no_report: bool
 ) -> None:
-    """Write everything and say where; of an interrupted run also how to go on."""
+    """Write everything and say where; for an interrupted run also how to resume."""
     run = recorder.record()
     if interrupted:
         save = save or output / "state.npz"
@@ -148,7 +148,7 @@ def _finish(
 
 @contextmanager
 def _live(live: str | None, events: "RunEvents") -> "Iterator[Watch | None]":
-    """What shows each step; None where nobody looks."""
+    """Yield the function that shows each step live; None without --live."""
     if live is None:
         yield None
         return
@@ -162,7 +162,7 @@ def _live(live: str | None, events: "RunEvents") -> "Iterator[Watch | None]":
 def _mapper(
     whole: Any, views: str | None, resume: Path | None, settings: list[str]
 ) -> "tuple[RatSlam, RatSlamRun | None]":
-    """A new map, or one that goes on and what was done for it."""
+    """Return a new map, or a resumed one with its earlier run."""
     from fusionslam.errors import ConfigError
     from fusionslam.ratslam.slam import RatSlam, load_run
     from fusionslam.ratslam.view_sources import SourceOptions, build_view_source
@@ -184,7 +184,10 @@ def _mapper(
 
 
 def _interrupted(recorder: "RunRecorder", step: Step, watch: "Watch | None") -> bool:
-    """Take all events, or those before Ctrl-C; there must be one."""
+    """Process the events until the end or Ctrl-C; tell whether it was interrupted.
+
+    KeyboardInterrupt is raised again if nothing was done before.
+    """
     from fusionslam.pipelines.maps import run_events
 
     try:
@@ -206,7 +209,7 @@ def _write(run: "RatSlamRun", slam: "RatSlam", output: Path, save: Path | None) 
 
 
 def _page(run: "RatSlamRun", output: Path, no_report: bool) -> Path:
-    """Print how good the map is; write the page, if it is wanted, and say where."""
+    """Print how good the map is and write the page if wanted; return the file to look at."""
     from fusionslam.evaluation.maps.judge import judge_map
 
     judged = judge_map(run)

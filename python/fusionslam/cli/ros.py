@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that run the ROS nodes without a catkin workspace, and look whether a robot has all."""
+"""The commands ros: run the nodes without a catkin workspace, and check a robot for them."""
 
 import logging
 import shlex
@@ -17,7 +17,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-# What follows is for ROS, whatever it looks like.
+# All further arguments are for ROS, even if they look like options.
 _PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}
 Passed = Annotated[list[str] | None, typer.Argument(metavar="[ARGS]...", show_default=False)]
 
@@ -85,7 +85,7 @@ def check(
     """
     from fusionslam.ros.check.robot import check_robot
 
-    # The findings say all of it.
+    # The findings already report it.
     logging.disable(logging.ERROR)
     try:
         with progress() as step:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command that drives a robot through a world and records what it publishes."""
+"""The command sim: a robot driven through a world, and a recording of what it publishes."""
 
 import sys
 from pathlib import Path
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fusionslam.sim.world import World
 
 FORMATS = {"bag": "rosbag1", "db3": "rosbag2", "mcap": "mcap", "folder": "folder"}
-"""Names of --format, which are the outputs' suffixes, and what the writers call them."""
+"""Values of --format, which are also the suffixes of outputs, and the writers' names for them."""
 
 
 def sim(
@@ -126,7 +126,7 @@ def sim(
 def _save(
     place: "World", map_file: Path | None, drive: "Trajectory", drive_file: Path | None
 ) -> None:
-    """Write map and drive where that was asked for."""
+    """Write map and drive if requested."""
     from fusionslam.geometry.trajectory import write_trajectory
     from fusionslam.sim.motion.map_files import write_map
 
@@ -137,7 +137,7 @@ def _save(
 
 
 def _output(path: Path | None, format: str | None) -> tuple[Path, str]:
-    """Where to write, and the kind that format or suffix names, once it can be written here."""
+    """Return the output path and its kind, from format or suffix; checks for a needed extra."""
     if format is not None:
         opt.one_of("--format", format, tuple(FORMATS))
     if path is None:
@@ -149,7 +149,7 @@ def _output(path: Path | None, format: str | None) -> tuple[Path, str]:
 
 
 def _announce(output: Path, kind: str, drive: "Trajectory", config: "RecordingConfig") -> None:
-    """Say what will be written, where no bar shows it."""
+    """Say what will be written, if no progress bar shows it."""
     from fusionslam.sim.recordings import recording_size
     from fusionslam.sim.simulator import recorded_seconds
 
@@ -165,7 +165,7 @@ def _counted(count: int, kind: str) -> str:
 
 
 def _changes(seed: int | None, seconds: float | None, obstacles: int | None) -> dict[str, Any]:
-    """What options change; --seed means all that is random but the world."""
+    """Return the changes made by options; --seed sets every seed except the world's."""
     options: dict[str, Any] = {"seed": seed, "seconds": seconds}
     changes = {key: value for key, value in options.items() if value is not None}
     if seed is not None:
@@ -182,7 +182,7 @@ def _chosen(
     changes: dict[str, Any],
     settings: list[str] | None,
 ) -> "RecordingConfig":
-    """The defaults, changed by the file, then by options, then by settings."""
+    """Return the defaults, changed by the file, then by options, then by settings."""
     from fusionslam.config import merged, with_file, with_settings
     from fusionslam.sim.catalogue import MADE
     from fusionslam.sim.recordings import recording_config

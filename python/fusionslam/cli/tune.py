@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command tune: parameters of the similarity of scenes."""
+"""The command tune: tuning of the scene similarity's parameters."""
 
 import logging
 from pathlib import Path

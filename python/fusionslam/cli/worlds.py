@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Worlds as DATA: a drive through one is recorded first, and kept."""
+"""Worlds as DATA: a drive through the world is recorded first, and kept."""
 
 from pathlib import Path
 
@@ -12,15 +12,15 @@ _FILES = (".glb", ".world", ".sdf")
 
 
 def record_if_world(data: Path, jobs: int) -> tuple[Path, str | None]:
-    """The path of a recording that DATA stands for, and the world's name if it is simulated.
+    """Return the recording that DATA stands for, and the world's name if it is simulated.
 
     Args:
         data: a recording, which is returned as it is; else the name of a simulated world, or a
             world's file or folder.
-        jobs: frames rendered at a time.
+        jobs: number of frames rendered in parallel.
 
     Raises:
-        DataError: no such file or world, or a world that cannot be read.
+        DataError: there is no such file or world, or the world cannot be read.
     """
     path = data.expanduser()
     if not path.exists():
@@ -38,12 +38,12 @@ def record_if_world(data: Path, jobs: int) -> tuple[Path, str | None]:
 
 
 def _has_world(folder: Path) -> bool:
-    """Whether a folder is one of Gazebo's, with its world in worlds/."""
+    """Tell whether a folder is one of Gazebo's, with its world in worlds/."""
     return any(path.suffix in _FILES[1:] for path in folder.glob("worlds/*"))
 
 
 def _check_name(path: Path) -> None:
-    """Raise DataError unless a path that is not there is the name of a simulated world."""
+    """Raise DataError unless a nonexistent path is the name of a simulated world."""
     from difflib import get_close_matches
 
     from fusionslam.sim.catalogue import MADE

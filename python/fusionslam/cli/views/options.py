@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Options and openers that the commands about views share."""
+"""Options of the views commands, and functions that open their data."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -34,8 +34,10 @@ Folder = Annotated[Path, typer.Option("--output", "-o", help="Folder for what is
 def build_config(
     tuned: str | None, file: Path | None, settings: list[str] | None, **first: Any
 ) -> Any:
-    """All stages: clouds in the robot's frame without ground, ``first``, then what was found by
-    tuning, the file, and the settings."""
+    """Return the configuration of all stages, with clouds in the robot's frame without ground.
+
+    It is changed by ``first``, then by the tuned values, the file and the settings.
+    """
     from fusionslam.config import merged, with_file, with_settings
     from fusionslam.fusion import ROBOT_FUSION
     from fusionslam.views.presets import tuned_path
@@ -52,7 +54,7 @@ def label_step(step: Step, label: str) -> Any:
 
 
 def open_data(recording: "Recording", whole: Any) -> "tuple[Dataset, Any]":
-    """The recording, and the configuration with the source of its clouds."""
+    """Open the recording; return it and the configuration with the source of its clouds."""
     from dataclasses import replace
 
     from fusionslam.config import merged
@@ -74,7 +76,7 @@ def open_scenes(
     jobs: int = 1,
     features: "Sequence[str]" = (),
 ) -> "SceneSet":
-    """A stored set, or one made of a recording."""
+    """Return a stored scene set, or make one from a recording."""
     from fusionslam.datasets.range_recording import RangeRecording
     from fusionslam.pipelines.scenes import record_scenes
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command views show: a scan as a scene, or two scenes and what joins them, as a picture."""
+"""The command views show: a picture of a scan as a scene, or of two scenes and their matches."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the commands about views print of how well they did."""
+"""Tables of results that the views commands print."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -15,14 +15,14 @@ HEADS = ("accuracy", "loop recall", "loop precision", "views")
 
 
 def figures(report: "ViewReport") -> list[str]:
-    """A run's cells under ``HEADS``."""
+    """Return a run's cells under ``HEADS``."""
     shares = (report.accuracy, report.loop_recall, report.loop_precision)
     texts = ["none" if share is None else f"{100 * share:.1f} %" for share in shares]
     return [*texts, str(report.views)]
 
 
 def curve_row(curve: Any, name: str, threshold: float | None) -> list[str]:
-    """A line of the table of thresholds; empty cells where there is no such threshold."""
+    """Return a row of the table of thresholds; cells are empty if there is no such threshold."""
     if threshold is None:
         return [name, "none", *("" for _ in HEADS)]
     row = curve.at(threshold)
@@ -32,7 +32,7 @@ def curve_row(curve: Any, name: str, threshold: float | None) -> list[str]:
 
 
 def print_run(run: "MatchRun", report: "ViewReport | None") -> None:
-    """What a matcher did and what it took; how well, where there is truth."""
+    """Print a matcher's results and costs, and its accuracy if there is ground truth."""
     import numpy as np
 
     stats = run.stats
@@ -54,7 +54,7 @@ def print_run(run: "MatchRun", report: "ViewReport | None") -> None:
 
 
 def without_sensor(scenes: "SceneSet", rule: str) -> list[list[str]]:
-    """What programs without a sensor score: accuracy alone says little."""
+    """Return the rows of the baselines without a sensor: accuracy alone says little."""
     from fusionslam.evaluation import ViewJudge, baselines
 
     judge = ViewJudge(scenes.true_poses(), scenes.seconds, rule=rule)

@@ -141,7 +141,7 @@ S = TypeVar("S", bound="Section")
 def _configured(
     defaults: S, file: Path | None, settings: list[str] | None, print_config: bool
 ) -> S:
-    """The defaults, changed by the file, then by the settings; printed where that was asked for."""
+    """Return the defaults, changed by the file, then by the settings; print them if requested."""
     from fusionslam.config import as_yaml, with_file, with_settings
 
     chosen = with_settings(with_file(defaults, file) if file else defaults, settings or [])
