@@ -60,7 +60,7 @@ class TopicListener:
         self._subscribe_new()
 
     def listen(self, seconds: float, progress: Progress) -> None:
-        """Wait up to ``seconds`` for a first message, then listen for ``seconds``.
+        """Wait up to ``seconds`` for the first sensor, then listen for ``seconds``.
 
         Raises as the constructor.
         """

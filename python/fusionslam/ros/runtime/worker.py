@@ -27,7 +27,7 @@ class Worker:
         full_name: returns the full name of a topic, after remapping.
         now_ns: returns the time by the clock of the stamps, which may be simulated; 0 if unknown.
         is_there: tells whether a topic's publisher still exists.
-        watch: measures latencies; whoever publishes notifies it.
+        watch: measures latencies; the publisher of messages notifies it.
 
     Attributes:
         inputs: the node's inputs by topic.
