@@ -104,11 +104,11 @@ class GivenViews:
         logger.log(level, "%s; the map has it as another view", why)
 
     def to_bytes(self) -> bytes:
-        """As ``ViewSource``."""
+        """See ``ViewSource``."""
         return json.dumps({"count": self._count, "numbers": [*self._numbers.items()]}).encode()
 
     def restore(self, content: bytes) -> None:
-        """As ``ViewSource``."""
+        """See ``ViewSource``."""
         try:
             stored = json.loads(content)
             count, numbers = operator.index(stored["count"]), dict(stored["numbers"])

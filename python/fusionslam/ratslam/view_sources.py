@@ -92,11 +92,11 @@ class TemplateSource:
 
     @property
     def known(self) -> int:
-        """As ``ViewSource``."""
+        """See ``ViewSource``."""
         return len(self.templates)
 
     def look(self, item: Any, stamp_ns: int) -> Sighting:
-        """As ``ViewSource``."""
+        """See ``ViewSource``."""
         view = _image_of(item)
         if not (view.ndim == 1 and view.dtype == np.float32):
             view = self.templates.view(view)
@@ -110,11 +110,11 @@ class TemplateSource:
         return Sighting(stamp_ns, match.id, match.relative_rotation, reason=reason)
 
     def to_bytes(self) -> bytes:
-        """As ``ViewSource``."""
+        """See ``ViewSource``."""
         return _bytes_of(self.templates)
 
     def restore(self, content: bytes) -> None:
-        """As ``ViewSource``."""
+        """See ``ViewSource``."""
         self.templates = VisualTemplates.load(io.BytesIO(content))
 
 
@@ -144,11 +144,11 @@ class MatcherSource:
 
     @property
     def known(self) -> int:
-        """As ``ViewSource``."""
+        """See ``ViewSource``."""
         return self.matcher.stats.new
 
     def look(self, item: Any, stamp_ns: int) -> Sighting:
-        """As ``ViewSource``."""
+        """See ``ViewSource``."""
         if isinstance(item, Picture):
             raise DataError(f"the image at {stamp_ns} ns: {self.title} looks at clouds or frames")
         number = self.matcher.stats.processed
@@ -168,12 +168,12 @@ class MatcherSource:
         return float(at_x + c * x - s * y), float(at_y + s * x + c * y), at_turn + turn
 
     def to_bytes(self) -> bytes:
-        """As ``ViewSource``."""
+        """See ``ViewSource``."""
         places = json.dumps([[number, *pose] for number, pose in self._places.items()]).encode()
         return len(places).to_bytes(8, "little") + places + _bytes_of(self.matcher)
 
     def restore(self, content: bytes) -> None:
-        """As ``ViewSource``."""
+        """See ``ViewSource``."""
         start = 8 + int.from_bytes(content[:8], "little")
         matcher = ViewMatcher.load(io.BytesIO(content[start:]))
         rows = json.loads(content[8:start])

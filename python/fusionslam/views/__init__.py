@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recognising places by their objects (Stastny 2022).
+"""Place recognition by local views (Stastny 2022).
 
 scene = build_scene(points, colors)        # a coloured cloud without ground
 print(scene.objects["center"])

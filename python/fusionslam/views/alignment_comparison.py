@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Views by laying one range image over the other: our default.
+"""Compares views by aligning their range images: the default.
 
-The stored views whose thumbnails look most like the current one's are aligned with it; the
-probability that both show one place follows from what each should have seen of the other.
+The stored views with the most similar thumbnails are aligned with the current view. The
+probability that both show the same place follows from what each should have seen of the other.
 """
 
 import numpy as np
@@ -29,20 +29,20 @@ __all__ = [
 ]
 
 FEWEST_CELLS = 10
-"""A range image with fewer cells cannot be aligned."""
+"""Fewest cells of a range image that can be aligned."""
 
 
 class AlignmentComparison(SceneComparison):
-    """Scenes by their range images, of which alone something is stored.
+    """Compares scenes by their range images; nothing else of a scene is stored.
 
     Args:
-        scene: how clouds become scenes, with range images.
+        scene: how scenes with range images are built from clouds.
         alignment: how scenes are aligned.
-        threshold: the probability from which views match.
-        threads: that align; 0 is one a core.
+        threshold: the lowest probability of a match.
+        threads: number of threads for alignment; 0 means one per core.
 
     Raises:
-        ConfigError: scenes without range images.
+        ConfigError: the scenes have no range images.
     """
 
     kind = "alignment"
@@ -80,7 +80,7 @@ class AlignmentComparison(SceneComparison):
         return len(scene) if len(scene.image) >= FEWEST_CELLS else 0
 
     def _has_objects_in_range(self, scene: Scene) -> bool:
-        """Whether there is something that an image would show: what is further away has none."""
+        """Whether any object is near enough to appear in a range image."""
         distances = np.linalg.norm(scene.objects["center"], axis=1)
         return bool((distances < self._scene.longest_range).any())
 
@@ -93,5 +93,5 @@ class AlignmentComparison(SceneComparison):
         return Scene(scene.objects[:0], scene.image).to_bytes()
 
     def explain(self, similarity: float, threshold: float) -> str:
-        """As ``Comparison``."""
+        """See ``Comparison``."""
         return in_words("probability", similarity, threshold)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which points of a cloud are which object of its scene, and which objects are most alike."""
+"""Assigns the points of a cloud to the objects of its scene; compares single objects."""
 
 from dataclasses import dataclass
 
@@ -21,14 +21,14 @@ from fusionslam.views.scenes import (
 
 @dataclass(frozen=True, eq=False)
 class ClusteredScan:
-    """A scan before and after it became a scene.
+    """A scan, its scene, and the points of each object.
 
     Attributes:
-        number: of the scan, as the data number it.
+        number: the scan's number in the data.
         points: float32 (N, 3), metres in the robot's frame, without ground.
         colors: uint8 (N, 3) RGB.
-        scene: what they became.
-        members: for each object of the scene, the indices of its points, int64.
+        scene: the scene built from the points.
+        members: int64, the indices of each object's points.
     """
 
     number: int
@@ -56,7 +56,7 @@ def cluster_scan(number: int, cloud: Cloud, config: SceneConfig) -> ClusteredSca
         raise DataError(f"scan {number} has no colours, which scenes need")
     points, colors = cloud.points, cloud.colors
     scene = build_scene(points, colors, config=config)
-    # As the core leaves out what is near a robot's floor; 0 keeps all.
+    # The core drops points near the floor in the same way; 0 keeps all.
     high = np.abs(points[:, 2]) > config.floor if config.floor > 0 else slice(None)
     rows = np.arange(len(points))[high]
     labels = dbscan(
@@ -69,7 +69,7 @@ def cluster_scan(number: int, cloud: Cloud, config: SceneConfig) -> ClusteredSca
     )
     groups = [rows[labels == label] for label in range(labels.max(initial=-1) + 1)]
     kept = [group for group in groups if len(group) >= config.min_size]
-    # As in the scene: most points first, equally many in the order of their clusters.
+    # As in the scene: most points first, ties in the order of their clusters.
     members = tuple(sorted(kept, key=len, reverse=True))
     return ClusteredScan(number, points, colors, scene, members)
 
@@ -77,7 +77,7 @@ def cluster_scan(number: int, cloud: Cloud, config: SceneConfig) -> ClusteredSca
 def object_similarities(
     current: Scene, stored: Scene, config: SimilarityConfig
 ) -> NDArray[np.float64]:
-    """Float64 (n, m): how alike each object of one scene is to each of the other."""
+    """Similarity of each object of one scene to each of the other: float64 (n, m)."""
     singles = [[Scene(s.objects[i : i + 1]) for i in range(len(s))] for s in (current, stored)]
     rows = [[scene_similarity(a, b, config=config) for b in singles[1]] for a in singles[0]]
     return np.array(rows, np.float64).reshape(len(current), len(stored))

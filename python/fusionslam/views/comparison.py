@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""By what views are compared: objects, or a descriptor."""
+"""The interface of view comparisons, and the base of those that compare scenes."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -27,11 +27,11 @@ Item = Cloud | Scene | NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What a comparison makes of a scan.
+    """A scan in the form that a comparison uses.
 
     Attributes:
-        content: whatever the comparison compares.
-        objects: number of things that the place can be recognised by.
+        content: the data compared; its type depends on the comparison.
+        objects: number of objects that the place can be recognised by.
     """
 
     content: Any
@@ -40,14 +40,14 @@ class View:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A stored view that is like the current one.
+    """A stored view that resembles the current one.
 
     Attributes:
-        slot: its place among those stored now.
+        slot: its index among the views stored now.
         similarity: in [0, 1].
         relative_pose: x, y in metres and yaw in radians of the current view in the frame of the
-            stored one, where the comparison finds it.
-        rejected: whether it is no match, however similar.
+            stored one; None if the comparison does not estimate it.
+        rejected: True if it is not a match, however similar.
     """
 
     slot: int
@@ -57,77 +57,77 @@ class Candidate:
 
 
 class Comparison(Protocol):
-    """Compares views with stored ones. Slots count those stored now, from the oldest on.
+    """Compares views with stored ones. Slots index the views stored now, oldest first.
 
     Attributes:
         kind: its name in saved files.
-        threshold: the similarity from which views match, if the configuration names none.
+        threshold: the lowest similarity of a match if the configuration gives none.
     """
 
     kind: str
     threshold: float
 
     def made_with(self) -> dict[str, Any]:
-        """All that views depend on, as JSON can hold it: the like is needed to compare them."""
+        """Every setting that views depend on, as JSON values; comparable views share them."""
 
     def view(self, item: Item) -> View:
-        """What is compared of a cloud, or of what was made of it.
+        """The view of a cloud, or of data already computed from one.
 
         Raises:
-            DataError: NaN, or what the comparison needs is missing. ShapeError: it cannot
-                compare what is given.
+            DataError: NaN, or data that the comparison needs are missing. ShapeError: the
+                comparison does not accept this item.
         """
 
     def scene(self, view: View) -> Scene | None:
-        """The objects that a view was made of; None where none were looked for."""
+        """The scene of a view; None if the comparison does not extract objects."""
 
     def arrays_of(self, view: View) -> dict[str, NDArray[Any]]:
-        """A view, exact, as arrays that ``view_of`` reads: to compare it in another process."""
+        """A view as exact arrays for ``view_of``, so that another process can compare it."""
 
     def view_of(self, arrays: Arrays) -> View:
-        """The view that ``arrays_of`` took apart, to the bit.
+        """Rebuild a view from ``arrays_of``, bit for bit.
 
         Raises:
-            DataError, ShapeError, KeyError: the arrays are none of this comparison's.
+            DataError, ShapeError, KeyError: the arrays are not from this kind of comparison.
         """
 
     def compare(self, view: View, most: int) -> list[Candidate]:
-        """Up to ``most`` stored views, best first; equal ones in the order of storing."""
+        """Up to ``most`` stored views, best first; ties in the order of storing."""
 
     def add(self, view: View) -> int:
-        """Store a view; returns the bytes that it takes in a file."""
+        """Store a view; returns its size in a file in bytes."""
 
     def remove(self, slot: int) -> None:
-        """Forget a stored view; those after it move up."""
+        """Remove a stored view; later slots move down by one."""
 
     def size_of(self, slot: int) -> int:
-        """Bytes that a stored view takes in a file."""
+        """Size of a stored view in a file, in bytes."""
 
     def explain(self, similarity: float, threshold: float) -> str:
-        """The two numbers that were compared, in words: "similarity 0.91 >= 0.74"."""
+        """The comparison with the threshold as text, such as "similarity 0.91 >= 0.74"."""
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """All stored views, as arrays that ``restore`` reads."""
+        """All stored views as arrays for ``restore``."""
 
     def restore(self, state: Arrays) -> None:
-        """Go on from ``state``. Raises DataError or KeyError if it is none."""
+        """Resume from ``state``. Raises DataError or KeyError if the arrays are invalid."""
 
     def __len__(self) -> int:
         """Number of stored views."""
 
 
 def in_words(what: str, similarity: float, threshold: float) -> str:
-    """A similarity and what it was compared with."""
+    """The comparison of a similarity with its threshold as text."""
     sign = ">=" if similarity >= threshold else "<"
     return f"{what} {similarity:.4g} {sign} {threshold:.4g}"
 
 
 class SceneComparison(ABC):
-    """Scenes, stored as their bytes: what is saved and what is compared are the same.
+    """Compares scenes, stored as bytes, so that a saved matcher compares the same data.
 
     Args:
-        scene: how clouds become scenes.
-        threshold: as ``Comparison``.
+        scene: how scenes are built from clouds.
+        threshold: as in ``Comparison``.
     """
 
     kind: str
@@ -143,18 +143,18 @@ class SceneComparison(ABC):
 
     @abstractmethod
     def _empty_index(self) -> Any:
-        """What compares scenes: it has add(scene) and remove(number)."""
+        """A new index of scenes with ``add(scene)`` and ``remove(number)``."""
 
     @abstractmethod
     def _encode(self, scene: Scene) -> bytes:
-        """What is kept of a scene."""
+        """The bytes to store for a scene."""
 
     def made_with(self) -> dict[str, Any]:
-        """How clouds become scenes."""
+        """The scene configuration by key."""
         return {f"scene.{name}": value for name, value in scene_values(self._scene).items()}
 
     def view(self, item: Item) -> View:
-        """A scene, or the scene of a cloud."""
+        """The view of a scene, or of the scene built from a cloud."""
         if isinstance(item, Cloud):
             if item.colors is None:
                 raise DataError("scenes need colours and the cloud has none")
@@ -164,20 +164,20 @@ class SceneComparison(ABC):
         return View(item, self._recognisable(item))
 
     def _recognisable(self, scene: Scene) -> int:
-        """Number of things that the place can be recognised by."""
+        """Number of objects that the place can be recognised by."""
         return len(scene)
 
     def scene(self, view: View) -> Scene:
-        """All of the view."""
+        """The scene, which is the whole view."""
         made: Scene = view.content
         return made
 
     def arrays_of(self, view: View) -> dict[str, NDArray[Any]]:
-        """As ``scene_to_arrays``."""
+        """See ``scene_to_arrays``."""
         return scene_to_arrays(view.content)
 
     def view_of(self, arrays: Arrays) -> View:
-        """As ``Comparison``."""
+        """See ``Comparison``."""
         scene = scene_from_arrays(arrays)
         return View(scene, self._recognisable(scene))
 
@@ -191,21 +191,21 @@ class SceneComparison(ABC):
         self._bytes.append(stored)
 
     def remove(self, slot: int) -> None:
-        """Forget a scene."""
+        """Remove a scene."""
         self._index.remove(slot)
         del self._bytes[slot]
 
     def size_of(self, slot: int) -> int:
-        """Bytes of a scene."""
+        """Size of a stored scene, in bytes."""
         return len(self._bytes[slot])
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """The bytes of all scenes, and where each begins."""
+        """The joined bytes of all scenes, and their offsets."""
         joined, offsets = pack_bytes(self._bytes)
         return {"scenes": joined, "offsets": offsets}
 
     def restore(self, state: Arrays) -> None:
-        """As ``Comparison``."""
+        """See ``Comparison``."""
         self._bytes, self._index = [], self._empty_index()
         for stored in unpack_bytes(state["scenes"], state["offsets"]):
             self._append(stored)

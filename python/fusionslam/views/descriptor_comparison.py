@@ -16,14 +16,14 @@ from fusionslam.views.comparison import Arrays, Candidate, Item, View
 
 
 class DescriptorComparison:
-    """Any descriptor by its distance d (L2), as the similarity 1 / (1 + d).
+    """Compares descriptors by their L2 distance d, as the similarity 1 / (1 + d).
 
-    A cloud that cannot be described, because it has too few points or all on one line, has
-    nothing to recognise.
+    A cloud that cannot be described (too few points, or all on one line) gives a view without
+    objects.
 
     Args:
         name: "m2dp", "cm2dp", "shot" or "cshot".
-        config: how clouds are described.
+        config: the descriptor configuration.
         max_distance: the largest distance of a match.
     """
 
@@ -39,12 +39,12 @@ class DescriptorComparison:
         return len(self._rows)
 
     def made_with(self) -> dict[str, Any]:
-        """Which descriptor, and how clouds are described."""
+        """The descriptor's name and configuration."""
         values = self._config.model_dump(mode="json", exclude={"threads"})
         return {"descriptor": self._descriptor.name, "descriptors": values}
 
     def view(self, item: Item) -> View:
-        """A descriptor, float32 (D,), or that of a cloud."""
+        """The view of a descriptor, float32 (D,), or of a cloud."""
         if isinstance(item, Cloud):
             return self._describe(item)
         if not isinstance(item, np.ndarray) or item.shape != (self._length,):
@@ -69,14 +69,14 @@ class DescriptorComparison:
             return View(None, 0)
 
     def scene(self, view: View) -> None:
-        """A descriptor has no objects."""
+        """None: a descriptor has no objects."""
 
     def arrays_of(self, view: View) -> dict[str, NDArray[Any]]:
         """The descriptor, float32 (D,); (0,) for a cloud that cannot be described."""
         return {"descriptor": np.empty(0, np.float32) if view.content is None else view.content}
 
     def view_of(self, arrays: Arrays) -> View:
-        """As ``Comparison``."""
+        """See ``Comparison``."""
         row = arrays["descriptor"]
         if row.dtype != np.float32:
             raise DataError(f"the descriptor is {row.dtype}, expected float32")
@@ -95,25 +95,25 @@ class DescriptorComparison:
         return int(view.content.nbytes)
 
     def remove(self, slot: int) -> None:
-        """Forget a descriptor."""
+        """Remove a descriptor."""
         self._fill([*self._rows[:slot], *self._rows[slot + 1 :]])
 
     def size_of(self, slot: int) -> int:
-        """Bytes of a descriptor."""
+        """Size of a stored descriptor, in bytes."""
         return int(self._rows[slot].nbytes)
 
     def explain(self, similarity: float, threshold: float) -> str:
-        """The distances behind the similarities."""
+        """The comparison as text, in distances instead of similarities."""
         distance, most = 1 / similarity - 1, 1 / threshold - 1
         return f"distance {distance:.4g} {'<=' if similarity >= threshold else '>'} {most:.4g}"
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """All descriptors."""
+        """All descriptors, float32 (n, D)."""
         rows = np.array(self._rows, np.float32).reshape(len(self), self._length)
         return {"descriptors": rows}
 
     def restore(self, state: Arrays) -> None:
-        """As ``Comparison``."""
+        """See ``Comparison``."""
         rows = state["descriptors"]
         if rows.ndim != 2 or rows.shape[1] != self._length:
             raise DataError(f"descriptors {rows.shape}, expected (n, {self._length})")
@@ -127,5 +127,5 @@ class DescriptorComparison:
 
 
 def similarity_at(distance: float) -> float:
-    """The similarity that stands for a distance."""
+    """Convert a distance to a similarity."""
     return 1 / (1 + distance)

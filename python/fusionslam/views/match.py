@@ -1,26 +1,26 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a ``ViewMatcher`` says of a scan, and of all scans so far."""
+"""Results of a ``ViewMatcher``: one per scan, and counts over all scans."""
 
 from dataclasses import dataclass
 
 NO_VIEW = -1
-"""The id of scans that hold nothing to recognise."""
+"""The id of scans without anything to recognise."""
 
 
 @dataclass(frozen=True)
 class ViewMatch:
-    """What a scan was recognised as.
+    """The place recognised in a scan.
 
     Attributes:
-        id: of the place, counted from 0; -1 for a scan that holds nothing to recognise.
-        similarity: of the best stored view, in [0, 1]; 0 where there is none.
-        is_new: whether the id was given for the first time.
-        reason: why, in a sentence.
+        id: id of the place, counted from 0; -1 for a scan without anything to recognise.
+        similarity: similarity to the best stored view, in [0, 1]; 0 if there is none.
+        is_new: whether the place is new.
+        reason: the reason, as a sentence.
         stored: whether this scan was stored.
-        matched: number of the scan whose stored view it matched, counted from 0; None for none.
-        relative_pose: x, y in metres and yaw in radians of this scan in the frame of that one,
-            where the comparison finds it.
+        matched: number of the matched stored scan, counted from 0; None without a match.
+        relative_pose: x, y in metres and yaw in radians of this scan in the frame of the matched
+            one; None if the comparison does not estimate it.
     """
 
     id: int
@@ -34,17 +34,17 @@ class ViewMatch:
 
 @dataclass(frozen=True)
 class ViewStats:
-    """What a matcher did so far.
+    """Counts of what a matcher has done so far.
 
     Attributes:
-        processed: scans.
-        matched: to a stored view.
-        new: places: ids given.
-        nothing: scans that hold nothing to recognise.
+        processed: scans processed.
+        matched: scans that matched a stored view.
+        new: new places, which is the number of ids given.
+        nothing: scans without anything to recognise.
         single: scans with a single object.
         stored: views stored now.
-        dropped: views that made room for others.
-        bytes: of all stored views in a file.
+        dropped: views removed to make room for others.
+        bytes: size of all stored views in a file.
     """
 
     processed: int = 0
@@ -58,13 +58,13 @@ class ViewStats:
 
     @property
     def bytes_per_view(self) -> float:
-        """Bytes of a stored view, the mean; 0 where nothing is stored."""
+        """Mean size of a stored view in bytes; 0 if nothing is stored."""
         return self.bytes / self.stored if self.stored else 0.0
 
 
 @dataclass
 class Slot:
-    """A stored view: its place's id, the scan it was, and the last scan that needed it."""
+    """A stored view: the id of its place, its scan number, and the last scan that used it."""
 
     id: int
     number: int

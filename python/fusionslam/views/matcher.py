@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``ViewMatcher``: which view is this? One ``process`` a scan (Stastny 2022, 4.4)."""
+"""``ViewMatcher``: recognises places, one ``process`` call per scan (Stastny 2022, 4.4)."""
 
 from dataclasses import asdict, replace
 from typing import Any, BinaryIO
@@ -29,13 +29,13 @@ _STATE = "state."
 
 
 class ViewMatcher:
-    """Gives each scan the id of the place it shows, or a new one.
+    """Gives each scan the id of the place it shows, or a new id.
 
     Args:
         config: what is compared and stored.
-        fusion: how frames become clouds; without it in the robot's frame, without the ground.
-        descriptors: how clouds are described, where the method is a descriptor.
-        comparison: instead of the configured method, such as one with a second stage.
+        fusion: how frames are fused into clouds; by default in the robot's frame, without ground.
+        descriptors: how clouds are described, if the method is a descriptor.
+        comparison: replaces the configured method, for example by one with a second stage.
 
     Raises:
         ConfigError: a value out of range.
@@ -52,7 +52,7 @@ class ViewMatcher:
         self.config = config or ViewMatcherConfig()
         self.fusion_config = fusion or ROBOT_FUSION
         self.descriptor_config = descriptors or DescriptorConfig()
-        if comparison is None:  # one without views is false
+        if comparison is None:  # not "or": an empty comparison is falsy
             comparison = build_comparison(self.config, self.descriptor_config)
         self.comparison = comparison
         given = self.config.threshold
@@ -62,7 +62,7 @@ class ViewMatcher:
 
     @property
     def stats(self) -> ViewStats:
-        """What was done so far."""
+        """Counts of what has been done so far."""
         return self._stats
 
     def __len__(self) -> int:
@@ -70,11 +70,11 @@ class ViewMatcher:
         return len(self._slots)
 
     def view(self, item: Frame | Item | View) -> View:
-        """What will be compared of a frame, a cloud, or what was made of one.
+        """The view of a frame, a cloud, or data computed from one.
 
         Raises:
-            DataError: NaN, no colours, or a frame that cannot be fused. ShapeError: it cannot be
-                compared.
+            DataError: NaN, no colours, or a frame that cannot be fused. ShapeError: the comparison
+                does not accept the item.
         """
         if isinstance(item, View):
             return item
@@ -83,10 +83,10 @@ class ViewMatcher:
         )
 
     def process(self, item: Frame | Item | View) -> ViewMatch:
-        """The place that a scan shows; stores the scan if it is the first of its place.
+        """Recognise the place that a scan shows; stores the scan if it is the first of its place.
 
         Raises:
-            DataError, ShapeError: as ``view``; nothing is counted or stored then.
+            DataError, ShapeError: as ``view``; nothing is counted or stored.
         """
         view = self.view(item)
         if view.objects < self.config.min_objects:
@@ -155,7 +155,7 @@ class ViewMatcher:
         self._stats = replace(self._stats, stored=len(self._slots), bytes=self._stats.bytes + size)
 
     def _drop(self) -> None:
-        """Make room: the view that no scan needed for longest goes, the oldest of equals."""
+        """Make room: drop the least recently used view, the oldest among equals."""
         last = min(range(len(self._slots)), key=lambda slot: self._slots[slot].used)
         size = self.comparison.size_of(last)
         self.comparison.remove(last)
@@ -164,10 +164,10 @@ class ViewMatcher:
         self._stats = replace(counts, bytes=counts.bytes - size, dropped=counts.dropped + 1)
 
     def save(self, target: PathLike | BinaryIO) -> None:
-        """Write all that ``load`` needs to continue exactly from here.
+        """Save everything that ``load`` needs to resume exactly from here.
 
         Args:
-            target: path of a file, which is written whole or not at all, or a binary stream.
+            target: path of a file, which is written atomically, or a binary stream.
 
         Raises:
             DataError: the file cannot be written.
@@ -188,15 +188,15 @@ class ViewMatcher:
     def load(
         cls, source: PathLike | BinaryIO, *, comparison: Comparison | None = None
     ) -> "ViewMatcher":
-        """Continue from what ``save`` wrote.
+        """Resume from what ``save`` wrote.
 
         Args:
             source: path of the file, or a binary stream.
-            comparison: for a matcher that was given one: another of its kind, without views.
+            comparison: for a matcher that was given one: an empty comparison of the same kind.
 
         Raises:
-            DataError: missing, cut short, damaged, of another version or of another comparison;
-                the message names the file.
+            DataError: the file is missing, truncated, damaged, of another version or of another
+                comparison; the message names the file.
         """
         with load_archive(source, FORMAT, "a stored view matcher") as (about, arrays):
             matcher = cls(

@@ -14,12 +14,12 @@ from fusionslam.views.scenes import (
 
 
 class ObjectComparison(SceneComparison):
-    """Scenes by their objects (Stastny 2022, 4.6).
+    """Compares scenes by their objects (Stastny 2022, 4.6).
 
     Args:
-        scene, threshold: as ``SceneComparison``.
+        scene, threshold: as in ``SceneComparison``.
         similarity: how scenes are compared.
-        threads: that compare; 0 is one a core.
+        threads: number of threads for comparison; 0 means one per core.
     """
 
     kind = "objects"
@@ -51,5 +51,5 @@ class ObjectComparison(SceneComparison):
         return [Candidate(int(slot), float(found[slot])) for slot in order]
 
     def explain(self, similarity: float, threshold: float) -> str:
-        """As ``Comparison``."""
+        """See ``Comparison``."""
         return in_words("similarity", similarity, threshold)

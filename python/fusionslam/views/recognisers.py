@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The registry of recognisers: every way to recognise a place, by its one name.
+"""The registry of recognisers: every way to recognise a place, by name.
 
 ``views.method``, ``fusionslam ratslam --views``, ``fusionslam bench views --methods`` and the ROS
 parameter ``source`` take these names. docs/development/recognisers.md shows how to add one.
@@ -36,9 +36,10 @@ else:
     AlignmentSection = core_section("AlignmentSection", AlignmentConfig)
 
 THRESHOLDS = {"robust": 0.74, "paper": 0.737, "author": 0.737}
-"""Similarity from which scenes match: as published; ours, where accuracy and precision meet."""
+"""Lowest similarity of a match by preset: the published ones; robust, where accuracy and
+precision meet."""
 PROBABILITY = 0.96
-"""Probability from which aligned views match: see docs/stages/views/alignment.md."""
+"""Lowest probability at which aligned views match: see docs/stages/views/alignment.md."""
 
 
 class ViewMatcherConfig(Section):
@@ -126,9 +127,9 @@ class Recogniser:
     """A way to recognise places.
 
     Attributes:
-        help: what it does, in one line.
+        help: description in one line.
         build: builds an empty ``Comparison``; None for visual templates, which compare images.
-        keeps_ground: whether it works better on clouds with their ground.
+        keeps_ground: whether it works better on clouds that include the ground.
     """
 
     help: str
@@ -150,7 +151,7 @@ def _build_objects(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> 
 
 
 def _recogniser_by(name: str) -> Recogniser:
-    """A recogniser by the distance of one descriptor. The ground helps: docs/results/views.md."""
+    """A recogniser by descriptor distance. The ground helps: see docs/results/views.md."""
 
     def build(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
         return DescriptorComparison(name, descriptors, config.max_distance)
@@ -165,7 +166,7 @@ RECOGNISERS: dict[str, Recogniser] = {
     **{name: _recogniser_by(name) for name in DESCRIPTORS},
     "visual_templates": Recogniser("images, as in the original RatSLAM", None),
 }
-"""Every recogniser by its name."""
+"""Every recogniser by name."""
 
 RENAMED: Mapping[str, str] = {
     "scenes": "objects",
@@ -174,18 +175,18 @@ RENAMED: Mapping[str, str] = {
     "visual": "visual_templates",
     "templates": "visual_templates",
 }
-"""Today's name by a former one."""
+"""Current names by former name."""
 
 
 def find_recogniser(name: str, key: str = "views") -> Recogniser:
-    """The recogniser of a name. Raises ConfigError, which begins with ``key``, if there is none."""
+    """Find a recogniser by name. Raises ConfigError, which begins with ``key``, if unknown."""
     if name not in RECOGNISERS:
         raise ConfigError(f"{key} is {name!r}, {explain_choice(name, RECOGNISERS, RENAMED)}")
     return RECOGNISERS[name]
 
 
 def method_of(config: ViewMatcherConfig) -> str:
-    """The name of the recogniser, which the preset decides where ``views.method`` is null."""
+    """The recogniser's name; the preset decides it if ``views.method`` is null."""
     return config.method or ("alignment" if config.preset == "robust" else "objects")
 
 
@@ -193,19 +194,19 @@ def second_stage_of(config: ViewMatcherConfig) -> str | None:
     """The network that may reject matches; None for none."""
     if config.second_stage is not None or config.method != "two_stages":
         return config.second_stage
-    # The parameters of the thesis go with its network, trained anew; ours with ours.
+    # The thesis presets go with the thesis network (retrained here), robust with "places".
     return "places" if config.preset == "robust" else "thesis"
 
 
 def describe_method(config: ViewMatcherConfig) -> str:
-    """A title for tables, such as "objects robust, then places"."""
+    """The method's title for tables, such as "objects robust, then places"."""
     method, second = method_of(config), second_stage_of(config)
     first = f"objects {config.preset}" if method in ("objects", "two_stages") else method
     return first if second is None else f"{first}, then {second}"
 
 
 def build_comparison(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
-    """The empty comparison that a configuration names.
+    """Build the empty comparison that a configuration names.
 
     Raises:
         ConfigError: a value out of range, or a recogniser of images. DataError, FusionSlamError: as
@@ -229,22 +230,22 @@ def build_comparison(config: ViewMatcherConfig, descriptors: DescriptorConfig) -
 
 
 def alignment_config(config: ViewMatcherConfig) -> AlignmentConfig:
-    """How scenes are aligned."""
+    """The alignment configuration."""
     return AlignmentConfig(**config.alignment.model_dump())
 
 
 def scene_config(config: ViewMatcherConfig) -> SceneConfig:
-    """How clouds become scenes: the preset with the values that replace its own."""
+    """The scene configuration: the preset with the overridden values."""
     return SceneConfig(preset=config.preset, **config.scene.model_dump(exclude_none=True))
 
 
 def similarity_config(config: ViewMatcherConfig) -> SimilarityConfig:
-    """How scenes are compared: the preset with the values that replace its own."""
+    """The similarity configuration: the preset with the overridden values."""
     return SimilarityConfig(preset=config.preset, **config.similarity.model_dump(exclude_none=True))
 
 
 def update_stored_config(stored: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a ``ViewMatcherConfig`` in a file of any version, under today's names."""
+    """Convert the values of a ``ViewMatcherConfig`` stored by any version to current names."""
     values = dict(stored)
     descriptor = values.pop("descriptor", None)
     if values.get("method") is not None:
@@ -253,11 +254,11 @@ def update_stored_config(stored: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def update_stored_kind(kind: str, descriptor: str | None) -> str:
-    """Today's ``Comparison.kind`` of one in a file of any version.
+    """Convert a ``Comparison.kind`` stored by any version to the current one.
 
     Args:
         kind: as stored.
-        descriptor: which one, where a former version stored it apart.
+        descriptor: its name, if a former version stored it separately.
     """
     first = kind.removeprefix(TWO_STAGES)
     known = {"scenes": "objects", "descriptor": descriptor or first}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A ``SceneSet`` of what a robot sees now: scan by scan what ``record_scenes`` makes of data."""
+"""``SceneRecorder``: records a ``SceneSet`` online, as ``record_scenes`` does from data."""
 
 import os
 from collections.abc import Mapping
@@ -18,23 +18,22 @@ from fusionslam.views.scenes import Scene, SceneConfig
 
 
 class SceneRecorder:
-    """Collects coloured clouds, or scenes alone, with their times and true poses.
+    """Collects coloured clouds, or only scenes, with their time stamps and true poses.
 
-    Memory grows with what is kept, 15 bytes a point of clouds, until ``max_scans`` are kept; what
-    comes then is dropped. Scans are numbered as they come, those that are not kept among them.
+    Memory grows with the scans kept (15 bytes per cloud point). Once ``max_scans`` are kept,
+    further scans are dropped. Scan numbers count all scans, including those not kept.
 
     Args:
-        name: for people.
-        frame: of the clouds or scenes.
-        scene_config: None keeps clouds; what scenes are built with keeps those scenes instead.
-        with_poses: whether scans need a true pose: those without one are left out. Without, the set
-            has no poses at all.
-        max_scans: how many are kept at most; 0 is no bound.
-        source: where the scans come from, as JSON can hold it.
+        name: human-readable name.
+        frame: frame of the clouds or scenes.
+        scene_config: None keeps clouds; a configuration keeps the scenes built with it instead.
+        with_poses: True leaves out scans without a true pose; False records no poses.
+        max_scans: the most scans to keep; 0 means no limit.
+        source: origin of the scans, as JSON values.
 
     Attributes:
-        without_pose: scans left out for want of a pose.
-        dropped: scans that came when ``max_scans`` were kept.
+        without_pose: number of scans left out because they had no pose.
+        dropped: number of scans that arrived after ``max_scans`` were kept.
 
     Raises:
         ConfigError: a negative ``max_scans``.
@@ -64,18 +63,18 @@ class SceneRecorder:
         return len(self._kept)
 
     def add(self, stamp_ns: int, item: Cloud | Scene, pose: ArrayLike | None) -> None:
-        """Take the next scan.
+        """Record the next scan.
 
         Args:
-            stamp_ns: its time, not before that of the scan before.
-            item: its coloured cloud, without ground, which is copied; or its scene, which is kept
-                in the precision in which sets store scenes.
-            pose: its true x, y in metres and yaw in radians; None where it is not known.
+            stamp_ns: its time stamp, not earlier than the previous scan's.
+            item: its coloured cloud without ground, which is copied; or its scene, which is rounded
+                to the precision in which sets store scenes.
+            pose: its true x, y in metres and yaw in radians; None if unknown.
 
         Raises:
-            ClockError: a stamp before that of the scan before: a set holds one drive.
-            DataError: no colours, or what is not finite. ShapeError: other arrays, or no cloud
-                where clouds are kept. Nothing is kept or counted where this raises.
+            ClockError: a stamp earlier than the previous scan's: a set holds one drive.
+            DataError: no colours, or values that are not finite. ShapeError: arrays of another
+                shape, or no cloud although clouds are kept. Nothing is kept or counted on an error.
         """
         stamp = next_stamp(stamp_ns, self._last_ns)
         held = _copy_cloud(item) if self._config is None else _round_scene(item)
@@ -110,7 +109,7 @@ class SceneRecorder:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the set of all scans kept so far, as ``SceneSet.save``; more may follow."""
+        """Save all scans kept so far, as ``SceneSet.save``; recording may continue."""
         self.scene_set().save(path)
 
 
@@ -138,5 +137,5 @@ def _round_scene(item: Cloud | Scene) -> Scene:
 
 
 def _is_empty(item: Cloud | Scene) -> bool:
-    """Whether nothing was left of a scan."""
+    """Whether a scan has no points or objects left."""
     return not len(item) and (isinstance(item, Cloud) or not len(item.image))

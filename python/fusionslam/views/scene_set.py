@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``SceneSet``: what a robot saw, scan by scan, re-usable without its sensors (Stastny 2022, 5.1).
+"""``SceneSet``: the recorded scans of a drive, reusable without the raw data (Stastny 2022, 5.1).
 
-A set holds coloured clouds, their scenes, descriptors of them, or several of these, with times and,
-if there is truth, poses. Matching, tuning, training and threshold sweeps start from it.
+A set holds coloured clouds, their scenes, their descriptors, or several of these, with time stamps
+and, if there is ground truth, poses. Matching, tuning, training and threshold sweeps start from it.
 """
 
 import hashlib
@@ -29,7 +29,7 @@ _FEATURE = "feature."
 
 @dataclass(frozen=True, eq=False)
 class CloudArray:
-    """Clouds one after the other: points float32 (m, 3), colours uint8 (m, 3), offsets (n + 1)."""
+    """Concatenated clouds: points float32 (m, 3), colours uint8 (m, 3), offsets (n + 1)."""
 
     points: NDArray[np.float32]
     colors: NDArray[np.uint8]
@@ -44,12 +44,12 @@ class CloudArray:
 
     @property
     def sizes(self) -> NDArray[np.int64]:
-        """int64 (n), points of each cloud."""
+        """int64 (n), number of points of each cloud."""
         return np.diff(self.offsets)
 
     @classmethod
     def of(cls, clouds: Sequence[Cloud]) -> "CloudArray":
-        """The clouds, copied. Raises DataError if one has no colours."""
+        """Concatenate copies of the clouds. Raises DataError if one has no colours."""
         for index, cloud in enumerate(clouds):
             if cloud.colors is None:
                 raise DataError(f"cloud {index} has no colours, which scenes need")
@@ -59,31 +59,30 @@ class CloudArray:
         return cls(np.concatenate(points), np.concatenate(colors), offsets)
 
     def chosen(self, indices: NDArray[np.int64]) -> "CloudArray":
-        """The clouds with these indices."""
+        """Select the clouds with these indices."""
         return CloudArray.of([self[index] for index in indices.tolist()])
 
 
 @dataclass(frozen=True, eq=False)
 class SceneSet:
-    """Scans of one drive in the order of time; n of them, empty ones among them.
+    """The n scans of one drive in time order, including empty ones.
 
     Attributes:
-        name: for people.
+        name: human-readable name.
         stamps_ns: int64 (n), nanoseconds.
-        numbers: int64 (n), as the frames of the data are numbered.
-        empty: bool (n), scans of which nothing was left (a floor only, say).
+        numbers: int64 (n), frame numbers in the data.
+        empty: bool (n), scans without points left (only floor, for example).
         frame: "robot", "odometry", ...: the frame of the clouds.
-        poses: float64 (n, 3), true x, y in metres and yaw in radians; None where there is none.
-        clouds: coloured, without ground; None where only scenes or features were kept.
-        scenes: the scenes of ``scene_config``; None where they have to be built of the clouds.
-        scene_config: what ``scenes`` were built with.
-        features: descriptors by name, float32 (n, D); rows of scans that cannot be described are
-            NaN.
-        source: where it comes from: path, command, configuration.
+        poses: float64 (n, 3), true x, y in metres and yaw in radians; None if unknown.
+        clouds: coloured, without ground; None if only scenes or features were kept.
+        scenes: the scenes of ``scene_config``; None if they have to be built from the clouds.
+        scene_config: the configuration that ``scenes`` were built with.
+        features: descriptors by name, float32 (n, D); NaN rows for scans that cannot be described.
+        source: origin of the set: path, command, configuration.
 
     Raises:
-        ShapeError: an array or list that has not n entries.
-        DataError: stamps that decrease, or poses that are not finite.
+        ShapeError: an array or list does not have n entries.
+        DataError: stamps decrease, or poses are not finite.
     """
 
     name: str
@@ -111,11 +110,11 @@ class SceneSet:
 
     @property
     def seconds(self) -> NDArray[np.float64]:
-        """float64 (n), times in seconds."""
+        """float64 (n), time stamps in seconds."""
         return np.asarray(self.stamps_ns / 1e9, np.float64)
 
     def true_poses(self) -> NDArray[np.float64]:
-        """The poses. Raises DataError where the set has none."""
+        """The true poses. Raises DataError if the set has none."""
         if self.poses is None:
             raise DataError(
                 f"{self.name} has no true poses: it can be matched, but not judged or tuned on; "
@@ -124,14 +123,14 @@ class SceneSet:
         return self.poses
 
     def fits(self, config: SceneConfig) -> bool:
-        """Whether the stored scenes are those of a configuration."""
+        """Whether the stored scenes were built with this configuration."""
         return self.scenes is not None and self.scene_config == scene_values(config)
 
     def scenes_with(self, config: SceneConfig, progress: Progress | None = None) -> list[Scene]:
-        """The scenes that a configuration makes of the clouds, or those stored if they fit.
+        """Build the scenes of a configuration from the clouds, or return the stored ones that fit.
 
         Raises:
-            DataError: there are no clouds, and no scenes of that configuration.
+            DataError: the set has neither clouds nor scenes of that configuration.
         """
         if self.scenes is not None and self.fits(config):
             return list(self.scenes)
@@ -147,16 +146,16 @@ class SceneSet:
         return scenes
 
     def with_scenes(self, config: SceneConfig, progress: Progress | None = None) -> "SceneSet":
-        """The set with the scenes of a configuration, in the precision in which they are stored."""
+        """A copy with the scenes of a configuration, rounded as they are stored."""
         scenes = [Scene.from_bytes(s.to_bytes()) for s in self.scenes_with(config, progress)]
         return replace(self, scenes=scenes, scene_config=scene_values(config))
 
     def without_clouds(self) -> "SceneSet":
-        """The set with what was made of its clouds only: a small file."""
+        """A copy without clouds, which makes a small file."""
         return replace(self, clouds=None)
 
     def subset(self, indices: NDArray[np.int64]) -> "SceneSet":
-        """The scans with these indices, int64 (k,)."""
+        """Select the scans with these indices, int64 (k,)."""
         scenes = None if self.scenes is None else [self.scenes[i] for i in indices.tolist()]
         return replace(
             self,
@@ -170,11 +169,11 @@ class SceneSet:
         )
 
     def without_empty(self) -> "SceneSet":
-        """The set without scans of which nothing was left."""
+        """A copy without empty scans."""
         return self.subset(np.flatnonzero(~self.empty)) if self.empty.any() else self
 
     def digest(self) -> str:
-        """What differs between sets of other scans, scenes or poses: a name for this one."""
+        """A hash of scans, scenes and poses that identifies this set."""
         found = hashlib.sha256()
         for array in (self.stamps_ns, self.poses, self.clouds and self.clouds.points):
             found.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
@@ -183,7 +182,7 @@ class SceneSet:
         return found.hexdigest()[:16]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write one ``.npz``, whole or not at all. Raises DataError where that is impossible."""
+        """Write one ``.npz`` atomically. Raises DataError if that fails."""
         about = {
             "name": self.name,
             "frame": self.frame,
@@ -210,7 +209,7 @@ class SceneSet:
         """Read what ``save`` wrote.
 
         Raises:
-            DataError: the file is missing, cut short, of another version or something else; the
+            DataError: the file is missing, truncated, of another version or of another kind; the
                 message names it.
         """
         with load_archive(path, FORMAT, "a scene set") as (about, arrays):
@@ -218,18 +217,18 @@ class SceneSet:
 
 
 def scene_values(config: SceneConfig) -> dict[str, Any]:
-    """A scene configuration by key, as a set stores it."""
+    """The values of a scene configuration by key, as a set stores them."""
     return {option["name"]: getattr(config, option["name"]) for option in SceneConfig.options()}
 
 
 def pack_bytes(texts: Sequence[bytes]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """Byte strings one after the other, uint8 (m,), and where each begins, int64 (n + 1)."""
+    """Concatenate byte strings, uint8 (m,), with their offsets, int64 (n + 1)."""
     offsets = np.cumsum([0, *map(len, texts)]).astype(np.int64)
     return np.frombuffer(b"".join(texts), np.uint8), offsets
 
 
 def unpack_bytes(array: NDArray[np.uint8], offsets: NDArray[np.int64]) -> list[bytes]:
-    """The byte strings that ``packed`` joined. Raises DataError if the two do not fit."""
+    """Split what ``pack_bytes`` joined. Raises DataError if bytes and offsets do not fit."""
     edges = offsets.tolist()
     if not edges or edges[0] != 0 or edges[-1] != len(array) or (np.diff(offsets) < 0).any():
         raise DataError(f"offsets do not fit the {len(array)} bytes they divide")
@@ -238,12 +237,12 @@ def unpack_bytes(array: NDArray[np.uint8], offsets: NDArray[np.int64]) -> list[b
 
 
 def is_scene_set(path: str | os.PathLike[str]) -> bool:
-    """Whether a file says that it is a scene set, of whatever version."""
+    """Whether a file declares itself a scene set of any version."""
     return (format_of(path) or "").startswith("fusionslam.scene_set.")
 
 
 def _restored(arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    """The arguments of a set from its arrays. Raises DataError where they do not fit."""
+    """The arguments of a set from its arrays. Raises DataError if they do not fit together."""
     clouds = CloudArray(*(arrays.pop(name) for name in _CLOUDS)) if "points" in arrays else None
     if clouds is not None:
         _check_clouds(clouds)

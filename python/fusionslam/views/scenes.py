@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes: built from coloured clouds and compared by the core; stored as exact arrays."""
+"""Scenes: built from coloured clouds and compared by the core, converted to exact arrays."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -39,12 +39,12 @@ __all__ = [
 _NOTHING = build_scene(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
 _OBJECTS = _NOTHING.objects.dtype
 _CELLS = _NOTHING.image.cells.dtype
-# Without padding, whose bytes mean nothing: equal scenes have equal bytes.
+# Without padding, whose bytes are undefined, so that equal scenes have equal bytes.
 _PACKED_CELLS = np.dtype([(name, _CELLS[name]) for name in _CELLS.names or ()])
 
 
 def scene_to_arrays(scene: Scene) -> dict[str, NDArray[Any]]:
-    """A scene, exact, where ``Scene.to_bytes`` rounds.
+    """Convert a scene to exact arrays; ``Scene.to_bytes`` rounds instead.
 
     Returns:
         "objects" as ``Scene.objects``; "cells" as ``RangeImage.cells``, without padding;
@@ -60,10 +60,10 @@ def scene_to_arrays(scene: Scene) -> dict[str, NDArray[Any]]:
 
 
 def scene_from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Scene:
-    """The scene that ``scene_to_arrays`` took apart.
+    """Rebuild a scene from ``scene_to_arrays``.
 
     Raises:
-        DataError: another dtype or shape, or what no cloud gives, such as NaN.
+        DataError: a wrong dtype or shape, or values that no cloud gives, such as NaN.
         KeyError: an array is missing.
     """
     cells = _check_array(arrays, "cells", _PACKED_CELLS)

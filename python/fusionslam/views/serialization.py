@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Views as bytes, exact: one process makes them of clouds, another one recognises them.
+"""Exact serialisation of views: one process builds them, another recognises them.
 
     data = view_to_bytes(builder, builder.view(cloud))
     match = matcher.process(view_from_bytes(matcher.comparison, data))
 
-gives what ``matcher.process(cloud)`` gives if both were configured alike: ``builder`` is
+gives the same as ``matcher.process(cloud)`` if both have the same configuration. ``builder`` is
 ``build_comparison(config.views, config.descriptors)``.
 """
 
@@ -29,7 +29,7 @@ _ADVICE = "who builds views and who matches them need the same configuration of 
 
 
 def view_to_bytes(comparison: Comparison, view: View) -> bytes:
-    """A view that ``comparison`` made: format, check sum (CRC-32, little endian), and a .npz."""
+    """Serialise a view of ``comparison``: format, check sum (CRC-32, little endian), and a .npz."""
     stream = io.BytesIO()
     text = json.dumps(_about(comparison)).encode()
     save_arrays(stream, {_ABOUT: np.frombuffer(text, np.uint8), **comparison.arrays_of(view)})
@@ -38,15 +38,15 @@ def view_to_bytes(comparison: Comparison, view: View) -> bytes:
 
 
 def view_from_bytes(comparison: Comparison, data: bytes) -> View:
-    """The view that ``view_to_bytes`` wrote, to the bit.
+    """Read what ``view_to_bytes`` wrote, bit for bit.
 
     Args:
-        comparison: as configured where the view was made.
-        data: what was written there.
+        comparison: configured as in the process that built the view.
+        data: the bytes written there.
 
     Raises:
-        DataError: bytes that are cut short, damaged, of another version, no view, or one made by
-            another comparison or with other values; the message says what was found and expected.
+        DataError: the bytes are truncated, damaged, of another version, not a view, or a view of
+            another comparison or configuration; the message says what was found and expected.
     """
     content = _content(data)
     try:
@@ -62,7 +62,7 @@ def _about(comparison: Comparison) -> dict[str, Any]:
 
 
 def _check_about(text: NDArray[Any], expected: dict[str, Any]) -> None:
-    """Raise DataError unless a view was made as is expected."""
+    """Raise DataError unless a view was built as expected."""
     try:
         found = json.loads(text.tobytes())
     except (ValueError, RecursionError) as error:
@@ -78,7 +78,7 @@ def _check_about(text: NDArray[Any], expected: dict[str, Any]) -> None:
 
 
 def _content(data: bytes) -> bytes:
-    """What the check sum is of. Raises DataError."""
+    """The bytes after the check sum. Raises DataError if they do not match it."""
     if not data.startswith(FORMAT):
         expected = FORMAT.decode().strip()
         raise DataError(f"view: begins with {bytes(data[: len(FORMAT)])!r}, expected {expected}")

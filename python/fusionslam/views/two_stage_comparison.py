@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Views by two stages: the second one looks at what the first one takes for the same place."""
+"""Two-stage comparison of views: the second stage verifies the matches of the first."""
 
 from typing import Any, Protocol
 
@@ -13,38 +13,38 @@ from fusionslam.views.comparison import Arrays, Candidate, Comparison, Item, Vie
 from fusionslam.views.scenes import Scene
 
 TWO_STAGES = "two_stage."
-"""What the kind of two stages begins with; the kind of the first one follows."""
+"""Prefix of the kind of a two-stage comparison; the kind of the first stage follows."""
 
 
 class SecondStage(Protocol):
-    """Tells look-alikes apart, such as the network of ``fusionslam.views.second_stage``.
+    """Verifies matches, such as the network of ``fusionslam.views.second_stage``.
 
     Attributes:
-        digest: differs between those whose features cannot be compared with each other.
+        digest: identifies the features; only features of the same digest are comparable.
     """
 
     digest: str
 
     def features(self, cloud: Cloud) -> NDArray[np.float32]:
-        """What is stored of a cloud, float32 (F,)."""
+        """The features to store for a cloud, float32 (F,)."""
 
     def probability(self, current: NDArray[np.float32], stored: NDArray[np.float32]) -> float:
-        """How likely two clouds show the same place, in [0, 1]."""
+        """Probability that two clouds show the same place, in [0, 1]."""
 
 
 class TwoStageComparison:
-    """A second stage that may only turn a match of the first one into a rejection (Stastny, 4.7).
+    """A second stage that can only reject matches of the first one (Stastny 2022, 4.7).
 
-    Candidates are taken in the order of the first stage. One that the second stage rejects has
-    similarity 0 and never matches, and the next one is looked at.
+    Candidates are checked in the order of the first stage. A candidate that the second stage
+    rejects gets similarity 0 and never matches; then the next one is checked.
 
     Args:
         first: compares all stored views.
-        second: is asked about the best of them.
-        threshold: the probability from which the second stage agrees.
-        start: the first stage's similarity from which the second one is asked; None for the
-            threshold of the first: every match has to pass both.
-        most: of how many candidates the second stage is asked at most.
+        second: verifies the best of them.
+        threshold: the lowest probability that the second stage accepts.
+        start: the first stage's similarity from which the second one checks; None for the
+            threshold of the first, so that every match has to pass both.
+        most: the most candidates that the second stage checks.
 
     Raises:
         ConfigError: a value out of range.
@@ -75,11 +75,11 @@ class TwoStageComparison:
         return len(self._features)
 
     def made_with(self) -> dict[str, Any]:
-        """That of the first stage, and which features."""
+        """The settings of the first stage, and the digest of the features."""
         return {**self._first.made_with(), "second_stage": self._second.digest}
 
     def view(self, item: Item) -> View:
-        """What both stages compare of a cloud."""
+        """The view of a cloud for both stages."""
         if not isinstance(item, Cloud):
             raise ShapeError(f"two stages need a Cloud, got {type(item).__name__}")
         first = self._first.view(item)
@@ -87,17 +87,17 @@ class TwoStageComparison:
         return View((first, features), first.objects)
 
     def scene(self, view: View) -> Scene | None:
-        """That of the first stage."""
+        """The scene of the first stage."""
         return self._first.scene(view.content[0])
 
     def arrays_of(self, view: View) -> dict[str, NDArray[Any]]:
-        """Those of the first stage and the features, float32 (F,); (0,) where there are none."""
+        """The arrays of the first stage and the features, float32 (F,); (0,) if there are none."""
         first, features = view.content
         row = np.empty(0, np.float32) if features is None else features
         return {**self._first.arrays_of(first), "features": row}
 
     def view_of(self, arrays: Arrays) -> View:
-        """As ``Comparison``."""
+        """See ``Comparison``."""
         first, features = self._first.view_of(arrays), arrays["features"]
         if not first.objects:
             if features.size:
@@ -107,7 +107,7 @@ class TwoStageComparison:
         return View((first, features), first.objects)
 
     def compare(self, view: View, most: int) -> list[Candidate]:
-        """The best of the first stage that the second one does not reject, then those rejected."""
+        """The first stage's best candidates that the second one accepts, then the rejected ones."""
         first, features = view.content
         passed, rejected = [], []
         for candidate in self._first.compare(first, max(self._most, most)):
@@ -123,7 +123,7 @@ class TwoStageComparison:
         return self._second.probability(features, self._features[slot]) >= self._needed
 
     def add(self, view: View) -> int:
-        """Store what both stages compare. Raises DataError for a view without objects."""
+        """Store the view for both stages. Raises DataError for a view without objects."""
         first, features = view.content
         if features is None:
             raise DataError("two stages compare scans with objects: min_objects must be at least 1")
@@ -131,12 +131,12 @@ class TwoStageComparison:
         return self._first.add(first) + int(self._features[-1].nbytes)
 
     def remove(self, slot: int) -> None:
-        """Forget a view."""
+        """Remove a view."""
         self._first.remove(slot)
         del self._features[slot]
 
     def size_of(self, slot: int) -> int:
-        """Bytes of both stages."""
+        """Size of a stored view in both stages, in bytes."""
         return self._first.size_of(slot) + int(self._features[slot].nbytes)
 
     def explain(self, similarity: float, threshold: float) -> str:
@@ -148,21 +148,21 @@ class TwoStageComparison:
         return {**self._first.state(), "features": np.array(self._features, np.float32)}
 
     def restore(self, state: Arrays) -> None:
-        """As ``Comparison``."""
+        """See ``Comparison``."""
         self._first.restore(state)
         features = np.asarray(state["features"], np.float32)
         if len(features) != len(self._first):
             raise DataError(f"{len(features)} rows of features for {len(self._first)} views")
-        for row in features[:1]:  # all are of one length
+        for row in features[:1]:  # all have the same length
             self._check_features(row)
         if not np.isfinite(features).all():
             raise DataError("the features are not finite")
         self._features = list(features)
 
     def _check_features(self, row: NDArray[np.float32]) -> None:
-        """Raise DataError or ShapeError for features that no cloud, or another network, gives."""
+        """Raise DataError or ShapeError for features that this network cannot have computed."""
         if row.dtype != np.float32 or row.ndim != 1:
             raise DataError(f"features are {row.dtype} {row.shape}, expected float32 (F,)")
         if not np.isfinite(row).all():
             raise DataError("the features are not finite")
-        self._second.probability(row, row)  # raises where the length is another network's
+        self._second.probability(row, row)  # raises for another network's length

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Visual templates: how the original RatSLAM recognises places, by small grey pictures.
+"""Visual templates: small grey images by which the original RatSLAM recognises places.
 
 >>> from fusionslam.views.visual_templates import VisualTemplates
 >>> templates = VisualTemplates(bottom=100)
@@ -24,9 +24,9 @@ Rows = NDArray[np.intp]
 
 FORMAT = "fusionslam.visual_templates.1"
 _LUMINANCE = np.array((0.299, 0.587, 0.114))
-# Pairs compared at a time: their differences stay in the processor's cache.
+# Pairs compared at a time, so that their differences stay in the processor's cache.
 _PIECE = 24
-# Of sums in single precision.
+# Rounding error of sums in single precision.
 _ROUNDING = 1e-5
 
 
@@ -63,15 +63,15 @@ class VisualTemplatesConfig(Section):
 
 
 class TemplateMatch(NamedTuple):
-    """What became of an image.
+    """The template of an image.
 
     Attributes:
         id: of the template it matches, or of the new one; ids count from 0.
-        relative_rotation: radians, counter-clockwise, that the robot is turned against the
-            template: known of panoramic images, else 0.
+        relative_rotation: rotation of the robot relative to the template, radians,
+            counter-clockwise; known for panoramic images, else 0.
         is_new: whether the image became a template.
-        error: mean absolute difference (0 .. 1) to the template that comes nearest, whether it
-            matches or not; infinite if there was none to compare with.
+        error: mean absolute difference (0 .. 1) to the nearest template, whether it matches or
+            not; infinite if there was none to compare with.
     """
 
     id: int
@@ -85,7 +85,7 @@ class VisualTemplates:
 
     Args:
         config: None for the defaults.
-        changes: values of the configuration that differ from it.
+        changes: configuration values to override.
 
     Raises:
         ConfigError: an unknown key, or a value out of range.
@@ -94,7 +94,7 @@ class VisualTemplates:
     def __init__(self, config: VisualTemplatesConfig | None = None, **changes: Any) -> None:
         self.config = merged(config or VisualTemplatesConfig(), changes)
         self._image_shape: tuple[int, int] | None = None
-        # Column after column, so that what is compared at a shift lies in one piece.
+        # Column by column, so that the part compared at a shift is contiguous.
         self._stored = np.empty((0, self.config.columns * self.config.rows), np.float32)
         self._means = np.empty(0, np.float32)
         self._column_means = np.empty((0, self.config.columns), np.float32)
@@ -106,31 +106,31 @@ class VisualTemplates:
 
     @property
     def templates(self) -> Floats32:
-        """The templates by id, float32 (n, rows, columns), 0 .. 1: a copy."""
+        """A copy of the templates by id, float32 (n, rows, columns), 0 .. 1."""
         shape = (len(self), self.config.columns, self.config.rows)
         return np.ascontiguousarray(self._stored[: len(self)].reshape(shape).transpose(0, 2, 1))
 
     @property
     def bytes_per_view(self) -> int:
-        """What a template takes in memory and on disk."""
+        """Size of a template in memory and on disk, in bytes."""
         return self._stored.itemsize * self._stored.shape[1]
 
     def process(self, image: NDArray[np.uint8]) -> TemplateMatch:
-        """Find the template of an image, or make it one.
+        """Find the template that matches an image, or store the image as a new one.
 
         Args:
             image: uint8 (H, W) grey or (H, W, 3) RGB.
 
         Raises:
-            ShapeError: another shape or type, another size than the images before, or fewer
-                pixels than blocks or than the crop asks for.
+            ShapeError: a wrong shape or type, another size than earlier images, or fewer pixels
+                than the blocks or the crop need.
         """
         return self.recognise(self.view(image))
 
     def view(self, image: NDArray[np.uint8]) -> Floats32:
-        """What is kept of an image, float32 (columns * rows,), column after column.
+        """Reduce an image to a template, float32 (columns * rows,), column by column.
 
-        Args, raises: as for ``process``; images of a run must be of one size from here on.
+        Args, raises: as for ``process``; from here on all images must have the same size.
         """
         pixels = _checked_image(image)
         shape = (pixels.shape[0], pixels.shape[1])
@@ -142,7 +142,7 @@ class VisualTemplates:
         return np.ascontiguousarray(_normalised(blocks, self.config).T, np.float32).reshape(-1)
 
     def recognise(self, view: Floats32) -> TemplateMatch:
-        """``process`` for what ``view`` kept of an image. Raises ShapeError for anything else."""
+        """``process`` for the result of ``view``. Raises ShapeError for anything else."""
         expected = self._stored.shape[1]
         if view.shape != (expected,) or view.dtype != np.float32:
             raise ShapeError(f"view: {view.dtype} {view.shape}, expected float32 ({expected},)")
@@ -153,7 +153,7 @@ class VisualTemplates:
         return TemplateMatch(len(self) - 1, 0.0, is_new=True, error=error)
 
     def save(self, target: PathLike | BinaryIO) -> None:
-        """Write configuration and templates to a path, whole or not at all, or to a stream.
+        """Write configuration and templates to a path (atomically) or to a stream.
 
         Raises:
             DataError: the file cannot be written.
@@ -166,7 +166,7 @@ class VisualTemplates:
         """Read what ``save`` wrote, from a path or a stream.
 
         Raises:
-            DataError: the file is missing, cut short, of another version or something else.
+            DataError: the file is missing, truncated, of another version or of another kind.
         """
         with load_archive(source, FORMAT, "stored visual templates") as (about, arrays):
             templates = cls(merged(VisualTemplatesConfig(), about["config"]))
@@ -189,9 +189,9 @@ class VisualTemplates:
         self._column_means = stored.reshape(shape).mean(axis=2)
 
     def _nearest(self, view: Floats32) -> tuple[int, float, int]:
-        """Id, error and shift of the template that comes nearest; of equal ones the first.
+        """Id, error and shift of the nearest template; the first one of equals.
 
-        No pair whose lower bound exceeds the error of another one is compared in full.
+        Pairs whose lower bound exceeds the error of another pair are not compared in full.
         """
         reach = self.config.threshold + self.config.mean_margin
         near = np.flatnonzero(np.abs(self._means[: len(self)] - view.mean()) <= reach)
@@ -210,7 +210,7 @@ class VisualTemplates:
         return id, error, int(self._moves[place])
 
     def _bounds(self, view: Floats32, ids: Rows) -> Floats32:
-        """What errors are at least, (ids, shifts): differences of whole columns."""
+        """Lower bounds of the errors, (ids, shifts), from differences of column means."""
         rows, stored = self.config.rows, self._column_means[ids]
         current = view.reshape(-1, rows).mean(axis=1)
         bounds = np.empty((len(ids), len(self._moves)), np.float32)
@@ -220,7 +220,7 @@ class VisualTemplates:
         return bounds
 
     def _compared(self, view: Floats32, ids: Rows, pairs: Rows) -> tuple[float, int, int]:
-        """The least error of some pairs of template and shift, its id, and the shift's place."""
+        """The least error of some (template, shift) pairs, its id, and the index of its shift."""
         rows, places = np.divmod(pairs, len(self._moves))
         difference = np.empty((len(pairs), len(self._moved(view, 0, self.config.rows))), np.float32)
         for place in np.unique(places).tolist():
@@ -232,21 +232,21 @@ class VisualTemplates:
         return float(errors[first]), int(ids[rows[first]]), int(places[first])
 
     def _window(self, moved: int, each: int) -> slice:
-        """What of a template is compared with a view that is moved right; ``each``: a column."""
+        """The part of a template compared with a view moved right; ``each``: size of a column."""
         if self.config.panoramic:
             return slice(None)
         shift = self.config.shift
         return slice((shift - moved) * each, (self.config.columns - shift - moved) * each)
 
     def _moved(self, view: Floats32, moved: int, each: int) -> Floats32:
-        """The part of a view that is compared: the middle, or all of it turned."""
+        """The part of a view that is compared: its middle, or all of it, rotated."""
         if self.config.panoramic:
             return np.roll(view, -moved * each)
         shift = self.config.shift
         return view[shift * each : (self.config.columns - shift) * each]
 
     def _rotation(self, moved: int) -> float:
-        """Radians of a shift: what moves right in the image is seen by a robot that turned left."""
+        """Rotation of a shift in radians: the image moves right when the robot turns left."""
         if not self.config.panoramic:
             return 0.0
         part = moved / self.config.columns
@@ -265,7 +265,7 @@ class VisualTemplates:
 
 
 def _moves(config: VisualTemplatesConfig) -> NDArray[np.int64]:
-    """How many columns a view is moved right, in the order in which shifts are tried."""
+    """Shifts of a view to the right in columns, in the order in which they are tried."""
     if config.panoramic:
         return np.arange(0, config.columns, config.step)
     return np.arange(-config.shift, config.shift + 1, config.step)
@@ -301,10 +301,10 @@ def _cropped(pixels: NDArray[np.uint8], config: VisualTemplatesConfig) -> NDArra
 
 
 def _blocks(pixels: NDArray[np.uint8], config: VisualTemplatesConfig) -> NDArray[np.float64]:
-    """Mean brightness of whole blocks, (rows, columns), 0 .. 1; what is left over is not used."""
+    """Mean brightness of whole blocks, (rows, columns), 0 .. 1; remaining pixels are unused."""
     high, wide = pixels.shape[0] // config.rows, pixels.shape[1] // config.columns
     used = pixels[: high * config.rows, : wide * config.columns]
-    # Integers: sums of bytes are exact. Row by row first, which runs along the memory.
+    # Integer sums of bytes are exact. Rows first, which is the order in memory.
     bands = used.reshape(config.rows, high, -1).sum(axis=1, dtype=np.uint32)
     sums = bands.reshape(config.rows, config.columns, wide, -1).sum(axis=2, dtype=np.uint32)
     grey = sums[..., 0].astype(np.float64) if sums.shape[-1] == 1 else sums @ _LUMINANCE
@@ -319,9 +319,9 @@ def _normalised(blocks: NDArray[np.float64], config: VisualTemplatesConfig) -> N
 
 
 def _patch_normalised(blocks: NDArray[np.float64], side: int) -> NDArray[np.float64]:
-    """Deviations from the mean of the patch around each block, 3 deviations to 0 and to 1.
+    """Normalise by the patch around each block: mean -> 1/2, -3 and +3 deviations -> 0 and 1.
 
-    Patches end at the border. In one without contrast there is no deviation: 1/2.
+    Patches end at the border. A patch without contrast gives 1/2.
     """
     count, total, squares = (
         _patch_sums(values, side) for values in (np.ones_like(blocks), blocks, blocks**2)
@@ -341,5 +341,5 @@ def _patch_sums(values: NDArray[np.float64], side: int) -> NDArray[np.float64]:
 
 
 def _size(shape: Any) -> str:
-    """Width and height, as people say them."""
+    """Width x height as text."""
     return f"{shape[1]}x{shape[0]}"

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Values that ``fusionslam tune`` found, as YAML that ``--config`` and ``--tuned`` read.
+"""Presets found by ``fusionslam tune``, as YAML for ``--config`` and ``--tuned``.
 
-Each file says with what command, on what data and with what seed it was made.
+Each file names the command, data and seed that it was made with.
 """
 
 from pathlib import Path
@@ -17,12 +17,12 @@ FOLDER = Path(__file__).parent
 
 
 def tuned_names() -> list[str]:
-    """The names of the files that come with fusionslam."""
+    """Names of the presets that come with fusionslam."""
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 
 def tuned_path(name: str) -> Path:
-    """The file of that name. Raises ConfigError naming those there are."""
+    """The file of a preset. Raises ConfigError, which lists the presets, if it is unknown."""
     if name not in tuned_names():
         known = ", ".join(tuned_names()) or "none"
         raise ConfigError(f"unknown tuned values {name!r}; known: {known}")
@@ -30,7 +30,7 @@ def tuned_path(name: str) -> Path:
 
 
 def tuned_config(name: str) -> "ViewMatcherConfig":
-    """The matcher's configuration with the values of that name. Raises ConfigError."""
+    """The matcher configuration with the values of a preset. Raises ConfigError if unknown."""
     import yaml
 
     from fusionslam.config import merged

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sizes of the networks: what a weights file has to say about itself."""
+"""Sizes of the networks, as a weights file declares them."""
 
 from typing import Annotated, Literal
 
@@ -32,24 +32,24 @@ class PointNetConfig(Section):
 
     @property
     def channels(self) -> int:
-        """Values of a point."""
+        """Number of values per point."""
         return 6 if self.colors else 3
 
     @property
     def features(self) -> int:
-        """Length of what comes out."""
+        """Length of the feature vector."""
         return self.embedding or self.points[-1]
 
 
 class HeadConfig(Section):
-    """The classifier, which only training needs."""
+    """The classifier head, needed only for training."""
 
     layers: Sizes = option((128, 64), "hidden layers")
     dropout: float = option(0.3, "of the last hidden layer, in training", ge=0, lt=1)
 
 
 class ComparisonConfig(Section):
-    """Two feature vectors to the probability that they are one place (Stastny 2022, 4.6.1)."""
+    """From two feature vectors to the probability of the same place (Stastny 2022, 4.6.1)."""
 
     features: int = option(256, "length of a feature vector", ge=1)
     hidden: int = option(256, "neurons of the hidden layer", ge=1)

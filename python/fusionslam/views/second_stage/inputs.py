@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Clouds as the networks take them: normalised, resampled, and varied in training."""
+"""Prepares clouds for the networks: normalisation, resampling, augmentation for training."""
 
 from typing import Literal
 
@@ -15,7 +15,7 @@ Normalisation = Literal["sphere", "robot"]
 
 
 class AugmentConfig(Section):
-    """How shapes are varied in training (Qi et al. 2016, 4.1; point drop-out as in PointNet++)."""
+    """Data augmentation in training (Qi et al. 2016, 4.1; point drop-out as in PointNet++)."""
 
     turn: bool = option(True, "turn about the axis that points up")
     jitter: float = option(0.01, "standard deviation of each coordinate, cut at 5 of it", ge=0)
@@ -24,7 +24,7 @@ class AugmentConfig(Section):
 
 
 def checked_points(points: NDArray[np.float32]) -> Points:
-    """Points that a network can take. Raises ShapeError and DataError, naming what is wrong."""
+    """Check points for a network. Raises ShapeError and DataError that say what is wrong."""
     values = np.asarray(points)
     if values.ndim != 2 or values.shape[1] != 3:
         raise ShapeError(f"points have shape {values.shape}, expected (N, 3)")
@@ -44,7 +44,7 @@ def network_input(
     range_m: float,
     with_colors: bool,
 ) -> Points:
-    """What a network takes of a cloud.
+    """Build a network's input from a cloud.
 
     Args:
         points: float32 (N, 3), metres.
@@ -58,8 +58,8 @@ def network_input(
         float32 (N, 3) or (N, 6).
 
     Raises:
-        ShapeError: other shapes, or not one colour a point.
-        DataError: no points, points that are not finite, or no colours where they are needed.
+        ShapeError: wrong shapes, or not one colour per point.
+        DataError: no points, points that are not finite, or no colours although needed.
     """
     xyz = checked_points(points)
     scaled = unit_sphere(xyz) if normalisation == "sphere" else xyz / np.float32(range_m)
@@ -74,7 +74,7 @@ def network_input(
 
 
 def unit_sphere(points: Points) -> Points:
-    """Shifted to mean 0 and scaled to largest length 1; a single point becomes 0."""
+    """Shift points to mean 0 and scale them to maximum norm 1; a single point becomes 0."""
     centred = points - points.mean(axis=0)
     longest = float(np.linalg.norm(centred, axis=1).max())
     scaled: Points = (centred / np.float32(longest or 1.0)).astype(np.float32)
@@ -82,7 +82,7 @@ def unit_sphere(points: Points) -> Points:
 
 
 def resampled(rows: Points, count: int, rng: np.random.Generator) -> Points:
-    """Exactly ``count`` rows: some left out, or some taken again."""
+    """Resample to exactly ``count`` rows: some are left out, or some repeated."""
     size = len(rows)
     whole = np.tile(np.arange(size), count // size)
     chosen: Points = rows[np.concatenate([whole, rng.permutation(size)[: count - len(whole)]])]
@@ -90,7 +90,7 @@ def resampled(rows: Points, count: int, rng: np.random.Generator) -> Points:
 
 
 def augmented(points: Points, config: AugmentConfig, rng: np.random.Generator) -> Points:
-    """A varied copy of a shape of float32 (N, 3), z up; N stays."""
+    """An augmented copy of a shape, float32 (N, 3), z up; N stays the same."""
     varied = points.astype(np.float32, copy=True)
     if config.turn:
         angle = rng.uniform(0, 2 * np.pi)
@@ -100,6 +100,6 @@ def augmented(points: Points, config: AugmentConfig, rng: np.random.Generator) -
     noise = rng.normal(0, config.jitter, varied.shape) if config.jitter else 0.0
     varied += np.clip(noise, -5 * config.jitter, 5 * config.jitter).astype(np.float32)
     lost = rng.random(len(varied)) < rng.uniform(0, config.dropout)
-    # As many as before, so that batches stay arrays: the first point stands in for the lost.
+    # The number of points stays, so that batches stay arrays: the first replaces dropped ones.
     varied[lost] = varied[0]
     return varied

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The second stage as a robot runs it: feature vectors and the chance that two are one place.
+"""Inference of the second stage: feature vectors, and the probability of the same place.
 
 >>> from fusionslam.views.second_stage import SecondStage
 >>> stage = SecondStage()
@@ -31,23 +31,23 @@ MODELS: Mapping[str, tuple[str, str | None]] = {
     "places": ("places_features.onnx", None),
     "thesis": ("thesis_features.onnx", "thesis_comparison.onnx"),
 }
-"""The networks that come with the package: of features, and of the comparison if there is one."""
+"""The networks that come with the package: features, and the comparison if there is one."""
 
 
 class SecondStage:
-    """Rejects look-alikes (Stastny 2022, 4.6 and 4.7); runs in onnxruntime on one thread.
+    """Rejects false matches (Stastny 2022, 4.6 and 4.7); runs in onnxruntime on one thread.
 
     Args:
         model: "places" (trained end to end, with colours; distances are calibrated), "thesis"
-            (shapes first, then the comparison; colours are not looked at), or the path of features
+            (shapes first, then the comparison; ignores colours), or the path of a feature network
             in ONNX.
-        comparison: path of the comparison in ONNX, for features that have no calibration.
 
     Attributes:
-        digest: of the file of the features: those of other networks cannot be compared.
+        digest: hash of the feature network's file; features of different networks are not
+            comparable.
 
     Raises:
-        DataError: a file that is missing, cut short, of another kind or other sizes; the message
+        DataError: a file is missing, truncated, of another kind or of other sizes; the message
             names it and what was expected.
         FusionSlamError: onnxruntime is not installed.
     """
@@ -78,18 +78,18 @@ class SecondStage:
     def features(
         self, cloud: Cloud | NDArray[np.float32], colors: NDArray[np.uint8] | None = None
     ) -> Features:
-        """What is stored of a sight.
+        """Compute the features of a scan.
 
         Args:
-            cloud: the whole scene without ground in the robot's frame, or its points alone,
+            cloud: the whole scene without ground in the robot's frame, or only its points,
                 float32 (N, 3), metres.
-            colors: uint8 (N, 3) RGB of points, for models that look at colours.
+            colors: uint8 (N, 3) RGB of points, for models that use colours.
 
         Returns:
             float32 (256,), or as many as the model's ``config.features``.
 
         Raises:
-            ShapeError: another shape, or not one colour a point.
+            ShapeError: a wrong shape, or not one colour per point.
             DataError: no points, points that are not finite, or no colours.
         """
         config = self.config
@@ -102,14 +102,14 @@ class SecondStage:
         return row
 
     def probability(self, current: Features, stored: Features) -> float:
-        """Chance that two feature vectors (F,) are of one place, 0 to 1."""
+        """Probability that two feature vectors (F,) show the same place, 0 to 1."""
         return float(self.probabilities(current, np.asarray(stored)[None])[0])
 
     def probabilities(self, current: Features, stored: Features) -> Features:
-        """The same for one vector (F,) against many, (M, F): float32 (M,).
+        """``probability`` of one vector (F,) with each of many, (M, F): float32 (M,).
 
         Raises:
-            ShapeError: vectors of another length.
+            ShapeError: the vectors have another length.
             DataError: values that are not finite.
         """
         size = self.config.features
@@ -153,7 +153,7 @@ def _session(path: Path, kind: Kind) -> tuple[Any, About]:
             "pip install 'fusionslam[onnx]'"
         ) from error
     options = onnxruntime.SessionOptions()
-    # A robot has other things to do: one thread, and none that spins while it waits.
+    # Leave the robot's cores to others: one thread, without spinning while it waits.
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
     try:
@@ -170,7 +170,7 @@ def _session(path: Path, kind: Kind) -> tuple[Any, About]:
 
 
 def _check_inputs(path: Path, session: Any, about: About) -> None:
-    """Raise DataError unless the graph takes what its metadata say."""
+    """Raise DataError unless the graph's inputs agree with its metadata."""
     if isinstance(about.architecture, PointNetConfig):
         expected = {"points": about.architecture.channels}
     else:

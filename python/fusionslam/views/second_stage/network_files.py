@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What every file of a network says about itself, whether safetensors or ONNX."""
+"""Metadata of network files, both safetensors and ONNX."""
 
 import json
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ SHIPPED = Path(__file__).parent / "weights"
 
 @dataclass(frozen=True)
 class Calibration:
-    """What distances of feature vectors mean: see ``scores.calibrated``."""
+    """Converts feature distances to probabilities: see ``scores.calibrated``."""
 
     offset: float
     slope: float
@@ -37,9 +37,9 @@ class About:
     """Kind and sizes of a network.
 
     Attributes:
-        kind: what it does.
+        kind: the task of the network.
         architecture: a PointNetConfig or a ComparisonConfig.
-        calibration: of distances of features that were trained for it, else None.
+        calibration: of feature distances, if the features were trained for it, else None.
     """
 
     kind: Kind
@@ -47,7 +47,7 @@ class About:
     calibration: Calibration | None = None
 
     def metadata(self) -> dict[str, str]:
-        """As one text, which both kinds of file can hold; the order of several is not kept."""
+        """The metadata as a single entry, since files do not keep the order of several."""
         values: dict[str, Any] = {
             "format": FORMAT,
             "kind": self.kind,
@@ -59,10 +59,10 @@ class About:
 
 
 def read_about(path: Path, metadata: Mapping[str, str] | None, kind: Kind) -> About:
-    """What a file's metadata say.
+    """Parse a file's metadata.
 
     Raises:
-        DataError: another format or kind of network, or sizes that make no sense.
+        DataError: another format or kind of network, or invalid sizes.
     """
     try:
         values = json.loads((metadata or {}).get(_KEY, "{}"))

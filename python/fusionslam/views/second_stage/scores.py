@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""How well scores tell pairs of the same place from others, and what probability they mean."""
+"""Area under the curve of pair scores, and calibration of distances to probabilities."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,7 +10,7 @@ from fusionslam.storage.arrays import Floats
 
 
 def area_under_curve(scores: ArrayLike, same: ArrayLike) -> float:
-    """Chance that a pair of the same place scores higher than another pair; ties count half.
+    """Probability that a same-place pair scores higher than another pair; ties count half.
 
     Args:
         scores: (n,), higher means the same place.
@@ -32,12 +32,12 @@ def area_under_curve(scores: ArrayLike, same: ArrayLike) -> float:
 
 
 def calibrated(distances: ArrayLike, same: ArrayLike) -> tuple[float, float]:
-    """Offset a and slope b with which 1 / (1 + exp(b d - a)) is the chance of the same place.
+    """Fit offset a and slope b of P(same place) = 1 / (1 + exp(b d - a)).
 
-    Logistic regression in which both kinds of pair weigh the same in all (Platt 1999).
+    Logistic regression in which both kinds of pair have the same total weight (Platt 1999).
 
     Args:
-        distances: (n,), of two feature vectors.
+        distances: (n,), each between two feature vectors.
         same: bool (n,).
 
     Raises:
@@ -57,7 +57,7 @@ def calibrated(distances: ArrayLike, same: ArrayLike) -> tuple[float, float]:
     def loss(value: Floats) -> tuple[float, Floats]:
         margin = sign * (value[0] - value[1] * d)
         pull = -weight * sign / (1 + np.exp(margin.clip(-500, 500)))
-        # A little pull to 0: where the kinds do not overlap, the slope would grow for ever.
+        # Weak regularisation: the slope would diverge if the kinds do not overlap.
         return (
             float(weight @ np.logaddexp(0, -margin)) + 1e-8 * float(value @ value),
             np.array([pull.sum(), -(pull * d).sum()]) + 2e-8 * value,
@@ -68,7 +68,7 @@ def calibrated(distances: ArrayLike, same: ArrayLike) -> tuple[float, float]:
 
 
 def probability_of(distances: ArrayLike, offset: float, slope: float) -> Floats:
-    """The chance of the same place that calibrated distances mean."""
+    """Probability of the same place for calibrated distances."""
     margin = offset - slope * np.asarray(distances, np.float64)
     chance: Floats = 1 / (1 + np.exp(-margin.clip(-500, 500)))
     return chance
