@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What pose cells tell the experience map to do."""
+"""Actions: what the pose cells tell the experience map to do."""
 
 from typing import NamedTuple
 
@@ -8,15 +8,15 @@ from fusionslam._core import ActionKind
 
 
 class Action(NamedTuple):
-    """What to do with the experience map.
+    """A change of the experience map.
 
     Attributes:
         kind: nothing, a new node, or an edge to a known one.
         source: id of the experience that the robot was at; 0 before the first one.
-        target: id of the one it is at now.
-        relative_rotation: radians, counter-clockwise, that the robot is turned against the target.
-        relative_place: metres, x forward and y to the left, where the robot is in the frame of
-            the target; (0, 0) where nobody measured it.
+        target: id of the experience that it is at now.
+        relative_rotation: rotation of the robot relative to the target, radians, counter-clockwise.
+        relative_place: position of the robot in the target's frame, metres, x forward and y to the
+            left; (0, 0) if it was not measured.
     """
 
     kind: ActionKind

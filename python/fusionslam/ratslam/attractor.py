@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""How odometry and views move activity on the sheet: as the reference does it, and steadily."""
+"""Attractor networks of pose cells: the reference's, and one independent of message rates."""
 
 import math
 from typing import Protocol
@@ -22,24 +22,24 @@ from fusionslam.ratslam.pose_cell_sheet import (
 )
 from fusionslam.storage.arrays import Floats
 
-# Sines of the layers out of those of a quarter: opposite ones are equal to the last bit, so that a
+# Sines of all layers, built from one quadrant: opposite ones agree to the last bit, so that a
 # symmetric packet stays symmetric.
 _QUARTER = np.sin(np.arange(HEADINGS // 4 + 1) * LAYER)
 _HALF = np.concatenate((_QUARTER, _QUARTER[-2:0:-1]))
 _SINES = np.concatenate((_HALF, -_HALF))
 _COSINES = np.roll(_SINES, -HEADINGS // 4)
-# A packet that is decoded farther from where it was than this has given way to another one.
+# If the decoded packet moved farther than this, another packet has won.
 _JUMP = 1.0
-# What is told farther from the packet than this, in cells and layers, does not belong to it.
+# Energy injected farther from the packet than this, in cells and layers, does not belong to it.
 _REACH = 3
-# Ways and silences of more steps of the attractor than this leave nothing but the packet.
+# After more attractor steps than this in one motion, only the packet is left.
 _MOST = 100
-# Steps after which a packet that starts in eight cells has its form.
+# Steps until a packet that starts in eight cells has its final shape.
 _FORMED = 10
 
 
 class Network(Protocol):
-    """A sheet of pose cells with what drives it."""
+    """A sheet of pose cells with its dynamics."""
 
     @property
     def best(self) -> Place:
@@ -47,33 +47,33 @@ class Network(Protocol):
 
     @property
     def activity(self) -> Floats:
-        """float64 (36, n, n) by th, y, x: a copy."""
+        """A copy of the activity, float64 (36, n, n) by th, y, x."""
 
     def move(self, way: float, turn: float, dt: float) -> None:
-        """Odometry: cells forwards, radians, seconds, all finite."""
+        """Apply odometry: cells forward, radians, seconds, all finite."""
 
     def inject(self, place: Place, energy: float) -> None:
-        """A view says that the robot is at this place."""
+        """Add energy at the place where a view puts the robot."""
 
     def accept(self) -> None:
-        """The place to which the packet jumped is right."""
+        """Accept the place that the packet jumped to."""
 
     def go_back(self) -> None:
-        """It is wrong: be where odometry alone leads to from before the jump."""
+        """Undo the jump: return to the place before it, moved on by odometry alone."""
 
     def numbers(self) -> Floats:
-        """What it remembers besides the cells, float64 (k,)."""
+        """The state besides the cells, float64 (k,)."""
 
     def remember(self, cells: Floats, numbers: Floats) -> None:
-        """Take over ``cells`` and ``numbers``. Raises DataError, ShapeError."""
+        """Restore ``cells`` and ``numbers``. Raises DataError, ShapeError."""
 
     @property
     def cells(self) -> Floats:
-        """What ``remember`` takes: the cells as they are stored."""
+        """The stored cells, which ``remember`` takes."""
 
 
 class ReferenceNetwork:
-    """A step of the attractor with each odometry, as in the reference run (Ball et al. 2013).
+    """One attractor step per odometry message, as in the reference run (Ball et al. 2013).
 
     Args:
         size: cells along x and y.
@@ -95,7 +95,7 @@ class ReferenceNetwork:
     cells = activity
 
     def move(self, way: float, turn: float, dt: float) -> None:
-        """Heading 0 goes along +y here. Raises DataError for steps of a cell or more."""
+        """Move the activity; heading 0 is +y here. Raises DataError for steps of a cell or more."""
         if abs(way) >= 1:
             raise DataError(
                 f"odometry: a step of {abs(way):.6g} cells, the openratslam preset takes less than "
@@ -106,15 +106,15 @@ class ReferenceNetwork:
         self._best = Place(*self._sheet.decode())
 
     def inject(self, place: Place, energy: float) -> None:
-        """Into one cell, the one whose corner lies before the place."""
+        """Add energy to one cell: the place rounded down."""
         x, y, th = map(math.floor, place)
         self._sheet.inject(x, y, th, energy)
 
     def accept(self) -> None:
-        """The reference knows no doubt."""
+        """Do nothing: the reference never rejects a jump."""
 
     def go_back(self) -> None:
-        """The reference knows no doubt."""
+        """Do nothing: the reference never rejects a jump."""
 
     def numbers(self) -> Floats:
         return np.array(self._best)
@@ -126,13 +126,13 @@ class ReferenceNetwork:
 
 
 class SteadyNetwork:
-    """A step of the attractor every ``step_s`` seconds or every cell of way; exact motion between.
+    """One attractor step per ``step_s`` seconds or cell of distance, exact motion in between.
 
-    The attractor pulls a packet towards the middle of cells, which makes it up to a fifth slower
-    than the robot, the slower the smaller the steps. Here it only decides which packet wins: after
-    each step the winner is put back to where odometry and views have it. So neither how often
-    odometry nor how often views arrive changes the pose. Heading 0 moves the packet along +x.
-    Layers move in their own directions, so that longer ways would tear the packet apart.
+    The attractor pulls a packet towards cell centres, which makes it up to a fifth slower than
+    the robot; smaller steps make it worse. Here the attractor only decides which packet wins:
+    after each step the winner is put back to where odometry and views place it. The pose
+    therefore does not depend on the rates of odometry and views. Heading 0 moves the packet
+    along +x. Layers move in their own directions, so a longer step would tear the packet apart.
 
     Args:
         size: cells along x and y.
@@ -143,8 +143,8 @@ class SteadyNetwork:
     def __init__(self, size: int, global_inhibition: float, step_s: float) -> None:
         self._sheet, self._size = PoseSheet(size), size
         self._inhibition, self._step_s = global_inhibition, step_s
-        # Where the packet belongs, and what it is off; then the way since the last step, and which
-        # part of the way to the next one that is.
+        # _base: the packet's true place; _slip: the packet's offset from it; _way: motion since the
+        # last step; _progress: the fraction of the current step done.
         self._base = Place(float(size // 2), float(size // 2), float(HEADINGS // 2))
         self._slip, self._way, self._progress = IDENTITY, IDENTITY, 0.0
         self._before: Place | None = None
@@ -165,7 +165,7 @@ class SteadyNetwork:
         return self._sheet.activity
 
     def _follow(self, sheet: PoseSheet) -> None:
-        """Every layer goes the way that the robot went, in its own direction."""
+        """Move every layer by the robot's motion, in the layer's own direction."""
         way, slip = self._way, self._slip
         sheet.move(
             _COSINES * way.x - _SINES * way.y + slip.x,
@@ -174,7 +174,7 @@ class SteadyNetwork:
         )
 
     def move(self, way: float, turn: float, dt: float) -> None:
-        """Steps fall on the same places and stamps however odometry is cut."""
+        """Move the activity; steps do not depend on how odometry is divided into messages."""
         steps = max(dt / self._step_s, abs(way))
         if not steps:
             return
@@ -206,7 +206,7 @@ class SteadyNetwork:
         self._place_packet(here, Place(*self._sheet.decode()))
 
     def _place_packet(self, expected: Place, found: Place) -> None:
-        """What was decoded is a packet off its place, or another packet."""
+        """Decide whether the decoded packet is the expected one, slightly off, or another one."""
         slip = Place(*differences(expected, found, self._size).tolist())
         if max(map(abs, slip)) < _JUMP:
             self._base, self._slip = expected, slip
@@ -215,10 +215,10 @@ class SteadyNetwork:
             self._base, self._slip = found, IDENTITY
 
     def inject(self, place: Place, energy: float) -> None:
-        """Spread over the cells around the place; the packet moves as far as its mean does.
+        """Spread energy over the cells around the place; the packet moves as far as its mean does.
 
-        Which packet wins is seen after the next step of the attractor: before it, the few cells
-        that a view has just told are more active than any of a packet's.
+        The winning packet is known after the next attractor step: until then the few cells that a
+        view has just activated are more active than those of any packet.
         """
         place, slip = compose(place, inverse(self._way)), self._slip
         self._sheet.inject(place.x - slip.x, place.y - slip.y, place.th - slip.th, energy)
@@ -238,7 +238,7 @@ class SteadyNetwork:
         self._before = None
 
     def _restart(self, place: Place) -> None:
-        """One packet, and nothing else."""
+        """Reset the sheet to a single packet."""
         cells = np.zeros((HEADINGS, self._size, self._size))
         cells[0, 0, 0] = np.finfo(np.float64).tiny
         self._sheet.assign(cells)
@@ -263,7 +263,10 @@ class SteadyNetwork:
 
 
 def _check_numbers(numbers: Floats, count: int, size: int) -> None:
-    """First a place on the sheet; behind the tenth one where the packet was, or NaN."""
+    """Raise DataError unless the state is valid.
+
+    It begins with a place on the sheet; numbers after the tenth are the place before a jump, or NaN.
+    """
     if numbers.shape != (count,):
         raise DataError(f"network: numbers of the shape {numbers.shape}, expected {(count,)}")
     nowhere = count > 10 and bool(np.isnan(numbers[10:]).all())

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Events of several streams, put into the order of their stamps."""
+"""Sorts events of several streams by time stamp."""
 
 import heapq
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class OrderConfig(Section):
     )
 
 
-# 5 minutes at 30 Hz: what waits must not grow without end where one of two stays far behind.
+# 5 minutes at 30 Hz: bounds the queue if one of the two streams stays far behind.
 _MOST_WAITING = 10_000
 
 
@@ -40,8 +40,8 @@ _NOTHING = (-1, 0)
 
 @dataclass
 class _Heard:
-    """Of one kind of event: how often its clock went back, the first and the newest stamp since
-    then, and how far the other kind came since the last of this one."""
+    """State of one kind of event: how often its clock went back, the first and the newest stamp
+    since then, and how far the other kind has come since the last event of this one."""
 
     clock: int = 0
     first_ns: int = 0
@@ -53,28 +53,27 @@ class _Heard:
 
 
 class StampOrder:
-    """Puts events that arrive in any order into that of their stamps.
+    """Sorts events that arrive in any order by time stamp.
 
-    An event is given out once the newest stamp is ``wait`` seconds later than its own. Nothing
-    depends on a clock on the wall: a bag that is played at any speed gives the same order, as long
-    as no event arrives after others whose stamps are more than ``wait`` later. At the same stamp
-    odometry comes before views.
+    An event is released once the newest stamp is ``wait`` seconds later than its own. The wall
+    clock plays no role: a bag gives the same order at any playback speed, as long as no event
+    arrives after others whose stamps are more than ``wait`` later. At equal stamps odometry comes
+    before views.
 
-    With ``in_order`` an event is given out as soon as odometry and views have both come as far, and
-    one of them may lag behind the other by any time. Only where one falls silent while the other
-    goes on for more than ``wait``, it is waited for no longer than above. Nothing is given out
-    before both were heard of.
+    With ``in_order`` an event is released as soon as odometry and views have both reached its
+    stamp, and either may lag behind the other by any time. If one is silent while the other goes on
+    for more than ``wait``, the rule above applies. Nothing is released before both have arrived.
 
-    With ``jump`` the clock may go back. The stamps of each kind go back by themselves; all events
-    from before are given out before the first one from after, whose stamp tells.
+    With ``jump`` the clock may go back, for each kind separately. All events from before the jump
+    are released before the first one after it.
 
     Args:
         config: None for the defaults.
-        after_ns: the newest stamp that was given out before, by another order; None for none.
-        changes: values of the configuration that differ from it.
+        after_ns: the newest stamp that an earlier ``StampOrder`` released; None if there is none.
+        changes: configuration values to override.
 
     Attributes:
-        too_late: number of events that were refused because later ones had been given out.
+        too_late: number of events refused because later ones had already been released.
     """
 
     def __init__(
@@ -89,10 +88,10 @@ class StampOrder:
         self._count = 0
 
     def add(self, event: Event) -> list[Event]:
-        """Take an event; returns those that nothing can come before any more, in order.
+        """Add an event; returns, in order, those that no later arrival can precede.
 
         Raises:
-            DataError: a stamp that is no whole number of nanoseconds.
+            DataError: a stamp that is not a whole number of nanoseconds.
         """
         stamp_ns, is_view = stamp_of(event), is_looking(event)
         self._hear(stamp_ns, is_view)
@@ -105,7 +104,7 @@ class StampOrder:
         return self._until(self._complete())
 
     def flush(self) -> list[Event]:
-        """All that still waits, in order."""
+        """Release all waiting events, in order."""
         return self._until(None)
 
     def _hear(self, stamp_ns: int, is_view: bool) -> None:
@@ -120,17 +119,17 @@ class StampOrder:
         else:
             on = max(stamp_ns - heard.newest_ns, 0)
             heard.newest_ns += on
-            # Where the clock goes forward by an hour, the other one is not silent for it.
+            # Capped: a forward jump of this clock does not make the other kind silent.
             other.silent_ns += min(on, self._wait_ns // 2 + 1)
 
     def _left_behind(self, heard: _Heard, other: _Heard) -> bool:
-        """Whether the other kind's clock went back long ago: then this one's did, too, unnoticed,
-        as its last stamp was from before the time that it came back to."""
+        """Whether the other kind's clock went back more than ``wait`` ago. Then this one's did too,
+        unnoticed, because its last stamp was earlier than the time that it went back to."""
         on = (other.newest_ns or 0) - other.first_ns
         return heard.clock < other.clock and on > self._wait_ns
 
     def _complete(self) -> tuple[int, int]:
-        """Clock and stamp before which nothing more is waited for."""
+        """Clock and stamp before which all events can be released."""
         heard = [one for one in self._heard.values() if one.newest_ns is not None]
         marks = [(one.clock, one.newest_ns or 0) for one in heard]
         waited = [(clock, newest_ns - self._wait_ns) for clock, newest_ns in marks]
@@ -139,7 +138,7 @@ class StampOrder:
         if len(heard) < len(self._heard):
             return _NOTHING
         clock, newest_ns = min(marks)
-        # Of a kind that is silent, no more is expected than the wait behind the other.
+        # A silent kind is waited for no longer than ``wait`` behind the other.
         alone = [waited[1 - k] for k in (0, 1) if heard[k].silent_ns > self._wait_ns]
         return max([(clock, newest_ns + 1), *alone])
 

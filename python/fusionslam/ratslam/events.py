@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What happens to a robot that makes a map, and its order: that of stamps, however it arrives."""
+"""Events that RatSLAM processes, in the order of their time stamps."""
 
 import operator
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from fusionslam.sensors.messages import Odometry, Picture
 
 @dataclass(frozen=True)
 class Motion:
-    """How fast a robot moved over the step that ends now, where nobody says its pose.
+    """The robot's velocity over the step that ends now, for odometry without poses.
 
     Attributes:
-        stamp_ns: when the step ended; it began at the stamp of the odometry before.
-        v: m/s forwards.
+        stamp_ns: end of the step; it began at the stamp of the previous odometry.
+        v: m/s forward.
         w: rad/s, counter-clockwise.
     """
 
@@ -28,7 +28,7 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """Something for the source of views to look at: whatever that takes, such as a cloud."""
+    """An item for the view source to recognise, of any type it accepts, such as a cloud."""
 
     stamp_ns: int
     item: Any
@@ -36,14 +36,14 @@ class Look:
 
 @dataclass(frozen=True)
 class Sighting:
-    """A view that was recognised, or seen for the first time.
+    """A view that was recognised or seen for the first time.
 
     Attributes:
-        stamp_ns: when.
-        view_id: a known one, the next new one, or -1 where nothing was recognised.
-        relative_rotation: radians, counter-clockwise, that the robot is turned against the view.
-        relative_place: metres, x forward and y to the left, where the robot is in the view's frame.
-        reason: why it is this view, in a sentence.
+        stamp_ns: time stamp.
+        view_id: a known id, the next new one, or -1 if nothing was recognised.
+        relative_rotation: rotation of the robot relative to the view, radians, counter-clockwise.
+        relative_place: position of the robot in the view's frame, metres, x forward and y left.
+        reason: the reason for this view, as a sentence.
     """
 
     stamp_ns: int
@@ -53,15 +53,15 @@ class Sighting:
     reason: str = ""
 
 
-# Stamps are stored as int64; differences of two have to fit, too.
+# Stamps are stored as int64; their differences must fit, too.
 _LATEST_NS = 2**62
 
 Event = Frame | Odometry | Motion | Picture | Look | Sighting
-"""What ``RatSlam.step`` takes."""
+"""The events that ``RatSlam.step`` takes."""
 
 
 def stamp_of(event: Event) -> int:
-    """Nanoseconds. Raises DataError for what is no whole number, or none that a run can store."""
+    """Stamp in nanoseconds. Raises DataError if it is not an integer or too large to store."""
     try:
         stamp_ns = operator.index(event.stamp_ns)
     except TypeError:
@@ -72,5 +72,5 @@ def stamp_of(event: Event) -> int:
 
 
 def is_looking(event: Event) -> bool:
-    """Whether it is a view or something to look at, not odometry alone."""
+    """Whether the event is a view or can be recognised as one, not only odometry."""
     return not isinstance(event, Odometry | Motion)

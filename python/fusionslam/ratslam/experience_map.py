@@ -39,22 +39,22 @@ __all__ = ["LINK", "ExperienceMap", "ExperienceMapConfig", "LoopCheck", "Relaxat
 
 
 class Route(NamedTuple):
-    """A way over a map: ids of the nodes, both ends among them, and how long it takes."""
+    """A route on the map: node ids including both ends, and its duration."""
 
     ids: list[int]
     seconds: float
 
 
 class LoopCheck(NamedTuple):
-    """Whether a loop fits odometry.
+    """The result of checking a loop against odometry.
 
     Attributes:
         accepted: whether to make the link.
-        error_m, error_rad: from where the map has the robot to where the loop puts it, metres and
-            radians.
-        allowed_m, allowed_rad: what drift since the target allows, metres along the error and
-            radians.
-        reason: why, in words.
+        error_m, error_rad: offset from the robot's pose on the map to the pose by the loop, metres
+            and radians.
+        allowed_m, allowed_rad: the offset that drift since the target allows, metres along the
+            error and radians.
+        reason: the reason, in words.
     """
 
     accepted: bool
@@ -66,15 +66,15 @@ class LoopCheck(NamedTuple):
 
 
 class Relaxation(NamedTuple):
-    """What a relaxation did.
+    """The result of a relaxation.
 
     Attributes:
-        residual_m, residual_rad: root mean squares of the links' errors of place and of rotation,
+        residual_m, residual_rad: root mean square errors of the links in position and rotation,
             metres and radians.
-        step_m: farthest move of a node in the last step, metres.
-        sweeps: sweeps (openratslam), or Gauss-Newton steps (robust).
-        nodes: nodes in the largest part that was solved.
-        settled: nothing is left for later actions.
+        step_m: largest move of a node in the last step, metres.
+        sweeps: number of sweeps (openratslam) or Gauss-Newton steps (robust).
+        nodes: number of nodes in the largest part that was solved.
+        settled: True if no work is left for later actions.
     """
 
     residual_m: float
@@ -86,17 +86,17 @@ class Relaxation(NamedTuple):
 
 
 class ExperienceMap:
-    """Places, links between them, and where the robot is on the map.
+    """A graph of places and links, and the robot's pose on it.
 
-    The ``openratslam`` preset does what the reference does: every loop is closed, and relaxation
-    is a number of sweeps. The ``robust`` one, the default, weights each link by the drift that is
-    to be expected on it (``drift_m``, ``drift_turn``, ``drift_heading``: random walks, so that
-    variances add up along the way; ``place_m``, ``place_rad`` for views), solves for places and
-    headings together, and believes loops only after ``check``.
+    The ``openratslam`` preset follows the reference: it closes every loop, and relaxes by a fixed
+    number of sweeps. The ``robust`` preset, the default, weights each link by its expected drift
+    (``drift_m``, ``drift_turn``, ``drift_heading``: random walks, so that variances add up along
+    the path; ``place_m``, ``place_rad`` for views), solves for positions and headings together,
+    and accepts loops only after ``check``.
 
     Args:
         config: None for the defaults.
-        changes: values of the configuration that differ from it.
+        changes: configuration values to override.
 
     Raises:
         ConfigError: an unknown key, or a value out of range.
@@ -108,27 +108,27 @@ class ExperienceMap:
 
     @property
     def nodes(self) -> Floats:
-        """float64 (n, 3): x, y in metres and heading in radians of each node: a copy."""
+        """A copy of the nodes, float64 (n, 3): x, y in metres and heading in radians."""
         return self._map.nodes
 
     @property
     def links(self) -> NDArray[np.void]:
-        """The links in the order of their making, dtype ``LINK``: a copy."""
+        """A copy of the links in the order of creation, dtype ``LINK``."""
         return self._map.links
 
     @property
     def current(self) -> int:
-        """Id of the node that the robot was at last; 0 before the first one."""
+        """Id of the node that the robot visited last; 0 before the first one."""
         return self._map.current
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """Where the robot is on the map: x, y in metres, heading in radians."""
+        """The robot's pose on the map: x, y in metres, heading in radians."""
         return self._map.pose
 
     @property
     def offset(self) -> tuple[float, float, float]:
-        """The pose in the frame of the current node: metres forward and to the left, radians."""
+        """The robot's pose in the current node's frame: metres forward and left, radians."""
         return self._map.offset
 
     def __len__(self) -> int:
@@ -136,26 +136,25 @@ class ExperienceMap:
         return len(self._map)
 
     def on_odometry(self, v: float, w: float, dt: float) -> None:
-        """Move on from the current node: metres and radians a second, seconds.
+        """Move the robot by odometry: velocity in m/s and rad/s, duration in seconds.
 
         Raises:
-            DataError: a value that is not finite, or a negative time; nothing has moved.
+            DataError: a value that is not finite, or a negative time; the pose is unchanged.
         """
         self._map.on_odometry(v, w, dt)
 
     def check(self, action: Action) -> LoopCheck:
-        """Whether a loop fits odometry: to be asked before ``apply``.
+        """Check whether a loop fits odometry; call it before ``apply``.
 
-        The loop puts the robot somewhere in the target's frame; links and odometry since the
-        target put it elsewhere. Of that difference, drift along the way of least drift allows
-        ``sigmas`` deviations. A loop beyond it is refused, and remembered: once ``agreeing`` loops
-        at different places, this one counted, claim one and the same shift between map and
-        odometry of no more than ``agreed_sigmas`` deviations, the last of them is accepted, and
-        ``apply`` links the earlier ones too. So
-        nobody needs to ask again about a refused loop; what was done in its stead (a new node of
-        the same view) stays, and ends up in the right place.
+        The loop gives the robot's pose in the target's frame; links and odometry since the target
+        give another one. Drift along the path of least drift allows a difference of ``sigmas``
+        deviations. A loop beyond that is refused, and remembered: once ``agreeing`` loops at
+        different places, including this one, imply the same shift between map and odometry of at
+        most ``agreed_sigmas`` deviations, the last of them is accepted, and ``apply`` links the
+        earlier ones too. A refused loop need not be checked again: the new node of the same view
+        that was made instead stays, and ends up in the right place.
 
-        Asking twice changes nothing. What is no loop is accepted.
+        Checking twice changes nothing. An action that is not a loop is accepted.
 
         Raises:
             DataError: an unknown target, a source that is not the current node, or a rotation or
@@ -164,17 +163,17 @@ class ExperienceMap:
         return LoopCheck(*self._map.check(*_plain(action)))
 
     def apply(self, action: Action) -> None:
-        """Do what the pose cells say.
+        """Apply an action of the pose cells.
 
-        A new node lies where the robot is. An edge (robust) leads from the current node to the
-        target: odometry, less where the view has the robot in the target's frame
-        (``relative_place``, ``relative_rotation``); the robot then stands there. A second edge
-        between two nodes makes the link more certain. The reference makes none, and puts the robot
-        onto the target.
+        A new node is created at the robot's pose. An edge (robust) links the current node to the
+        target by odometry minus the robot's pose in the target's frame according to the view
+        (``relative_place``, ``relative_rotation``); the robot is then put at that pose. A second
+        edge between two nodes makes the link more certain. The reference makes no second edge, and
+        puts the robot onto the target.
 
         Raises:
-            DataError: as ``check``; or a node to be created that is not the next one. The map is
-                as it was.
+            DataError: as ``check``; or a new node whose id is not the next one. The map is
+                unchanged.
         """
         self._map.apply(*_plain(action))
 
@@ -182,9 +181,9 @@ class ExperienceMap:
         """Move nodes until links fit better.
 
         ``openratslam``: ``loops`` sweeps over all links. ``robust``: Gauss-Newton steps on the sum
-        of squared errors, weighted by drift, of the nodes round new loops, wider and wider until
-        what lies beside is at rest or ``work`` is used up. Work that was not needed is saved up;
-        as soon as it suffices, the whole map is solved.
+        of squared errors, weighted by drift, of the nodes around new loops. The region grows until
+        its neighbours are at rest or ``work`` is used up. Unused work is saved up; once it
+        suffices, the whole map is solved.
 
         Args:
             whole: solve the whole map now (robust), until no node moves by ``tolerance``.
@@ -192,22 +191,22 @@ class ExperienceMap:
         return Relaxation(*self._map.relax(whole))
 
     def path(self, a: int, b: int) -> Route:
-        """The quickest way from one node to another along links, in either direction.
+        """The fastest route from one node to another along links, in either direction.
 
         Raises:
-            DataError: an unknown node, or two that no links join.
+            DataError: an unknown node, or nodes that are not connected.
         """
         return quickest_route(self.links, len(self), a, b)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Everything but the configuration, as arrays that ``restore`` takes."""
+        """Everything but the configuration, as arrays for ``restore``."""
         return {"version": np.array([STATE_VERSION]), **self._map.state()}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from a state, bit for bit; the configuration stays.
+        """Resume from a state, bit for bit; the configuration stays.
 
         Raises:
-            DataError: another version, or arrays that no map can have; the map is as it was.
+            DataError: another version, or invalid arrays; the map is unchanged.
         """
         version = np.ravel(state.get("version", ()))
         if version.shape != (1,) or version[0] != STATE_VERSION:
@@ -227,15 +226,15 @@ def _plain(action: Action) -> tuple[int, int, int, float, tuple[float, float]]:
 
 
 def quickest_route(links: NDArray[np.void], count: int, a: int, b: int) -> Route:
-    """The quickest way from node a to node b along links, in either direction (Dijkstra 1959).
+    """The fastest route from node a to node b along links, in either direction (Dijkstra 1959).
 
     Args:
         links: of dtype ``LINK``.
-        count: how many nodes there are.
-        a, b: ids.
+        count: number of nodes.
+        a, b: node ids.
 
     Raises:
-        DataError: a node that there is not, or two that no links join.
+        DataError: an unknown node, or nodes that are not connected.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
@@ -244,10 +243,10 @@ def quickest_route(links: NDArray[np.void], count: int, a: int, b: int) -> Route
         if not isinstance(node, SupportsIndex) or not 0 <= node < count:
             raise DataError(f"path from node {a} to node {b}: there are {count} nodes")
     ends = np.sort(np.stack([links["source"], links["target"]], axis=1), axis=1)
-    # The quickest first: a matrix adds up what stands in it twice.
+    # Keep only the fastest link of a pair: a sparse matrix would add up duplicates.
     order = np.lexsort((links["duration"], ends[:, 1], ends[:, 0]))
     pairs, first = np.unique(ends[order], axis=0, return_index=True)
-    # A link that takes no time is one all the same, and an entry of 0 would be none.
+    # An entry of 0 would mean no link, so links of zero duration get the smallest float.
     seconds = np.maximum(links["duration"][order][first], np.finfo(np.float64).tiny)
     graph = csr_array((seconds, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     took, before = dijkstra(graph, directed=False, indices=a, return_predecessors=True)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Views that another process recognises, and that may start anew while the map goes on."""
+"""Views recognised by another process, which may restart while the map is kept."""
 
 import json
 import logging
@@ -15,20 +15,20 @@ from fusionslam.views.match import NO_VIEW
 
 logger = logging.getLogger(__name__)
 
-# A place that is farther from its view was not recognised; and an angle is no number of turns.
+# Sanity limits: larger offsets from a view, or angles of many turns, are errors.
 _FARTHEST_M, _FARTHEST_RAD = 1000.0, 100.0
 
 
 @dataclass(frozen=True)
 class GivenView:
-    """What somebody else recognised; the item of a ``Look``.
+    """A view recognised by another process; the item of a ``Look``.
 
     Attributes:
-        view_id: theirs; -1 where nothing was recognised.
-        is_new: whether they see it for the first time.
-        relative_rotation: radians, counter-clockwise, that the robot is turned against the view.
-        relative_place: metres, x forward and y to the left, where the robot is in the view's frame.
-        reason: why it is this view, in a sentence.
+        view_id: that process's id; -1 if nothing was recognised.
+        is_new: whether that process sees the view for the first time.
+        relative_rotation: rotation of the robot relative to the view, radians, counter-clockwise.
+        relative_place: position of the robot in the view's frame, metres, x forward and y left.
+        reason: the reason for this view, as a sentence.
     """
 
     view_id: int
@@ -39,15 +39,16 @@ class GivenView:
 
 
 class GivenViews:
-    """A source of views whose ids somebody else gives: the same ids, while nobody starts anew.
+    """A view source whose ids come from another process.
 
-    The map knows each view by a number of its own, without gaps. Who gives a view as new knows no
-    view from that id on: if the map knows some, they were lost, and from there on ids mean other
-    places, which get new numbers. An id that the map does not know, though it is not new, is of a
-    place from before the map began, and gets a new number, too.
+    The map numbers views itself, without gaps; the numbers equal the ids unless the process or the
+    map restarts. A view reported as new means that the process knows no view from that id on: if
+    the map knows some, they were lost, and those ids now mean other places, which get new numbers.
+    An id that is not new but unknown to the map belongs to a place from before the map began, and
+    gets a new number, too.
 
     Attributes:
-        restarts: how often views were lost or unknown.
+        restarts: number of times that views were lost or unknown.
     """
 
     kind = "given ids"
@@ -55,7 +56,7 @@ class GivenViews:
     def __init__(self) -> None:
         self.restarts = 0
         self._count = 0
-        # By their id: the number on the map.
+        # The number on the map by the process's id.
         self._numbers: dict[int, int] = {}
         self._beyond = 0
 
@@ -66,11 +67,11 @@ class GivenViews:
 
     @property
     def known(self) -> int:
-        """As ``ViewSource``: number of views of the map."""
+        """Number of views of the map, as ``ViewSource.known``."""
         return self._count
 
     def look(self, item: Any, stamp_ns: int) -> Sighting:
-        """As ``ViewSource``, of a ``GivenView``."""
+        """See ``ViewSource``; ``item`` is a ``GivenView``."""
         given = _check_view(item)
         place, turn, reason = given.relative_place, given.relative_rotation, given.reason
         if given.view_id == NO_VIEW:
@@ -89,7 +90,7 @@ class GivenViews:
         return Sighting(stamp_ns, number, turn, place, reason)
 
     def _lose(self, view_id: int) -> None:
-        """They see it for the first time, so that they know none from there on."""
+        """Forget all views from this id on: the process has just reported it as new."""
         if view_id >= self._beyond:
             return
         kept = {known: number for known, number in self._numbers.items() if known < view_id}
@@ -122,7 +123,7 @@ class GivenViews:
 
 
 def _check_view(item: Any) -> GivenView:
-    """Raises DataError for what no map can take, before anything is counted."""
+    """Raise DataError for an invalid view, before anything is counted."""
     if not isinstance(item, GivenView):
         raise DataError(f"{type(item).__name__}: expected a GivenView")
     try:
@@ -132,7 +133,7 @@ def _check_view(item: Any) -> GivenView:
         raise DataError(f"{item}: expected a whole id, an angle, and x, y") from error
     if view_id < NO_VIEW:
         raise DataError(f"view {view_id}: expected -1 or more")
-    # Not of NaN either.
+    # Written so that NaN fails, too.
     if not (way <= _FARTHEST_M and turn <= _FARTHEST_RAD):
         raise DataError(
             f"view {view_id}: {way:g} m and {turn:g} rad from the robot, expected no more than "

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Profiles of images, the mean brightness of each column, and how one became the next."""
+"""Image profiles (mean brightness of each column) and their alignment between images."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,21 +12,21 @@ from numpy.typing import NDArray
 from fusionslam.storage.arrays import Floats
 
 _LUMINANCE = np.array((0.299, 0.587, 0.114))
-# Contrast of a profile, 0 .. 1, below which only noise is seen.
+# Contrast of a profile, 0 .. 1, below which it is only noise.
 _FLAT = 1e-3
 _STRETCHES, _BESIDE = 17, 2
 
 
 def row_range(rows: tuple[float, float], height: int) -> tuple[int, int]:
-    """The first of the rows between two parts of the height, and the one after their last."""
+    """First and end row of the range between two fractions of the height."""
     first = min(int(rows[0] * height), height - 1)
     return first, max(int(rows[1] * height), first + 1)
 
 
 def profile(pixels: NDArray[np.uint8], first: int, end: int) -> Floats:
-    """float64 (W), 0 .. 1: mean brightness of each column between two rows."""
+    """Mean brightness of each column over rows ``first`` to ``end - 1``: float64 (W), 0 .. 1."""
     band = pixels[first:end]
-    # Integers: sums of bytes are exact.
+    # Integer sums of bytes are exact.
     sums = band.sum(axis=0, dtype=np.uint32)
     grey = sums @ _LUMINANCE if sums.ndim == 2 else sums.astype(np.float64)
     means: Floats = grey / (255 * len(band))
@@ -34,7 +34,7 @@ def profile(pixels: NDArray[np.uint8], first: int, end: int) -> Floats:
 
 
 def standardise(values: Floats) -> Floats:
-    """With mean 0 and deviation 1, which no exposure changes; zeros where there is no contrast."""
+    """Scale to mean 0 and deviation 1, to be independent of exposure; zeros without contrast."""
     centred = values - values.mean()
     deviation = centred.std()
     scaled: Floats = centred / deviation if deviation > _FLAT else np.zeros_like(centred)
@@ -43,7 +43,7 @@ def standardise(values: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Lens:
-    """The columns of a pinhole camera: width, focal length and centre in pixels."""
+    """Horizontal geometry of a pinhole camera: width, focal length and centre in pixels."""
 
     width: int
     focal: float
@@ -51,25 +51,25 @@ class Lens:
 
     @cached_property
     def angles(self) -> Floats:
-        """float64 (W): equal steps from the left edge's angle to the right one's, radians."""
+        """float64 (W): angles in equal steps from the left edge to the right one, radians."""
         edges = np.arctan((np.array([0, self.width - 1]) - self.centre) / self.focal)
         return np.linspace(edges[0], edges[1], self.width)
 
     @property
     def step(self) -> float:
-        """Radians from one of these angles to the next."""
+        """Step between these angles, radians."""
         return float((self.angles[-1] - self.angles[0]) / (self.width - 1))
 
     def by_angle(self, values: Floats) -> Floats:
-        """A profile at equal steps of angle: turning moves all of it by as much."""
+        """Resample a profile to equal angular steps, so that a turn shifts all of it equally."""
         columns = self.centre + self.focal * np.tan(self.angles)
         return np.interp(columns, np.arange(self.width), values)
 
 
 def best_shift(before: Floats, now: Floats, reach: int) -> tuple[int, float]:
-    """Columns to the right that explain a profile best, and the mean absolute difference then.
+    """Best shift in columns to the right, and its mean absolute difference.
 
-    Of equal ones the smallest. Shifts that leave less than half of the columns are not tried.
+    The smallest of equal shifts. Shifts that leave less than half of the columns are not tried.
     """
     width = len(now)
     reach = min(reach, width // 2)
@@ -83,12 +83,12 @@ def best_shift(before: Floats, now: Floats, reach: int) -> tuple[int, float]:
 
 
 class Stretch(NamedTuple):
-    """How a profile became the next.
+    """The transformation of a profile into the next one.
 
     Attributes:
         shift: columns to the right.
-        stretch: how much its angles grew.
-        error: mean absolute difference that is left, in deviations of the profiles.
+        stretch: growth of its angles.
+        error: remaining mean absolute difference, in deviations of the profiles.
     """
 
     shift: float
@@ -97,10 +97,10 @@ class Stretch(NamedTuple):
 
 
 def best_stretch(before: Floats, now: Floats, start: int, lens: Lens, reach: float) -> Stretch:
-    """Shift near a first one, and growth up to a reach, of least mean absolute difference.
+    """The shift near ``start`` and growth up to ``reach`` of least mean absolute difference.
 
-    Who drives forward by a part k of the distance sees what is at angle a at a + k sin a.
-    Between the values tried both are refined by a parabola.
+    Driving forward by a fraction k of the distance moves a point at angle a to a + k sin a.
+    A parabola refines both between the values tried.
     """
     before, now = _alike(before, now, start)
     shifts = start + np.arange(-_BESIDE, _BESIDE + 1.0)
@@ -116,7 +116,7 @@ def best_stretch(before: Floats, now: Floats, start: int, lens: Lens, reach: flo
 
 
 def _alike(before: Floats, now: Floats, shift: int) -> tuple[Floats, Floats]:
-    """Both with mean 0 and deviation 1 over the columns that both saw, not over all of them."""
+    """Standardise both profiles over the columns that both contain."""
     width, right, left = len(now), max(shift, 0), max(-shift, 0)
     shared = before[left : width - right], now[right : width - left]
     if not all(part.std() > _FLAT for part in shared):
@@ -129,7 +129,7 @@ def _alike(before: Floats, now: Floats, shift: int) -> tuple[Floats, Floats]:
 
 
 def _errors(before: Floats, now: Floats, shifts: Floats, stretches: Floats, lens: Lens) -> Floats:
-    """Mean absolute differences, (shifts, stretches), over the columns that both saw."""
+    """Mean absolute differences, (shifts, stretches), over the columns in both profiles."""
     turned = lens.angles - shifts * lens.step
     source = (turned - lens.angles[0] - stretches * np.sin(turned)) / lens.step
     last = len(before) - 1
@@ -144,7 +144,7 @@ def _errors(before: Floats, now: Floats, shifts: Floats, stretches: Floats, lens
 
 
 def _vertex(errors: Floats, least: int) -> float:
-    """Steps from the least error to the vertex of a parabola through it and its neighbours."""
+    """Steps from the least error to the vertex of the parabola through it and its neighbours."""
     if not 0 < least < len(errors) - 1:
         return 0.0
     left, middle, right = errors[least - 1 : least + 2]

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Maps and trajectories in files that others read: JSON, TUM, g2o, GraphML.
+"""Exports maps and trajectories to standard formats: JSON, TUM, g2o, GraphML.
 
-Of a ``RatSlamRun``, or of a ``LiveMap`` while it grows.
+The source is a ``RatSlamRun``, or a ``LiveMap`` while it grows.
 
-All lengths are metres, angles radians counter-clockwise, stamps nanoseconds, unless the format
-itself says otherwise. Poses are on the map, whose frame begins where the robot began; only the
-true ones are in the world's frame. Every file is written whole or not at all.
+Lengths are in metres, angles in radians counter-clockwise, stamps in nanoseconds, unless the
+format itself says otherwise. Poses are in the map frame, whose origin is where the robot began;
+only the true poses are in the world frame. Every file is written atomically.
 """
 
 import os
@@ -38,7 +38,7 @@ UNITS = {
     "sd_rad": "rad",
     "stamp_ns": "ns",
 }
-"""By the name of a field of a node or link; ids have none."""
+"""Units of the fields of nodes and links; ids have none."""
 
 TRAJECTORIES = {
     "final": "trajectory.txt",
@@ -46,13 +46,13 @@ TRAJECTORIES = {
     "dead_reckoning": "dead_reckoning.txt",
     "truth": "truth.txt",
 }
-"""By the name of a trajectory, the file that ``export_run`` writes it into."""
+"""Files that ``export_run`` writes, by the name of the trajectory."""
 
 _GRAPHML = "http://graphml.graphdrawing.org/xmlns"
 
 
 def export_run(folder: PathLike, run: MapRecord) -> list[Path]:
-    """Write every format into a folder, and the trajectories that are known.
+    """Write the map in every format and all known trajectories into a folder.
 
     Returns:
         The files: map.json, map.g2o, map.graphml, and those of ``TRAJECTORIES``.
@@ -75,12 +75,12 @@ def write_map_json(path: PathLike, run: MapRecord) -> None:
 
     Its keys: ``format``; ``name``, ``views``, ``odometry``, ``preset``, ``config`` of the run;
     ``units`` by field; ``nodes``, a list of objects (id, x, y, heading, stamp_ns, view); ``links``,
-    a list of objects (source and target by id; distance and heading of the way and facing, the
-    rotation, both seen from the source's heading; duration; the deviations to be expected of the
-    way, along each axis, and of the rotation); ``trajectory``, of equally long lists:
-    stamps_ns, node and view by id (-1 for none), and poses [x, y, heading] live, final and
-    dead_reckoning, and truth: null as a whole where nobody kept them, and truth at steps where
-    nobody knows it.
+    a list of objects (source and target ids; distance and heading of the displacement, and facing,
+    the rotation, both relative to the source's heading; duration; the expected deviations of the
+    displacement, along each axis, and of the rotation); ``trajectory``, lists of equal length:
+    stamps_ns, node and view ids (-1 for none), and the poses [x, y, heading] live, final,
+    dead_reckoning and truth. A list that was not kept is null; so is truth at steps where it is
+    unknown.
 
     Raises:
         DataError: a value that is not finite, or the file cannot be written.
@@ -103,18 +103,18 @@ def write_map_json(path: PathLike, run: MapRecord) -> None:
 
 
 def write_trajectory(path: PathLike, run: MapRecord, which: str = "final") -> None:
-    """Write a trajectory as TUM lines: seconds, x y z, quaternion x y z w.
+    """Write a trajectory in TUM format: seconds, x y z, quaternion x y z w.
 
     Args:
-        path: of the file.
-        run: what happened.
-        which: "final" (on the map as it is in the end), "live" (as it was then),
-            "dead_reckoning" or "truth", of the steps at which it is known. Of steps at one stamp
-            the last one counts.
+        path: path of the file.
+        run: the recorded run.
+        which: "final" (poses on the final map), "live" (poses on the map at that time),
+            "dead_reckoning" or "truth" (only the steps where it is known). The last of several
+            steps with the same stamp counts.
 
     Raises:
-        ConfigError: another word.
-        DataError: no such poses, one that is not finite, or the file cannot be written.
+        ConfigError: ``which`` is unknown.
+        DataError: the run has no such poses, one is not finite, or the file cannot be written.
     """
     poses = _poses(run, which)
     if poses is None:
@@ -129,12 +129,12 @@ def write_trajectory(path: PathLike, run: MapRecord, which: str = "final") -> No
 def write_g2o(path: PathLike, run: MapRecord) -> None:
     """Write the map for pose graph optimisers: VERTEX_SE2 and EDGE_SE2, the first node fixed.
 
-    An edge's measurement is what odometry and view said of the target as seen from the source:
-    x, y in metres, rotation in radians; its information matrix (1/m^2, 1/rad^2) is what relaxation
-    weighs it by: it follows from the link's deviations.
+    An edge's measurement is the target's pose in the source's frame by odometry and view: x, y in
+    metres, rotation in radians. Its information matrix (1/m^2, 1/rad^2), which relaxation uses as
+    the weight, follows from the link's deviations.
 
     Raises:
-        DataError: a value that is not finite, a deviation that is not above 0, or the file cannot
+        DataError: a value that is not finite, a deviation that is not positive, or the file cannot
             be written.
     """
     _check(run)
@@ -150,7 +150,7 @@ def write_g2o(path: PathLike, run: MapRecord) -> None:
 
 
 def measured_ways(links: NDArray[np.void]) -> Floats:
-    """float64 (n, 3): x, y and rotation of the target of each link, as seen from its source."""
+    """float64 (n, 3): x, y and rotation of each link's target in its source's frame."""
     c, s = np.cos(links["heading"]), np.sin(links["heading"])
     return np.stack([links["distance"] * c, links["distance"] * s, links["facing"]], axis=1)
 
@@ -158,8 +158,8 @@ def measured_ways(links: NDArray[np.void]) -> Floats:
 def write_graphml(path: PathLike, run: MapRecord) -> None:
     """Write the map as a directed GraphML graph; attributes as in ``write_map_json``.
 
-    Nodes are "n0", "n1", ...; whole numbers are of type long, others double; what the run says
-    about itself are attributes of the graph.
+    Nodes are "n0", "n1", ...; integers have type long, other numbers double; metadata of the run
+    are attributes of the graph.
 
     Raises:
         DataError: a value that is not finite, or the file cannot be written.
@@ -190,7 +190,7 @@ def _put(
     element: ElementTree.Element,
     values: dict[str, Any],
 ) -> None:
-    """Give an element its attributes, and the file the keys that declare them."""
+    """Add attributes to an element, and the keys that declare them to the file."""
     kind = element.tag.rpartition("}")[2]
     for name, value in values.items():
         key = keys.get((kind, name))
@@ -231,7 +231,7 @@ def _poses(run: MapRecord, which: str) -> Floats | None:
 
 
 def _to_lists(poses: Floats | None) -> list[list[float] | None] | None:
-    """Poses as JSON holds them; None for those that are not known."""
+    """Poses as JSON values; None for unknown ones."""
     if poses is None:
         return None
     rows = zip(poses.tolist(), _unknown(poses).tolist(), strict=True)
@@ -239,12 +239,12 @@ def _to_lists(poses: Floats | None) -> list[list[float] | None] | None:
 
 
 def _unknown(poses: Floats) -> NDArray[np.bool_]:
-    """Bool (n,): the poses that nobody knows, three times NaN."""
+    """Bool (n,): True for unknown poses, which are NaN three times."""
     return np.asarray(np.isnan(poses).all(axis=1))
 
 
 def _matrices(poses: Floats) -> Floats:
-    """float64 (n, 4, 4) of poses in the plane."""
+    """float64 (n, 4, 4) transforms of planar poses."""
     matrices = np.tile(np.eye(4), (len(poses), 1, 1))
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     matrices[:, 0, 0], matrices[:, 0, 1] = c, -s
@@ -254,7 +254,7 @@ def _matrices(poses: Floats) -> Floats:
 
 
 def _information(links: NDArray[np.void]) -> Floats:
-    """float64 (n, 2): 1/m^2 and 1/rad^2. Raises DataError of the first that is none."""
+    """float64 (n, 2): 1/m^2 and 1/rad^2. Raises DataError for the first invalid link."""
     deviations = np.stack([links["sd_m"], links["sd_rad"]], axis=1)
     if (wrong := np.flatnonzero((deviations <= 0).any(axis=1))).size:
         found = deviations[wrong[0]].tolist()
@@ -263,12 +263,12 @@ def _information(links: NDArray[np.void]) -> Floats:
 
 
 def _numbers(values: Any) -> str:
-    """Numbers with all their digits, separated by blanks."""
+    """Numbers with all their digits, separated by spaces."""
     return " ".join(f"{value:.17g}" for value in values)
 
 
 def _check(run: MapRecord) -> None:
-    """Raise DataError that names the first value which is not finite."""
+    """Raise DataError, which names the first value that is not finite."""
     tables: dict[str, NDArray[Any] | None] = {"nodes": run.nodes, "offsets": run.offsets}
     tables |= {"poses": run.poses, "dead_reckoning": run.dead_reckoning}
     tables |= {f"links, {name}": run.links[name][:, None] for name in run.links.dtype.names or ()}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What files of maps are written of: a run that is over, or a map that still grows."""
+"""Sources of map exports: a finished run, or a map that still grows."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from fusionslam.storage.arrays import Floats, Integers
 
 
 class MapRecord(Protocol):
-    """A map and the way on it: a ``RatSlamRun``, or a ``LiveMap``.
+    """A map and the trajectory on it: a ``RatSlamRun`` or a ``LiveMap``.
 
-    Attributes as of ``RatSlamRun``; None for trajectories that nobody kept.
+    Attributes as in ``RatSlamRun``; None for trajectories that were not kept.
     """
 
     @property
@@ -57,16 +57,16 @@ class MapRecord(Protocol):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LiveMap:
-    """The map of a ``RatSlam`` as it is now: its way are the nodes, in the order of their making.
+    """A snapshot of a ``RatSlam`` map, with the nodes in order of creation as its trajectory.
 
-    Where the robot was between them nobody keeps: it would grow without end.
+    Poses between the nodes are not kept: they would grow without bound.
 
     Attributes:
-        name, views, odometry, preset, config: as of ``RatSlamRun``.
+        name, views, odometry, preset, config: as in ``RatSlamRun``.
         nodes: float64 (k, 3), x, y in metres and heading in radians.
-        node_stamps_ns: int64 (k), when each was made.
-        node_views: int64 (k), the view it was made of.
-        links: of dtype ``LINK``, in the order of their making.
+        node_stamps_ns: int64 (k), time of creation of each.
+        node_views: int64 (k), the view it was created from.
+        links: of dtype ``LINK``, in order of creation.
     """
 
     name: str
@@ -84,12 +84,12 @@ class LiveMap:
 
     @classmethod
     def of(cls, slam: RatSlam, name: str, odometry: str) -> "LiveMap":
-        """A copy of the map of a ``RatSlam``.
+        """Copy the map of a ``RatSlam``.
 
         Args:
-            slam: not changed.
-            name: of what is driven, for people.
-            odometry: what tells the way, for people.
+            slam: it is not changed.
+            name: human-readable name of the drive.
+            odometry: human-readable name of the odometry.
         """
         return cls(
             name=name,
@@ -105,25 +105,25 @@ class LiveMap:
 
     @property
     def stamps_ns(self) -> Integers:
-        """int64 (k): of the nodes."""
+        """int64 (k), stamps of the nodes."""
         return self.node_stamps_ns
 
     @property
     def node_ids(self) -> Integers:
-        """int64 (k): of the nodes."""
+        """int64 (k), ids of the nodes."""
         return np.arange(len(self.nodes))
 
     @property
     def view_ids(self) -> Integers:
-        """int64 (k): of the nodes."""
+        """int64 (k), views of the nodes."""
         return self.node_views
 
     @property
     def offsets(self) -> Floats:
-        """float64 (k, 3): none."""
+        """float64 (k, 3), zeros: the trajectory consists of the nodes themselves."""
         return np.zeros_like(self.nodes)
 
     @property
     def final_poses(self) -> Floats:
-        """float64 (k, 3): the nodes."""
+        """float64 (k, 3), poses of the nodes."""
         return self.nodes

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a robot moved between two stamps, of poses or of velocities."""
+"""Motion of the robot between two odometry messages, from poses or velocities."""
 
 import math
 from typing import NamedTuple
@@ -18,18 +18,18 @@ Ground = tuple[float, float, float]
 """x, y in metres and heading in radians."""
 
 
-# Odometry that is started again begins this near to its origin, having been farther away than that.
+# Restarted odometry begins within this of its origin, after having been farther away than _AWAY.
 _ORIGIN_M, _ORIGIN_RAD = 0.05, 0.05
 _AWAY_M, _AWAY_RAD = 0.5, 0.5
 
 
 FORGOTTEN_NS = -(2**62) - 1
-"""The stamp of odometry whose clock went back: no event has one so early."""
+"""Stamp given to odometry whose clock went back, earlier than that of any event."""
 
 
 class Limits(NamedTuple):
-    """Seconds of silence that are noted; m/s, and metres in one step, beyond which odometry is not
-    believed."""
+    """Limits of plausible odometry: the longest normal gap in seconds, the highest speed in m/s,
+    and the longest step in metres."""
 
     gap: float
     max_speed: float
@@ -37,10 +37,10 @@ class Limits(NamedTuple):
 
 
 class MotionStep(NamedTuple):
-    """One step of odometry: m/s forwards, rad/s, seconds; and what is to be said of it.
+    """One odometry step: m/s forward, rad/s, duration in seconds, and a note.
 
-    Over a long one the robot did not drive an arc: then ``bearing`` says where it went straight to,
-    in radians from its first heading.
+    After a gap the robot's path is not taken for an arc: ``bearing`` then gives the direction of the
+    straight line, in radians relative to the heading before.
     """
 
     v: float
@@ -51,7 +51,7 @@ class MotionStep(NamedTuple):
 
     @property
     def legs(self) -> list[tuple[float, float, float]]:
-        """Velocities and times that lead there one after the other."""
+        """The step as consecutive (v, w, dt)."""
         if self.bearing is None:
             return [(self.v, self.w, self.dt)]
         third, rest = self.dt / 3, self.w * self.dt - self.bearing
@@ -63,7 +63,7 @@ class MotionStep(NamedTuple):
 
 
 class Odometry2D(NamedTuple):
-    """What one message says: when, where if it says so, how fast if it says so."""
+    """One odometry message: stamp, pose if known, velocity if known."""
 
     stamp_ns: int
     pose: Ground | None
@@ -71,13 +71,13 @@ class Odometry2D(NamedTuple):
 
 
 def odometry_of(event: Event) -> Odometry2D | None:
-    """The odometry in an event, on the ground; None if it has none.
+    """The odometry in an event, projected onto the ground; None if it has none.
 
-    Poses count where there are any: their differences hold whatever the rate. Velocities are used
-    where the pose is not finite, or of a ``Motion``, which has nothing else.
+    ``step_between`` prefers poses, because their differences hold at any rate. Velocities are used
+    if the pose is not finite, and for ``Motion``, which has nothing else.
 
     Raises:
-        DataError: neither pose nor velocity is finite. ShapeError: of other shapes than theirs.
+        DataError: neither pose nor velocity is finite. ShapeError: wrong shapes.
     """
     if isinstance(event, Motion):
         said = Odometry2D(int(event.stamp_ns), None, _finite(event.v, event.w))
@@ -95,21 +95,21 @@ def odometry_of(event: Event) -> Odometry2D | None:
 
 
 def step_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -> MotionStep | None:
-    """How the robot moved from one message to the next; None of the first one.
+    """The robot's motion from one message to the next; None for the first one.
 
-    A silence longer than ``limits.gap`` is noted. Poses tell all the same how far the robot came in
-    it; a velocity is believed for that long and no longer. What is faster than ``limits.max_speed``
-    or farther than ``limits.max_way`` jumped; what is back at its origin after a silence
-    began anew, as where its driver, or the robot, was started again where it stood. Of both, the
-    velocity counts if there is one, else the robot did not move.
+    A gap longer than ``limits.gap`` is noted. Poses still give the motion over the gap; a velocity
+    counts for ``limits.gap`` at most. Poses faster than ``limits.max_speed`` or farther than
+    ``limits.max_way`` apart are a jump; a pose back at the origin after a gap is a restart of the
+    driver, or of the robot where it stood. After either, the velocity counts if there is one, else
+    the robot did not move.
 
     Args:
-        before: the message before.
-        now: the one that arrived.
-        limits: of what is believed.
+        before: the previous message.
+        now: the current message.
+        limits: limits of plausible odometry.
 
     Raises:
-        DataError: a stamp that is not later, or nothing that tells the motion.
+        DataError: a stamp that is not later, or neither two poses nor a velocity.
     """
     if before is None:
         return None
@@ -139,7 +139,7 @@ def step_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -> 
 
 
 def _step_after_jump(before: Odometry2D, now: Odometry2D, limits: Limits) -> MotionStep | None:
-    """From where odometry was when the clock went back to where it is, in whatever time."""
+    """The motion since the clock went back; its unknown duration is chosen to fit the limits."""
     if before.pose is None or now.pose is None:
         return None
     way = float(np.hypot(now.pose[0] - before.pose[0], now.pose[1] - before.pose[1]))
@@ -151,7 +151,7 @@ def _step_after_jump(before: Odometry2D, now: Odometry2D, limits: Limits) -> Mot
 
 
 def _straight_step(before: Ground, now: Ground, dt: float, note: str) -> MotionStep:
-    """The step from one pose straight to another one."""
+    """The step along the straight line from one pose to another."""
     way = float(np.hypot(now[0] - before[0], now[1] - before[1]))
     turn = float(wrapped(np.asarray(now[2] - before[2])))
     bearing = float(np.arctan2(now[1] - before[1], now[0] - before[0]))
@@ -173,13 +173,13 @@ def _step_by_speed(now: Odometry2D, dt: float, limits: Limits, note: str = "") -
 
 
 def _began_anew(before: Ground, now: Ground) -> bool:
-    """Whether odometry is at its origin, and was elsewhere."""
+    """Whether odometry is back at its origin and was elsewhere before."""
     away = np.hypot(*before[:2]) > _AWAY_M or abs(before[2]) > _AWAY_RAD
     return bool(away and np.hypot(*now[:2]) <= _ORIGIN_M and abs(now[2]) <= _ORIGIN_RAD)
 
 
 def _displacement_between(before: Ground, now: Ground) -> tuple[float, float]:
-    """Metres forwards, seen from the heading in the middle of the step, and radians turned."""
+    """Metres forward along the heading at mid-step, and turn in radians."""
     turn = float(wrapped(np.asarray(now[2] - before[2])))
     middle = before[2] + turn / 2
     dx, dy = now[0] - before[0], now[1] - before[1]

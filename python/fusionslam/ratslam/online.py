@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``OnlineRatSlam``: a map that grows while odometry and views arrive, as on a robot.
+"""``OnlineRatSlam``: builds a map online while odometry and views arrive, as on a robot.
 
 >>> from fusionslam.ratslam import GivenView, Look, Motion, OnlineRatSlam
 >>> online = OnlineRatSlam()
@@ -47,30 +47,30 @@ class OnlineRatSlamConfig(Section):
     """How a map is made of what arrives."""
 
     ratslam: RatSlamConfig = option(RatSlamConfig(), "the cells and the map")
-    # The wait delays the map only while nobody sees anything, when there is nothing to map; shorter
-    # ones were missed by busy machines that play a bag at five times its pace.
+    # The wait delays the map only while no views arrive, when there is nothing to map. Busy
+    # machines that play a bag at five times its speed exceeded shorter ones.
     order: OrderConfig = option(
         OrderConfig(wait=10.0, in_order=True, jump=1.0), "in which order what arrives is taken"
     )
 
 
 class OnlineRatSlam:
-    """Takes odometry and the views of another process as they arrive, and never stops on bad ones.
+    """Maps from odometry and the views of another process as they arrive; never stops on bad ones.
 
-    Whatever the interleaving and the pace, the steps are those of a recording of the same messages:
-    odometry counts from the last one before the first view on. An event is taken once odometry and
-    views have both come as far (``order``). May be used by several threads.
+    The steps do not depend on interleaving and rate: they equal those of a recording of the same
+    messages. Odometry counts from the last message before the first view. An event is processed
+    once odometry and views have both reached its stamp (``order``). Thread-safe.
 
     Args:
         config: None for the defaults.
         changes: values of the configuration that differ from it.
 
     Attributes:
-        config: what it was made with.
-        slam: the map and all that belongs to it; not to be changed by others.
-        views: what numbers the views of the map.
-        refused: events that were left out, by cause.
-        jumps: how often the clock went back; the map went on.
+        config: the configuration in use.
+        slam: the underlying RatSLAM; do not modify it.
+        views: the source that numbers the views of the map.
+        refused: number of events left out, by cause.
+        jumps: number of times that the clock went back; the map continued.
         last: the last step; None before the first.
 
     Raises:
@@ -98,48 +98,47 @@ class OnlineRatSlam:
 
     @property
     def views(self) -> GivenViews:
-        """What numbers the views of the map."""
+        """The source that numbers the views of the map."""
         assert isinstance(self.slam.views, GivenViews)
         return self.slam.views
 
     def process(self, event: Odometry | Motion | Look) -> list[Step]:
-        """Take what arrived; returns the steps that it completes, in the order of their stamps.
+        """Process an event; returns the steps that it completes, in the order of their stamps.
 
         Args:
-            event: odometry, or a ``Look`` at a ``GivenView``. What is at fault is left out, counted
-                and logged once per cause; the map is unchanged.
+            event: odometry, or a ``Look`` at a ``GivenView``. A bad event is left out, counted and
+                logged once per cause; the map is unchanged.
         """
         with uninterrupted(), self._lock:
             return self._take(self._order_events(event))
 
     def flush(self) -> list[Step]:
-        """The steps of all that waits: nothing more will come."""
+        """Process all waiting events at the end of the input; returns their steps."""
         with uninterrupted(), self._lock:
             return self._take(self._order.flush())
 
     @property
     def map_from_odometry(self) -> Matrix | None:
-        """float64 (4, 4): ``map_from_odometry`` as of the last step; None while odometry has told
-        no pose."""
+        """float64 (4, 4): ``map_from_odometry`` at the last step; None without an odometry pose."""
         return None if self._here is None else map_from_odometry(*self._here)
 
     def live_map(self, name: str, odometry: str) -> LiveMap:
-        """The map as it is now, which ``export_run`` writes; both names are for people.
+        """A snapshot of the map, which ``export_run`` can write.
 
         Args:
-            name: of what is driven.
-            odometry: what tells the way.
+            name: human-readable name of the drive.
+            odometry: human-readable name of the odometry.
         """
         with uninterrupted(), self._lock:
             return LiveMap.of(self.slam, name, odometry)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the map to one file, whole or not at all, from which ``load`` goes on.
+        """Save the map atomically to one file, from which ``load`` resumes.
 
-        What waits for its turn is not in it; ``flush`` before, if nothing more will come.
+        Waiting events are not saved; ``flush`` first if the input has ended.
 
         Raises:
-            DataError: it cannot be written.
+            DataError: the file cannot be written.
         """
         with uninterrupted(), self._lock:
             self.slam.save(path)
@@ -148,16 +147,17 @@ class OnlineRatSlam:
     def load(
         cls, path: str | os.PathLike[str], config: OnlineRatSlamConfig | None = None, **changes: Any
     ) -> "OnlineRatSlam":
-        """Go on from what ``save`` wrote; earlier stamps are those of a clock that went back.
+        """Resume from what ``save`` wrote; earlier stamps mean that the clock went back.
 
         Args:
-            path: the file.
-            config: None for the defaults. Cells and map keep what they were made with.
-            changes: values of the configuration that differ from it.
+            path: path of the file.
+            config: None for the defaults. Cells and map keep their stored configuration.
+            changes: configuration values to override.
 
         Raises:
-            DataError: missing, cut short, damaged, of another version, or with views of its own;
-                the message names the file. ConfigError: as for a new one.
+            DataError: the file is missing, truncated, damaged, of another version, or has a view
+                source other than ``GivenViews``; the message names it. ConfigError: as in the
+                constructor.
         """
         slam = RatSlam.load(path)
         if not isinstance(slam.views, GivenViews):
@@ -187,7 +187,7 @@ class OnlineRatSlam:
         return ready
 
     def _is_unset(self, stamp_ns: int, is_view: bool) -> bool:
-        """Zero, where its own kind has other stamps, or the other one is days from it."""
+        """Whether a stamp is 0 while its kind has other stamps, or the other kind is days later."""
         own_ns, any_ns = self._newest_ns[is_view], max(self._newest_ns.values())
         if stamp_ns == 0 and (own_ns > NANOSECONDS or any_ns > _DAY_NS):
             return True
@@ -206,7 +206,7 @@ class OnlineRatSlam:
         return steps
 
     def _counting(self, event: Event) -> Iterable[Event]:
-        """Before the first view, only the last odometry counts."""
+        """The events to process: of those before the first view, only the last odometry."""
         if self._begun:
             return [event]
         if not is_looking(event):
@@ -225,7 +225,7 @@ class OnlineRatSlam:
         )
 
     def _step(self, event: Event) -> Step | None:
-        """None of what is refused."""
+        """Process one event; None if it is refused."""
         try:
             step = self.slam.step(event)
         except FusionSlamError as error:
@@ -247,19 +247,19 @@ class OnlineRatSlam:
 
 
 def map_from_odometry(pose: Ground, odometry: Odometry) -> Matrix | None:
-    """Where the odometry frame is on the map, so that the robot stands at a pose of the map.
+    """The transform from the odometry frame to the map that puts the robot at a pose on the map.
 
-    Only x, y and heading are corrected: height, roll and pitch stay those of odometry.
+    Only x, y and heading are corrected; height, roll and pitch stay those of odometry.
 
     Args:
-        pose: x, y in metres and heading in radians on the map, of ``Step.pose``.
-        odometry: of the same time.
+        pose: x, y in metres and heading in radians on the map, as ``Step.pose``.
+        odometry: the odometry at the same time.
 
     Returns:
-        float64 (4, 4), map_from_odometry; None where odometry does not tell a finite pose.
+        float64 (4, 4), map_from_odometry; None if the odometry has no finite pose.
 
     Raises:
-        DataError: odometry with neither a finite pose nor velocity.
+        DataError: the odometry has neither a finite pose nor a finite velocity.
     """
     said = odometry_of(odometry)
     if said is None or said.pose is None:
@@ -268,6 +268,6 @@ def map_from_odometry(pose: Ground, odometry: Odometry) -> Matrix | None:
 
 
 def _lift_pose(pose: Ground) -> Matrix:
-    """float64 (4, 4) of a pose on the ground."""
+    """float64 (4, 4) transform of a pose on the ground."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     return np.array([[c, -s, 0, pose[0]], [s, c, 0, pose[1]], [0, 0, 1, 0], [0, 0, 0, 1]])

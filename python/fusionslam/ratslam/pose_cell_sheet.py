@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Poses on the sheet of pose cells, in cells, and motions from one to another."""
+"""Poses on the sheet of pose cells, in cells, and motions between them."""
 
 import math
 from typing import Any, NamedTuple
@@ -12,13 +12,13 @@ from fusionslam.storage.arrays import Floats
 HEADINGS = 36
 """Layers of the sheet: headings ten degrees apart."""
 LAYER = 2 * math.pi / HEADINGS
-"""Radians from one layer to the next."""
+"""Angle between two layers, radians."""
 
 
 class Place(NamedTuple):
     """A pose on the sheet in cells: x, y in [0, n), th in [0, 36), which is heading / 10 degrees.
 
-    Also a motion: x forwards, y to the left, th the turn, counter-clockwise, all of any size.
+    Also a motion: x forward, y to the left, th the turn, counter-clockwise, all of any size.
     """
 
     x: float
@@ -27,11 +27,11 @@ class Place(NamedTuple):
 
 
 IDENTITY = Place(0.0, 0.0, 0.0)
-"""The motion that leaves a place where it is."""
+"""The motion that changes nothing."""
 
 
 def compose(place: Place, way: Place) -> Place:
-    """The place that a motion leads to, not wrapped; or two motions one after the other."""
+    """Apply a motion to a place, without wrapping; or concatenate two motions."""
     cosine, sine = math.cos(place.th * LAYER), math.sin(place.th * LAYER)
     return Place(
         place.x + cosine * way.x - sine * way.y,
@@ -41,20 +41,20 @@ def compose(place: Place, way: Place) -> Place:
 
 
 def inverse(way: Place) -> Place:
-    """The motion that leads back."""
+    """The inverse motion."""
     cosine, sine = math.cos(way.th * LAYER), math.sin(way.th * LAYER)
     return Place(-cosine * way.x - sine * way.y, sine * way.x - cosine * way.y, -way.th)
 
 
 def motion_arc(way: float, turn: float) -> Place:
-    """The motion of a robot that turns evenly: length in cells, turn in radians."""
+    """The motion along an arc: length in cells, turn in radians."""
     half = turn / 2
     chord = way * float(np.sinc(half / math.pi))
     return Place(chord * math.cos(half), chord * math.sin(half), turn / LAYER)
 
 
 def wrap(place: Place, size: int) -> Place:
-    """The same place in [0, n) and [0, 36)."""
+    """Wrap a place into [0, n) and [0, 36)."""
     return Place(
         _wrap_value(place.x, size), _wrap_value(place.y, size), _wrap_value(place.th, HEADINGS)
     )
@@ -62,11 +62,11 @@ def wrap(place: Place, size: int) -> Place:
 
 def _wrap_value(value: float, period: int) -> float:
     rest = value % period
-    return rest if rest < period else 0.0  # a tiny negative value is rounded up to the period
+    return rest if rest < period else 0.0  # fmod rounds a tiny negative value up to the period
 
 
 def differences(places: Any, other: Any, size: int) -> Floats:
-    """The shortest differences on the sheet, float64 (..., 3), each in half a period both ways."""
+    """The shortest differences on the wrapped sheet, float64 (..., 3), within half a period."""
     period = np.array((size, size, HEADINGS), np.float64)
     raw = np.asarray(places, np.float64) - np.asarray(other, np.float64)
     wrapped: Floats = (raw + period / 2) % period - period / 2

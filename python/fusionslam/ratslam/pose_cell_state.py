@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What pose cells remember, as arrays, and whether such arrays can be what they remembered."""
+"""The state of pose cells as arrays, and the validation of such arrays."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,19 +13,19 @@ from fusionslam.errors import DataError
 Arrays = Mapping[str, NDArray[Any]]
 
 VIEW_TABLES = {"places": (3,), "decays": (), "since": ()}
-"""The tables of views, and the shape of a row."""
+"""The tables with one row per view, and the shape of a row."""
 EXPERIENCE_TABLES = {"experiences": (3,), "views_of": (), "offsets": (3,)}
-"""The tables of experiences, and the shape of a row."""
+"""The tables with one row per experience, and the shape of a row."""
 _FIXED: dict[str, tuple[int, ...]] = {"relative": (3,), "counts": (4,), "flags": (3,)}
 _DTYPES = {"since": np.int64, "views_of": np.int64, "counts": np.int64, "flags": np.bool_}
 NAMES = ("cells", "network", *_FIXED, *VIEW_TABLES, *EXPERIENCE_TABLES)
 
 
 def checked_state(state: Arrays) -> dict[str, NDArray[Any]]:
-    """The arrays in their types, if they can have been made by pose cells.
+    """Check arrays of a stored state, and return them with the right types.
 
     Raises:
-        DataError: one that is missing, of another shape or of values that cannot be.
+        DataError: an array is missing, or has a wrong shape or impossible values.
     """
     missing = [name for name in NAMES if name not in state]
     if missing:
@@ -59,7 +59,7 @@ def _check_shape(name: str, array: NDArray[Any], shape: tuple[int, ...], why: st
 
 
 def _check_table(arrays: Arrays, tables: Mapping[str, tuple[int, ...]]) -> int:
-    """How many rows all of these tables have."""
+    """The number of rows that all of these tables share."""
     first = next(iter(tables))
     count = len(arrays[first]) if arrays[first].ndim else 0
     for name, row in tables.items():

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``PoseCells``: where the robot is, as a packet of activity on a wrapped sheet (Milford 2004).
+"""``PoseCells``: the robot's pose as a packet of activity on a wrapped sheet (Milford 2004).
 
 >>> cells = PoseCells(preset="openratslam")
 >>> cells.on_view(0)
@@ -40,17 +40,18 @@ __all__ = ["HEADINGS", "Place", "PoseCells", "PoseCellsConfig"]
 
 
 INJECT = {"robust": 0.15, "openratslam": 0.05}
-"""Energy of a view by preset: the reference run's; ours lets five views in a row win a packet."""
+"""Energy of a view by preset: openratslam as in the reference run; with robust, five views in a
+row win over a packet."""
 _OLDER_THAN = 10
 _TABLES = (*VIEW_TABLES, *EXPERIENCE_TABLES)
-# Ways longer than this, in cells, say nothing about the place in a cell any more.
+# Distances longer than this, in cells, do not resolve the place within a cell any more.
 _FARTHEST = 1e9
-# The decay from which a view has no energy left: 30 - exp(1.2 decay) is 0.
+# The decay at which a view has no energy left: 30 - exp(1.2 decay) is 0.
 _WORN = math.log(30) / 1.2
 
 
 class PoseCellsConfig(Section):
-    """The sheet of cells and what moves activity on it; the defaults are the reference run's."""
+    """The sheet of cells and its dynamics; the defaults are the reference run's."""
 
     preset: Literal["robust", "openratslam"] = option(
         "robust", "robust (ours) or openratslam (Ball et al. 2013, as its program behaves)"
@@ -87,23 +88,23 @@ class PoseCellsConfig(Section):
 class PoseCells:
     """A continuous attractor network of pose cells.
 
-    The two presets differ in this:
+    The two presets differ as follows:
 
-    - ``openratslam`` takes a step of the attractor with each odometry, ``robust`` one every
-      ``step_s`` of stamped time and every cell of way, with exact motion between: the pose does not
-      depend on how often odometry arrives, and at dt 0 nothing moves.
+    - ``openratslam`` takes one attractor step per odometry message, ``robust`` one every ``step_s``
+      of stamped time and every cell of distance, with exact motion in between: the pose does not
+      depend on the odometry rate, and nothing moves at dt 0.
     - Views: ``openratslam`` adds energy to one cell, for views older than the last ten or, while
       there are fewer than ten, for any; ``robust`` spreads it over the cells around the place, for
-      views older than the last ten only, and a view that the robot keeps looking at wears only so
-      far that it adds nothing.
+      views older than the last ten only, and a view that the robot keeps seeing decays only until
+      it adds nothing.
     - Rotations and places relative to a match: ``openratslam`` turns the place by the rotation.
-      ``robust`` takes both as the robot's pose in the frame of the view, moves the place by it, and
-      remembers it with each experience, so that actions tell the robot's pose against the node.
-    - Steps of a cell or more: ``openratslam`` refuses them, ``robust`` takes any.
+      ``robust`` takes both as the robot's pose in the view's frame, moves the place by it, and
+      stores it with each experience, so that actions give the robot's pose relative to the node.
+    - Steps of a cell or more: ``openratslam`` refuses them, ``robust`` accepts any.
 
     Args:
         config: None for the defaults.
-        changes: values of the configuration that differ from it.
+        changes: configuration values to override.
 
     Raises:
         ConfigError: an unknown key, or a value out of range.
@@ -117,10 +118,10 @@ class PoseCells:
         self._robust = config.preset == "robust"
         self._energy = INJECT[config.preset] if config.inject is None else config.inject
         self._network = _network(config)
-        # Of each view: its place, its decay, and how many views had arrived by then.
+        # For each view: its place, its decay, and the count of views when the decay was set.
         self._places, self._decays, self._since = Rows(np.float64, 3), Rows(np.float64), Rows(int)
         self._arrived = self._view = self._previous = 0
-        # Of each experience: the robot's place, its view, and the robot in the view's frame.
+        # For each experience: the robot's place, its view, and the robot in the view's frame.
         self._experiences, self._views_of = Rows(np.float64, 3), Rows(int)
         self._offsets = Rows(np.float64, 3)
         self._known: list[Rows] = []
@@ -129,7 +130,7 @@ class PoseCells:
 
     @property
     def activity(self) -> Floats:
-        """float64 (36, n, n) by th, y, x; not negative: a copy.
+        """A copy of the activity, float64 (36, n, n) by th, y, x; not negative.
 
         Its sum is 1; in the openratslam preset views add to it until the next odometry.
         """
@@ -146,13 +147,14 @@ class PoseCells:
         relative_rotation: float = 0.0,
         relative_place: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """Take note of the view that the robot sees.
+        """Process the view that the robot sees.
 
         Args:
-            view_id: known, or the next one.
-            relative_rotation: radians, counter-clockwise, that the robot is turned against it.
-            relative_place: metres, x forward and y to the left, where the robot is in the frame of
-                the view. The openratslam preset does not use it.
+            view_id: a known id, or the next one.
+            relative_rotation: rotation of the robot relative to the view, radians,
+                counter-clockwise.
+            relative_place: position of the robot in the view's frame, metres, x forward and y to
+                the left. The openratslam preset does not use it.
 
         Raises:
             DataError: an id that skips numbers or is negative, a rotation or place that is not
@@ -217,7 +219,7 @@ class PoseCells:
         self._network.inject(place, energy)
 
     def _decay(self, view: int) -> float:
-        """It falls with each view that arrives, down to what it is at rest."""
+        """The current decay of a view, which falls with each view that arrives, down to its minimum."""
         fallen = self.config.restore * (self._arrived - int(self._since.all[view]))
         return max(float(self._decays.all[view]) - fallen, self.config.active_decay)
 
@@ -228,13 +230,13 @@ class PoseCells:
         """Move the activity.
 
         Args:
-            v: metres a second forward.
-            w: radians a second, counter-clockwise.
+            v: m/s forward.
+            w: rad/s, counter-clockwise.
             dt: seconds.
 
         Raises:
-            DataError: a value that is not finite, dt under 0, a way of more than 1e9 cells, or, in
-                the openratslam preset, of a cell or more. Nothing is changed.
+            DataError: a value that is not finite, a negative dt, a distance of more than 1e9
+                cells, or, in the openratslam preset, of a cell or more. Nothing is changed.
         """
         try:
             v, w, dt = float(v), float(w), float(dt)
@@ -255,13 +257,13 @@ class PoseCells:
         self._moved = True
 
     def _decide(self) -> None:
-        """Who goes on after an edge without refusing it takes it for right."""
+        """Accept the last edge: the caller goes on without having refused it."""
         if self._in_doubt:
             self._network.accept()
         self._in_doubt = False
 
     def action(self) -> Action:
-        """What the experience map has to do now; call it once after each step of odometry."""
+        """The next action for the experience map; call once after each odometry step."""
         if not (self._moved and self._seen):
             return Action(ActionKind.NONE)
         known = self._known[self._view].all
@@ -299,19 +301,19 @@ class PoseCells:
         return Action(ActionKind.CREATE_EDGE, source, target, rotation, place)
 
     def refuse(self, action: Action) -> Action:
-        """What to do instead of the last action, an edge that the map found to be wrong.
+        """Replace the last action, an edge that the map found to be wrong.
 
-        The robust preset also goes back to where odometry leads to from before the jump, if the
-        packet had jumped, and lets the view rest until others were seen.
+        If the packet had jumped, the robust preset also goes back to the place before the jump,
+        moved on by odometry, and ignores the view until others have been seen.
 
         Args:
-            action: what ``action()`` gave, before any further odometry or view.
+            action: the result of ``action()``, before any further odometry or view.
 
         Returns:
             A new experience of the same view at this place, reached from where the robot was.
 
         Raises:
-            DataError: the action was no edge, or not the last one.
+            DataError: the action was not an edge, or not the last one.
         """
         if not self._in_doubt or action.target != self._current:
             raise DataError(f"{action.kind.name} to {action.target} is not the last edge")
@@ -322,14 +324,14 @@ class PoseCells:
         return self._create_node(action.source)
 
     def _way_from(self, experience: int) -> Place:
-        """The robot in the frame of an experience of the current view, in cells, by its match."""
+        """The robot's pose by the match in the frame of an experience of the current view, in cells."""
         if not self._robust:
             return self._relative
         offset = Place(*self._offsets.all[experience].tolist())
         return compose(inverse(offset), self._relative)
 
     def _distances(self, experiences: Any) -> Floats:
-        """Cells, from the pose to where it is expected if these experiences are matched."""
+        """Distances in cells from the pose to the ones expected if these experiences match."""
         places = self._experiences.all[experiences]
         if self._robust:
             same = self._views_of.all[experiences] == self._view
@@ -341,9 +343,9 @@ class PoseCells:
         return distances
 
     def _predict(self, experiences: Any) -> Floats:
-        """Where the robot is by the match of these experiences' view, float64 (k, 3)."""
+        """Poses of the robot if the view of each of these experiences matches, float64 (k, 3)."""
         places, offsets = self._experiences.all[experiences], self._offsets.all[experiences]
-        # The view's frame, then the robot in it.
+        # First the view's frame, then the robot's pose in it.
         heading = (places[:, 2] - offsets[:, 2]) * LAYER
         dx, dy = (np.array(self._relative[:2]) - offsets[:, :2]).T
         expected: Floats = np.stack(
@@ -357,7 +359,7 @@ class PoseCells:
         return expected
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Everything that ``restore`` needs to go on exactly from here, but the configuration."""
+        """Everything that ``restore`` needs to resume exactly from here, except the configuration."""
         counts = (self._arrived, self._view, self._previous, self._current)
         return {
             "cells": self._network.cells,
@@ -369,11 +371,11 @@ class PoseCells:
         }
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from what ``state`` gave, of cells of the same configuration.
+        """Resume from the ``state`` of cells with the same configuration.
 
         Raises:
-            DataError: arrays that are missing, or of another shape or configuration; values that
-                cannot be. ShapeError: another number of cells. Nothing is changed.
+            DataError: arrays that are missing, or of another shape or configuration; impossible
+                values. ShapeError: another number of cells. Nothing is changed.
         """
         made = PoseCells(self.config)
         made._take(checked_state(state))

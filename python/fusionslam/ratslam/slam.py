@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``RatSlam``: odometry and views in, a map out (Milford & Wyeth 2004, Ball et al. 2013).
+"""``RatSlam``: builds a map from odometry and views (Milford & Wyeth 2004, Ball et al. 2013).
 
 >>> from fusionslam.ratslam import Motion, RatSlam, Sighting
 >>> slam = RatSlam()
@@ -52,13 +52,13 @@ _RUN, _VIEWS = "run", "views"
 
 NOTHING = Action(ActionKind.NONE)
 
-# Cells in one step. The original's are moved cell by cell, for which a robot has no more time; ours
-# refuse what is farther, of which a part may have been done then.
+# Longest motion of one event in cells. openratslam moves cell by cell, and more would take too
+# long on a robot; robust refuses longer ones, which may then be partly applied.
 _FARTHEST = {"openratslam": 300, "robust": 1e6}
 
 
 class RatSlamConfig(Section):
-    """RatSLAM: the cells, the map, and what joins them."""
+    """RatSLAM: the cells, the map, and their connection."""
 
     preset: Literal["robust", "openratslam"] | None = option(
         None, "of cells and map: robust (ours) or openratslam (Ball et al. 2013); null: each one's"
@@ -86,23 +86,23 @@ class RatSlamConfig(Section):
 
 @dataclass(frozen=True)
 class Step:
-    """What one event did.
+    """The result of one event.
 
     Attributes:
-        stamp_ns: of the event.
-        view_id: of the view that was seen; None if nobody looked, or nothing was recognised.
-        action: what happened to the map.
-        node: id of the node that the robot was at last; None before the first one.
+        stamp_ns: stamp of the event.
+        view_id: id of the recognised view; None if the event has no view or nothing was recognised.
+        action: the action applied to the map.
+        node: id of the last node that the robot visited; None before the first one.
         pose: x, y in metres and heading in radians, on the map.
-        offset: the pose in the frame of the node; before the first one: the pose.
+        offset: the pose in the node's frame; before the first node: the pose.
         dead_reckoning: the pose by odometry alone.
-        cells: the pose that the cells say, in cells.
-        loop: how well a loop fitted the map; None where none was found, or none is checked.
-        why: what happened, in a sentence; empty where nothing did.
-        refused: the edge that was not made, as its loop did not fit.
-        relaxation: how well links fit after nodes were moved; None where nothing was done.
-        looked: whether somebody looked.
-        seconds: what looking, the cells and the map took.
+        cells: the pose decoded from the pose cells, in cells.
+        loop: how well a loop fitted the map; None if none was found, or loops are not checked.
+        why: what happened, as a sentence; empty if nothing did.
+        refused: the edge that was not made because its loop did not fit.
+        relaxation: how well links fit after relaxation; None if nothing was done.
+        looked: whether the event had a view, recognised or not.
+        seconds: time spent on view recognition, the cells and the map.
     """
 
     stamp_ns: int
@@ -122,23 +122,23 @@ class Step:
 
 
 class RatSlam:
-    """Pose cells and an experience map, fed with what happens in the order of its stamps.
+    """Pose cells and an experience map that process events in the order of their stamps.
 
-    Odometry moves the robot; something to look at goes to the source of views. ``StampOrder`` puts
-    events of several sensors in order.
+    Odometry moves the robot; images, clouds and other items go to the view source. ``StampOrder``
+    sorts the events of several sensors.
 
     Args:
         config: None for the defaults.
-        views: what recognises places; None if places come as ``Sighting``.
-        changes: values of the configuration that differ from it.
+        views: the view source, which recognises places; None if they come as ``Sighting``.
+        changes: configuration values to override.
 
     Attributes:
-        config: what it was made with.
+        config: the configuration in use.
         cells: the pose cells.
         map: the experience map.
-        views: what recognises places.
-        alone: a map that never gets a node: dead reckoning.
-        memory: what else there is to remember.
+        views: the view source, which recognises places.
+        alone: a map without nodes, for dead reckoning.
+        memory: the rest of the state.
 
     Raises:
         ConfigError: an unknown key, or a value out of range.
@@ -156,7 +156,7 @@ class RatSlam:
         self.cells = PoseCells(merged(self.config.cells, preset))
         self.map = ExperienceMap(merged(self.config.map, preset))
         self.views = views
-        # A map without nodes goes where odometry alone would.
+        # A map without nodes follows odometry alone.
         self.alone = ExperienceMap(self.map.config)
         self.memory = Memory()
         cells = self.cells.config
@@ -165,28 +165,28 @@ class RatSlam:
 
     @property
     def preset(self) -> str:
-        """Of the map: it says whether loops are checked."""
+        """The preset of the map, which decides whether loops are checked."""
         return self.map.config.preset
 
     @property
     def seen_ns(self) -> tuple[int | None, int | None]:
-        """Stamps of the last odometry and of the last view; None before the first one."""
+        """Stamps of the last odometry and the last view; None before the first one."""
         odometry, looked_ns = self.memory.odometry, self.memory.looked_ns
         return None if odometry is None else odometry.stamp_ns, looked_ns
 
     def step(self, event: Event) -> Step:
-        """Take what happened next: odometry, something to look at, or a frame with both.
+        """Process the next event: odometry, a view, or a frame with both.
 
         Args:
-            event: ``Odometry`` or ``Motion``; ``Frame``, ``Picture`` or ``Look``, which ``views``
-                looks at; or a ``Sighting``.
+            event: ``Odometry`` or ``Motion``; ``Frame``, ``Picture`` or ``Look``, which go to
+                ``views``; or a ``Sighting``.
 
         Raises:
-            DataError: a stamp before that of the event before, odometry or views that are not later
-                than the last ones, values that are not finite, a view id that skips numbers, or
-                nothing to look with. ShapeError: what is looked at has another shape. Cells and
-                map are unchanged then, but for the odometry of a frame whose image or cloud is
-                at fault: it counts all the same.
+            DataError: a stamp earlier than the previous event's, odometry or views that are not
+                later than the last ones, values that are not finite, a view id that skips numbers,
+                or no view source. ShapeError: the item has a wrong shape. Cells and map are then
+                unchanged, except that the odometry of a frame with a bad image or cloud still
+                counts.
         """
         watch = Stopwatch()
         said, stride = self._check(event)
@@ -198,21 +198,21 @@ class RatSlam:
         return self._make_step(event, stride, sighting, done, watch)
 
     def forget_clock(self) -> None:
-        """Take whatever stamp comes next, as where a recording begins again.
+        """Accept any stamp for the next event, for example when a bag or a simulation restarts.
 
-        Cells and map stay, and so does the frame of odometry: the robot is where its pose says, as
-        where a bag is played again, or a simulation begins anew.
+        Cells and map stay, and so does the odometry frame: the robot is where its next odometry
+        pose says.
         """
         known = self.memory.odometry
         self.memory.odometry = known and known._replace(stamp_ns=FORGOTTEN_NS)
         self.memory.newest_ns = self.memory.looked_ns = None
 
     def save(self, path: PathLike, *, run: RatSlamRun | None = None) -> None:
-        """Write one file, whole or not at all: ``load`` continues exactly from here.
+        """Save one file atomically, from which ``load`` resumes exactly.
 
         Args:
-            path: of the file.
-            run: what was done so far, to be kept with it for ``load_run``.
+            path: path of the file.
+            run: the run so far, to be stored with it for ``load_run``.
 
         Raises:
             DataError: the file cannot be written.
@@ -236,16 +236,15 @@ class RatSlam:
 
     @classmethod
     def load(cls, path: PathLike, *, views: ViewSource | None = None) -> "RatSlam":
-        """Continue from what ``save`` wrote.
+        """Resume from what ``save`` wrote.
 
         Args:
-            path: of the file.
-            views: for a source of views that is none of ``KINDS``: another of its kind, without
-                views.
+            path: path of the file.
+            views: an empty view source of the stored kind, if that is not one of ``KINDS``.
 
         Raises:
-            DataError: missing, cut short, damaged, of another version or with another source of
-                views; the message names the file.
+            DataError: the file is missing, truncated, damaged, of another version or has another
+                view source; the message names it.
         """
         with load_archive(path, FORMAT, "a stored RatSLAM") as (about, arrays):
             views = _empty_source(about["views"], views)
@@ -291,7 +290,7 @@ class RatSlam:
             self.memory.odometry, self.memory.newest_ns = said, said.stamp_ns
 
     def _pieces(self, way: float) -> int:
-        """The original's cells take steps of less than a cell."""
+        """The number of steps to divide a motion into: openratslam takes less than a cell each."""
         cells = self.cells.config
         return 1 if cells.preset == "robust" else int(abs(way) / cells.cell_m) + 1
 
@@ -318,7 +317,7 @@ class RatSlam:
     def _act(
         self, stride: MotionStep | None, sighting: Sighting | None, watch: Stopwatch
     ) -> "_ActionResult":
-        # The original's cells act on odometry only, and on a view with the odometry after it.
+        # openratslam cells act on odometry only: on a view with the odometry after it.
         if stride is None and (sighting is None or self.cells.config.preset == "openratslam"):
             return _ActionResult(NOTHING)
         with watch.of("cells"):
@@ -328,14 +327,14 @@ class RatSlam:
         with watch.of("map"):
             done = self._check_action(action)
             self.map.apply(done.action)
-            # Before nodes are moved, which Ctrl-C may interrupt: each node has its stamp and view.
+            # Before nodes are moved, which Ctrl-C may interrupt, so that each node has stamp and view.
             if done.action.kind == ActionKind.CREATE_NODE:
                 self.memory.node_stamps_ns.append(self.memory.newest_ns or 0)
                 self.memory.node_views.append(self.memory.view)
             return done._replace(relaxation=self.map.relax())
 
     def _check_action(self, action: Action) -> "_ActionResult":
-        """An edge that does not fit the map is not made: the place becomes a node of its own."""
+        """Replace an edge that does not fit the map by a new node."""
         if action.kind != ActionKind.CREATE_EDGE or self.preset == "openratslam":
             return _ActionResult(action)
         loop = self.map.check(action)
@@ -347,13 +346,13 @@ class RatSlam:
 
     @staticmethod
     def _fits(loop: LoopCheck) -> bool:
-        """Whether odometry alone believes it; else other loops had to speak for it."""
+        """Whether the loop fits odometry by itself, without the support of other loops."""
         return loop.error_m <= loop.allowed_m and loop.error_rad <= loop.allowed_rad
 
     def _doubt(self, action: Action, loop: LoopCheck) -> LoopCheck:
-        """A view that is seen all over the map says nothing against odometry.
+        """Refuse a loop against odometry if its view is seen all over the map.
 
-        Where everything looks the same, loops agree with each other, and are wrong.
+        Where everything looks the same, wrong loops agree with each other.
         """
         places = self.map.nodes[:, :2]
         alike = places[np.array(self.memory.node_views) == self.memory.view]
@@ -393,7 +392,7 @@ class RatSlam:
     def _reasons(
         self, stride: MotionStep | None, sighting: Sighting | None, done: "_ActionResult"
     ) -> Iterator[str]:
-        """What happened, sentence by sentence."""
+        """Sentences that say what happened."""
         yield stride.note if stride is not None else ""
         if sighting is not None:
             yield sighting.reason or _plain(sighting)
@@ -407,7 +406,7 @@ class RatSlam:
 
 
 def load_run(path: PathLike) -> RatSlamRun | None:
-    """The run that ``RatSlam.save`` stored with a map; None where there is none.
+    """Load the run that ``RatSlam.save`` stored with a map; None if there is none.
 
     Raises:
         DataError: as ``RatSlam.load``.
@@ -417,7 +416,7 @@ def load_run(path: PathLike) -> RatSlamRun | None:
 
 
 def _empty_source(kind: str | None, given: ViewSource | None) -> ViewSource | None:
-    """A source of views of a stored kind, without views. Raises DataError for an unknown one."""
+    """An empty view source of a stored kind. Raises DataError for an unknown kind."""
     if given is not None:
         if given.kind != kind:
             raise DataError(f"it recognises by {kind or 'nothing'}, expected {given.kind}")
@@ -430,7 +429,7 @@ def _empty_source(kind: str | None, given: ViewSource | None) -> ViewSource | No
 
 
 class _ActionResult(NamedTuple):
-    """What was done to the map: the action, how well a loop fitted, and the edge not made."""
+    """The action applied to the map, the check of its loop, and the refused edge."""
 
     action: Action
     loop: LoopCheck | None = None
@@ -444,15 +443,15 @@ def _plain(sighting: Sighting) -> str:
 
 @dataclass
 class Memory:
-    """What a ``RatSlam`` remembers beside its cells and its map.
+    """The state of a ``RatSlam`` besides its cells and its map.
 
     Attributes:
-        odometry: the last that was said.
+        odometry: the last odometry.
         newest_ns: stamp of the newest event.
         looked_ns: stamp of the last view, recognised or not.
-        view: id of the last one that was recognised; -1 before the first.
-        moved: whether odometry has said yet how the robot moved.
-        node_stamps_ns, node_views: of each node, when and of which view it was made.
+        view: id of the last recognised view; -1 before the first.
+        moved: whether odometry has given a motion yet.
+        node_stamps_ns, node_views: time of creation and view of each node.
     """
 
     odometry: Odometry2D | None = None
@@ -465,7 +464,7 @@ class Memory:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> "Memory":
-        """Of what ``asdict`` and JSON make of one."""
+        """Rebuild from ``asdict`` values read from JSON."""
         said = values["odometry"]
         if said is not None:
             stamp_ns, pose, speed = said

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What recognises places for RatSLAM: visual templates, or whatever a ``ViewMatcher`` compares.
+"""View sources, which recognise places for RatSLAM: visual templates, or a ``ViewMatcher``.
 
 >>> from fusionslam.ratslam.view_sources import TemplateSource
 >>> source = TemplateSource(bottom=100)
@@ -44,7 +44,7 @@ class ViewSource(Protocol):
 
     Attributes:
         kind: its name in saved files.
-        title: for people.
+        title: human-readable name.
     """
 
     kind: str
@@ -54,30 +54,30 @@ class ViewSource(Protocol):
 
     @property
     def known(self) -> int:
-        """Number of ids given so far: the next new one."""
+        """Number of ids given so far, which is the next new id."""
 
     def look(self, item: Any, stamp_ns: int) -> Sighting:
-        """The view that something shows; ids count from 0, a new view has the next one.
+        """Recognise the view that an item shows; ids count from 0, a new view gets the next one.
 
         Raises:
-            DataError, ShapeError: it cannot be recognised; nothing is stored then.
+            DataError, ShapeError: the item cannot be processed; nothing is stored.
         """
 
     def to_bytes(self) -> bytes:
-        """All that ``restore`` needs to go on exactly from here."""
+        """Everything that ``restore`` needs to resume exactly from here."""
 
     def restore(self, content: bytes) -> None:
-        """Go on from ``to_bytes``. Raises DataError if it is of something else."""
+        """Resume from ``to_bytes``. Raises DataError if the bytes are of another kind."""
 
 
 class TemplateSource:
-    """Views by visual templates: how the original RatSLAM recognises places.
+    """Recognises views by visual templates, as the original RatSLAM does.
 
-    It looks at images, at frames with one, and at what ``VisualTemplates.view`` kept of one.
+    Items are images, frames with one, and results of ``VisualTemplates.view``.
 
     Args:
         config: None for the defaults.
-        changes: values of the configuration that differ from it.
+        changes: configuration values to override.
     """
 
     kind = "visual templates"
@@ -119,22 +119,22 @@ class TemplateSource:
 
 
 class MatcherSource:
-    """Views by a ``ViewMatcher``: alignment, objects, two stages, or a descriptor.
+    """Recognises views by a ``ViewMatcher``: alignment, objects, two stages, or a descriptor.
 
-    It looks at frames, clouds, and at what the matcher makes of them. Where views are aligned, the
-    robot's place against the view is known, too.
+    Items are frames, clouds, and views of the matcher. If views are aligned, the robot's pose
+    relative to the view is known, too.
 
     Args:
-        matcher: new, or one that goes on; None for the default, alignment.
+        matcher: a new or resumed matcher; None for the default, alignment.
     """
 
     kind = "view matcher"
 
     def __init__(self, matcher: ViewMatcher | None = None) -> None:
-        # One without views is false.
+        # Not "or": an empty matcher is falsy.
         self.matcher = ViewMatcher() if matcher is None else matcher
-        # By the number of a scan that is stored as another view of a place: where it was taken,
-        # in the frame of the place's first view, which is where RatSLAM has the place.
+        # For each scan stored as a further view of a place, by scan number: its pose in the frame
+        # of the place's first view, which is where RatSLAM puts the place.
         self._places: dict[int, Pose] = {}
 
     @property
@@ -159,7 +159,7 @@ class MatcherSource:
         return Sighting(stamp_ns, match.id, turn, (x, y), match.reason)
 
     def _against_first(self, match: ViewMatch) -> Pose:
-        """Where the robot is in the frame of the first view of its place."""
+        """The robot's pose in the frame of the first view of its place."""
         if match.relative_pose is None or match.matched is None:
             return _NOT_TURNED
         x, y, turn = match.relative_pose
@@ -185,12 +185,12 @@ KINDS: Mapping[str, type[TemplateSource] | type[MatcherSource] | type[GivenViews
     MatcherSource.kind: MatcherSource,
     GivenViews.kind: GivenViews,
 }
-"""The sources that are made anew when a saved run is read, by their name in files."""
+"""View sources that can be created when a saved run is loaded, by their name in files."""
 
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """Configurations that ``build_view_source`` passes on."""
+    """Configurations for ``build_view_source``."""
 
     views: ViewMatcherConfig = field(default_factory=ViewMatcherConfig)
     fusion: FusionConfig = ROBOT_FUSION
@@ -199,7 +199,7 @@ class SourceOptions:
 
 
 def build_view_source(name: str, options: SourceOptions | None = None) -> ViewSource:
-    """A new source of views, of one of ``RECOGNISERS``.
+    """Build a new view source for one of ``RECOGNISERS``.
 
     Raises:
         ConfigError: an unknown name, or a value out of range.
@@ -217,7 +217,7 @@ def build_view_source(name: str, options: SourceOptions | None = None) -> ViewSo
 
 
 def save_source(source: ViewSource, path: PathLike) -> None:
-    """Write one .npz, whole or not at all. Raises DataError where that is impossible."""
+    """Write one .npz atomically. Raises DataError if that fails."""
     arrays = {"views": np.frombuffer(source.to_bytes(), np.uint8)}
     save_archive(path, FORMAT, {"kind": source.kind}, arrays)
 
@@ -226,8 +226,8 @@ def restore_source(source: ViewSource, path: PathLike) -> None:
     """Restore an empty source to what ``save_source`` wrote.
 
     Raises:
-        DataError: missing, cut short, damaged, or of another kind of source; the message names the
-            file.
+        DataError: the file is missing, truncated, damaged, or of another kind of source; the
+            message names it.
     """
     with load_archive(path, FORMAT, "stored views") as (about, arrays):
         if about["kind"] != source.kind:

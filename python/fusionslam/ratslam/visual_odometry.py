@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``VisualOdometry``: speed and turn rate out of a camera's images alone (Milford & Wyeth 2004).
+"""``VisualOdometry``: speed and turn rate from camera images alone (Milford & Wyeth 2004).
 
 >>> eyes = VisualOdometry()
 >>> eyes.process(first, 0)                       # one image alone: no speed yet
@@ -36,12 +36,12 @@ Rows = tuple[float, float]
 
 _LEAST_WAY_M = 1.0
 _LEAST_COLUMNS = 16
-# Deviations: what one turn and one growth explain leaves a quarter of that at most.
+# In deviations: images related by one turn and one growth leave at most a quarter of this.
 _UNLIKE = 0.5
 
 
 class VisualOdometryConfig(Section):
-    """What of an image is used, and what becomes of it; options of one preset say so."""
+    """Image rows, matching and scale; options of a single preset say so."""
 
     preset: Literal["robust", "openratslam"] = option(
         "robust", "robust (ours) or openratslam (Ball et al. 2013, as its program behaves)"
@@ -86,15 +86,16 @@ class VisualOdometryConfig(Section):
 
 
 class VisualSpeed(NamedTuple):
-    """What two images tell.
+    """The motion between two images.
 
     Attributes:
-        v: metres a second forwards, as far as the scale is right: one camera cannot know it.
-        w: radians a second, counter-clockwise.
-        dt: seconds from the image before to this one.
+        v: m/s forward, if the scale is right: a single camera cannot measure it.
+        w: rad/s, counter-clockwise.
+        dt: seconds from the previous image to this one.
         shift_px: columns that the image moved to the right.
-        change: what v is a multiple of: growth of the image in 1/s, or the least difference.
-        why: why v and w are not to be trusted; empty where nothing speaks against them.
+        change: the quantity that v is a multiple of: growth of the image in 1/s, or the least
+            difference.
+        why: the reason not to trust v and w; empty if there is none.
     """
 
     v: float
@@ -106,11 +107,12 @@ class VisualSpeed(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """What is used of an image.
+    """The parts of an image that visual odometry uses.
 
     Attributes:
         shape: rows and columns of the image.
-        turn, speed: float64 (columns), 0 .. 1, mean brightness of each column in the rows for it.
+        turn, speed: float64 (columns), 0 .. 1, mean brightness of each column over the rows used
+            for turn and for speed.
     """
 
     shape: tuple[int, int]
@@ -124,12 +126,12 @@ class _Held(NamedTuple):
 
 
 class VisualOdometry:
-    """Speed and turn rate by comparing each image with the one before.
+    """Estimates speed and turn rate by comparing each image with the previous one.
 
     Args:
         config: None for the defaults.
-        camera: whose images they are: its focal length and centre replace the configured ones.
-        changes: values of the configuration that differ from it.
+        camera: its focal length and centre replace the configured ones.
+        changes: configuration values to override.
 
     Raises:
         ConfigError: an unknown key, or a value out of range.
@@ -148,26 +150,26 @@ class VisualOdometry:
         self._before: _Held | None = None
 
     def process(self, image: NDArray[np.uint8], stamp_ns: int) -> VisualSpeed | None:
-        """Compare an image with the one before it.
+        """Compare an image with the previous one.
 
         Args:
-            image: uint8 (H, W) grey or (H, W, 3) RGB, without distortion. Where the camera says
-                its size, rows below those that are used may be missing.
-            stamp_ns: when it was taken.
+            image: uint8 (H, W) grey or (H, W, 3) RGB, without distortion. If the camera gives its
+                size, rows below those used may be missing.
+            stamp_ns: its time stamp.
 
         Returns:
-            None for the first image, and for one that comes more than ``max_gap_s`` after the
-            one before (logged): there is nothing to compare it with.
+            None for the first image, and for one more than ``max_gap_s`` after the previous one
+            (logged), which has nothing to be compared with.
 
         Raises:
-            ShapeError: another shape or type, or another size than the image before.
-            DataError: a stamp that is not later than the one before. An image that is refused
-                changes nothing.
+            ShapeError: a wrong shape or type, or another size than the previous image.
+            DataError: a stamp that is not later than the previous one. A refused image changes
+                nothing.
         """
         return self.compare(self.sight(image), stamp_ns)
 
     def compare(self, sight: Sight, stamp_ns: int) -> VisualSpeed | None:
-        """``process`` for what ``sight`` made of an image. Returns and raises the same."""
+        """``process`` for a result of ``sight``. Returns and raises the same."""
         now, before = _Held(int(stamp_ns), sight), self._before
         if before is not None:
             _check_order(before, now)
@@ -183,7 +185,7 @@ class VisualOdometry:
         return self._robust(before.sight, sight, dt)
 
     def sight(self, image: NDArray[np.uint8]) -> Sight:
-        """What is used of an image; nothing else changes. Raises ShapeError as ``process``."""
+        """Reduce an image to the parts used; changes no state. Raises ShapeError as ``process``."""
         pixels = np.asarray(image)
         colours = pixels.ndim == 3 and pixels.shape[2] == 3
         if pixels.dtype != np.uint8 or not (pixels.ndim == 2 or colours):
@@ -198,13 +200,13 @@ class VisualOdometry:
         return Sight(shape, turn, speed)
 
     def rows_used(self, height: int) -> int:
-        """How many rows of an image, from the top, are looked at."""
+        """Number of rows used, counted from the top of the image."""
         return max(
             row_range(rows, height)[1] for rows in (self.config.turn_rows, self.config.speed_rows)
         )
 
     def _whole_shape(self, height: int, width: int) -> tuple[int, int]:
-        """Rows and columns of an image of which lower rows that nobody looks at may be missing."""
+        """Rows and columns of the whole image, whose unused lower rows may be missing."""
         found = f"image: {_size((height, width))}, expected"
         if width < _LEAST_COLUMNS or not height:
             raise ShapeError(f"{found} {_LEAST_COLUMNS} columns or more")
@@ -254,7 +256,7 @@ class VisualOdometry:
         )
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Everything that the next image is compared with, as arrays; empty before the first."""
+        """The state that the next image is compared with, as arrays; empty before the first."""
         held = self._before
         if held is None:
             return {}
@@ -266,10 +268,10 @@ class VisualOdometry:
         }
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on exactly where ``state`` was taken.
+        """Resume exactly from a ``state``.
 
         Raises:
-            DataError: an array is missing, of another shape, or not finite; nothing changes then.
+            DataError: an array is missing, of another shape, or not finite; nothing changes.
         """
         self._before = _held_of(state) if state else None
 
@@ -277,20 +279,20 @@ class VisualOdometry:
 def fit_speed(
     config: VisualOdometryConfig, seen: Sequence[VisualSpeed], speeds: ArrayLike
 ) -> VisualOdometryConfig:
-    """The configuration whose speeds fit some that are known, of wheels or a tape measure.
+    """Calibrate the scale to known speeds, from wheel odometry or a tape measure.
 
-    One camera cannot tell a fast drive through a large room from a slow one through a small
-    room; a few metres that are known settle it, for rooms of that size. Pieces of a second are
-    fitted by least squares: noise that single steps have would make the scale too small.
+    A single camera cannot tell a fast drive through a large room from a slow one through a small
+    room; a few metres of known motion settle it, for rooms of that size. The fit is least squares
+    over pieces of a second, because the noise of single steps would make the scale too small.
 
     Args:
-        config: that they were seen with.
-        seen: what ``process`` found, n steps.
-        speeds: float (n), metres a second that were driven during each.
+        config: the configuration used for ``seen``.
+        seen: results of ``process``, n steps.
+        speeds: float (n), true speed in m/s during each.
 
     Raises:
         ShapeError: another number of speeds.
-        DataError: a speed that is not finite, less than 1 m of way, or nothing seen to move.
+        DataError: a speed that is not finite, less than 1 m of distance, or no motion seen.
     """
     driven = np.asarray(speeds, np.float64)
     if driven.shape != (len(seen),):
@@ -345,5 +347,5 @@ def _held_of(state: Mapping[str, NDArray[Any]]) -> _Held:
 
 
 def _size(shape: tuple[int, int]) -> str:
-    """Width and height, as people say them."""
+    """Width x height as text."""
     return f"{shape[1]}x{shape[0]}"
