@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Teaching PointNet to tell shapes apart (Qi et al. 2016); the head is dropped afterwards."""
+"""Trains PointNet to classify shapes (Qi et al. 2016); the head is dropped afterwards."""
 
 from collections.abc import Iterator
 
@@ -30,7 +30,7 @@ class ShapesTrainingConfig(Section):
 
 
 class ShapesTask:
-    """Cross entropy on varied shapes; scored on shapes that are left as they are."""
+    """Cross entropy on augmented shapes; evaluation on shapes without augmentation."""
 
     def __init__(self, train: ShapeSet, test: ShapeSet, config: ShapesTrainingConfig) -> None:
         if train.names != test.names:
@@ -46,7 +46,7 @@ class ShapesTask:
             )
 
     def losses(self, rng: np.random.Generator) -> Iterator[torch.Tensor]:
-        """Every shape once, in another order and another way each time."""
+        """Batches of every shape once, shuffled and augmented anew each time."""
         order = rng.permutation(len(self.train))
         for start in range(0, len(order) - self.config.batch + 1, self.config.batch):
             chosen = order[start : start + self.config.batch]
@@ -66,11 +66,11 @@ class ShapesTask:
     def _normal(
         self, points: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
     ) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
-        # Shapes have no place in a robot's frame: they fill the unit sphere whatever comes later.
+        # Shapes have no pose in a robot's frame, so they are always scaled to the unit sphere.
         return network_input(points, None, "sphere", 1.0, False)
 
     def scores(self) -> dict[str, float]:
-        """Share of the shapes to judge on whose class is right."""
+        """Accuracy on the test shapes."""
         right = 0
         with torch.no_grad():
             for start in range(0, len(self.test), self.config.batch):

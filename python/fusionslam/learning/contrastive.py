@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Teaching PointNet end to end what the same place is, colours included (NT-Xent, Chen 2020).
+"""Trains PointNet end to end to recognise places, with colours (NT-Xent, Chen 2020).
 
-In a batch of pairs of sights of the same place, each sight has to find its partner among all
-others; sights that are the same place as well, or nearly, do not count as others.
+A batch consists of pairs of sights of the same place. Each sight has to find its partner among
+the negatives; other sights of the same place, or nearly the same, are ignored.
 """
 
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ from fusionslam.views.second_stage.scores import area_under_curve
 
 
 class SightAugmentConfig(Section):
-    """How sights are varied: what is meant for a batch is the same for all sights in it."""
+    """Augmentation of sights; values per batch are the same for all sights in it."""
 
     jitter_m: float = option(0.01, "standard deviation of each coordinate", unit="m", ge=0)
     dropout: float = option(
@@ -54,7 +54,7 @@ class MetricTrainingConfig(Section):
 
 
 class MetricTask:
-    """NT-Xent on varied sights; scored on pairs of sights of other worlds."""
+    """NT-Xent on augmented sights; evaluation on pairs of sights of other worlds."""
 
     def __init__(self, train: Places, test: Places, config: MetricTrainingConfig) -> None:
         if config.network.embedding is None:
@@ -76,7 +76,7 @@ class MetricTask:
             self.network: nn.Module = PointNet(config.network)
 
     def losses(self, rng: np.random.Generator) -> Iterator[torch.Tensor]:
-        """Batches of a few worlds each."""
+        """The losses of one epoch; each batch is from a few worlds."""
         for _ in range(self.config.batches):
             anchors = self._drawn(rng)
             partners = [int(rng.choice(self._partners[int(anchor)])) for anchor in anchors]
@@ -96,7 +96,7 @@ class MetricTask:
         return np.concatenate(drawn)
 
     def _ignored(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Bool (n, n): pairs of a batch that are neither partners nor others."""
+        """Bool (n, n): pairs of a batch that are neither partners nor negatives."""
         same, doubtful = same_places(
             self.train, rows[:, None], rows[None, :], self.config.pairs.place
         )
@@ -133,13 +133,13 @@ class MetricTask:
         return seen
 
     def scores(self) -> dict[str, float]:
-        """Area under the curve of the pairs to judge on."""
+        """Area under the curve on the test pairs."""
         assert isinstance(self.network, PointNet)
         distances = self.judged_distances()
         return {"auc": area_under_curve(-distances, self.judged.same)}
 
     def judged_distances(self) -> NDArray[np.float64]:
-        """Distances of the features of the pairs to judge on, float64 (m,)."""
+        """Feature distances of the test pairs, float64 (m,)."""
         assert isinstance(self.network, PointNet)
         rows = features_of(self.network, self.test)
         gap = rows[self.judged.first] - rows[self.judged.second]
@@ -148,7 +148,7 @@ class MetricTask:
 
 
 def _partners(places: Places, config: MetricTrainingConfig) -> dict[int, NDArray[np.int64]]:
-    """The other sights of the same place, for each sight that has some."""
+    """The other sights of the same place, for each sight that has any."""
     found: dict[int, NDArray[np.int64]] = {}
     for world in range(len(places.names)):
         rows = np.flatnonzero(places.worlds == world)
@@ -163,7 +163,7 @@ def _partners(places: Places, config: MetricTrainingConfig) -> dict[int, NDArray
 def _nt_xent(
     features: torch.Tensor, ignored: NDArray[np.bool_], temperature: float
 ) -> torch.Tensor:
-    """Cross entropy of each row's partner, half the batch on, among all that is not ignored."""
+    """Cross entropy of each row's partner, half a batch away, among all rows not ignored."""
     similar = features @ features.T / temperature
     similar = similar.masked_fill(torch.from_numpy(ignored), -torch.inf)
     half = len(features) // 2

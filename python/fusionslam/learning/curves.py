@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Loss and scores of a training, epoch by epoch, as a table and as a picture."""
+"""Training curves: loss and scores by epoch, as a table and as a figure."""
 
 import csv
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ def write_curves(folder: Path, rows: Sequence[Row]) -> None:
     """Write curves.csv and curves.png.
 
     Raises:
-        DataError: they cannot be written.
+        DataError: the files cannot be written.
         FusionSlamError: matplotlib is not installed.
     """
     with atomic_path(folder / "curves.csv") as path, path.open("w", newline="") as stream:
@@ -41,5 +41,5 @@ def _draw(target: Path, rows: Sequence[Row]) -> None:
         axes.set(title=name.replace("_", " "), xlabel="epoch")
         axes.grid(alpha=0.3)
     with atomic_path(target) as path:
-        # Without the version and time that matplotlib writes: same curves, same bytes.
+        # Without matplotlib's version and time: same curves, same bytes.
         figure.savefig(path, format="png", dpi=100, metadata={"Software": None})

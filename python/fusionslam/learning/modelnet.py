@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""ModelNet40 as it is published, and ModelNet's voxel grids.
+"""Reads ModelNet40 in its published layouts, and ModelNet's voxel grids.
 
 Two layouts of ModelNet40: ``modelnet40_ply_hdf5_2048`` (Qi et al. 2016: HDF5 files of 2,048 points
 each, listed in train_files.txt and test_files.txt) and the meshes of Wu et al. 2015
@@ -22,23 +22,23 @@ from fusionslam.learning.shape_sets import ShapeSet
 
 Part = Literal["train", "test"]
 
-# ModelNet's objects stand along y in the published HDF5 files, along z in the meshes.
+# ModelNet's up axis is y in the published HDF5 files and z in the meshes.
 _Z_UP = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], np.float32)
 
 
 def read_modelnet(
     folder: str | os.PathLike[str], part: Part, points: int, rng: np.random.Generator
 ) -> ShapeSet:
-    """ModelNet40 from a folder in either layout.
+    """Read ModelNet40 from a folder in either layout.
 
     Args:
         folder: the one with train_files.txt, or the one with a folder for each class.
         part: "train" or "test".
-        points: of each object.
-        rng: decides which, or where on the surface.
+        points: number of points per object.
+        rng: chooses the points, or their positions on the surface.
 
     Raises:
-        DataError: neither layout, or a file that is damaged; the message names it.
+        DataError: neither layout, or a damaged file; the message names it.
         FusionSlamError: h5py is not installed.
     """
     base = Path(folder)
@@ -51,7 +51,7 @@ def _read_hdf5(base: Path, part: Part, points: int, rng: np.random.Generator) ->
     names = tuple(_lines(base / "shape_names.txt"))
     clouds, labels = [], []
     for line in _lines(base / f"{part}_files.txt"):
-        # The lists name the files as they lay in the authors' folder.
+        # The lists contain paths of the authors' folder.
         data, label = _arrays(base / Path(line).name)
         if data.ndim != 3 or data.shape[2] != 3 or len(label) != len(data):
             raise DataError(
@@ -106,7 +106,7 @@ def _read_off(base: Path, part: Part, points: int, rng: np.random.Generator) -> 
             f"{base}: expected {part}_files.txt with HDF5 files (modelnet40_ply_hdf5_2048) or "
             f"<class>/{part}/*.off (ModelNet40)"
         )
-    # Classes from both parts, so that train and test number them alike.
+    # Classes of both parts, so that train and test have the same numbering.
     names = tuple(sorted({path.parent.parent.name for path in base.glob("*/*/*.off")}))
     clouds = [sample_points(_mesh(path), points, rng) for path in files]
     labels = [names.index(path.parent.parent.name) for path in files]
@@ -117,7 +117,7 @@ def _mesh(path: Path) -> trimesh.Trimesh:
     try:
         mesh = trimesh.load_mesh(path, process=False)
         triangles = np.asarray(mesh.triangles, np.float64)
-    except Exception as error:  # trimesh raises whatever its parsers stumble over
+    except Exception as error:  # trimesh's parsers raise errors of any type
         raise DataError(f"{path}: not a mesh in OFF: {error}") from error
     if not len(triangles) or not np.isfinite(triangles).all():
         raise DataError(f"{path}: expected finite triangles, found {len(triangles)}")
@@ -127,18 +127,18 @@ def _mesh(path: Path) -> trimesh.Trimesh:
 def read_voxels(
     path: str | os.PathLike[str], name: str, points: int, rng: np.random.Generator
 ) -> ShapeSet:
-    """Objects of one class from voxel grids, as points on the surface of what is occupied.
+    """Read objects of one class from voxel grids, as points on the occupied surface.
 
-    Grids in which nothing is occupied are left out, and so are copies of earlier ones.
+    Empty grids and duplicates of earlier ones are left out.
 
     Args:
         path: .npy or .npy.gz of (n, 32, 32, 32) or (n, 1, 32, 32, 32), 1 where occupied.
-        name: of the class.
-        points: of each object; evenly over the voxels, anywhere inside them.
-        rng: decides where.
+        name: name of the class.
+        points: number of points per object, spread evenly over the voxels, anywhere inside them.
+        rng: chooses the positions.
 
     Raises:
-        DataError: another file, or nothing occupied.
+        DataError: not such a file, or no occupied voxels.
     """
     grids = _grids(Path(path))
     filled = np.flatnonzero(grids.any(axis=(1, 2, 3)))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Networks as ONNX, so that robots need no torch."""
+"""Exports networks to ONNX, so that robots need no torch."""
 
 import os
 import warnings
@@ -12,12 +12,12 @@ from fusionslam.learning.torch_extra import nn, torch
 from fusionslam.storage.files import atomic_path
 from fusionslam.views.second_stage.network_files import About
 
-# Old enough for runtimes of 2022.
+# Old enough for ONNX runtimes of 2022.
 _OPSET = 17
 
 
 class _Features(nn.Module):
-    """One cloud (N, C) to its features (1, F)."""
+    """From one cloud (N, C) to its features (1, F)."""
 
     def __init__(self, network: PointNet) -> None:
         super().__init__()
@@ -30,7 +30,7 @@ class _Features(nn.Module):
 
 
 class _Probability(nn.Module):
-    """Pairs of features (M, F) to probabilities (M, 1)."""
+    """From pairs of features (M, F) to probabilities (M, 1)."""
 
     def __init__(self, network: Comparison) -> None:
         super().__init__()
@@ -43,7 +43,7 @@ class _Probability(nn.Module):
 
 
 def export_pointnet(path: str | os.PathLike[str], network: PointNet, about: About) -> None:
-    """Write "points" float32 (N, 3 or 6) to "features" float32 (1, F).
+    """Export a network from "points" float32 (N, 3 or 6) to "features" float32 (1, F).
 
     Raises:
         DataError: the file cannot be written.
@@ -54,7 +54,7 @@ def export_pointnet(path: str | os.PathLike[str], network: PointNet, about: Abou
 
 
 def export_comparison(path: str | os.PathLike[str], network: Comparison, about: About) -> None:
-    """Write "current" and "stored", float32 (M, F) each, to "probability" float32 (M, 1).
+    """Export a network from "current" and "stored", float32 (M, F), to "probability" (M, 1).
 
     Raises:
         DataError, FusionSlamError: as ``export_pointnet``.
@@ -70,7 +70,7 @@ def _export(
     output: str,
     about: About,
 ) -> None:
-    """Write a network; ``inputs`` give columns and the name of the number of rows."""
+    """Export a network; ``inputs`` give, by name, the number of columns and the row axis's name."""
     try:
         import onnx
     except ImportError as error:
@@ -82,7 +82,7 @@ def _export(
         axes[output] = axes["current"]
     with atomic_path(path) as temporary:
         with warnings.catch_warnings():
-            # The exporter that torch prefers needs onnxscript and writes opset 18 at least.
+            # torch's default exporter needs onnxscript and writes opset 18 or later.
             warnings.simplefilter("ignore")
             torch.onnx.export(
                 network,

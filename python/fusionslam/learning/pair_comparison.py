@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Teaching the comparison of two feature vectors on pairs of sights (Stastny 2022, 4.6.2)."""
+"""Trains the comparison of two feature vectors on pairs of sights (Stastny 2022, 4.6.2)."""
 
 from collections.abc import Iterator
 
@@ -35,7 +35,7 @@ class ComparisonTrainingConfig(Section):
 
 
 def features_of(network: PointNet, places: Places) -> Features:
-    """Float32 (n, F): features of every sight, with all of its points."""
+    """Features of every sight, from all of its points: float32 (n, F)."""
     config = network.config
     network.eval()
     rows = np.empty((len(places), config.features), np.float32)
@@ -50,7 +50,7 @@ def features_of(network: PointNet, places: Places) -> Features:
 
 
 class ComparisonTask:
-    """Mean squared error of the probability; scored on pairs of places that lie apart."""
+    """Mean squared error of the probability; evaluation on pairs of held-out places."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class ComparisonTask:
         self.network: nn.Module = network
 
     def losses(self, rng: np.random.Generator) -> Iterator[torch.Tensor]:
-        """Every pair once, either of the two first."""
+        """Batches of every pair once, in random order within the pair."""
         order = rng.permutation(len(self._pairs))
         for start in range(0, len(order), self.config.batch):
             chosen = order[start : start + self.config.batch]
@@ -87,7 +87,7 @@ class ComparisonTask:
             yield nn.functional.mse_loss(probability, same)
 
     def scores(self) -> dict[str, float]:
-        """Area under the curve of the pairs to judge on, and the squared error there."""
+        """Area under the curve and mean squared error on the test pairs."""
         with torch.no_grad():
             a, b = self._test[self._judged.first], self._test[self._judged.second]
             found = self.network(a, b).numpy()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a robot saw at known poses, and which two of these sights are the same place."""
+"""Places: sights (clouds at known poses), and which pairs of them show the same place."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ Sights = tuple[str, Sequence[Cloud], Floats | None]
 
 
 class SamePlaceConfig(Section):
-    """When two sights are the same place (Stastny 2022, 4.6.2 and 5.2)."""
+    """Limits within which two sights are the same place (Stastny 2022, 4.6.2 and 5.2)."""
 
     radius_m: float = option(0.5, "positions are nearer than this", unit="m", gt=0)
     angle_deg: float = option(36.0, "headings are nearer than this", unit="deg", gt=0, le=180)
@@ -33,15 +33,15 @@ class SamePlaceConfig(Section):
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Sights of one or several worlds.
+    """Sights of one or more worlds.
 
     Attributes:
-        points: float32 (M, 3), metres in the robot's frame, without ground, sight after sight.
+        points: float32 (M, 3), metres in the robot's frame, without ground, concatenated.
         colors: uint8 (M, 3) RGB.
-        offsets: int64 (n + 1), where each sight begins.
+        offsets: int64 (n + 1), the start of each sight.
         poses: float64 (n, 3), x, y in metres and yaw in radians in the frame of its world.
-        worlds: int64 (n,), the world of each, an index into ``names``.
-        names: of the worlds.
+        worlds: int64 (n,), the world of each sight, an index into ``names``.
+        names: names of the worlds.
     """
 
     points: NDArray[np.float32]
@@ -60,11 +60,11 @@ class Places:
 
     @classmethod
     def of(cls, sources: Iterable[Sights], least: int = 1) -> "Places":
-        """Sights of worlds; those with fewer points than ``least`` are left out.
+        """Collect the sights of worlds; those with fewer points than ``least`` are left out.
 
         Raises:
-            DataError: a world without poses or colours, or nothing that is left of all.
-            ShapeError: not one pose for each cloud.
+            DataError: a world without poses or colours, or no sight is left.
+            ShapeError: not one pose per cloud.
         """
         clouds: list[Cloud] = []
         poses: list[Floats] = []
@@ -91,7 +91,7 @@ class Places:
         )
 
     def chosen(self, indices: Sequence[int] | Integers) -> "Places":
-        """The sights with these indices."""
+        """Select the sights with these indices."""
         rows = np.asarray(indices, np.int64)
         clouds = [self[index] for index in rows.tolist()]
         return Places(
@@ -119,7 +119,7 @@ def _checked(name: str, clouds: Sequence[Cloud], poses: Floats | None) -> Floats
 
 
 def apart(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Distances in metres and angles in radians, 0 to pi, between poses (..., 3): x, y, yaw."""
+    """Distances in metres and angles in radians, 0 to pi, between poses (..., 3) of x, y, yaw."""
     gap = first - second
     turn = np.abs((gap[..., 2] + np.pi) % (2 * np.pi) - np.pi)
     return np.hypot(gap[..., 0], gap[..., 1]), turn
@@ -128,15 +128,15 @@ def apart(first: Floats, second: Floats) -> tuple[Floats, Floats]:
 def same_places(
     places: Places, first: Integers, second: Integers, config: SamePlaceConfig | None = None
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which pairs of sights are the same place, and which are in doubt.
+    """Label pairs of sights as same place, or as ambiguous.
 
     Args:
         places: the sights.
-        first, second: int64, any shapes that go together, the sights of each pair.
+        first, second: int64, the sights of each pair; shapes that broadcast.
         config: the limits.
 
     Returns:
-        bool arrays of the pairs' shape: same place; not the same, yet near enough to look alike.
+        bool arrays of the pairs' shape: same place; not the same, but near enough to look alike.
     """
     limits = config or SamePlaceConfig()
     distance, angle = apart(places.poses[first], places.poses[second])
@@ -148,9 +148,9 @@ def same_places(
 
 
 def split_places(places: Places, share: float) -> tuple[Places, Places]:
-    """Two parts of each world that lie apart: the share with the largest coordinate is the second.
+    """Split each world into two parts: the share with the largest coordinate is the second.
 
-    The coordinate is x or y, whichever extends further, so that no place is in both parts.
+    The coordinate is x or y, whichever has the larger extent, so that no place is in both parts.
     """
     held = np.zeros(len(places), bool)
     for world in range(len(places.names)):
@@ -163,7 +163,7 @@ def split_places(places: Places, share: float) -> tuple[Places, Places]:
 
 
 class PairConfig(Section):
-    """Which pairs of sights are trained on and scored."""
+    """Selection of the pairs of sights for training and evaluation."""
 
     place: SamePlaceConfig = option(SamePlaceConfig(), "what the same place is")
     most: int = option(20_000, "pairs of the same place, at most", ge=1)
@@ -173,7 +173,7 @@ class PairConfig(Section):
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Pairs of sights: int64 (m,) indices, and whether they are the same place, bool (m,)."""
+    """Pairs of sights: indices, int64 (m,), and whether they are the same place, bool (m,)."""
 
     first: Integers
     second: Integers
@@ -184,7 +184,7 @@ class Pairs:
 
 
 def make_pairs(places: Places, config: PairConfig, rng: np.random.Generator) -> Pairs:
-    """A random subset of all pairs of sights of a world (Stastny 2022, 4.6.2), labelled.
+    """Draw labelled pairs of sights at random from each world (Stastny 2022, 4.6.2).
 
     Raises:
         DataError: no two sights are the same place.
@@ -207,7 +207,7 @@ def make_pairs(places: Places, config: PairConfig, rng: np.random.Generator) -> 
 
 
 def _all_pairs(places: Places) -> tuple[Integers, Integers]:
-    """Every pair of different sights of one world, once."""
+    """Every pair of different sights of the same world, once."""
     found = []
     for world in range(len(places.names)):
         rows = np.flatnonzero(places.worlds == world)

@@ -11,7 +11,7 @@ Tensor = torch.Tensor
 
 
 def _layers(sizes: Iterable[int]) -> nn.Sequential:
-    """Linear layers, each with batch normalisation and ReLU."""
+    """Linear layers, each followed by batch normalisation and ReLU."""
     steps: list[nn.Module] = []
     before, *after = sizes
     for size in after:
@@ -21,7 +21,7 @@ def _layers(sizes: Iterable[int]) -> nn.Sequential:
 
 
 class _Pooled(nn.Module):
-    """The same layers for every point, then the largest value of each feature."""
+    """Shared layers for every point, then max pooling over the points."""
 
     def __init__(self, channels: int, sizes: Iterable[int]) -> None:
         super().__init__()
@@ -35,7 +35,7 @@ class _Pooled(nn.Module):
 
 
 class InputTransform(nn.Module):
-    """A 3 x 3 matrix for each cloud, the identity to begin with (Qi et al. 2016, 3.3)."""
+    """Predicts a 3 x 3 matrix per cloud, initially the identity (Qi et al. 2016, 3.3)."""
 
     def __init__(self, config: PointNetConfig) -> None:
         super().__init__()
@@ -53,7 +53,7 @@ class InputTransform(nn.Module):
 
 
 class PointNet(nn.Module):
-    """Clouds to feature vectors, whatever the order of the points."""
+    """From clouds to feature vectors, independent of the order of points."""
 
     def __init__(self, config: PointNetConfig) -> None:
         super().__init__()
@@ -76,7 +76,7 @@ class PointNet(nn.Module):
 
 
 class Classifier(nn.Module):
-    """PointNet with a head that tells classes apart."""
+    """PointNet with a classification head."""
 
     def __init__(self, network: PointNet, head: HeadConfig, classes: int) -> None:
         super().__init__()
@@ -92,7 +92,7 @@ class Classifier(nn.Module):
 
 
 class Comparison(nn.Module):
-    """Whether two feature vectors are of one place: a probability."""
+    """The probability that two feature vectors show the same place."""
 
     mean: Tensor
     scale: Tensor
@@ -106,7 +106,7 @@ class Comparison(nn.Module):
         self.register_buffer("scale", torch.ones(config.features))
 
     def standardise_as(self, features: Tensor) -> None:
-        """Take mean and spread of features (n, F) for those of all that will come."""
+        """Standardise all inputs by the mean and standard deviation of features (n, F)."""
         if self.config.standardise:
             self.mean.copy_(features.mean(dim=0))
             self.scale.copy_(1 / features.std(dim=0).clamp(min=1e-3))

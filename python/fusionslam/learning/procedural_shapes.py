@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes that need no download: classes of objects with random proportions, z up, metres.
+"""Procedural shapes, without a download: object classes with random proportions, z up, metres.
 
-Each maker takes a random generator and returns a mesh; ``SHAPES`` lists them by name.
+Each maker takes a random generator and returns a mesh; ``SHAPES`` lists the makers by name.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -34,7 +34,7 @@ def sample_points(mesh: Trimesh, count: int, rng: Rng) -> NDArray[np.float32]:
 
 
 def box(size: Sequence[float], at: Sequence[float] = (0, 0, 0)) -> Trimesh:
-    """A box of sizes x, y, z whose floor has its centre ``at`` x, y, z."""
+    """A box of sizes x, y, z; ``at`` is the centre of its bottom face."""
     return _shift(creation.box(size), (at[0], at[1], at[2] + size[2] / 2))
 
 
@@ -43,7 +43,7 @@ def revolve(
     at: Sequence[float] = (0, 0, 0),
     segments: int = _SEGMENTS,
 ) -> Trimesh:
-    """The surface that a line of (radius, height) sweeps around the z axis through ``at``.
+    """The surface of revolution of a (radius, height) profile around the z axis through ``at``.
 
     Three or four segments make it a prism or a pyramid.
     """
@@ -385,4 +385,4 @@ SHAPES: Mapping[str, Maker] = {
     "traffic_cone": _traffic_cone,
     "umbrella": _umbrella,
 }
-"""Makers of shapes by the name of the class."""
+"""Makers of shapes by class name."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Point clouds of objects with the names of their classes."""
+"""Sets of labelled point clouds of objects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class ShapeSet:
     Attributes:
         points: float32 (n, P, 3), z up.
         labels: int64 (n,), indices into ``names``.
-        names: of the classes.
+        names: names of the classes.
     """
 
     points: NDArray[np.float32]
@@ -32,7 +32,7 @@ class ShapeSet:
 
 
 class ProceduralConfig(Section):
-    """Shapes that need no download."""
+    """Procedural shapes, which need no download."""
 
     seed: int = option(0, "decides proportions and points", ge=0)
     train: int = option(60, "shapes of each class to train on", ge=1)
@@ -41,7 +41,7 @@ class ProceduralConfig(Section):
 
 
 def procedural_shapes(config: ProceduralConfig) -> tuple[ShapeSet, ShapeSet]:
-    """To train on and to judge on: other shapes of the same classes."""
+    """Generate a training and a test set: different shapes of the same classes."""
     rng = np.random.default_rng([config.seed, 0x5E])
     return _sample_classes(config.train, config.points, rng), _sample_classes(
         config.test, config.points, rng
@@ -56,10 +56,10 @@ def _sample_classes(each: int, count: int, rng: np.random.Generator) -> ShapeSet
 
 
 def joined(sets: Sequence[ShapeSet]) -> ShapeSet:
-    """All objects of several sets; classes of the same name are one.
+    """Join the objects of several sets; classes of the same name are merged.
 
     Raises:
-        DataError: there is no set, or the sets have different numbers of points.
+        DataError: no sets, or sets with different numbers of points.
     """
     counts = sorted({shapes.points.shape[1] for shapes in sets})
     if len(counts) != 1:

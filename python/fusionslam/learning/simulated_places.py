@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated places: worlds that are made, each seen from many poses, several of them near."""
+"""Simulated places: generated worlds, each seen from many poses, some close to each other."""
 
 from collections.abc import Iterator
 from typing import Literal
@@ -27,7 +27,7 @@ from fusionslam.storage.progress import Progress
 
 
 class SimulatedPlacesConfig(Section):
-    """Worlds and the poses that they are seen from."""
+    """The worlds, and the poses that they are seen from."""
 
     seed: int = option(0, "decides worlds and poses", ge=0)
     kinds: tuple[Literal["house", "hospital", "warehouse"], ...] = option(
@@ -47,13 +47,13 @@ class SimulatedPlacesConfig(Section):
 def simulate_places(
     config: SimulatedPlacesConfig, progress: Progress | None = None
 ) -> Iterator[Sights]:
-    """Each world with what the robot sees there; same configuration, same bytes.
+    """Simulate the sights of each world; the same configuration gives the same bytes.
 
-    A point's colour is that of the surface it lies on, from where the LiDAR stands.
+    A point's colour is that of its surface as seen from the LiDAR.
 
     Raises:
         FusionSlamError: the simulator is not installed.
-        DataError: the robot has no LiDAR, or there is no room in a world.
+        DataError: the robot has no LiDAR, or a world has no free space for it.
     """
     robot = robot_named(config.robot)
     if not robot.lidars:
@@ -128,7 +128,7 @@ def _cloud(
     points += base_from_lidar[:3, 3].astype(np.float32)
     kept = points[:, 2] > config.ground_m
     rays = (sweep.points @ world_from_lidar[:3, :3].T.astype(np.float32))[kept]
-    # Lengths of rays are distances here: the hits of unit rays.
+    # Unit rays, so that hit parameters are distances.
     directions = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     pixel = float(abs(np.subtract(*(lidar.sector_rad or (-np.pi, np.pi)))) / lidar.azimuths)
     seen = caster.colors(sweep.hits[np.flatnonzero(kept)], directions, pixel)

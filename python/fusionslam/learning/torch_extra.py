@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""torch, or the line that installs it: the one place of this package that imports it."""
+"""Imports torch, or says how to install it."""
 
 from fusionslam.errors import FusionSlamError
 

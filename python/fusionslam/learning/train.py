@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whole trainings: data in, and out come weights, ONNX, curves and a card that tells of them."""
+"""Complete trainings, from data to weights, ONNX, curves and a model card."""
 
 import hashlib
 import json
@@ -37,22 +37,22 @@ from fusionslam.views.second_stage.scores import calibrated
 
 
 class PlacesTrainingConfig(MetricTrainingConfig):
-    """End-to-end training and the worlds that it sees."""
+    """End-to-end training and its simulated worlds."""
 
     simulated: SimulatedConfig = option(SimulatedConfig(), "simulated places")
 
 
 FEATURES, COMPARISON = "features", "comparison"
-"""Names of the files of a training, before the suffixes .safetensors, .onnx and .json."""
+"""Base names of the files of a training, with suffixes .safetensors, .onnx and .json."""
 
 
 @dataclass(frozen=True)
 class Origin:
-    """What a card says about where weights come from.
+    """The origin of weights, for their model card.
 
     Attributes:
-        command: that made them.
-        data: in words.
+        command: the command that trained them.
+        data: the training data, in words.
     """
 
     command: str
@@ -69,14 +69,14 @@ def train_shapes(
     """Train features on shapes and write features.* without the head.
 
     Args:
-        data: to train on and to judge on.
-        config: of everything.
-        folder: for all files; a checkpoint in it is gone on from.
-        origin: for the card.
-        progress: as ``train``.
+        data: training and test set.
+        config: the whole configuration.
+        folder: for all files; training resumes from a checkpoint in it.
+        origin: for the model card.
+        progress: as in ``train``.
 
     Raises:
-        ConfigError, DataError: as ``train``; classes that differ, too few shapes.
+        ConfigError, DataError: as ``train``; also for different classes, or too few shapes.
     """
     task = ShapesTask(*data, config)
     digest = _digest(*(array for part in data for array in (part.points, part.labels)))
@@ -99,15 +99,15 @@ def train_comparison(
     """Train the comparison on pairs of sights and write comparison.*.
 
     Args:
-        places: a part of each world, apart from the rest, is held out.
+        places: the sights; a separate part of each world is held out.
         features: safetensors of the features.
-        config: of everything.
-        folder: for all files; a checkpoint in it is gone on from.
-        origin: for the card.
-        progress: as ``train``.
+        config: the whole configuration.
+        folder: for all files; training resumes from a checkpoint in it.
+        origin: for the model card.
+        progress: as in ``train``.
 
     Raises:
-        ConfigError, DataError: as ``train``; features of another length; no pairs.
+        ConfigError, DataError: as ``train``; also for features of another length, or no pairs.
     """
     network, about = load_pointnet(features)
     assert isinstance(about.architecture, PointNetConfig)
@@ -142,14 +142,14 @@ def train_places(
 
     Args:
         train_part: sights to train on.
-        test_part: sights of other worlds, to judge on and to calibrate with.
-        config: of everything.
-        folder: for all files; a checkpoint in it is gone on from.
-        origin: for the card.
-        progress: as ``train``.
+        test_part: sights of other worlds, for evaluation and calibration.
+        config: the whole configuration.
+        folder: for all files; training resumes from a checkpoint in it.
+        origin: for the model card.
+        progress: as in ``train``.
 
     Raises:
-        ConfigError, DataError: as ``train``; no two sights of one place.
+        ConfigError, DataError: as ``train``; also if no two sights show the same place.
     """
     task = MetricTask(train_part, test_part, config)
     digest = _digest(*(p for part in (train_part, test_part) for p in (part.points, part.poses)))
@@ -170,7 +170,7 @@ def _train(
     digest: str,
     progress: Progress | None,
 ) -> Trained:
-    # Where data are simulated, their digest says which they are.
+    # Simulated data are identified by their digest.
     settings = config.model_dump(mode="json", exclude={"simulated"})
     about = {"config": settings, "data": digest, "from": origin.data}
     return train(task, config.optimiser, folder, about, progress)
@@ -182,7 +182,7 @@ def _write_features(folder: Path, network: PointNet, about: About) -> None:
 
 
 def _write_card(path: Path, config: Section, trained: Trained, origin: Origin) -> None:
-    """What made the weights and how good they are."""
+    """Write the model card: the origin of the weights, and their scores."""
     card: Mapping[str, Any] = {
         "command": origin.command,
         "data": origin.data,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where training data come from: shapes, what was recorded, and simulated places on disk."""
+"""Sources of training data: shapes, recorded sights, and cached simulated places."""
 
 import os
 from collections.abc import Sequence
@@ -31,11 +31,11 @@ class Clouds(Protocol):
 
 
 class RecordedSights(Protocol):
-    """What of a scene set is trained on: coloured clouds and where they were seen from."""
+    """The parts of a scene set used for training: coloured clouds and their poses."""
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Human-readable name."""
 
     @property
     def frame(self) -> str:
@@ -43,21 +43,21 @@ class RecordedSights(Protocol):
 
     @property
     def poses(self) -> Floats | None:
-        """Float64 (n, 3): x, y, yaw; None without truth."""
+        """Float64 (n, 3): x, y, yaw; None without ground truth."""
 
     @property
     def clouds(self) -> Clouds | None:
-        """n coloured clouds without ground; None where only scenes were kept."""
+        """n coloured clouds without ground; None if only scenes were kept."""
 
 
 FORMAT = "fusionslam.places.1"
 LEAST_POINTS = 20
-"""Sights with fewer points tell nothing of a place and are not trained on."""
+"""Fewest points of a sight used for training; fewer say nothing about a place."""
 _VOXEL_TEST = 0.2
 
 
 class SimulatedConfig(Section):
-    """The worlds that places are trained on, and others that they are judged on."""
+    """The simulated worlds for training, and other ones for evaluation."""
 
     train: SimulatedPlacesConfig = option(
         SimulatedPlacesConfig(seed=1, worlds=48), "worlds to train on"
@@ -73,17 +73,17 @@ def shape_data(
     voxels: Sequence[str | os.PathLike[str]] = (),
     procedural: bool = True,
 ) -> tuple[ShapeSet, ShapeSet, str]:
-    """Shapes to train on and to judge on, and what they are in words.
+    """Load a training and a test set of shapes, and a description of them in words.
 
     Args:
-        config: of the procedural shapes; its seed and number of points hold for all.
+        config: procedural shapes; its seed and number of points apply to all shapes.
         modelnet: folder of ModelNet40, in either layout.
-        voxels: files of voxel grids; a file's name up to the first dot is that of its class. Of
-            each, every fifth is judged on.
-        procedural: whether procedural shapes are among them.
+        voxels: files of voxel grids; the file name up to the first dot is the class name. Every
+            fifth shape of each goes to the test set.
+        procedural: whether to include procedural shapes.
 
     Raises:
-        ConfigError: nothing is asked for.
+        ConfigError: no source is given.
         DataError: as the readers.
     """
     parts: list[tuple[ShapeSet, ShapeSet]] = []
@@ -121,7 +121,7 @@ def _divided(shapes: ShapeSet) -> tuple[ShapeSet, ShapeSet]:
 
 
 def recorded_places(scenes: Sequence[RecordedSights]) -> Places:
-    """The sights of scene sets, each a world of its own; nearly empty ones are left out.
+    """The sights of scene sets, each set a world of its own; nearly empty sights are left out.
 
     Raises:
         DataError: a set without clouds or poses, or clouds that are not in the robot's frame.
@@ -144,10 +144,10 @@ def simulated_places(
     path: str | os.PathLike[str],
     progress: Progress | None = None,
 ) -> Places:
-    """Simulated places, kept in a file so that a training that goes on need not make them again.
+    """Simulate places, cached in a file so that a resumed training need not repeat it.
 
     Raises:
-        ConfigError: the file holds places of another configuration.
+        ConfigError: the file has places of another configuration.
         DataError: the file is damaged or cannot be written.
     """
     about = {"config": config.model_dump(mode="json")}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A training run that can be stopped at any time and gives the same when it goes on."""
+"""A training loop that can be stopped at any time and resumes with the same result."""
 
 import json
 import math
@@ -27,7 +27,7 @@ Progress = Callable[[int, int, Mapping[str, float]], None]
 
 
 class OptimiserConfig(Section):
-    """Adam with a learning rate that falls along a cosine, as every training here uses."""
+    """Adam with a cosine learning rate schedule, used by every training here."""
 
     seed: int = option(0, "decides first weights, batches and variation", ge=0, lt=2**32)
     epochs: int = option(10, "how often the data are gone through", ge=1)
@@ -36,7 +36,7 @@ class OptimiserConfig(Section):
 
 
 class Task(Protocol):
-    """What is trained on what."""
+    """The network, data and loss of a training."""
 
     network: nn.Module
 
@@ -44,12 +44,12 @@ class Task(Protocol):
         """The loss of each batch of one epoch."""
 
     def scores(self) -> dict[str, float]:
-        """How the network does on data that it is not trained on."""
+        """Scores of the network on held-out data."""
 
 
 @dataclass(frozen=True)
 class Trained:
-    """A finished training: loss and scores, and CPU seconds, of each epoch."""
+    """A finished training: loss, scores and CPU seconds of each epoch."""
 
     rows: tuple[Row, ...]
     seconds: tuple[float, ...]
@@ -61,13 +61,13 @@ class Trained:
 
     @property
     def cpu_seconds(self) -> float:
-        """What all epochs took, those before an interruption too."""
+        """CPU seconds of all epochs, including those before an interruption."""
         return sum(self.seconds)
 
 
 @contextmanager
 def seeded(seed: int) -> Iterator[None]:
-    """One thread and torch's random numbers from a seed; both as before at the end."""
+    """Run torch on one thread with a seed; restores threads and random state at the end."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -85,20 +85,20 @@ def train(
     about: Mapping[str, Any],
     progress: Progress | None = None,
 ) -> Trained:
-    """Train, or go on where an earlier call with the same settings stopped.
+    """Train, or resume where an earlier call with the same settings stopped.
 
-    After every epoch the folder holds a checkpoint and the curves so far; an interrupted epoch is
-    done again, with the same random numbers.
+    After every epoch the folder has a checkpoint and the curves so far; an interrupted epoch is
+    repeated with the same random numbers.
 
     Args:
         task: network, data and loss.
-        config: of the optimiser.
+        config: configuration of the optimiser.
         folder: for checkpoint.pt, curves.csv and curves.png.
-        about: settings and data, as JSON can hold them: another training's checkpoint is refused.
-        progress: called with epochs done, epochs in all, and the last epoch's figures.
+        about: settings and data as JSON values, to refuse the checkpoint of another training.
+        progress: called with epochs done, total epochs, and the last epoch's loss and scores.
 
     Raises:
-        ConfigError: the folder holds a checkpoint of other settings or data.
+        ConfigError: the folder has a checkpoint of other settings or data.
         DataError: the checkpoint is damaged, or the loss is no longer finite.
     """
     place = Path(folder)
@@ -120,7 +120,7 @@ def train(
 
 
 class _Run:
-    """Network and optimiser on their way."""
+    """The state of a training: network and optimiser."""
 
     def __init__(
         self, task: Task, config: OptimiserConfig, optimiser: torch.optim.Adam, about: str
@@ -128,7 +128,7 @@ class _Run:
         self.task, self.config, self.optimiser, self.about = task, config, optimiser, about
 
     def epoch(self, number: int) -> Row:
-        """Train once on everything."""
+        """Train for one epoch."""
         self._set_rate(number)
         rng = np.random.default_rng([self.config.seed, number])
         total, count = 0.0, 0
@@ -154,7 +154,7 @@ class _Run:
             group["lr"] = self.config.learning_rate * 0.5 * (1 + math.cos(math.pi * share))
 
     def save(self, path: Path, rows: list[Row], seconds: list[float]) -> None:
-        """Write the checkpoint, whole or not at all."""
+        """Write the checkpoint atomically."""
         state = {
             "format": FORMAT,
             "about": self.about,
@@ -167,13 +167,13 @@ class _Run:
             torch.save(state, temporary)
 
     def resume(self, path: Path) -> tuple[list[Row], list[float]]:
-        """Take over a checkpoint, if there is one, and return its rows and seconds."""
+        """Load a checkpoint, if there is one, and return its rows and seconds."""
         if not path.exists():
             return [], []
         try:
             state = torch.load(path, weights_only=True, map_location="cpu")
             known = state["format"] == FORMAT
-        except Exception as error:  # torch raises whatever its unpickler stumbles over
+        except Exception as error:  # torch's unpickler raises errors of any type
             raise DataError(f"{path}: not a checkpoint of a training, or cut short") from error
         if not known or state["about"] != self.about:
             raise ConfigError(
@@ -186,7 +186,7 @@ class _Run:
 
 
 def _difference(before: str, now: str) -> str:
-    """The first value that differs, as the end of a sentence."""
+    """The first difference between two settings, as the end of a sentence."""
     old, new = (dict(_flat(json.loads(text))) for text in (before, now))
     for key in sorted(old.keys() | new.keys()):
         if old.get(key) != new.get(key):

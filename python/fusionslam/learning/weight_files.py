@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Weights as safetensors, with what is needed to build the network around them."""
+"""Weights as safetensors, with the metadata needed to rebuild the network."""
 
 import os
 from collections.abc import Mapping
@@ -19,17 +19,17 @@ _MISSING = "weights need safetensors, which is not installed: pip install 'fusio
 
 
 def save_weights(path: str | os.PathLike[str], network: nn.Module, about: About) -> None:
-    """Write a network's weights, whole or not at all.
+    """Write a network's weights atomically.
 
     Raises:
-        DataError: they cannot be written.
+        DataError: the file cannot be written.
         FusionSlamError: safetensors is not installed.
     """
     try:
         from safetensors.torch import save
     except ImportError as error:
         raise FusionSlamError(_MISSING) from error
-    # How many batches a normalisation has seen is of no use to anyone.
+    # Without the batch counters of batch normalisation, which inference does not use.
     tensors = {
         name: tensor.contiguous()
         for name, tensor in network.state_dict().items()
@@ -42,15 +42,15 @@ def save_weights(path: str | os.PathLike[str], network: nn.Module, about: About)
 def load_pointnet(
     path: str | os.PathLike[str], expected: PointNetConfig | None = None
 ) -> tuple[PointNet, About]:
-    """The feature network of a file, ready to be used.
+    """Load a feature network, ready for use.
 
     Args:
-        path: as ``save_weights`` writes.
-        expected: the sizes that it has to have, or None for any.
+        path: a file written by ``save_weights``.
+        expected: the sizes that it must have; None for any.
 
     Raises:
-        DataError: cut short, another kind of network, or other sizes; the message names the file
-            and what was expected.
+        DataError: the file is truncated, or has another kind of network or other sizes; the
+            message names it and what was expected.
     """
     about, tensors = _read(Path(path), "pointnet", expected)
     assert isinstance(about.architecture, PointNetConfig)
@@ -60,11 +60,11 @@ def load_pointnet(
 
 
 def load_comparison(path: str | os.PathLike[str], features: int) -> tuple[Comparison, About]:
-    """The comparison of a file.
+    """Load a comparison network.
 
     Args:
-        path: as ``save_weights`` writes.
-        features: length of the feature vectors that it is to compare.
+        path: a file written by ``save_weights``.
+        features: length of the feature vectors to compare.
 
     Raises:
         DataError: as ``load_pointnet``; also for another number of features.
@@ -78,7 +78,7 @@ def load_comparison(path: str | os.PathLike[str], features: int) -> tuple[Compar
 
 
 def check_features(path: Path, found: int, expected: int) -> None:
-    """Raise DataError unless a comparison takes as many features as there are."""
+    """Raise DataError unless a comparison takes feature vectors of the expected length."""
     if found != expected:
         raise DataError(f"{path} compares {found} features, expected {expected}")
 
@@ -105,7 +105,7 @@ def _read(path: Path, kind: Kind, expected: Section | None) -> tuple[About, Mapp
 
 
 def _fill(path: Path, network: nn.Module, tensors: Mapping[str, Any]) -> None:
-    """Copy tensors into a network. Raises DataError for missing, odd or misshapen ones."""
+    """Copy tensors into a network. Raises DataError for missing, extra or misshapen ones."""
     own = {
         name: tensor
         for name, tensor in network.state_dict().items()
