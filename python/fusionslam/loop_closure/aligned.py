@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Loops by descriptors, and where the robot came back: the clouds of a loop are aligned."""
+"""Loops found by descriptors, with the relative pose from aligning their clouds."""
 
 import os
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ _SCENES = "scenes.npz"
 
 @dataclass(frozen=True)
 class AlignedLoop:
-    """A place seen before, and where the robot is against then.
+    """A loop, and the robot's pose relative to the earlier visit.
 
     Attributes:
         loop: numbers of both clouds, and the distance of their descriptors.
         match_stamp_ns: stamp of the older cloud.
-        probability: that the aligned clouds show one place; None where one of them has too little
-            to be aligned.
+        probability: probability that the aligned clouds show the same place; None if one of them
+            has too little content to be aligned.
         pose: x, y in metres and yaw in radians of the newer cloud in the frame of the older one;
             None with ``probability``.
     """
@@ -40,13 +40,13 @@ class AlignedLoop:
 
 
 class AlignedLoopDetector:
-    """A ``LoopDetector`` that keeps, of each cloud, what two of them are aligned by.
+    """A ``LoopDetector`` that also stores each cloud's range image, to align the clouds of a loop.
 
-    Memory grows with the number of clouds, by their descriptor and about 1 kB.
+    Each cloud takes the memory of its descriptor and about 1 kB.
 
     Args:
-        detector: new, or one that goes on.
-        scene: how clouds become scenes, with range images; None for the default.
+        detector: a new or resumed detector.
+        scene: how scenes with range images are built; None for the default.
         alignment: how scenes are aligned; None for the default.
     """
 
@@ -67,14 +67,14 @@ class AlignedLoopDetector:
         return len(self.detector)
 
     def add(self, cloud: Cloud, stamp_ns: int) -> AlignedLoop | None:
-        """The loop that a cloud closes, if any; then remembers the cloud.
+        """Find the loop that a cloud closes, if any, and store the cloud.
 
         Args:
-            cloud: with colours, in a frame whose z axis points up, as the robot's.
-            stamp_ns: when it was measured.
+            cloud: coloured, in a frame whose z axis points up, such as the robot's.
+            stamp_ns: its time stamp.
 
         Raises:
-            DataError: a cloud that cannot be described or has no colours; nothing is remembered.
+            DataError: a cloud that cannot be described or has no colours; nothing is stored.
         """
         if cloud.colors is None:
             raise DataError("loops are aligned by coloured clouds and this one has no colours")
@@ -92,14 +92,14 @@ class AlignedLoopDetector:
         return AlignedLoop(loop, stamp_ns, found.probability, (found.x, found.y, found.yaw))
 
     def save(self, folder: str | os.PathLike[str]) -> None:
-        """Write a folder that ``load`` goes on from.
+        """Save to a folder from which ``load`` resumes.
 
         Raises:
             DataError: nothing was added yet, or the folder cannot be written.
         """
         joined, offsets = pack_bytes(self._stored)
         stamps = np.array(self._stamps_ns, np.int64)
-        # Before the detector: a folder may hold more scenes than descriptors, never fewer.
+        # Scenes first: an interrupted save may leave more scenes than descriptors, never fewer.
         arrays = {"scenes": joined, "offsets": offsets, "stamps_ns": stamps}
         save_archive(Path(folder) / _SCENES, FORMAT, {}, arrays)
         self.detector.save(folder)
@@ -112,7 +112,7 @@ class AlignedLoopDetector:
         scene: SceneConfig | None = None,
         alignment: AlignmentConfig | None = None,
     ) -> "AlignedLoopDetector":
-        """Go on from what ``save`` wrote. Raises DataError naming the file."""
+        """Resume from what ``save`` wrote. Raises DataError naming the file."""
         loops = cls(LoopDetector.load(folder), scene=scene, alignment=alignment)
         path = Path(folder) / _SCENES
         with load_archive(path, FORMAT, "scenes of stored loops") as (_, stored):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Loops found online: one ``add`` a frame answers whether the place was seen before."""
+"""Online loop detection: one ``add`` per frame says whether the place was seen before."""
 
 import os
 import uuid
@@ -32,7 +32,7 @@ ABOUT = "detector.json"
 
 
 class LoopConfig(Section):
-    """When a nearest neighbour is a loop."""
+    """Conditions under which a nearest neighbour is a loop."""
 
     threshold: float = option(0.1, help_texts.THRESHOLD, ge=0, allow_inf_nan=False)
     window: int = option(50, help_texts.LOOP_WINDOW, unit="frames", ge=0)
@@ -43,7 +43,7 @@ class LoopConfig(Section):
 
 @dataclass(frozen=True)
 class Loop:
-    """A place seen before: frame numbers in the order of adding, and the descriptor distance."""
+    """A loop: both frame numbers, in the order of adding, and their descriptor distance."""
 
     query: int
     match: int
@@ -51,15 +51,15 @@ class Loop:
 
 
 class LoopDetector:
-    """Describes each frame, compares it with all older ones outside the window, remembers it.
+    """Describes each frame, compares it with all older ones outside the window, and stores it.
 
     Args:
         descriptor: "m2dp", "cm2dp", "shot" or "cshot".
-        threshold, window, window_seconds: as in ``LoopConfig``, whose values they replace.
+        threshold, window, window_seconds: override the values of ``LoopConfig``.
         config: when a neighbour is a loop.
         describe: how clouds are described.
-        fusion: how frames become clouds.
-        length: of descriptors computed elsewhere; None for that of ``descriptor``.
+        fusion: how frames are fused into clouds.
+        length: length of descriptors computed elsewhere; None for that of ``descriptor``.
 
     Raises:
         ConfigError: unknown descriptor, or a value out of range.
@@ -92,12 +92,12 @@ class LoopDetector:
         return 0 if self._index is None else len(self._index)
 
     def add(self, frame_or_cloud: Frame | Cloud, *, stamp_ns: int | None = None) -> Loop | None:
-        """The loop that this frame closes, if any; then remembers the frame.
+        """Find the loop that this frame closes, if any, and store the frame.
 
         ``nearest`` holds the nearest candidate afterwards, whether accepted or not.
 
         Raises:
-            DataError: a cloud that cannot be described; nothing is remembered then.
+            DataError: a cloud that cannot be described; nothing is stored.
             ShapeError: neither a frame nor a cloud.
         """
         if isinstance(frame_or_cloud, Frame):
@@ -112,13 +112,13 @@ class LoopDetector:
             config = for_sequence(config, cloud)
         vector = describe(cloud, self.descriptor, config)
         loop = self.add_descriptor(vector, stamp_ns=stamp_ns)
-        self.describe_config = config  # only now: a cloud that failed must not fix the radius
+        self.describe_config = config  # only now: a failed cloud must not fix the radius
         return loop
 
     def add_descriptor(
         self, descriptor: NDArray[np.float32], *, stamp_ns: int | None = None
     ) -> Loop | None:
-        """The same for a descriptor, float32 (D,), computed elsewhere.
+        """``add`` for a descriptor, float32 (D,), computed elsewhere.
 
         Raises:
             ShapeError: another length than the descriptor's.
@@ -133,13 +133,13 @@ class LoopDetector:
             )
         indices, distances = index.query(descriptor, stamp_ns=stamp_ns)
         number = index.add(descriptor, stamp_ns=stamp_ns)
-        self._index = index  # only now: a first descriptor that failed must not fix the length
+        self._index = index  # only now: a failed first descriptor must not fix the length
         self.nearest = Loop(number, int(indices[0]), float(distances[0])) if len(indices) else None
         accepted = self.nearest and self.nearest.distance <= self.config.threshold
         return self.nearest if accepted else None
 
     def _fuse_frame(self, frame: Frame) -> Cloud:
-        """The frame's cloud; an error says which source was meant and how to name another."""
+        """Fuse a frame into a cloud; errors name the source used and how to select another."""
         try:
             return fuse(frame, self.fusion_config)
         except DataError as error:
@@ -153,7 +153,7 @@ class LoopDetector:
             ) from error
 
     def _check_length(self, descriptor: Any) -> None:
-        """The index itself would take the first length for the right one. Raises ShapeError."""
+        """Raise ShapeError for a wrong length; the index would accept any length first."""
         length = self._length or length_of(self.descriptor, self.describe_config)
         shape = np.shape(descriptor)
         if shape != (length,):
@@ -163,10 +163,10 @@ class LoopDetector:
             )
 
     def save(self, folder: str | os.PathLike[str]) -> None:
-        """Write the configuration and all descriptors to a folder, both or none.
+        """Save the configuration and all descriptors to a folder atomically.
 
-        The description names the file of descriptors that belongs to it and is written last:
-        whatever happens in between, the folder holds a pair that fits.
+        The configuration file names its file of descriptors and is written last, so that the
+        folder always holds a matching pair.
 
         Raises:
             DataError: nothing was added yet, or the folder cannot be written.
@@ -192,7 +192,7 @@ class LoopDetector:
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> "LoopDetector":
-        """Continue from what ``save`` wrote. Raises DataError naming the file."""
+        """Resume from what ``save`` wrote. Raises DataError naming the file."""
         source = Path(folder)
         with load_json(source / ABOUT, FORMAT, "a stored loop detector") as about:
             detector = cls(

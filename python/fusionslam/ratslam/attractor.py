@@ -265,7 +265,7 @@ class SteadyNetwork:
 def _check_numbers(numbers: Floats, count: int, size: int) -> None:
     """Raise DataError unless the state is valid.
 
-    It begins with a place on the sheet; numbers after the tenth are the place before a jump, or NaN.
+    It begins with a place on the sheet; after the tenth number is the place before a jump, or NaN.
     """
     if numbers.shape != (count,):
         raise DataError(f"network: numbers of the shape {numbers.shape}, expected {(count,)}")

@@ -39,8 +39,8 @@ class Limits(NamedTuple):
 class MotionStep(NamedTuple):
     """One odometry step: m/s forward, rad/s, duration in seconds, and a note.
 
-    After a gap the robot's path is not taken for an arc: ``bearing`` then gives the direction of the
-    straight line, in radians relative to the heading before.
+    After a gap the path is a straight line instead of an arc: ``bearing`` gives its direction, in
+    radians relative to the heading before.
     """
 
     v: float

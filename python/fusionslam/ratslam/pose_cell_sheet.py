@@ -62,7 +62,7 @@ def wrap(place: Place, size: int) -> Place:
 
 def _wrap_value(value: float, period: int) -> float:
     rest = value % period
-    return rest if rest < period else 0.0  # fmod rounds a tiny negative value up to the period
+    return rest if rest < period else 0.0  # % rounds a tiny negative value up to the period
 
 
 def differences(places: Any, other: Any, size: int) -> Floats:

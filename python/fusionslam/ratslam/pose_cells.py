@@ -219,7 +219,7 @@ class PoseCells:
         self._network.inject(place, energy)
 
     def _decay(self, view: int) -> float:
-        """The current decay of a view, which falls with each view that arrives, down to its minimum."""
+        """The current decay of a view, which falls with each arriving view down to a minimum."""
         fallen = self.config.restore * (self._arrived - int(self._since.all[view]))
         return max(float(self._decays.all[view]) - fallen, self.config.active_decay)
 
@@ -324,7 +324,7 @@ class PoseCells:
         return self._create_node(action.source)
 
     def _way_from(self, experience: int) -> Place:
-        """The robot's pose by the match in the frame of an experience of the current view, in cells."""
+        """The robot's pose by its match, in cells, in the frame of an experience of the view."""
         if not self._robust:
             return self._relative
         offset = Place(*self._offsets.all[experience].tolist())
@@ -343,7 +343,7 @@ class PoseCells:
         return distances
 
     def _predict(self, experiences: Any) -> Floats:
-        """Poses of the robot if the view of each of these experiences matches, float64 (k, 3)."""
+        """The robot's poses by the match of these experiences' view, float64 (k, 3)."""
         places, offsets = self._experiences.all[experiences], self._offsets.all[experiences]
         # First the view's frame, then the robot's pose in it.
         heading = (places[:, 2] - offsets[:, 2]) * LAYER
@@ -359,7 +359,7 @@ class PoseCells:
         return expected
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Everything that ``restore`` needs to resume exactly from here, except the configuration."""
+        """Everything but the configuration that ``restore`` needs to resume exactly from here."""
         counts = (self._arrived, self._view, self._previous, self._current)
         return {
             "cells": self._network.cells,

@@ -52,8 +52,8 @@ _RUN, _VIEWS = "run", "views"
 
 NOTHING = Action(ActionKind.NONE)
 
-# Longest motion of one event in cells. openratslam moves cell by cell, and more would take too
-# long on a robot; robust refuses longer ones, which may then be partly applied.
+# Longest motion of one event in cells. openratslam moves cell by cell, so more would take too
+# long on a robot; robust cells would refuse more, perhaps when a part is already applied.
 _FARTHEST = {"openratslam": 300, "robust": 1e6}
 
 
@@ -290,7 +290,7 @@ class RatSlam:
             self.memory.odometry, self.memory.newest_ns = said, said.stamp_ns
 
     def _pieces(self, way: float) -> int:
-        """The number of steps to divide a motion into: openratslam takes less than a cell each."""
+        """Number of steps for a motion: openratslam takes less than a cell each."""
         cells = self.cells.config
         return 1 if cells.preset == "robust" else int(abs(way) / cells.cell_m) + 1
 
@@ -327,7 +327,7 @@ class RatSlam:
         with watch.of("map"):
             done = self._check_action(action)
             self.map.apply(done.action)
-            # Before nodes are moved, which Ctrl-C may interrupt, so that each node has stamp and view.
+            # Before nodes are moved, which Ctrl-C may interrupt: each node needs a stamp and view.
             if done.action.kind == ActionKind.CREATE_NODE:
                 self.memory.node_stamps_ns.append(self.memory.newest_ns or 0)
                 self.memory.node_views.append(self.memory.view)
