@@ -12,7 +12,7 @@ from fusionslam.sensors.messages import NANOSECONDS
 
 
 class OrderConfig(Section):
-    """How events of several sources are put in order."""
+    """How events of several streams are sorted."""
 
     wait: float = option(
         0.5, "how much later stamps may be before an event counts as complete", unit="s", ge=0
@@ -40,8 +40,11 @@ _NOTHING = (-1, 0)
 
 @dataclass
 class _Heard:
-    """State of one kind of event: how often its clock went back, the first and the newest stamp
-    since then, and how far the other kind has come since the last event of this one."""
+    """Clock of one kind of event.
+
+    It holds how often the clock went back, the first and the newest stamp since then, and how far
+    the other kind has come since the last event of this one.
+    """
 
     clock: int = 0
     first_ns: int = 0
@@ -123,8 +126,11 @@ class StampOrder:
             other.silent_ns += min(on, self._wait_ns // 2 + 1)
 
     def _left_behind(self, heard: _Heard, other: _Heard) -> bool:
-        """Whether the other kind's clock went back more than ``wait`` ago. Then this one's did too,
-        unnoticed, because its last stamp was earlier than the time that it went back to."""
+        """Whether the other kind's clock went back more than ``wait`` ago.
+
+        Then this one's did too, unnoticed, because its last stamp was earlier than the time that it
+        went back to.
+        """
         on = (other.newest_ns or 0) - other.first_ns
         return heard.clock < other.clock and on > self._wait_ns
 

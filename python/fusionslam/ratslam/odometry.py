@@ -18,7 +18,7 @@ Ground = tuple[float, float, float]
 """x, y in metres and heading in radians."""
 
 
-# Restarted odometry begins within this of its origin, after having been farther away than _AWAY.
+# Restarted odometry begins within this of its origin, after being farther away than _AWAY_*.
 _ORIGIN_M, _ORIGIN_RAD = 0.05, 0.05
 _AWAY_M, _AWAY_RAD = 0.5, 0.5
 
@@ -28,8 +28,7 @@ FORGOTTEN_NS = -(2**62) - 1
 
 
 class Limits(NamedTuple):
-    """Limits of plausible odometry: the longest normal gap in seconds, the highest speed in m/s,
-    and the longest step in metres."""
+    """Limits of plausible odometry: gap in seconds, speed in m/s, step length in metres."""
 
     gap: float
     max_speed: float

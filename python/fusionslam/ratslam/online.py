@@ -44,7 +44,7 @@ _DAY_NS = 86_400 * NANOSECONDS
 
 
 class OnlineRatSlamConfig(Section):
-    """How a map is made of what arrives."""
+    """Settings of online mapping."""
 
     ratslam: RatSlamConfig = option(RatSlamConfig(), "the cells and the map")
     # The wait delays the map only while no views arrive, when there is nothing to map. Busy
@@ -63,7 +63,7 @@ class OnlineRatSlam:
 
     Args:
         config: None for the defaults.
-        changes: values of the configuration that differ from it.
+        changes: configuration values to override.
 
     Attributes:
         config: the configuration in use.
