@@ -173,7 +173,7 @@ class SceneSet:
         return self.subset(np.flatnonzero(~self.empty)) if self.empty.any() else self
 
     def digest(self) -> str:
-        """A hash of scans, scenes and poses that identifies this set."""
+        """A hash of stamps, poses, cloud points and scenes that identifies this set."""
         found = hashlib.sha256()
         for array in (self.stamps_ns, self.poses, self.clouds and self.clouds.points):
             found.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
