@@ -2,14 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of the installation: what works on this machine, and what to install."""
 
-import os
 import platform
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 
 _PACKAGES = (
     *("numpy", "pillow", "platformdirs", "pydantic", "pypcd4"),
@@ -108,7 +106,9 @@ def _machine_cores() -> int:
 
 
 def _cache() -> Finding:
-    folder = _cache_folder()
+    from fusionslam.storage.cache import cache_folder
+
+    folder = cache_folder()
     present = next(place for place in (folder, *folder.parents) if place.exists())
     if not _works(lambda: tempfile.TemporaryFile(dir=present).close()):
         hint = "the environment variable FUSIONSLAM_CACHE can name another folder"
@@ -123,10 +123,3 @@ def _works(action: Callable[[], object]) -> bool:
     except OSError:
         return False
     return True
-
-
-def _cache_folder() -> Path:
-    """Folder of the embedded drive."""
-    from platformdirs import user_cache_dir
-
-    return Path(os.environ.get("FUSIONSLAM_CACHE") or user_cache_dir("fusionslam"))
