@@ -85,7 +85,7 @@ class _Judge:
         self.made = run.actions[:, 0] != ActionKind.NONE
         stamps = run.stamps_ns[self.judged]
         self.seconds = float((stamps[-1] - stamps[0]) / 1e9) if stamps.size else 0.0
-        self.node_steps = self._known(_last_at(run.stamps_ns, run.node_stamps_ns))
+        self.node_steps = self._known(run.steps_at(run.node_stamps_ns))
 
     def _known(self, steps: Integers) -> Integers:
         """The steps, -1 where the ground truth is unknown."""
@@ -134,7 +134,7 @@ class _Judge:
     def refusals(self) -> dict[str, int]:
         """Count the refused loops, and those that were right."""
         refused = self.run.refused
-        steps = self._known(_last_at(self.run.stamps_ns, refused["stamp_ns"]))
+        steps = self._known(self.run.steps_at(refused["stamp_ns"]))
         known = (steps >= 0) & (self.node_steps[refused["target"]] >= 0)
         near = self._near(steps[known], refused["target"][known])
         return {"judged_refused": int(known.sum()), "refused_true": int(near.sum())}
@@ -221,9 +221,3 @@ def _check_finite(name: str, poses: Floats, wanted: Mask | None = None) -> None:
     broken = ~np.isfinite(poses).all(axis=1) & (True if wanted is None else wanted)
     if (bad := np.flatnonzero(broken)).size:
         raise DataError(f"{name}: row {bad[0]} is {poses[bad[0]].tolist()}, expected numbers")
-
-
-def _last_at(stamps: Integers, wanted: Integers) -> Integers:
-    """The last step at exactly these stamps; -1 where there is none."""
-    at = np.searchsorted(stamps, wanted, side="right") - 1
-    return np.where((at >= 0) & (stamps[at] == wanted), at, -1) if len(stamps) else at

@@ -156,6 +156,12 @@ class RatSlamRun:
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
+    def steps_at(self, stamps_ns: Integers) -> Integers:
+        """int64, the last step at exactly each of these stamps; -1 where there is none."""
+        found = np.searchsorted(self.stamps_ns, stamps_ns, side="right") - 1
+        there = self.stamps_ns[found] if len(self) else found
+        return np.where((found >= 0) & (there == stamps_ns), found, -1)
+
     def __repr__(self) -> str:
         """One line, without the arrays of thousands of rows."""
         counts = f"{len(self)} steps, {len(self.nodes)} nodes, {len(self.links)} links"

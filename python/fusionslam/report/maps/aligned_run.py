@@ -99,13 +99,6 @@ def moved(poses: Floats, errors: PoseErrors | None) -> Floats:
     return poses if errors is None else errors.motion.apply(poses)
 
 
-def steps_at(run: RatSlamRun, stamps_ns: Integers) -> Integers:
-    """int64, the last step at exactly these stamps; -1 where there is none."""
-    found = np.searchsorted(run.stamps_ns, stamps_ns, side="right") - 1
-    there = run.stamps_ns[found] if len(run) else found
-    return np.where((found >= 0) & (there == stamps_ns), found, -1)
-
-
 def offs(run: RatSlamRun, steps: Integers, nodes: Integers) -> tuple[Floats, Floats]:
     """Compute the true distance of the robot from where nodes were made: metres and degrees.
 
@@ -117,7 +110,7 @@ def offs(run: RatSlamRun, steps: Integers, nodes: Integers) -> tuple[Floats, Flo
     Returns:
         float64 (m) each; NaN where the truth is not known.
     """
-    at = steps_at(run, run.node_stamps_ns)[nodes]
+    at = run.steps_at(run.node_stamps_ns)[nodes]
     if run.truth is None or not len(steps):
         return np.full(len(steps), np.nan), np.full(len(steps), np.nan)
     difference = run.truth[steps] - run.truth[at]
@@ -129,7 +122,7 @@ def _arrivals(run: RatSlamRun) -> Integers:
     """The step of the loop that caused each link; -1 where it was created with a node."""
     changes = np.flatnonzero(run.actions[:, 0] != ActionKind.NONE)[::-1].tolist()
     first = {(int(run.actions[row, 1]), int(run.actions[row, 2])): row for row in changes}
-    for row, one in zip(steps_at(run, run.refused["stamp_ns"]), run.refused, strict=True):
+    for row, one in zip(run.steps_at(run.refused["stamp_ns"]), run.refused, strict=True):
         # A loop refused at first is linked once others agree with it.
         first.setdefault((int(one["source"]), int(one["target"])), int(row))
     pairs = zip(run.links["source"].tolist(), run.links["target"].tolist(), strict=True)

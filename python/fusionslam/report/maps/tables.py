@@ -13,7 +13,7 @@ import numpy as np
 from fusionslam._core import ActionKind
 from fusionslam.evaluation import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import RatSlamRun
-from fusionslam.report.maps.aligned_run import Scene, denied, link_misfits, near, offs, steps_at
+from fusionslam.report.maps.aligned_run import Scene, denied, link_misfits, near, offs
 from fusionslam.report.page.tables import Cell, Column, Table, build_table
 
 MOST = 100
@@ -157,7 +157,7 @@ def refused_table(scene: Scene) -> Table | None:
     run, refused = scene.run, scene.run.refused[:MOST]
     if not len(refused):
         return None
-    metres, degrees = offs(run, steps_at(run, refused["stamp_ns"]), refused["target"])
+    metres, degrees = offs(run, run.steps_at(refused["stamp_ns"]), refused["target"])
     heads = [
         ("from node", "where the robot was last"),
         ("to node", "which it was not allowed to arrive at"),
@@ -182,7 +182,7 @@ def refused_table(scene: Scene) -> Table | None:
 def refusals(scene: Scene) -> list[str]:
     """Return a verdict of ``REFUSALS`` for each refused loop, or a dash without truth."""
     run = scene.run
-    steps = steps_at(run, run.refused["stamp_ns"])
+    steps = run.steps_at(run.refused["stamp_ns"])
     right = near(run, scene.report, steps, run.refused["target"])
     words = np.select([~denied(run), right == 0, right == 1], [*REFUSALS], _NONE)
     return [str(word) for word in words]
