@@ -39,8 +39,7 @@ def report(
         if not run_files(runs_folder(folder)):
             return
     with progress() as step:
-        evaluations, config = stored_evaluations(folder, step=step)
-        protocol = protocol or config.protocol
+        evaluations, _ = stored_evaluations(folder, step=step)
         keep_parts(ctx, output or folder)
         step("writing the report", 0, 1)
         page = write_stored_report(folder, evaluations, output=output, protocol=protocol)

@@ -5,7 +5,6 @@
 recording = Recording.at("kitti/dataset", sequence="06")
 for evaluation in benchmark(recording, "out", ["m2dp", "cm2dp"]):
     print(evaluation.run.source, evaluation.run.descriptor, evaluation.curves["revisit"])
-write_stored_report("out")
 """
 
 import logging
@@ -269,14 +268,19 @@ def stored_evaluations(
     """
     if not Path(folder).is_dir():
         raise DataError(f"{folder} is no folder: expected one with descriptor runs")
-    work = Work.load(folder)
-    stored = next(iter(work.configs.values()), {}) if work else {}
-    config = merged(PipelineConfig(), {"evaluation": stored.get("evaluation", {})})
+    config = merged(PipelineConfig(), {"evaluation": stored_config(folder).model_dump()})
     config = merged(config, {"evaluation": changes or {}})
     runs = load_runs(runs_folder(folder))
     if truth is not None:
         runs = [_with_truth(run, Path(truth)) for run in runs]
     return [assessed(run, config, step) for run in runs], config.evaluation
+
+
+def stored_config(folder: str | os.PathLike[str]) -> EvaluationConfig:
+    """Return the evaluation configuration stored in a folder, else the default."""
+    work = Work.load(folder)
+    stored = next(iter(work.configs.values()), {}) if work else {}
+    return merged(EvaluationConfig(), stored.get("evaluation", {}))
 
 
 def _with_truth(run: DescriptorRun, path: Path) -> DescriptorRun:

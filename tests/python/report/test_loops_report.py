@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import DescriptorRun, Evaluation, evaluate
+from fusionslam.pipelines.recording import Recording
+from fusionslam.pipelines.results import Work
 from fusionslam.report import write_report
 from fusionslam.report.loops.outcomes import outcome, telling_pairs
+from fusionslam.report.loops.stored import write_stored_report
 from fusionslam.report.page.figures import widest_axes
 from fusionslam.sensors.frame import Cloud
 from pages import Page
@@ -221,6 +224,18 @@ def test_a_protocol_that_was_not_evaluated_is_refused(tmp_path: Path) -> None:
         report([evaluation], tmp_path, protocol="revisits")
     with pytest.raises(DataError, match="no runs"):
         report([], tmp_path)
+
+
+def test_loops_are_judged_by_the_protocol_stored_in_the_folder(tmp_path: Path) -> None:
+    stored = {"lidar": {"evaluation": {"protocol": "perdomo2019"}}}
+    Work(Recording(str(tmp_path / "gone")), "KITTI 06", configs=stored).save(tmp_path)
+    evaluations = [evaluate(some_run(config={"fusion": {}}), window=20)]
+    page = Page(write_stored_report(tmp_path, evaluations).read_text("utf-8"))
+    assert "Judged by protocol perdomo2019" in page.text
+    write_stored_report(tmp_path, evaluations, protocol="revisit", output=tmp_path / "other")
+    assert (
+        "Judged by protocol revisit" in Page((tmp_path / "other" / "report.html").read_text()).text
+    )
 
 
 def test_names_that_are_html_or_paths_are_harmless(tmp_path: Path) -> None:

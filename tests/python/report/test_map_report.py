@@ -16,13 +16,14 @@ from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.report import map_figure, write_ratslam_report
 from fusionslam.report.maps.aligned_run import scene_of
 from fusionslam.report.maps.map_figures import draw_map
-from fusionslam.report.maps.plots import draw_activity, draw_errors, draw_views, new_views
+from fusionslam.report.maps.plots import draw_activity, draw_errors, draw_views
 from fusionslam.report.maps.sections import run_labels
 from fusionslam.report.maps.tables import (
     MOST,
     error_table,
+    look_table,
     loop_table,
-    reason_table,
+    new_views,
     refused_table,
 )
 from maps import CORNERS, HALL, alone, drifting_run, little_run, nodeless, wrong_run
@@ -109,12 +110,15 @@ def test_a_long_list_of_refusals_is_cut() -> None:
     assert table.rows[1][0] == "120.0 s" and table.rows[1][1][-2].text == "\N{EN DASH}"
 
 
-def test_sentences_that_differ_by_numbers_are_counted_together() -> None:
-    table = reason_table(drifting_run())
+def test_looks_are_counted_by_what_they_led_to_however_the_run_words_it() -> None:
+    views = np.array([0, 1, 2, 3, 0, 1, -1, 3])
+    table = look_table(drifting_run(view_ids=views, why=list("abcdefgh")))
     assert table is not None
-    assert [(words, cells[0].text) for words, cells in table.rows] == [
-        ("view #", "7"),
-        ("no loop: # m off; node #", "1"),
+    assert [(kind, [cell.text for cell in cells]) for kind, cells in table.rows] == [
+        ("new view, node made", ["4", "a"]),
+        ("known view, loop refused, arrival at a known node", ["2", "e"]),
+        ("no view, arrival at a known node", ["1", "g"]),
+        ("known view, arrival at a known node", ["1", "h"]),
     ]
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fusionslam.config import merged
 from fusionslam.errors import DataError
-from fusionslam.evaluation import Evaluation, EvaluationConfig
+from fusionslam.evaluation import Evaluation
 from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work
@@ -23,7 +23,7 @@ from fusionslam.sensors.frame import Cloud, Frame
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
-from fusionslam.pipelines.compare_descriptors import DEMO_NOTE, stored_evaluations
+from fusionslam.pipelines.compare_descriptors import DEMO_NOTE, stored_config, stored_evaluations
 
 
 def write_stored_metrics(
@@ -55,7 +55,7 @@ def write_stored_report(
         folder: folder that ``benchmark`` wrote.
         evaluations: evaluations of these runs; None computes them.
         output: None writes the report into ``folder``.
-        protocol: protocol that judges the loops; None for the configuration's.
+        protocol: protocol that judges the loops; None for that of the stored configuration.
         command: None for the stored one.
 
     Raises:
@@ -65,8 +65,7 @@ def write_stored_report(
     from fusionslam.report import write_report
 
     if evaluations is None:
-        evaluations, config = stored_evaluations(folder)
-        protocol = protocol or config.protocol
+        evaluations, _ = stored_evaluations(folder)
     work = Work.load(folder)
     runs = [evaluation.run for evaluation in evaluations]
     fusion = {run.source: merged(FusionConfig(), run.config["fusion"]) for run in runs}
@@ -77,7 +76,7 @@ def write_stored_report(
         dataset_name=runs[0].dataset,
         command=(work.command if work and command is None else command) or "",
         config={f"{run.source} / {run.descriptor}": run.config for run in runs},
-        protocol=protocol or EvaluationConfig().protocol,
+        protocol=protocol or stored_config(folder).protocol,
         clouds=pictured.cloud if pictured else None,
         images=pictured.image if pictured else None,
         notes=[DEMO_NOTE] if work and work.demo and "cloud" in fusion else [],

@@ -11,6 +11,7 @@ from fusionslam._core import ActionKind
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.report.maps.aligned_run import Scene, moved
 from fusionslam.report.maps.map_figures import DENIED, MAP, RECKONED, RIGHT, WRONG
+from fusionslam.report.maps.tables import new_views
 from fusionslam.report.page.figures import CURVE_COLORS, PATH, new_figure
 from fusionslam.storage.arrays import Floats
 
@@ -86,13 +87,6 @@ def draw_views(scene: Scene) -> "Figure | None":
     below.set_xlabel("time (s)")
     figure.legend(loc="outside upper left", ncols=2)
     return figure
-
-
-def new_views(ids: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Mask of the ids that occur for the first time; -1 is none."""
-    new = np.zeros(len(ids), bool)
-    new[np.unique(ids, return_index=True)[1]] = True
-    return new & (ids >= 0)
 
 
 def _marks(axis: "Axes", scene: Scene, blind: Floats) -> None:

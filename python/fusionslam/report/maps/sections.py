@@ -17,13 +17,14 @@ from fusionslam.ratslam.experience_map import quickest_route
 from fusionslam.report.maps.aligned_run import Scene, denied, scene_of
 from fusionslam.report.maps.map_figures import counted_word, draw_map, side_by_side
 from fusionslam.report.maps.path_figure import draw_route
-from fusionslam.report.maps.plots import draw_activity, draw_errors, draw_views, new_views
+from fusionslam.report.maps.plots import draw_activity, draw_errors, draw_views
 from fusionslam.report.maps.tables import (
     REFUSALS,
     error_table,
     joins_table,
+    look_table,
     loop_table,
-    reason_table,
+    new_views,
     refusals,
     refused_table,
 )
@@ -49,7 +50,7 @@ class RunPart:
     pictures: list[Picture]
     loops: Table | None
     refused: Table | None
-    reasons: Table | None
+    looks: Table | None
     notes: list[str]
 
 
@@ -146,7 +147,7 @@ def _run_part(folder: Path, label: str, scene: Scene) -> RunPart:
         pictures=[*_pictures(folder, scene)],
         loops=loop_table(scene),
         refused=refused_table(scene),
-        reasons=reason_table(run),
+        looks=look_table(run),
         notes=[*run.notes[:_NOTES], *_left_out(len(run.notes), _NOTES, "notes")],
     )
 

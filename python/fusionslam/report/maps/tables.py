@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of the report of maps: errors against dead reckoning, and single loops."""
 
-import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,12 +14,18 @@ from fusionslam.evaluation import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.report.maps.aligned_run import Scene, denied, link_misfits, near, offs
 from fusionslam.report.page.tables import Cell, Column, Table, build_table
+from fusionslam.storage.arrays import Integers, Mask
 
 MOST = 100
 """Largest number of rows in a table of single events."""
 REFUSALS = ("linked later", "false: prevented", "right: lost")
 """Verdicts on refused loops: confirmed by later loops, or kept out of the map."""
 _NONE = "\N{EN DASH}"
+_EFFECTS = {
+    ActionKind.NONE: "",
+    ActionKind.CREATE_NODE: "node made",
+    ActionKind.CREATE_EDGE: "arrival at a known node",
+}
 
 Best = Callable[[Sequence[float]], float]
 Named = tuple[str, Scene]
@@ -200,10 +205,30 @@ def _event(seconds: float, link: Any, *figures: tuple[float, str] | str) -> tupl
     return f"{seconds:.1f} s", cells
 
 
-def reason_table(run: RatSlamRun) -> Table | None:
-    """Count the reasons given for views, numbers left out; None without a view step."""
-    said = Counter(re.sub(r"-?\d+(\.\d+)?(e-?\d+)?", "#", sentence) for sentence in run.why)
-    if not said:
+def look_table(run: RatSlamRun) -> Table | None:
+    """Count the looks by their view and its effect on the map, with the first one's reason.
+
+    None without a look.
+    """
+    looks = np.flatnonzero(run.is_view)
+    if not looks.size:
         return None
-    rows = [(sentence, [Cell(str(count))]) for sentence, count in said.most_common(20)]
-    return Table([("views", "how many")], rows)
+    ids, refused = run.view_ids[looks], np.isin(run.stamps_ns[looks], run.refused["stamp_ns"])
+    views = np.select([ids < 0, new_views(ids)], ["no view", "new view"], "known view")
+    effects = [_EFFECTS[ActionKind(kind)] for kind in run.actions[looks, 0].tolist()]
+    kinds = [
+        ", ".join(filter(None, (str(view), "loop refused" if no else "", effect)))
+        for view, no, effect in zip(views, refused, effects, strict=True)
+    ]
+    rows = [
+        (kind, [Cell(str(count)), Cell(run.why[kinds.index(kind)])])
+        for kind, count in Counter(kinds).most_common()
+    ]
+    return Table([("looks", "how many"), ("the first one's reason", "as the run says it")], rows)
+
+
+def new_views(ids: Integers) -> Mask:
+    """Mask of the ids that occur for the first time; -1 is none."""
+    new = np.zeros(len(ids), bool)
+    new[np.unique(ids, return_index=True)[1]] = True
+    return new & (ids >= 0)

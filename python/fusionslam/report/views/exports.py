@@ -129,6 +129,7 @@ def _place(run: ViewRun, row: int, previews: Mapping[int, bytes]) -> dict[str, A
 
 def _frame(run: ViewRun, report: ViewReport, row: int, place: int, beside: int) -> dict[str, Any]:
     known = report.matched[row] >= 0
+    wrongly_new = "negative" if report.false_negative[row] else None
     similarity = None if run.similarities is None else run.similarities[row]
     return {
         "i": place,
@@ -137,7 +138,9 @@ def _frame(run: ViewRun, report: ViewReport, row: int, place: int, beside: int) 
         "s": _number(similarity, "{:.3f}"),
         "d": f"{report.distances[row]:.2f} m, {report.angles[row]:.0f}°" if known else None,
         "w": verdict(report, row),
+        "false": "positive" if report.false_positive[row] else wrongly_new,
         "l": loop_word(report, row),
+        "right": bool(report.loop_correct[row]) if report.loop[row] else None,
     }
 
 

@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 FORMAT = "fusionslam.previews.1"
 MOST = 600
-"""Most scans of a run at even steps that the page can show; false positives come on top."""
+"""Largest number of scans of a run that the page can show."""
 _SAMPLE = 40
 
 
@@ -28,10 +28,17 @@ def stamp_key(stamp: float) -> int:
 
 
 def shown_rows(report: ViewReport) -> list[int]:
-    """Return the rows that the page can show: ``MOST`` at even steps, and false positives."""
-    step = max(1, -(-report.n // MOST))
-    wrong = report.false_positive_indices[:MOST].tolist()
-    return sorted({*range(0, report.n, step), *wrong})
+    """Return the rows that the page can show: all, or ``MOST`` of a long run.
+
+    These are the false positives, of more than ``MOST / 2`` those farthest from their view, and
+    rows at even steps.
+    """
+    if report.n <= MOST:
+        return list(range(report.n))
+    wrong = report.false_positive_indices
+    farthest = np.argsort(-report.distances[wrong], kind="stable")[: MOST // 2]
+    step = -(-report.n // (MOST - farthest.size))
+    return sorted({*range(0, report.n, step), *wrong[farthest].tolist()})
 
 
 def counterparts(run: ViewRun, report: ViewReport) -> NDArray[np.int64]:

@@ -211,4 +211,7 @@ def _left_out(judged: Judged) -> str:
     longest = max(len(run) for run, _ in judged)
     if longest <= MOST:
         return ""
-    return f"Of {longest} scans about {MOST} can be shown, evenly chosen, and every false positive."
+    return (
+        f"Of {longest} scans at most {MOST} are shown: false positives, the farthest first, and "
+        "scans at even steps."
+    )

@@ -8,12 +8,12 @@ for (const root of document.querySelectorAll(".scrub")) {
   const slider = part("slider"), choice = part("run"), map = part("map");
   let run = runs[0], timer = null;
 
-  const isFalse = (frame) => frame.w.startsWith("false");
+  const isFalse = (frame) => frame.false !== null;
   const interesting = (frame) => isFalse(frame) || frame.l !== "";
 
   function colorOf(frame) {
-    if (isFalse(frame) || frame.l.startsWith("wrong")) return "bad";
-    return frame.l.startsWith("right") ? "good" : "";
+    if (isFalse(frame) || frame.right === false) return "bad";
+    return frame.right ? "good" : "";
   }
 
   function picture(side, place) {
@@ -67,7 +67,7 @@ for (const root of document.querySelectorAll(".scrub")) {
     const frame = run.frames[slider.value], verdict = part("verdict");
     picture("now", run.places[frame.i]);
     picture("view", frame.v >= 0 ? run.places[frame.v] : null);
-    part("role").textContent = frame.w === "false negative" ? "should have matched" : "its view";
+    part("role").textContent = frame.false === "negative" ? "should have matched" : "its view";
     verdict.textContent = frame.w + (frame.l ? ", " + frame.l : "");
     verdict.className = colorOf(frame);
     const words = [frame.id < 0 ? "no view" : `view ${frame.id}`];
