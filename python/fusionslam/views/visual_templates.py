@@ -19,13 +19,12 @@ from fusionslam.errors import DataError, ShapeError
 from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.arrays import Floats32
 from fusionslam.storage.files import PathLike
-
-Rows = NDArray[np.intp]
+from fusionslam.storage.growing_array import Rows
 
 FORMAT = "fusionslam.visual_templates.1"
 _LUMINANCE = np.array((0.299, 0.587, 0.114))
 # Pairs compared at a time, so that their differences stay in the processor's cache.
-_PIECE = 24
+_BATCH = 24
 # Rounding error of sums in single precision.
 _ROUNDING = 1e-5
 
@@ -95,25 +94,25 @@ class VisualTemplates:
         self.config = merged(config or VisualTemplatesConfig(), changes)
         self._image_shape: tuple[int, int] | None = None
         # Column by column, so that the part compared at a shift is contiguous.
-        self._stored = np.empty((0, self.config.columns * self.config.rows), np.float32)
-        self._means = np.empty(0, np.float32)
-        self._column_means = np.empty((0, self.config.columns), np.float32)
-        self._moves = _moves(self.config)
-        self._count = 0
+        self._size = self.config.columns * self.config.rows
+        self._stored = Rows(np.float32, self._size)
+        self._means = Rows(np.float32)
+        self._column_means = Rows(np.float32, self.config.columns)
+        self._shifts = _shifts(self.config)
 
     def __len__(self) -> int:
-        return self._count
+        return len(self._stored)
 
     @property
     def templates(self) -> Floats32:
         """A copy of the templates by id, float32 (n, rows, columns), 0 .. 1."""
         shape = (len(self), self.config.columns, self.config.rows)
-        return np.ascontiguousarray(self._stored[: len(self)].reshape(shape).transpose(0, 2, 1))
+        return np.ascontiguousarray(self._stored.all.reshape(shape).transpose(0, 2, 1))
 
     @property
     def bytes_per_view(self) -> int:
         """Size of a template in memory and on disk, in bytes."""
-        return self._stored.itemsize * self._stored.shape[1]
+        return 4 * self._size
 
     def process(self, image: NDArray[np.uint8]) -> TemplateMatch:
         """Find the template that matches an image, or store the image as a new one.
@@ -132,23 +131,31 @@ class VisualTemplates:
 
         Args, raises: as for ``process``; from here on all images must have the same size.
         """
-        pixels = _checked_image(image)
+        pixels = np.asarray(image)
+        if (
+            pixels.dtype != np.uint8
+            or pixels.ndim not in (2, 3)
+            or pixels.shape[2:] not in ((), (3,))
+        ):
+            raise ShapeError(
+                f"image: {pixels.dtype} {pixels.shape}, expected uint8 (H, W) or (H, W, 3)"
+            )
         shape = (pixels.shape[0], pixels.shape[1])
         if self._image_shape not in (None, shape):
             before = _size(self._image_shape)
             raise ShapeError(f"image: {_size(shape)}, expected {before} as before")
-        blocks = _blocks(_cropped(pixels, self.config), self.config)
+        blocks = _average_blocks(_crop(pixels, self.config), self.config)
         self._image_shape = shape
-        return np.ascontiguousarray(_normalised(blocks, self.config).T, np.float32).reshape(-1)
+        return np.ascontiguousarray(_normalise(blocks, self.config).T, np.float32).reshape(-1)
 
     def recognise(self, view: Floats32) -> TemplateMatch:
         """``process`` for the result of ``view``. Raises ShapeError for anything else."""
-        expected = self._stored.shape[1]
-        if view.shape != (expected,) or view.dtype != np.float32:
-            raise ShapeError(f"view: {view.dtype} {view.shape}, expected float32 ({expected},)")
-        best, error, moved = self._nearest(view)
+        expected = (self._size,)
+        if view.shape != expected or view.dtype != np.float32:
+            raise ShapeError(f"view: {view.dtype} {view.shape}, expected float32 {expected}")
+        best, error, shift = self._nearest(view)
         if error <= self.config.threshold:
-            return TemplateMatch(best, self._rotation(moved), is_new=False, error=error)
+            return TemplateMatch(best, self._rotation(shift), is_new=False, error=error)
         self._append(view)
         return TemplateMatch(len(self) - 1, 0.0, is_new=True, error=error)
 
@@ -159,7 +166,7 @@ class VisualTemplates:
             DataError: the file cannot be written.
         """
         about = {"config": self.config.model_dump(mode="json"), "image_shape": self._image_shape}
-        save_archive(target, FORMAT, about, {"templates": self._stored[: len(self)]})
+        save_archive(target, FORMAT, about, {"templates": self._stored.all})
 
     @classmethod
     def load(cls, source: PathLike | BinaryIO) -> "VisualTemplates":
@@ -176,17 +183,19 @@ class VisualTemplates:
         return templates
 
     def _restore(self, stored: NDArray[Any]) -> None:
-        size = self._stored.shape[1]
-        if stored.dtype != np.float32 or stored.ndim != 2 or stored.shape[1] != size:
+        if stored.dtype != np.float32 or stored.ndim != 2 or stored.shape[1] != self._size:
             raise DataError(
-                f"templates {stored.dtype} {stored.shape}, expected float32 (n, {size})"
+                f"templates {stored.dtype} {stored.shape}, expected float32 (n, {self._size})"
             )
         if not np.isfinite(stored).all():
             raise DataError("a template is not finite")
-        self._stored, self._count = np.ascontiguousarray(stored), len(stored)
-        self._means = stored.mean(axis=1)
-        shape = (len(stored), self.config.columns, self.config.rows)
-        self._column_means = stored.reshape(shape).mean(axis=2)
+        for view in stored:
+            self._append(view)
+
+    def _append(self, view: Floats32) -> None:
+        self._stored.append(view)
+        self._means.append(view.mean())
+        self._column_means.append(view.reshape(-1, self.config.rows).mean(axis=1))
 
     def _nearest(self, view: Floats32) -> tuple[int, float, int]:
         """Id, error and shift of the nearest template; the first one of equals.
@@ -194,95 +203,82 @@ class VisualTemplates:
         Pairs whose lower bound exceeds the error of another pair are not compared in full.
         """
         reach = self.config.threshold + self.config.mean_margin
-        near = np.flatnonzero(np.abs(self._means[: len(self)] - view.mean()) <= reach)
+        near = np.flatnonzero(np.abs(self._means.all - view.mean()) <= reach)
         if not near.size:
             return -1, np.inf, 0
-        bounds = self._bounds(view, near).ravel()
-        likely = self._compared(view, near, np.array([bounds.argmin()]))
+        bounds = self._lower_bounds(view, near).ravel()
+        likely = self._compare(view, near, np.array([bounds.argmin()]))
         left = np.flatnonzero(bounds <= likely[0] + _ROUNDING)
         left = left[np.argsort(bounds[left], kind="stable")]
         best = (np.inf, 0, 0)
-        for start in range(0, len(left), _PIECE):
+        for start in range(0, len(left), _BATCH):
             if bounds[left[start]] > best[0] + _ROUNDING:
                 break
-            best = min(best, self._compared(view, near, left[start : start + _PIECE]))
-        error, id, place = best
-        return id, error, int(self._moves[place])
+            best = min(best, self._compare(view, near, left[start : start + _BATCH]))
+        error, id, column = best
+        return id, error, int(self._shifts[column])
 
-    def _bounds(self, view: Floats32, ids: Rows) -> Floats32:
+    def _lower_bounds(self, view: Floats32, ids: NDArray[np.intp]) -> Floats32:
         """Lower bounds of the errors, (ids, shifts), from differences of column means."""
-        rows, stored = self.config.rows, self._column_means[ids]
-        current = view.reshape(-1, rows).mean(axis=1)
-        bounds = np.empty((len(ids), len(self._moves)), np.float32)
-        for place, moved in enumerate(self._moves.tolist()):
-            window, part = self._window(moved, 1), self._moved(current, moved, 1)
-            bounds[:, place] = np.abs(stored[:, window] - part).mean(axis=1)
+        stored = self._column_means.all[ids]
+        current = view.reshape(-1, self.config.rows).mean(axis=1)
+        bounds = np.empty((len(ids), len(self._shifts)), np.float32)
+        for column, shift in enumerate(self._shifts.tolist()):
+            difference = stored[:, self._window(shift, 1)] - self._shift_view(current, shift, 1)
+            bounds[:, column] = np.abs(difference).mean(axis=1)
         return bounds
 
-    def _compared(self, view: Floats32, ids: Rows, pairs: Rows) -> tuple[float, int, int]:
-        """The least error of some (template, shift) pairs, its id, and the index of its shift."""
-        rows, places = np.divmod(pairs, len(self._moves))
-        difference = np.empty((len(pairs), len(self._moved(view, 0, self.config.rows))), np.float32)
-        for place in np.unique(places).tolist():
-            moved, some = int(self._moves[place]), places == place
-            stored = self._stored[ids[rows[some]], self._window(moved, self.config.rows)]
-            difference[some] = stored - self._moved(view, moved, self.config.rows)
-        errors = np.abs(difference, out=difference).mean(axis=1)
-        first = np.lexsort((places, rows, errors))[0]
-        return float(errors[first]), int(ids[rows[first]]), int(places[first])
+    def _compare(
+        self, view: Floats32, ids: NDArray[np.intp], pairs: NDArray[np.intp]
+    ) -> tuple[float, int, int]:
+        """The least error of some pairs, the template's id, and the index of the shift.
 
-    def _window(self, moved: int, each: int) -> slice:
-        """The part of a template compared with a view moved right; ``each``: size of a column."""
+        ``pairs`` are indices into the flattened (ids, shifts).
+        """
+        height, (rows, columns) = self.config.rows, np.divmod(pairs, len(self._shifts))
+        width = len(self._shift_view(view, 0, height))
+        difference = np.empty((len(pairs), width), np.float32)
+        for column in np.unique(columns).tolist():
+            shift, some = int(self._shifts[column]), columns == column
+            stored = self._stored.all[ids[rows[some]], self._window(shift, height)]
+            difference[some] = stored - self._shift_view(view, shift, height)
+        errors = np.abs(difference, out=difference).mean(axis=1)
+        first = np.lexsort((columns, rows, errors))[0]
+        return float(errors[first]), int(ids[rows[first]]), int(columns[first])
+
+    def _window(self, shift: int, height: int) -> slice:
+        """The part of a template that is compared; ``height`` is the number of values per column.
+
+        It lies ``shift`` columns to the left of the part of the view compared with it.
+        """
         if self.config.panoramic:
             return slice(None)
-        shift = self.config.shift
-        return slice((shift - moved) * each, (self.config.columns - shift - moved) * each)
+        most = self.config.shift
+        return slice((most - shift) * height, (self.config.columns - most - shift) * height)
 
-    def _moved(self, view: Floats32, moved: int, each: int) -> Floats32:
-        """The part of a view that is compared: its middle, or all of it, rotated."""
+    def _shift_view(self, view: Floats32, shift: int, height: int) -> Floats32:
+        """The part of a view that is compared: its middle; of a panorama all of it, rotated."""
         if self.config.panoramic:
-            return np.roll(view, -moved * each)
-        shift = self.config.shift
-        return view[shift * each : (self.config.columns - shift) * each]
+            return np.roll(view, -shift * height)
+        most = self.config.shift
+        return view[most * height : (self.config.columns - most) * height]
 
-    def _rotation(self, moved: int) -> float:
+    def _rotation(self, shift: int) -> float:
         """Rotation of a shift in radians: the image moves right when the robot turns left."""
         if not self.config.panoramic:
             return 0.0
-        part = moved / self.config.columns
+        part = shift / self.config.columns
         return 2 * np.pi * (part if part <= 0.5 else part - 1)
 
-    def _append(self, view: Floats32) -> None:
-        if len(self) == len(self._stored):
-            room = max(64, 2 * len(self))
-            self._stored = np.concatenate([self._stored, np.empty((room, len(view)), np.float32)])
-            self._means = np.concatenate([self._means, np.empty(room, np.float32)])
-            more = np.empty((room, self.config.columns), np.float32)
-            self._column_means = np.concatenate([self._column_means, more])
-        self._stored[len(self)], self._means[len(self)] = view, view.mean()
-        self._column_means[len(self)] = view.reshape(-1, self.config.rows).mean(axis=1)
-        self._count += 1
 
-
-def _moves(config: VisualTemplatesConfig) -> NDArray[np.int64]:
+def _shifts(config: VisualTemplatesConfig) -> NDArray[np.int64]:
     """Shifts of a view to the right in columns, in the order in which they are tried."""
     if config.panoramic:
         return np.arange(0, config.columns, config.step)
     return np.arange(-config.shift, config.shift + 1, config.step)
 
 
-def _checked_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    pixels = np.asarray(image)
-    if pixels.dtype != np.uint8 or not (
-        pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 3)
-    ):
-        raise ShapeError(
-            f"image: {pixels.dtype} {pixels.shape}, expected uint8 (H, W) or (H, W, 3)"
-        )
-    return pixels
-
-
-def _cropped(pixels: NDArray[np.uint8], config: VisualTemplatesConfig) -> NDArray[np.uint8]:
+def _crop(pixels: NDArray[np.uint8], config: VisualTemplatesConfig) -> NDArray[np.uint8]:
     height, width = pixels.shape[:2]
     bottom = height if config.bottom is None else config.bottom
     right = width if config.right is None else config.right
@@ -300,7 +296,9 @@ def _cropped(pixels: NDArray[np.uint8], config: VisualTemplatesConfig) -> NDArra
     return part
 
 
-def _blocks(pixels: NDArray[np.uint8], config: VisualTemplatesConfig) -> NDArray[np.float64]:
+def _average_blocks(
+    pixels: NDArray[np.uint8], config: VisualTemplatesConfig
+) -> NDArray[np.float64]:
     """Mean brightness of whole blocks, (rows, columns), 0 .. 1; remaining pixels are unused."""
     high, wide = pixels.shape[0] // config.rows, pixels.shape[1] // config.columns
     used = pixels[: high * config.rows, : wide * config.columns]
@@ -312,13 +310,13 @@ def _blocks(pixels: NDArray[np.uint8], config: VisualTemplatesConfig) -> NDArray
     return scaled
 
 
-def _normalised(blocks: NDArray[np.float64], config: VisualTemplatesConfig) -> NDArray[np.float64]:
+def _normalise(blocks: NDArray[np.float64], config: VisualTemplatesConfig) -> NDArray[np.float64]:
     if config.mean is not None and blocks.any():
         blocks = np.minimum(blocks * (config.mean / blocks.mean()), 1)
-    return _patch_normalised(blocks, config.patch) if config.patch else blocks
+    return _normalise_patches(blocks, config.patch) if config.patch else blocks
 
 
-def _patch_normalised(blocks: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+def _normalise_patches(blocks: NDArray[np.float64], side: int) -> NDArray[np.float64]:
     """Normalise by the patch around each block: mean -> 1/2, -3 and +3 deviations -> 0 and 1.
 
     Patches end at the border. A patch without contrast gives 1/2.
