@@ -27,8 +27,8 @@ class AlignedLoop:
     Attributes:
         loop: numbers of both clouds, and the distance of their descriptors.
         match_stamp_ns: stamp of the older cloud.
-        probability: probability that the aligned clouds show the same place; None if one of them
-            has too little content to be aligned.
+        probability: probability that the aligned clouds show the same place, 0 if they lie farther
+            apart than the alignment allows; None if they have too little content to be aligned.
         pose: x, y in metres and yaw in radians of the newer cloud in the frame of the older one;
             None with ``probability``.
     """
@@ -87,7 +87,7 @@ class AlignedLoopDetector:
     def _align(self, loop: Loop, scene: Scene) -> AlignedLoop:
         older, stamp_ns = Scene.from_bytes(self._stored[loop.match]), self._stamps_ns[loop.match]
         found = align_scenes(scene, older, config=self._alignment)
-        if not found.probability:
+        if not any(found.evidence.values()):  # nothing was aligned
             return AlignedLoop(loop, stamp_ns)
         return AlignedLoop(loop, stamp_ns, found.probability, (found.x, found.y, found.yaw))
 

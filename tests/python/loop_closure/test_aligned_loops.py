@@ -41,6 +41,14 @@ def test_the_pose_is_that_of_the_newer_cloud_in_the_frame_of_the_older() -> None
     np.testing.assert_allclose(found.pose, seen_from(THERE, BACK), atol=0.03)
 
 
+@pytest.mark.parametrize("pose", [(1.2, -0.3, 0.5), (0.2, -0.3, 1.2)])
+def test_clouds_farther_apart_than_allowed_have_a_pose_of_probability_0(pose: Pose) -> None:
+    found = driven(detector(), [*DRIVE[:3], seen(pose)])[-1]
+    assert found is not None and (found.loop.match, found.probability) == (0, 0.0)
+    assert found.pose is not None
+    np.testing.assert_allclose(found.pose, seen_from(THERE, pose), atol=0.03)
+
+
 def test_clouds_with_too_little_to_align_have_no_pose() -> None:
     points = np.array([[2, 0, 0], [3, 1, 0.5], [2, -1, 1], [4, 0, 0.2]], np.float32)
     few = Cloud(points, np.full((4, 3), 90, np.uint8))
