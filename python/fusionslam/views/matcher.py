@@ -20,6 +20,7 @@ from fusionslam.views.match import NO_VIEW, Slot, ViewMatch, ViewStats
 from fusionslam.views.recognisers import (
     ViewMatcherConfig,
     build_comparison,
+    complete_config,
     update_stored_config,
     update_stored_kind,
 )
@@ -37,6 +38,9 @@ class ViewMatcher:
         descriptors: how clouds are described, if the method is a descriptor.
         comparison: replaces the configured method, for example by one with a second stage.
 
+    Attributes:
+        config: names the method and the second stage that it uses, even if the preset decided.
+
     Raises:
         ConfigError: a value out of range.
     """
@@ -53,6 +57,7 @@ class ViewMatcher:
         self.fusion_config = fusion or ROBOT_FUSION
         self.descriptor_config = descriptors or DescriptorConfig()
         if comparison is None:  # not "or": an empty comparison is falsy
+            self.config = complete_config(self.config)
             comparison = build_comparison(self.config, self.descriptor_config)
         self.comparison = comparison
         given = self.config.threshold

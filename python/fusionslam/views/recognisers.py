@@ -198,6 +198,12 @@ def second_stage_of(config: ViewMatcherConfig) -> str | None:
     return "places" if config.preset == "robust" else "thesis"
 
 
+def complete_config(config: ViewMatcherConfig) -> ViewMatcherConfig:
+    """Name the recogniser and the second stage that the preset decides."""
+    names = {"method": method_of(config), "second_stage": second_stage_of(config)}
+    return config.model_copy(update=names)
+
+
 def describe_method(config: ViewMatcherConfig) -> str:
     """The method's title for tables, such as "objects robust, then places"."""
     method, second = method_of(config), second_stage_of(config)

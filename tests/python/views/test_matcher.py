@@ -17,7 +17,12 @@ from fusionslam.views.descriptor_comparison import similarity_at
 from fusionslam.views.match import NO_VIEW, ViewMatch
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.object_comparison import ObjectComparison
-from fusionslam.views.recognisers import ViewMatcherConfig, scene_config, similarity_config
+from fusionslam.views.recognisers import (
+    ViewMatcherConfig,
+    complete_config,
+    scene_config,
+    similarity_config,
+)
 from fusionslam.views.scenes import build_scene
 from scenes import LAPS, NOTHING, drive, place
 
@@ -159,7 +164,7 @@ def test_going_on_from_a_file_is_like_never_having_stopped(
         one.save(tmp_path / "views")
         one = ViewMatcher.load(tmp_path / "views")
     assert found == list(whole.matches) and one.stats == whole.stats
-    assert one.config == config(**values, max_views=5)
+    assert one.config == complete_config(config(**values, max_views=5))
 
 
 def test_bad_scans_are_refused_and_change_nothing() -> None:

@@ -77,6 +77,17 @@ def test_each_method_goes_on_from_a_file_with_its_second_stage(method: str, tmp_
     assert one.config == config(**values) and one.stats.nothing == 1
 
 
+@pytest.mark.parametrize(("preset", "network"), [("robust", "places"), ("author", "thesis")])
+def test_the_second_stage_of_a_preset_is_stored_by_name(
+    preset: str, network: str, tmp_path: Path
+) -> None:
+    one = ViewMatcher(config(method="two_stages", preset=preset))
+    one.save(tmp_path / "views")
+    with np.load(tmp_path / "views") as stored:
+        assert json.loads(str(stored["about"]))["views"]["second_stage"] == network
+    assert ViewMatcher.load(tmp_path / "views").config == one.config
+
+
 def test_features_of_another_network_are_refused_when_loaded(tmp_path: Path) -> None:
     one = ViewMatcher(config(**OURS))
     one.process(place(0))

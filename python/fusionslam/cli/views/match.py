@@ -49,8 +49,9 @@ def match(
         if scenes.poses is not None and not no_report:
             needs_extra("report")
         run = run_views(scenes, matcher, view.label_step(step, "matching"))
-    values = whole.views.model_dump(mode="json")
-    judged = None if scenes.poses is None else run.with_truth(describe_method(whole.views), values)
+    values = matcher.config.model_dump(mode="json")
+    title = describe_method(matcher.config)
+    judged = None if scenes.poses is None else run.with_truth(title, values)
     run.save(output / "matches.csv")
     matcher.save(output / "matcher.npz")
     _save_figures(output / "matches.json", run, values)
