@@ -47,10 +47,10 @@ docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo out/site/index.html
 
-# What takes too long for every change. Tests run with Python 3.13, too, where it is installed.
+# What takes too long for every change. Tests run with Python 3.13, too, where it runs (a pyenv shim may not).
 nightly: lint docs sanitize
 	$(MAKE) --no-print-directory test
-	! command -v python3.13 || $(MAKE) --no-print-directory test PYTHON=python3.13 VENV=.venv-3.13
+	! python3.13 -c '' || $(MAKE) --no-print-directory test PYTHON=python3.13 VENV=.venv-3.13
 	scripts/bench.sh
 	test -z "$$FUSIONSLAM_TEST_DATA" || $(BIN)/python -m benchmarks.accuracy.checks
 
