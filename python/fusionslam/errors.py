@@ -6,7 +6,8 @@ The C++ core throws the same kinds except ``ClockError``; the bindings turn them
 Messages are for people and may be reworded: programs decide by class, ``code`` and ``fields``.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 
 class FusionSlamError(Exception):
@@ -49,6 +50,22 @@ class ShapeError(FusionSlamError, ValueError):
     """An array has the wrong shape, length or dtype: the message names the argument."""
 
     code = "shape"
+
+
+_CODES_OF_CLASSES = {each.code for each in (FusionSlamError, DataError, ConfigError, ShapeError)}
+
+
+@contextmanager
+def naming(subject: object) -> Iterator[None]:
+    """Put the file or topic that errors in the block are about before their messages.
+
+    They become a ``DataError``, which keeps their fields and, unless it is that of a class, code.
+    """
+    try:
+        yield
+    except FusionSlamError as error:
+        code = None if error.code in _CODES_OF_CLASSES else error.code
+        raise DataError(f"{subject}: {error}", code=code, fields=error.fields) from error
 
 
 def cause_of(error: BaseException) -> tuple[str, ...]:

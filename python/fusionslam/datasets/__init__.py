@@ -9,13 +9,12 @@
 
 import os
 import stat
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from fusionslam.datasets.bags import open_bag, open_writer
-from fusionslam.datasets.bags.kinds import BAGS
 from fusionslam.datasets.bags.reader import bag_kind
-from fusionslam.datasets.base import Dataset, Kind
+from fusionslam.datasets.base import Dataset
 from fusionslam.datasets.calibration import Calibration, read_calib_yaml, read_calibration
 from fusionslam.datasets.cloud_files import (
     read_bin,
@@ -25,10 +24,7 @@ from fusionslam.datasets.cloud_files import (
     read_ply,
     write_cloud,
 )
-from fusionslam.datasets.folder import FOLDER
-from fusionslam.datasets.kitti_object import KITTI_OBJECT
-from fusionslam.datasets.kitti_odometry import KITTI_ODOMETRY
-from fusionslam.datasets.kitti_raw import KITTI_RAW
+from fusionslam.datasets.kinds import KINDS, Kind
 from fusionslam.datasets.pose_files import (
     match_poses,
     read_poses,
@@ -38,7 +34,7 @@ from fusionslam.datasets.pose_files import (
     read_timestamps,
     write_poses_tum,
 )
-from fusionslam.datasets.range_recording import RANGES, is_recording
+from fusionslam.datasets.range_recording import is_recording
 from fusionslam.datasets.streams import SENSORS, Request, check_self_contained
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.synchronizer import SyncConfig
@@ -68,10 +64,6 @@ __all__ = [
     "write_poses_tum",
 ]
 
-# In the order in which they are tried: an object folder has a velodyne/ too, and any of them may
-# contain a folder of images.
-_KINDS = (KITTI_OBJECT, KITTI_ODOMETRY, KITTI_RAW, FOLDER, RANGES, *BAGS)
-KINDS = tuple(kind.name for kind in _KINDS)
 GAPS = ("error", "skip")
 
 
@@ -132,9 +124,9 @@ def open_dataset(
     )
     try:
         found = _kind(root, kind)
-        if topics and found not in BAGS:
+        if topics and not found.topics:
             raise ConfigError(f"topics (--topic) are of bags, but {root} is of kind {found.name}")
-        if calibration and found not in (*BAGS, FOLDER):
+        if calibration and not found.calibration:
             raise ConfigError(
                 f"a calibration can be given for bags and plain folders, but {root} is of kind "
                 f"{found.name}, which has its own"
@@ -162,12 +154,12 @@ def _root(path: str | os.PathLike[str]) -> Path:
 def _kind(root: Path, name: str | None) -> Kind:
     if name is not None:
         _one_of("kind", name, KINDS)
-        if name != RANGES.name and is_recording(root):
+        if name != "ranges" and is_recording(root):
             check_self_contained(root, "a range recording", {"--kind": name})
-        return next(kind for kind in _KINDS if kind.name == name)
-    recognised = next((kind for kind in _KINDS if kind.recognises(root)), None)
+        return KINDS[name]
+    recognised = next((kind for kind in KINDS.values() if kind.recognises(root)), None)
     if recognised is None:
-        looked_for = "; ".join(f"{kind.name}: {kind.layout}" for kind in _KINDS)
+        looked_for = "; ".join(f"{kind.name}: {kind.layout}" for kind in KINDS.values())
         raise DataError(f"{root} is no recording that is known here; looked for {looked_for}")
     return recognised
 
@@ -181,6 +173,6 @@ def _sensors(names: Sequence[str] | None) -> Sequence[str] | None:
     return names
 
 
-def _one_of(key: str, value: str, values: Sequence[str]) -> None:
+def _one_of(key: str, value: str, values: Collection[str]) -> None:
     if value not in values:
         raise ConfigError(f"{key} is '{value}', expected one of {', '.join(values)}")

@@ -9,14 +9,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.cloud_files import image_size, read_cloud, read_image
 from fusionslam.datasets.pose_files import read_timestamps
-from fusionslam.datasets.streams import Request, Stream
+from fusionslam.datasets.streams import Stream
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.images import Images
@@ -273,15 +273,6 @@ class CloudDataset(Dataset):
             pose=None if self.poses is None else self.poses[index],
             robot_from_points=self.body_from_points,
         )
-
-
-class Kind(NamedTuple):
-    """A file layout: its name, a short description, and functions that detect and open it."""
-
-    name: str
-    layout: str
-    recognises: Callable[[Path], bool]
-    open: Callable[[Path, Request], Dataset]
 
 
 def _same_size(path: Path, size: tuple[int, int], wanted: tuple[int, int], source: str) -> None:

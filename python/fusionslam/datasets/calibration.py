@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.errors import DataError, naming
 from fusionslam.sensors.frame import Camera
 from fusionslam.storage.files import PathLike, reading
 
@@ -90,10 +90,8 @@ def camera(
     Raises:
         DataError: a matrix has the wrong shape, is not finite or is singular.
     """
-    try:
+    with naming(path):
         return Camera(projection, rectified_from_points, size)
-    except FusionSlamError as error:
-        raise DataError(f"{path}: {error}") from error
 
 
 def read_calib_yaml(path: PathLike) -> dict[str, Camera]:

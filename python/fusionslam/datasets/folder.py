@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.datasets.base import Dataset, FileDataset, Kind
+from fusionslam.datasets.base import Dataset, FileDataset
 from fusionslam.datasets.calibration import read_calib_yaml
 from fusionslam.datasets.cloud_files import CLOUD_SUFFIXES
 from fusionslam.datasets.pose_files import match_poses, pick, read_poses, read_times
@@ -52,7 +52,7 @@ def open_folder(path: Path, request: Request) -> Dataset:
     poses = request.poses or _poses(root)
     stamps = _stamps(root, numbers, name_stamps, poses)
     return FileDataset(
-        kind=FOLDER.name,
+        kind="folder",
         name=root.name,
         root=root,
         streams=chosen,
@@ -145,13 +145,6 @@ def _cameras(path: Path | None, streams: dict[str, Stream]) -> dict[str, Camera]
     return {name: cameras[name] for name in names}
 
 
-def _recognises(path: Path) -> bool:
+def is_folder(path: Path) -> bool:
+    """Whether a folder has this layout."""
     return any(_files(path).values())
-
-
-FOLDER = Kind(
-    "folder",
-    "files in clouds/, points/, images/ or left/",
-    _recognises,
-    open_folder,
-)

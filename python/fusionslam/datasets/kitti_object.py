@@ -6,7 +6,7 @@ import functools
 from collections.abc import Mapping
 from pathlib import Path
 
-from fusionslam.datasets.base import Dataset, FileDataset, Kind
+from fusionslam.datasets.base import Dataset, FileDataset
 from fusionslam.datasets.calibration import camera, homogeneous, read_calibration
 from fusionslam.datasets.kitti_odometry import POSE_FRAME, find_streams
 from fusionslam.datasets.streams import Request, Stream, choose, frame_numbers, itself, one_of, scan
@@ -33,7 +33,7 @@ def open_kitti_object(path: Path, request: Request) -> Dataset:
     numbers, gaps = frame_numbers(chosen | calib, request, consecutive=False)
     cameras = functools.partial(_cameras, calib.get("calib"), used)
     return FileDataset(
-        kind=KITTI_OBJECT.name,
+        kind="kitti-object",
         name=f"KITTI object {root.name}",
         root=root,
         streams=chosen,
@@ -80,13 +80,6 @@ def _cameras(calib: Stream | None, used: Mapping[str, int], number: int) -> dict
     }
 
 
-def _recognises(path: Path) -> bool:
+def is_kitti_object(path: Path) -> bool:
+    """Whether a folder has this layout."""
     return any(map(_is_split, (path, path / "training", path / "testing")))
-
-
-KITTI_OBJECT = Kind(
-    "kitti-object",
-    "calib/ with velodyne/ or image_2/",
-    _recognises,
-    open_kitti_object,
-)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.datasets.base import Dataset, FileDataset, Kind
+from fusionslam.datasets.base import Dataset, FileDataset
 from fusionslam.datasets.calibration import Calibration, camera, read_calibration
 from fusionslam.datasets.pose_files import match_poses, pick, read_times
 from fusionslam.datasets.streams import (
@@ -43,7 +43,7 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
     calibration = _calibration(root, chosen)
     poses = request.poses or _existing(root / "poses.txt", root / f"../../poses/{root.name}.txt")
     return FileDataset(
-        kind=KITTI_ODOMETRY.name,
+        kind="kitti-odometry",
         name=_name(root),
         root=root,
         streams=chosen,
@@ -132,14 +132,7 @@ def _existing(*paths: Path) -> Path | None:
     return next((path.resolve() for path in paths if path.exists()), None)
 
 
-def _recognises(path: Path) -> bool:
+def is_kitti_odometry(path: Path) -> bool:
+    """Whether a folder has this layout."""
     folders = ("sequences", "velodyne", "image_0", "image_1", "image_2", "image_3")
     return any((path / folder).is_dir() for folder in folders)
-
-
-KITTI_ODOMETRY = Kind(
-    "kitti-odometry",
-    "sequences/, velodyne/ or image_0/ ... image_3/",
-    _recognises,
-    open_kitti_odometry,
-)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.datasets.base import Dataset, FileDataset, Kind
+from fusionslam.datasets.base import Dataset, FileDataset
 from fusionslam.datasets.calibration import Calibration, camera, homogeneous, read_calibration
 from fusionslam.datasets.kitti_odometry import POSE_FRAME, find_streams
 from fusionslam.datasets.pose_files import match_poses, pick, read_timestamps
@@ -44,7 +44,7 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
     cam_to_cam = _calibration(root, "calib_cam_to_cam.txt")
     rectified_from_points = _rectified_from_points(root, cam_to_cam)
     return FileDataset(
-        kind=KITTI_RAW.name,
+        kind="kitti-raw",
         name=f"KITTI raw {root.name}",
         root=root,
         streams=chosen,
@@ -114,13 +114,6 @@ def _calibration(root: Path, name: str) -> Calibration:
     return read_calibration(path)
 
 
-def _recognises(path: Path) -> bool:
+def is_kitti_raw(path: Path) -> bool:
+    """Whether a folder has this layout."""
     return _is_drive(path) or any(_is_drive(folder) for folder in entries(path))
-
-
-KITTI_RAW = Kind(
-    "kitti-raw",
-    "velodyne_points/ or image_00/ ... image_03/",
-    _recognises,
-    open_kitti_raw,
-)

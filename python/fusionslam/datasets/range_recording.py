@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
-from fusionslam.datasets.base import CloudDataset, Kind
+from fusionslam.datasets.base import CloudDataset
 from fusionslam.datasets.streams import Request, check_scans, check_self_contained
 from fusionslam.errors import DataError
 from fusionslam.geometry.odometry_noise import OdometryConfig, measured_places
@@ -170,7 +170,8 @@ def _names(path: str | os.PathLike[str]) -> set[str]:
         return {name.removesuffix(".npy") for name in archive.namelist()}
 
 
-def _open(root: Path, request: Request) -> RangeRecording:
+def open_recording(root: Path, request: Request) -> RangeRecording:
+    """Open a range recording, which takes no options of other kinds. Raises as its ``open``."""
     given = {
         "--sequence": request.sequence,
         "--gt": request.poses,
@@ -182,9 +183,6 @@ def _open(root: Path, request: Request) -> RangeRecording:
     check_self_contained(root, "a range recording", given)
     check_scans(root, "a range recording", request.sensors)
     return RangeRecording.open(root, request.shapes)
-
-
-RANGES = Kind(KIND, "a .npz with stamps, rays and lidar_xyz", is_recording, _open)
 
 
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:

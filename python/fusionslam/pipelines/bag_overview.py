@@ -59,8 +59,8 @@ class Inspection:
         roles = self.source.roles
         yield "in use", ", ".join(f"{role} {roles[role]}" for role in ROLES if role in roles) or "-"
         yield "extrinsics", self._extrinsics()
-        for reason, count in self.source.index.refused.items():
-            yield "refused", f"{_counted(count, 'message')}: {reason}"
+        for count, first in self.source.index.refused.values():
+            yield "refused", f"{_counted(count, 'message')}: {first}"
 
     def fusion(self, dataset: "Dataset | None") -> FirstCloud:
         """Tell whether the bag can be fused; if not, list everything known to be missing."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from fusionslam._core import rectify_image
-from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.errors import DataError, naming
 from fusionslam.sensors.frame import Camera
 from fusionslam.sensors.messages import CameraInfo, Picture
 from fusionslam.storage.arrays import Image, Matrix
@@ -96,7 +96,7 @@ def rectified(picture: Picture, info: CameraInfo, name: str = "camera") -> Image
     same = np.array_equal(projection[:, :3], info.camera_matrix)
     if same and not info.distortion.any() and np.array_equal(info.rectification, np.eye(3)):
         return picture.image
-    try:
+    with naming(f"CameraInfo of {name}"):
         return rectify_image(
             picture.image,
             camera_matrix=info.camera_matrix,
@@ -106,8 +106,6 @@ def rectified(picture: Picture, info: CameraInfo, name: str = "camera") -> Image
             projection=projection,
             size=info.size,
         )
-    except (DataError, ConfigError) as error:  # an unknown model is the data's fault
-        raise DataError(f"CameraInfo of {name}: {error}") from error
 
 
 def check_size(picture: Picture, info: CameraInfo, name: str) -> None:
@@ -122,10 +120,8 @@ def check_size(picture: Picture, info: CameraInfo, name: str) -> None:
 
 def _camera(info: CameraInfo, rectified_from_points: Matrix, name: str) -> Camera:
     projection = _projection(info, name)
-    try:
+    with naming(f"CameraInfo of {name}"):
         return Camera(projection, rectified_from_points, info.size)
-    except (DataError, ShapeError) as error:
-        raise DataError(f"CameraInfo of {name}: {error}") from error
 
 
 def _projection(info: CameraInfo, name: str) -> Matrix:

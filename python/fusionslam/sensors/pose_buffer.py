@@ -100,13 +100,14 @@ class PosedInTime(Generic[T]):
     def _start(self) -> None:
         self._poses = PosesInTime(history_s=self._history_s)
         self._waiting: deque[tuple[int, T]] = deque()
+        self._newest_ns: int | None = None
 
     def add(self, stamp_ns: int, item: T) -> list[tuple[int, T, Ground | None]]:
         """Add an item; returns what is now decided, in order: stamp, item, pose or None."""
-        jump_ns = NANOSECONDS * SyncConfig().jump
-        done = []
-        if self._waiting and self._waiting[-1][0] - stamp_ns > jump_ns:
-            done = self._start_anew()
+        newest, done = self._newest_ns, []
+        if newest is not None and newest - stamp_ns > NANOSECONDS * SyncConfig().jump:
+            newest, done = None, self._start_anew()
+        self._newest_ns = stamp_ns if newest is None else max(newest, stamp_ns)
         self._waiting.append((stamp_ns, item))
         return done + self._decided()
 

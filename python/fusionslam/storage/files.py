@@ -7,10 +7,10 @@ import signal
 import tempfile
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.errors import DataError, FusionSlamError, naming
 
 PathLike = str | os.PathLike[str]
 
@@ -24,11 +24,10 @@ def reading(path: PathLike | None, expected: str) -> Iterator[None]:
         expected: description of the file, such as "a stored view run".
     """
     try:
-        yield
-    except FusionSlamError as error:
-        if path is None:
-            raise
-        raise DataError(f"{path}: {error}") from error
+        with nullcontext() if path is None else naming(path):
+            yield
+    except FusionSlamError:
+        raise
     except FileNotFoundError as error:
         raise DataError(f"{path} is missing: expected {expected}") from error
     except Exception as error:  # damaged files make numpy, zipfile and others raise anything

@@ -32,6 +32,7 @@ from bags import (
 from cli import fails, succeeds
 from fusionslam import fuse, open_dataset
 from fusionslam.datasets import write_poses_tum
+from fusionslam.datasets.bags.dataset import BagDataset
 from fusionslam.datasets.base import OdometryOrigin, PosesOrigin
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.messages import Event, FrameTransforms
@@ -271,15 +272,19 @@ def test_a_distorted_image_is_rectified(bag: Callable[..., Path]) -> None:
     assert dataset[0].images["left"].shape == picture().image.shape
 
 
-def test_a_bad_message_is_left_out_and_named(
+def test_bad_messages_are_left_out_and_each_cause_is_named_once(
     bag: Callable[..., Path], caplog: pytest.LogCaptureFixture
 ) -> None:
-    loop = dataclasses.replace(
-        extrinsics().transforms[0], parent="velodyne", child="base", static=True
-    )
-    events = [*drive(), Event("/tf_static", START + 1, FrameTransforms(transforms=(loop,)))]
-    dataset = open_dataset(bag(events))
-    assert len(dataset) == 5 and "loop: base -> velodyne -> base" in caplog.text
+    loop = dataclasses.replace(extrinsics().transforms[0], parent="velodyne", child="base")
+    tf = FrameTransforms(transforms=(loop,))
+    broken = dataclasses.replace(camera_info(), camera_matrix=np.full((3, 3), np.nan))
+    events = [Event("/tf_static", START + k, tf) for k in (1, 2, 3)]
+    events += [Event("/camera/camera_info", START + k, broken) for k in (4, 5)]
+    dataset = open_dataset(bag([*drive(), *events]))
+    assert isinstance(dataset, BagDataset) and len(dataset) == 5
+    assert [count for count, _ in dataset.source.index.refused.values()] == [3, 2]
+    warnings = [record for record in caplog.records if "is left out" in record.message]
+    assert ["base -> velodyne -> base" in record.message for record in warnings] == [True, False]
 
 
 def test_info_tells_what_is_in_a_bag_and_that_it_can_be_fused(tmp_path: Path) -> None:

@@ -3,8 +3,12 @@
 """Codes of errors: programs decide by them, never by messages."""
 
 import pickle
+from pathlib import Path
 
-from fusionslam.errors import ClockError, ConfigError, DataError, FusionSlamError, cause_of
+import pytest
+
+from fusionslam.errors import ClockError, ConfigError, DataError, FusionSlamError, cause_of, naming
+from fusionslam.storage.files import reading
 
 
 def raised(number: int, code: str | None = None, name: str = "left") -> FusionSlamError:
@@ -30,11 +34,17 @@ def test_causes_differ_by_code_fields_and_place_but_not_by_message() -> None:
     assert cause_of(raised(1)) == cause_of(raised(2)) != cause_of(DataError("1 of 5 left"))
 
 
-def test_an_error_that_names_the_file_has_the_cause_of_the_error_within() -> None:
-    try:
-        try:
-            raise DataError("3 points", code="few")
-        except DataError as error:
-            raise DataError(f"file: {error}") from error
-    except DataError as error:
-        assert cause_of(error) == ("few",)
+def test_naming_a_file_keeps_code_and_fields(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    for block in (naming(path), reading(path, "points")):
+        with pytest.raises(DataError, match=f"^{path}: ") as caught, block:
+            raise raised(3, "few")
+        assert (caught.value.code, caught.value.fields) == ("few", ("left",))
+        assert cause_of(caught.value) == ("few", "left")
+
+
+def test_naming_a_file_makes_other_kinds_of_errors_data_errors() -> None:
+    for error, code in ((ConfigError(""), "data"), (ClockError(""), "clock")):
+        with pytest.raises(DataError) as caught, naming("file"):
+            raise error
+        assert type(caught.value) is DataError and caught.value.code == code

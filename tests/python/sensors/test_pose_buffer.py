@@ -134,7 +134,7 @@ def told(decided: list[tuple[int, str, Ground | None]]) -> list[tuple[float, str
 def test_things_are_given_out_once_their_pose_is_known_or_never_will_be() -> None:
     posed = waiting()
     assert told(posed.add(round(100.55 * S), "known")) == [(100.55, "known", 5.5)]
-    assert told(posed.add(99 * S, "too early")) == [(99, "too early", None)]
+    assert told(posed.add(round(99.9 * S), "too early")) == [(99.9, "too early", None)]
     assert posed.add(round(101.15 * S), "late") == [] == posed.move(odometry(101.1, 11, 0, 0))
     assert told(posed.move(odometry(101.2, 12, 0, 0))) == [(101.15, "late", 11.5)]
 
@@ -163,6 +163,14 @@ def test_when_the_clock_goes_back_all_starts_anew_with_poses_of_the_new_time(fir
         assert told(posed.add(round(3.5 * S), "new")) == [(102, "old", None)]
         assert posed.move(odometry(3, 70, 0, 0)) == []
     assert told(posed.move(odometry(4, 80, 0, 0))) == [(3.5, "new", 75)]
+    assert posed.jumps == 1
+
+
+def test_a_clock_that_goes_back_is_noticed_although_nothing_waits() -> None:
+    posed = waiting()
+    assert told(posed.add(101 * S, "old")) == [(101, "old", 10)]
+    # The odometry of the time before the jump still knows 100.5 s - but of another drive.
+    assert posed.add(99 * S, "new") == posed.add(round(100.5 * S), "new") == []
     assert posed.jumps == 1
 
 

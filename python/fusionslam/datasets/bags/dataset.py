@@ -19,7 +19,7 @@ from fusionslam.datasets.bags.topics import INFO_ROLES
 from fusionslam.datasets.base import Dataset, OdometryOrigin, PosesOrigin
 from fusionslam.datasets.pose_files import match_poses
 from fusionslam.datasets.streams import SENSORS, MissingSensorError, Request, itself
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, naming
 from fusionslam.sensors.camera_info import cameras_from, check_pair, rectified
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.images import Images
@@ -147,10 +147,8 @@ class BagDataset(Dataset):
         info = self.source.info_at(int(self.sensor_stamps(camera)[index]), camera)
         if info is None:
             return picture.image
-        try:
+        with naming(self.root):
             return rectified(picture, info, self.source.roles[camera])
-        except DataError as error:
-            raise DataError(f"{self.root}: {error}") from error
 
     def _message(self, sensor: str, index: int) -> Any:
         row = int(self.matched.rows[sensor][index])
@@ -253,10 +251,8 @@ def _check_stereo(source: IndexedBag) -> None:
                 f"{source.bag.path} has no CameraInfo of {source.roles[camera]}: {_topics(source)}"
             )
         infos[camera], names[camera] = info, source.roles[INFO_ROLES[camera]]
-    try:
+    with naming(source.bag.path):
         check_pair(infos["left"], infos["right"], names)
-    except DataError as error:
-        raise DataError(f"{source.bag.path}: {error}") from error
 
 
 def can_fuse(source: IndexedBag) -> bool:
@@ -282,10 +278,8 @@ def _cameras(source: IndexedBag, matched: Matched, index: int) -> dict[str, Came
             info = source.info_at(int(_stamps(source, matched, camera)[index]), camera)
             assert info is not None  # ensured by _sensors
             infos[camera], names[camera] = info, source.roles[role]
-    try:
+    with naming(source.bag.path):
         return cameras_from(infos, matched.cameras_from_points[index], names)
-    except DataError as error:
-        raise DataError(f"{source.bag.path}: {error}") from error
 
 
 def _name(source: IndexedBag) -> str:

@@ -4,7 +4,6 @@
 
 import logging
 from array import array
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.datasets.bags.reader import Bag, RawMessage
 from fusionslam.datasets.bags.topics import TRANSFORM_TYPES
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, cause_of
 from fusionslam.sensors.messages import (
     CameraInfo,
     FrameTransform,
@@ -92,7 +91,7 @@ class BagIndex:
         infos: by topic, the calibrations that differ from the one before.
         frames: TF and odometry.
         truth: ground truth motion, from the frame ``truth_frames[0]`` to ``truth_frames[1]``.
-        refused: number of unusable messages by reason.
+        refused: by cause, the number of unusable messages and the error of the first one.
     """
 
     series: dict[str, Series] = field(default_factory=dict)
@@ -104,7 +103,7 @@ class BagIndex:
         default_factory=lambda: TransformTree(history_s=None, extrapolation_s=EXTRAPOLATION_S)
     )
     truth_frames: tuple[str, str] | None = None
-    refused: Counter[str] = field(default_factory=Counter)
+    refused: dict[tuple[str, ...], tuple[int, str]] = field(default_factory=dict)
 
 
 def index_bag(
@@ -129,7 +128,10 @@ def index_bag(
         try:
             _keep(index, raw, roles, stamp_ns if series.by_arrival else None)
         except DataError as error:
-            _refuse(index, bag, str(error))
+            count, first = index.refused.get(cause_of(error), (0, str(error)))
+            index.refused[cause_of(error)] = count + 1, first
+            level = logging.DEBUG if count else logging.WARNING
+            logger.log(level, "%s: a message is left out: %s", bag.path, error)
     return index
 
 
@@ -189,9 +191,3 @@ def _same_camera(first: CameraInfo, second: CameraInfo) -> bool:
         np.array_equal(getattr(first, name), getattr(second, name))
         for name in ("camera_matrix", "distortion", "rectification", "projection")
     )
-
-
-def _refuse(index: BagIndex, bag: Bag, why: str) -> None:
-    index.refused[why] += 1
-    level = logging.WARNING if len(index.refused) == 1 else logging.DEBUG
-    logger.log(level, "%s: a message is left out: %s", bag.path, why)

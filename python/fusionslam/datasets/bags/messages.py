@@ -19,7 +19,7 @@ from fusionslam.datasets.bags.images import (
     image_parts,
 )
 from fusionslam.datasets.bags.pointcloud import cloud_parts, scan_from
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, naming
 from fusionslam.sensors.messages import (
     NANOSECONDS,
     CameraInfo,
@@ -60,12 +60,10 @@ def value_of(message: Any, type_name: str, topic: str) -> Message:
     Raises:
         DataError: the message is inconsistent or cannot be used; names topic, stamp and field.
     """
-    try:
+    with naming(f"{topic}{_when(message)}"):
         if plain_type(type_name) in _TRANSFORMS:
             return _transforms(message, is_static(topic))
         return _VALUES[plain_type(type_name)](message)
-    except DataError as error:
-        raise DataError(f"{topic}{_when(message)}: {error}") from error
 
 
 def _when(message: Any) -> str:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from fusionslam.datasets.bags.messages import is_known, plain_type, value_of
 from fusionslam.datasets.bags.stores import need_rosbags, type_store
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, naming
 from fusionslam.sensors.messages import Event, Message
 
 if TYPE_CHECKING:
@@ -149,7 +149,9 @@ class Bag:
                 which the error names by topic, stamp and field.
         """
         for raw in self.raw(topics, start=start, stop=stop):
-            yield Event(raw.topic, raw.time_ns, self._value(raw))
+            with naming(self.path):
+                value = raw.value()
+            yield Event(raw.topic, raw.time_ns, value)
 
     def raw(
         self,
@@ -179,7 +181,8 @@ class Bag:
             raw = next((raw for k, raw in enumerate(found) if k == occurrence), None)
         if raw is None:
             raise DataError(f"{self.path}: {topic} has no message at {time_ns} ns")
-        return self._value(raw)
+        with naming(self.path):
+            return raw.value()
 
     def close(self) -> None:
         """Close the file; the bag cannot be read afterwards."""
@@ -195,12 +198,6 @@ class Bag:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-    def _value(self, raw: RawMessage) -> Message:
-        try:
-            return raw.value()
-        except DataError as error:
-            raise DataError(f"{self.path}: {error}") from error
 
     def _names(self, topics: Sequence[str] | None) -> list[str]:
         if topics is None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from fusionslam.datasets.bags.images import STORED
 from fusionslam.datasets.bags.messages import MessageBuilder, is_static, ros_type
 from fusionslam.datasets.bags.stores import KINDS, make_in, need_rosbags, type_store
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import ConfigError, DataError, naming
 from fusionslam.sensors.messages import NANOSECONDS, Event, FrameTransforms
 from fusionslam.storage.files import uninterrupted, why_not
 
@@ -107,10 +107,8 @@ class BagWriter:
         if self.broken:
             raise DataError(f"{self._target} cannot be written any further")
         _check(event, self._kind)
-        try:
+        with naming(event.topic):
             message = self._builder.build(event.message, self._stored(event.topic))
-        except DataError as error:
-            raise DataError(f"{event.topic}: {error}") from error
         self._guarded(self._write, event, message)
         self.count += 1
 
