@@ -185,19 +185,22 @@ def with_file(section: S, path: str | Path, *, new_names: bool = False) -> S:
     """Apply a YAML file to a section, as ``merged`` does.
 
     Raises:
-        ConfigError: the file or a key is wrong; the message names it.
+        ConfigError: the file cannot be read (code "config-file"), or a key is wrong; the message
+            names it.
     """
     import yaml
 
+    named: dict[str, Any] = {"code": "config-file", "fields": (str(path),)}
     try:
         changes = _read_yaml(Path(path).read_text(encoding="utf-8")) or {}
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}", **named) from error
     except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f"{path}: cannot be read as YAML: {_yaml_problem(error)}") from error
+        problem = _yaml_problem(error)
+        raise ConfigError(f"{path}: cannot be read as YAML: {problem}", **named) from error
     if not isinstance(changes, dict):
         found = type(changes).__name__
-        raise ConfigError(f"{path}: expected stages with their keys, found {found}")
+        raise ConfigError(f"{path}: expected stages with their keys, found {found}", **named)
     return merged(section, changes, new_names=new_names)
 
 

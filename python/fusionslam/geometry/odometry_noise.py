@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Simulates odometry: the ground truth motion, with or without errors."""
+"""Simulate odometry: the ground truth motion, with or without errors."""
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,6 @@ from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
 from fusionslam.geometry.trajectory import Trajectory, ground_poses
 from fusionslam.storage.arrays import Floats
-
-if TYPE_CHECKING:
-    pass
 
 
 class OdometryConfig(Section):
@@ -36,7 +33,7 @@ class OdometryConfig(Section):
 
     @property
     def neutral(self) -> bool:
-        """Whether there are no errors."""
+        """True if there are no errors."""
         factors = (self.scale, self.rotation_scale)
         return factors == (1, 1) and self.speed_noise == 0 and self.turn_noise == 0
 
@@ -78,7 +75,7 @@ def simulate_odometry(
     turn, way = _steps(x, y, yaw)
     if not config.neutral:
         turn, way = _with_errors(turn, way, gap, config)
-        x, y, yaw = _joined(x[0], y[0], yaw[0], turn, way)
+        x, y, yaw = _chain_steps(x[0], y[0], yaw[0], turn, way)
     return OdometryTrack(stamps, ground_poses(x, y, yaw), _rates(way, gap), _turn_rates(turn, gap))
 
 
@@ -98,7 +95,7 @@ def measured_places(places: Floats, seconds: Floats, config: OdometryConfig) -> 
         return places
     x, y, yaw = places[:, 0], places[:, 1], np.unwrap(places[:, 2])
     turn, way = _with_errors(*_steps(x, y, yaw), np.diff(seconds), config)
-    return np.stack(_joined(x[0], y[0], yaw[0], turn, way), axis=1)
+    return np.stack(_chain_steps(x[0], y[0], yaw[0], turn, way), axis=1)
 
 
 def _with_errors(
@@ -136,7 +133,7 @@ def _steps(x: Floats, y: Floats, yaw: Floats) -> tuple[Floats, Floats]:
     return turn, np.stack([c * dx + s * dy, c * dy - s * dx])
 
 
-def _joined(
+def _chain_steps(
     x: float, y: float, yaw: float, turn: Floats, way: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Chain steps from a first pose: x, y, yaw, (N) each."""

@@ -34,8 +34,7 @@ from fusionslam.sim.simulator import (
     simulate,
 )
 from fusionslam.sim.town.kitti_recorder import embedded_drive
-from fusionslam.sim.world import World
-from fusionslam.sim.worlds import world_file
+from fusionslam.sim.world import World, hash_world
 from fusionslam.storage.cache import cache_folder
 from fusionslam.storage.progress import Progress
 
@@ -217,21 +216,12 @@ def record_world(
     if name in MADE:
         return embedded_drive(jobs=jobs, progress=progress)
     config = merged(recording_config(), {"robot": _EMBEDDED["robot"]})
-    file = world_file(world)
-    path = _cached_bag(file.stem, {"files": _digest(file), "config": _values(config)})
+    place = read_world(name)
+    path = _cached_bag(place.name, {"world": hash_world(place), "config": _values(config)})
     if not path.exists():
-        place, drive = drive_through(read_world(name), config.robot, config.plan)
+        place, drive = drive_through(place, config.robot, config.plan)
         write_recording(place, drive, config, path, jobs=jobs, progress=progress)
     return path
-
-
-def _digest(world: Path) -> str:
-    """Hash of a world's own files; meshes and textures stored elsewhere are not included."""
-    found = hashlib.sha256()
-    for suffix in (world.suffix, ".collision.glb", ".map.yaml", ".trajectory.csv"):
-        file = world.with_suffix(suffix)
-        found.update(file.read_bytes() if file.is_file() else b"-")
-    return found.hexdigest()
 
 
 def embedded_path(name: str, config: RecordingConfig) -> Path:

@@ -105,8 +105,9 @@ def robot_named(name: str | Path) -> RobotConfig:
     try:
         robot = with_file(RobotConfig(), path, new_names=True)
     except ConfigError as error:
-        text = str(error)
-        raise ConfigError(text if text.startswith(str(path)) else f"{path}: {text}") from error
+        if error.code == "config-file":
+            raise
+        raise ConfigError(f"{path}: {error}", code=error.code, fields=error.fields) from error
     if not (robot.lidars or robot.cameras):
         raise ConfigError(f"{path}: the robot has no sensor: expected lidars, cameras or both")
     return robot

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A world that robots drive through: visual and collision shapes, and a map of free space."""
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -71,3 +72,20 @@ def scene_of(
         names=tuple(part.name for part in parts),
         ground=np.array([part.is_ground for part in parts], dtype=bool),
     )
+
+
+def hash_world(world: World) -> str:
+    """Hash of all that a recording depends on, whichever files it was read from."""
+    digest = hashlib.sha256()
+    for scene in (world.visual, world.collision):
+        mesh = scene.mesh
+        arrays = [mesh.triangles, mesh.uv, mesh.texture, mesh.tint, mesh.normals, scene.part]
+        for array in (*arrays, scene.ground, *scene.textures):
+            digest.update(f"{array.shape}".encode() + np.ascontiguousarray(array).tobytes())
+        digest.update(f"{scene.names} {scene.light}".encode())
+    if world.map is not None:
+        digest.update(f"{world.map.resolution_m} {world.map.origin}".encode())
+        digest.update(world.map.occupied.tobytes() + world.map.reachable.tobytes())
+    if (drive := world.trajectory) is not None:
+        digest.update(np.stack([drive.seconds, drive.x, drive.y, drive.yaw]).tobytes())
+    return digest.hexdigest()

@@ -193,8 +193,16 @@ def test_small_large_bare_and_full_worlds_are_reachable(
     ],
 )
 def test_a_house_whose_rooms_have_no_sensible_size_is_refused(values: dict[str, object]) -> None:
-    with pytest.raises(ConfigError, match=r"house\.size_m is .* expected rooms of 2\.4 to"):
+    with pytest.raises(ConfigError) as error:
         make_indoor(HouseConfig(**values))
+    assert error.value.code == "room-size"
+
+
+def test_a_hall_that_is_too_long_is_refused() -> None:
+    make_indoor(HouseConfig(rooms=12, size_m=(30.0, 11.0)))
+    with pytest.raises(ConfigError) as error:
+        make_indoor(HouseConfig(rooms=12, size_m=(30.5, 11.0)))
+    assert (error.value.code, error.value.fields) == ("room-size", ("hall",))
 
 
 def test_an_unknown_key_is_an_error_that_names_it() -> None:

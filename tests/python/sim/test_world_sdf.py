@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 pytest.importorskip("collada", reason="the simulator is an extra")
 
 from fusionslam.sim.scene import Scene
+from fusionslam.sim.world import hash_world
 from fusionslam.sim.worlds import load_world
 
 ROOM = Path(__file__).resolve().parents[2] / "data" / "worlds" / "room"
@@ -263,3 +265,26 @@ def test_models_are_found_where_gazebo_looks_for_them(
     (room / "models").rename(tmp_path / "elsewhere")
     monkeypatch.setenv("GAZEBO_MODEL_PATH", str(tmp_path / "elsewhere"))
     assert load_world(room).unresolved == ()
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("worlds/room.world", "<size>2 1 1<", "<size>2 1 2<"),
+        ("models/lamp/meshes/lamp.obj", "v 1 0 -1", "v 1 0 -2"),
+        ("models/table/meshes/table.dae", "0 0 100 ", "0 0 101 "),
+    ],
+)
+def test_another_mesh_in_any_file_gives_another_hash(
+    room: Path, file: str, old: str, new: str
+) -> None:
+    before = hash_world(load_world(room))
+    assert hash_world(load_world(room)) == before == hash_world(load_world(ROOM))
+    edit(room / file, old, new)
+    assert hash_world(load_world(room)) != before
+
+
+def test_another_texture_gives_another_hash(room: Path) -> None:
+    before = hash_world(load_world(room))
+    Image.new("RGB", (2, 2), "red").save(room / "models/table/materials/textures/top.png")
+    assert hash_world(load_world(room)) != before

@@ -127,13 +127,17 @@ def _room(
 
 def _check_sizes(rooms: list[Room], config: HouseConfig) -> None:
     """Raise ConfigError if a room is too small for a robot to turn in, or too large."""
-    for room in rooms[1:]:
+    smallest = [_HALL_M] + [_ROOM_M[0]] * (len(rooms) - 1)
+    for room, least in zip(rooms, smallest, strict=True):
         size = np.subtract(room.high, room.low)
-        if not (_ROOM_M[0] <= size.min() and size.max() <= _ROOM_M[1]):
+        # The hall's breadth is computed from its walls: allow for rounding.
+        if not (least - 1e-9 <= size.min() and size.max() <= _ROOM_M[1]):
             raise ConfigError(
                 f"house.size_m is {config.size_m} and house.rooms {config.rooms}, which makes "
                 f"{room.name} {size[0]:.1f} m by {size[1]:.1f} m; expected rooms of "
-                f"{_ROOM_M[0]} to {_ROOM_M[1]} m"
+                f"{_ROOM_M[0]} to {_ROOM_M[1]} m",
+                code="room-size",
+                fields=(room.name,),
             )
 
 
