@@ -65,7 +65,7 @@ def drives_table() -> str:
             all_planned += found
             rows.append([name, f"{length_m:.0f}" if length_m else "none", *driven(found)])
         if world.trajectory is not None:
-            own = Drive(world.trajectory, world.map.inflated(PlanConfig().clearance_m))
+            own = Drive(world.trajectory, world.map.inflate(PlanConfig().clearance_m))
             rows.append([name, "its own trajectory", *driven([own])])
     return f"{table(DRIVES, rows)}\n\n{nearest_to_limits(all_planned)}"
 
@@ -84,7 +84,7 @@ def planned(grid: OccupancyMap, length_m: float | None) -> Iterator[Drive]:
         found = plan_trajectory(grid, config)
         seconds = time.process_time() - start
         check_trajectory(found, grid, config.clearance_m)
-        yield Drive(found, grid.inflated(config.clearance_m), seconds)
+        yield Drive(found, grid.inflate(config.clearance_m), seconds)
 
 
 def driven(drives: list[Drive]) -> list[str]:

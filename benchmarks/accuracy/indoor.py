@@ -156,7 +156,7 @@ def collision_follows(world: World) -> float:
 def drivable(world: World, count: int, seed: int = 0) -> NDArray[np.float64]:
     """x, y of reachable cells a robot's radius away from everything, (count, 2)."""
     assert world.map is not None
-    room = world.map.inflated(0.25)
+    room = world.map.inflate(0.25)
     cells = np.argwhere(room.reachable)
     chosen = cells[np.random.default_rng(seed).integers(len(cells), size=count)]
     return np.column_stack(room.centres(chosen[:, 0], chosen[:, 1]))

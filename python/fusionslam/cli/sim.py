@@ -89,13 +89,18 @@ def sim(
     from fusionslam.config import as_yaml
     from fusionslam.geometry.trajectory import read_trajectory
     from fusionslam.sim.catalogue import MADE, check_world, read_world
-    from fusionslam.sim.recordings import check_output, check_parents, resolved, write_recording
+    from fusionslam.sim.recordings import (
+        check_output,
+        check_parents,
+        resolve_config,
+        write_recording,
+    )
 
     check_world(world)
     changes = _changes(seed, seconds, obstacles)
     chosen = _chosen(world, robot, config, changes, settings)
     if print_config:
-        print(as_yaml(resolved(chosen)), end="")
+        print(as_yaml(resolve_config(chosen)), end="")
         return
     output, kind = _output(output, format)
     check_output(output, kind, chosen.robot)

@@ -74,7 +74,7 @@ def simulate_odometry(
     gap = np.diff(seconds)
     turn, way = _steps(x, y, yaw)
     if not config.neutral:
-        turn, way = _with_errors(turn, way, gap, config)
+        turn, way = _add_errors(turn, way, gap, config)
         x, y, yaw = _chain_steps(x[0], y[0], yaw[0], turn, way)
     return OdometryTrack(stamps, ground_poses(x, y, yaw), _rates(way, gap), _turn_rates(turn, gap))
 
@@ -94,11 +94,11 @@ def measured_places(places: Floats, seconds: Floats, config: OdometryConfig) -> 
     if config.neutral or len(places) < 2:
         return places
     x, y, yaw = places[:, 0], places[:, 1], np.unwrap(places[:, 2])
-    turn, way = _with_errors(*_steps(x, y, yaw), np.diff(seconds), config)
+    turn, way = _add_errors(*_steps(x, y, yaw), np.diff(seconds), config)
     return np.stack(_chain_steps(x[0], y[0], yaw[0], turn, way), axis=1)
 
 
-def _with_errors(
+def _add_errors(
     turn: Floats, way: Floats, gap: Floats, config: OdometryConfig
 ) -> tuple[Floats, Floats]:
     """Add errors to angles (N - 1) and translations (2, N - 1) of steps of ``gap`` seconds."""

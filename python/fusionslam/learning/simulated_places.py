@@ -91,7 +91,7 @@ def _seen(
     rng: np.random.Generator,
 ) -> Sights:
     world = make_indoor(made)
-    room = map_of(world, robot).inflated(config.clearance_m)
+    room = map_of(world, robot).inflate(config.clearance_m)
     rows, columns = np.nonzero(room.reachable)
     if not len(rows):
         raise DataError(f"{name}: no room for a robot with {config.clearance_m} m around it")

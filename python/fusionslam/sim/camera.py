@@ -85,7 +85,7 @@ class CameraMount(LensConfig):
                 _places(self, columns, np.array([0, self.height - 1])),
                 _places(self, np.array([0, self.width - 1]), rows),
             ):
-                undistorted(edge, self.distortion)
+                undistort(edge, self.distortion)
         return self
 
     def picture_topic(self) -> str:
@@ -125,15 +125,15 @@ def projection(config: LensConfig, *, right: bool = False) -> Floats:
     return matrix
 
 
-def distorted(places: Floats, coefficients: tuple[float, ...]) -> Floats:
+def distort(places: Floats, coefficients: tuple[float, ...]) -> Floats:
     """Plumb bob (Brown 1966): maps undistorted points x / z, y / z (N, 2) to distorted ones."""
     factor, shift = _distortion(places, coefficients)
     moved: Floats = places * factor + shift
     return moved
 
 
-def undistorted(places: Floats, coefficients: tuple[float, ...]) -> Floats:
-    """The inverse of ``distorted`` by fixed-point iteration, float64 (N, 2).
+def undistort(places: Floats, coefficients: tuple[float, ...]) -> Floats:
+    """The inverse of ``distort`` by fixed-point iteration, float64 (N, 2).
 
     Raises:
         ConfigError: it does not converge: a point corresponds to no ray, or to more than one.
@@ -169,7 +169,7 @@ def camera_rays(config: LensConfig) -> Floats32:
     """
     places = _places(config, np.arange(config.width), np.arange(config.height))
     if config.coefficients():
-        places = undistorted(places, config.coefficients())
+        places = undistort(places, config.coefficients())
     return np.column_stack([places, np.ones(len(places))]).astype(np.float32)
 
 

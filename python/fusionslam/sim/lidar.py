@@ -136,7 +136,7 @@ def scan(caster: Caster, config: LidarConfig, poses: Floats, rng: np.random.Gene
         rng: source of noise and drop-outs.
     """
     rays = lidar_rays(config)
-    origins, directions = _placed(config, rays, poses)
+    origins, directions = _transform_rays(config, rays, poses)
     hits = caster.cast(origins, directions)
     # Every ray draws its random numbers, hit or miss, so a change of the world does not alter the
     # noise of other points.
@@ -144,14 +144,16 @@ def scan(caster: Caster, config: LidarConfig, poses: Floats, rng: np.random.Gene
     noise = np.float32(config.noise_m) * rng.standard_normal(len(rays), dtype=np.float32)
     cosine = np.abs(caster.incidence(hits, directions))
     near, far = hits.distance >= config.min_range_m, hits.distance < config.range_m
-    kept = np.flatnonzero(near & far & (chance >= _lost(config, hits.distance, cosine)))
+    kept = np.flatnonzero(near & far & (chance >= _loss_probability(config, hits.distance, cosine)))
     found = hits[kept]
     intensity = caster.brightness(found) * (0.4 + 0.6 * cosine[kept])
     points = rays[kept] * (found.distance + noise[kept])[:, None]
     return Sweep(points, intensity.clip(0, 1), kept, found)
 
 
-def _placed(config: LidarConfig, rays: Floats32, poses: Floats) -> tuple[Floats32, Floats32]:
+def _transform_rays(
+    config: LidarConfig, rays: Floats32, poses: Floats
+) -> tuple[Floats32, Floats32]:
     """Origins (3,) or (R, 3) and directions (R, 3) of the rays in the world."""
     turn, place = poses[..., :3, :3].astype(np.float32), poses[..., :3, 3].astype(np.float32)
     # einsum, not a matrix product: BLAS would wake all its threads for three columns.
@@ -162,7 +164,7 @@ def _placed(config: LidarConfig, rays: Floats32, poses: Floats) -> tuple[Floats3
     return np.tile(place, (config.rings, 1)), directions
 
 
-def _lost(config: LidarConfig, distance: Floats32, cosine: Floats32) -> Floats32:
+def _loss_probability(config: LidarConfig, distance: Floats32, cosine: Floats32) -> Floats32:
     """Probability that a shot returns nothing."""
     far = np.minimum(distance / np.float32(config.range_m), 1)
     grazing = config.grazing_dropout * (1 - cosine) ** 8

@@ -55,7 +55,7 @@ class Mesh:
     def __len__(self) -> int:
         return len(self.triangles)
 
-    def moved(self, position: ArrayLike, yaw: float = 0.0) -> "Mesh":
+    def move(self, position: ArrayLike, yaw: float = 0.0) -> "Mesh":
         """The mesh rotated by ``yaw`` (radians, about z), then translated by ``position``."""
         turn = _turn(yaw)
         return Mesh(
@@ -66,7 +66,7 @@ class Mesh:
             self.normals @ turn.T,
         )
 
-    def tinted(self, tint: ArrayLike) -> "Mesh":
+    def multiply_tint(self, tint: ArrayLike) -> "Mesh":
         """The mesh with its tint multiplied by ``tint`` (RGB)."""
         return Mesh(
             self.triangles,
@@ -77,7 +77,7 @@ class Mesh:
         )
 
 
-def joined(meshes: Sequence[Mesh]) -> Mesh:
+def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
     """Concatenate meshes into one, in order."""
     return Mesh(
         np.concatenate([mesh.triangles for mesh in meshes]),
@@ -141,10 +141,12 @@ def box(
     if top is None:
         return panels(corners[faces], paint)
     sides = [*faces[:4], *faces[5:]]
-    return joined([panels(corners[sides], paint), panels(corners[faces[4:5]], top)])
+    return join_meshes([panels(corners[sides], paint), panels(corners[faces[4:5]], top)])
 
 
-def tapered(low: ArrayLike, high: ArrayLike, top_scale: tuple[float, float], paint: Paint) -> Mesh:
+def tapered_box(
+    low: ArrayLike, high: ArrayLike, top_scale: tuple[float, float], paint: Paint
+) -> Mesh:
     """A box without bottom whose top face is scaled by ``top_scale`` (x, y) about its centre."""
     corners = _box_corners(low, high)
     centre = corners[4:].mean(axis=0)

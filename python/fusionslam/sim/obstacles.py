@@ -13,7 +13,7 @@ from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.lidar import Vector
-from fusionslam.sim.mesh import Mesh, Paint, box, joined
+from fusionslam.sim.mesh import Mesh, Paint, box, join_meshes
 from fusionslam.sim.motion.occupancy import OccupancyMap
 from fusionslam.sim.scene import Hits, RayCaster, Scene
 from fusionslam.storage.arrays import Floats, Floats32, Mask
@@ -57,7 +57,7 @@ class Obstacle:
     def at(self, seconds: float) -> Mesh:
         """The box in the world at a time; it stands still before the first and after the last."""
         x, y = (np.interp(seconds, self.seconds, axis) for axis in self.places.T)
-        return self.mesh.moved((x, y, 0.0), self.yaw)
+        return self.mesh.move((x, y, 0.0), self.yaw)
 
 
 def plan_obstacles(
@@ -91,7 +91,7 @@ def plan_obstacles(
     free = np.where(grid.reachable, grid.clearance(), 0.0)
     found: list[Obstacle] = []
     for number in range(config.number):
-        obstacle = _one(config, grid, free, seconds, others, rng)
+        obstacle = _plan_obstacle(config, grid, free, seconds, others, rng)
         if obstacle is None:
             raise DataError(
                 f"obstacles.number is {config.number}: no room for number {number + 1} near the "
@@ -102,7 +102,7 @@ def plan_obstacles(
     return tuple(found)
 
 
-def _one(
+def _plan_obstacle(
     config: ObstacleConfig,
     grid: OccupancyMap,
     free: Floats,
@@ -228,7 +228,7 @@ class Crowd:
         self._names = len(scene.names)
         self._moving: RayCaster | None = None
         if boxes:
-            self._moving = RayCaster(Scene(joined(boxes), [_speckles()], scene.light))
+            self._moving = RayCaster(Scene(join_meshes(boxes), [_speckles()], scene.light))
             sizes = [len(mesh) for mesh in boxes]
             self._box = np.repeat(np.arange(len(boxes), dtype=np.int32), sizes)
 

@@ -84,7 +84,7 @@ def recording_config(entry: Entry | None = None, robot: str | None = None) -> Re
     return WorldRecordingConfig()
 
 
-def resolved(config: RecordingConfig) -> RecordingConfig:
+def resolve_config(config: RecordingConfig) -> RecordingConfig:
     """The configuration with derived values (plan limits, odometry seed) filled in."""
     seed = odometry_errors(config.robot, config).seed
     own = limits_of(config.robot, config.plan)
@@ -217,7 +217,7 @@ def record_world(
         return embedded_drive(jobs=jobs, progress=progress)
     config = merged(recording_config(), {"robot": _EMBEDDED["robot"]})
     place = read_world(name)
-    path = _cached_bag(place.name, {"world": hash_world(place), "config": _values(config)})
+    path = _bag_path(place.name, {"world": hash_world(place), "config": _values(config)})
     if not path.exists():
         place, drive = drive_through(place, config.robot, config.plan)
         write_recording(place, drive, config, path, jobs=jobs, progress=progress)
@@ -226,14 +226,14 @@ def record_world(
 
 def embedded_path(name: str, config: RecordingConfig) -> Path:
     """Path of the bag of ``embedded_bag``, whether it exists or not."""
-    return _cached_bag(name, {"config": _values(config)})
+    return _bag_path(name, {"config": _values(config)})
 
 
 def _values(config: RecordingConfig) -> dict[str, Any]:
     return config.model_dump(mode="json", serialize_as_any=True)
 
 
-def _cached_bag(name: str, identity: dict[str, Any]) -> Path:
+def _bag_path(name: str, identity: dict[str, Any]) -> Path:
     text = json.dumps({"format": _FORMAT, **identity}, sort_keys=True)
     return cache_folder() / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:12]}.bag"
 

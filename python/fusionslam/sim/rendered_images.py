@@ -80,9 +80,9 @@ class _Renderer:
     def __call__(self, index: int) -> Image:
         noise = np.random.default_rng([0, index])
         pose = self._poses[index]
-        return photograph(self._loaded(), self._camera, pose, (1.0, 1.0, 1.0), noise)
+        return photograph(self._load_caster(), self._camera, pose, (1.0, 1.0, 1.0), noise)
 
-    def _loaded(self) -> Any:
+    def _load_caster(self) -> Any:
         with self._loading:
             if self._caster is None:
                 self._caster = RayCaster(load_world(self._world).visual)

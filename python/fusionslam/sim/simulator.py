@@ -111,7 +111,7 @@ def simulate(
     grid = map_of(world, robot)
     check_trajectory(trajectory, grid, robot.radius_m)
     simulation = _Simulation(world, robot, trajectory, chosen, grid)
-    return _made(select(simulation.tasks()), jobs)
+    return _render_events(select(simulation.tasks()), jobs)
 
 
 def map_of(world: World, robot: RobotConfig) -> OccupancyMap:
@@ -184,16 +184,20 @@ class _Simulation:
     def _streams(self) -> Iterator[tuple[float, str, Callable[[int, int], Message]]]:
         """Rate, topic and render function (of number and stamp) of each published stream."""
         odometry, cameras = self.robot.odometry, list(self.robot.cameras.values())
-        yield odometry.rate_hz, TF_TOPIC, self._transform
-        told = partial(self._moved, self.odometry, odometry.frame_id)
+        yield odometry.rate_hz, TF_TOPIC, self._make_transform
+        told = partial(self._make_odometry, self.odometry, odometry.frame_id)
         yield odometry.rate_hz, odometry.topic, told
-        yield odometry.rate_hz, TRUTH_TOPIC, partial(self._moved, self.truth, WORLD)
+        yield odometry.rate_hz, TRUTH_TOPIC, partial(self._make_odometry, self.truth, WORLD)
         for camera in cameras:
-            yield camera.rate_hz, camera.info_topic, partial(self._info, camera)
+            yield camera.rate_hz, camera.info_topic, partial(self._make_camera_info, camera)
         for number, camera in enumerate(cameras):
-            yield camera.rate_hz, camera.picture_topic(), partial(self._picture, camera, number)
+            yield (
+                camera.rate_hz,
+                camera.picture_topic(),
+                partial(self._make_picture, camera, number),
+            )
         for number, lidar in enumerate(self.robot.lidars.values()):
-            yield lidar.rate_hz, lidar.topic, partial(self._scan, lidar, number)
+            yield lidar.rate_hz, lidar.topic, partial(self._make_scan, lidar, number)
 
     def _every(
         self, rate_hz: float, topic: str, make: Callable[[int, int], Message], rank: int
@@ -216,7 +220,7 @@ class _Simulation:
         boxes = [obstacle.at(seconds) for obstacle in self.obstacles]
         return Crowd(self.casters[shapes], self.scenes[shapes], boxes)
 
-    def _scan(self, lidar: LidarMount, sensor: int, number: int, stamp_ns: int) -> Scan:
+    def _make_scan(self, lidar: LidarMount, sensor: int, number: int, stamp_ns: int) -> Scan:
         seconds = self._drive_seconds(stamp_ns)
         moving = column_seconds(lidar) if lidar.scan_motion else np.zeros(1)
         poses = self._poses(seconds + moving) @ base_from(self.robot, lidar.frame_id)
@@ -234,7 +238,9 @@ class _Simulation:
             fields=point_fields(lidar, sweep, around.objects(sweep.hits)),
         )
 
-    def _picture(self, camera: CameraMount, sensor: int, number: int, stamp_ns: int) -> Picture:
+    def _make_picture(
+        self, camera: CameraMount, sensor: int, number: int, stamp_ns: int
+    ) -> Picture:
         seconds = self._drive_seconds(stamp_ns)
         pose = self._poses(np.array([seconds]))[0] @ base_from_camera(self.robot, camera)
         # Both cameras of a pair share the exposure.
@@ -244,10 +250,12 @@ class _Simulation:
         )
         return Picture(stamp_ns=stamp_ns, frame_id=camera.frame_id, image=image)
 
-    def _info(self, camera: CameraMount, number: int, stamp_ns: int) -> Message:
+    def _make_camera_info(self, camera: CameraMount, number: int, stamp_ns: int) -> Message:
         return camera_info(camera, stamp_ns)
 
-    def _moved(self, track: OdometryTrack, frame_id: str, number: int, stamp_ns: int) -> Odometry:
+    def _make_odometry(
+        self, track: OdometryTrack, frame_id: str, number: int, stamp_ns: int
+    ) -> Odometry:
         return Odometry(
             stamp_ns=stamp_ns,
             frame_id=frame_id,
@@ -257,7 +265,7 @@ class _Simulation:
             angular=track.angular[number],
         )
 
-    def _transform(self, number: int, stamp_ns: int) -> FrameTransforms:
+    def _make_transform(self, number: int, stamp_ns: int) -> FrameTransforms:
         link = FrameTransform(
             stamp_ns=stamp_ns,
             parent=self.robot.odometry.frame_id,
@@ -285,7 +293,7 @@ def _casters(world: World, robot: RobotConfig) -> dict[str, RayCaster]:
     return {shapes: made[id(scene)] for shapes, scene in needed.items()}
 
 
-def _made(tasks: Iterable[Task], jobs: int) -> Iterator[Event]:
+def _render_events(tasks: Iterable[Task], jobs: int) -> Iterator[Event]:
     """Render events in the order of their tasks; threads work ahead by a limited number."""
     if jobs <= 1:
         yield from (task.event() for task in tasks)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.geometry.trajectory import Trajectory
-from fusionslam.sim.mesh import Mesh, joined
+from fusionslam.sim.mesh import Mesh, join_meshes
 from fusionslam.sim.motion.occupancy import OccupancyMap
 from fusionslam.sim.scene import Light, Scene
 
@@ -65,7 +65,7 @@ def scene_of(
     """
     counts = [len(part.mesh) for part in parts]
     return Scene(
-        joined([part.mesh for part in parts]),
+        join_meshes([part.mesh for part in parts]),
         textures,
         light or Light(),
         part=np.repeat(np.arange(len(parts), dtype=np.int32), counts),

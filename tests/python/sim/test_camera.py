@@ -13,12 +13,12 @@ from fusionslam.sim.camera import (
     CameraMount,
     camera_info,
     camera_rays,
-    distorted,
+    distort,
     gains,
     parent_from_camera,
     photograph,
     projection,
-    undistorted,
+    undistort,
 )
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.world import scene_of
@@ -72,19 +72,19 @@ def test_a_right_camera_sits_and_projects_a_baseline_to_the_right() -> None:
 def test_distortion_follows_the_formulas_of_camera_info() -> None:
     places = np.random.default_rng(3).uniform(-0.6, 0.6, (50, 2))
     expected = [brown(x, y, LENS) for x, y in places]
-    assert np.allclose(distorted(places, LENS), expected, atol=1e-12)
+    assert np.allclose(distort(places, LENS), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("lens", [LENS, (0.2, -0.05, 0.001, 0.002, 0.01), (0, 0, 0.01, -0.01, 0)])
 def test_undistorting_undoes_distortion(lens: tuple[float, ...]) -> None:
     places = np.random.default_rng(4).uniform(-0.55, 0.55, (400, 2))
-    assert np.allclose(undistorted(distorted(places, lens), lens), places, atol=1e-8)
+    assert np.allclose(undistort(distort(places, lens), lens), places, atol=1e-8)
 
 
 def test_undistorting_agrees_with_a_root_finder() -> None:
     target = np.array([0.41, -0.32])
     root = optimize.fsolve(lambda at: np.array(brown(at[0], at[1], LENS)) - target, target)
-    assert np.allclose(undistorted(target[None], LENS)[0], root, atol=1e-8)
+    assert np.allclose(undistort(target[None], LENS)[0], root, atol=1e-8)
 
 
 def test_a_picture_shows_corners_where_the_distorted_model_puts_them() -> None:

@@ -51,7 +51,7 @@ def seeded(name: str, seed: int) -> World:
 def test_a_robot_reaches_every_room_and_aisle(name: str, seed: int) -> None:
     room = seeded(name, seed).map
     assert room is not None
-    free = room.inflated(0.25)
+    free = room.inflate(0.25)
     places = indoor_places(INDOOR_WORLDS[name].config(seed=seed))
     assert [key for key, place in places.items() if not free.is_free(*place)] == []
 
@@ -164,7 +164,7 @@ def test_nothing_is_put_between_a_door_and_the_middle_of_a_room() -> None:
         assert world.map is not None
         # Without walls the whole map's margin is free: look along the lane itself.
         steps = np.linspace(0.3, 2.0, 30)
-        free = world.map.inflated(0.22)
+        free = world.map.inflate(0.22)
         assert free.is_free(np.ones(30), steps).all()
         assert free.is_free(np.linspace(1.0, 2.0, 30), np.full(30, 2.0)).all()
 

@@ -179,7 +179,7 @@ def test_small_large_bare_and_full_worlds_are_reachable(
 ) -> None:
     world = make_indoor(config)
     assert world.map is not None
-    room = world.map.inflated(0.25)
+    room = world.map.inflate(0.25)
     assert all(room.is_free(*place) for place in indoor_places(config).values())
 
 

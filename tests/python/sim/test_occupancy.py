@@ -16,7 +16,7 @@ from PIL import Image
 
 from benchmarks.accuracy.maps import off_borders, overlay
 from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.sim.mesh import Mesh, Paint, box, joined, panels
+from fusionslam.sim.mesh import Mesh, Paint, box, join_meshes, panels
 from fusionslam.sim.motion.map_files import read_map, write_map
 from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part, occupancy_of
 from fusionslam.sim.scene import Scene
@@ -26,7 +26,7 @@ GRIDS = arrays(np.bool_, st.tuples(st.integers(1, 12), st.integers(1, 12)))
 
 
 def scene(*meshes: Mesh) -> Scene:
-    return Scene(joined(meshes), [])
+    return Scene(join_meshes(meshes), [])
 
 
 def wall(start: tuple[float, float], end: tuple[float, float], low: float, high: float) -> Mesh:
@@ -37,7 +37,7 @@ def wall(start: tuple[float, float], end: tuple[float, float], low: float, high:
 def room(width: float, depth: float) -> Mesh:
     """Four thin walls around (0, 0) .. (width, depth)."""
     corners = [(0.0, 0.0), (width, 0.0), (width, depth), (0.0, depth), (0.0, 0.0)]
-    return joined([wall(a, b, 0, 2) for a, b in pairwise(corners)])
+    return join_meshes([wall(a, b, 0, 2) for a, b in pairwise(corners)])
 
 
 def grid_of(occupied: NDArray[np.bool_], resolution: float = 0.1) -> OccupancyMap:
@@ -58,7 +58,7 @@ def world_scene(path: Path) -> Scene:
 def test_an_inflated_map_is_occupied_wherever_an_obstacle_is_within_the_radius(
     occupied: NDArray[np.bool_], radius: float
 ) -> None:
-    found = grid_of(occupied).inflated(radius).occupied
+    found = grid_of(occupied).inflate(radius).occupied
     around = np.argwhere(np.pad(occupied, 1, constant_values=True)) - 1
     for row, column in np.ndindex(occupied.shape):
         apart = 0.1 * np.hypot(around[:, 0] - row, around[:, 1] - column).min()
@@ -187,7 +187,7 @@ def test_scenes_and_settings_without_sense_are_refused() -> None:
 @pytest.mark.parametrize("radius", [-0.1, float("nan"), float("inf")])
 def test_a_radius_that_is_no_length_is_refused(radius: float) -> None:
     with pytest.raises(ConfigError, match=f"radius_m is {radius}"):
-        grid_of(np.zeros((3, 3), bool)).inflated(radius)
+        grid_of(np.zeros((3, 3), bool)).inflate(radius)
 
 
 def test_grids_that_do_not_belong_together_are_refused() -> None:

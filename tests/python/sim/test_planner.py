@@ -23,7 +23,7 @@ from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part
 from fusionslam.sim.motion.path_following import DriveLimits, drive
 from fusionslam.sim.motion.planner import PlanConfig, plan_trajectory
 from fusionslam.sim.motion.routes import RouteFinder, round_trip, tour_cost
-from fusionslam.sim.motion.smoothing import resampled, smoothed
+from fusionslam.sim.motion.smoothing import resample_path, smooth_path
 
 Array = NDArray[np.float64]
 CELL = 0.1
@@ -174,9 +174,9 @@ def test_a_smoothed_path_stays_within_its_bounds_however_narrow(widths: tuple[in
         for w in widths
     )
     path = np.array([(1.05, 4.05), (4.05, 4.05), (4.05, 6.95)])
-    found = smoothed(path, room, bounds, 0.3, np.random.default_rng(1))
+    found = smooth_path(path, room, bounds, 0.3, np.random.default_rng(1))
     assert np.array_equal(found[[0, -1]], path[[0, -1]])
-    assert bounds.is_free(*resampled(found, 0.01).T).all()
+    assert bounds.is_free(*resample_path(found, 0.01).T).all()
     assert np.linalg.norm(np.diff(found, axis=0), axis=1).max() < 0.1
 
 
@@ -200,7 +200,7 @@ def test_a_planned_drive_sees_all_rooms_and_comes_back_in_both_directions(seed: 
     found = plan_trajectory(grid, config)
     check_trajectory(found, grid, config.clearance_m)
     assert max(exceeds(found, config.limits).values()) < 1 + 1e-6
-    assert covered(found, grid.inflated(config.clearance_m), within_m=1.5) > 0.9
+    assert covered(found, grid.inflate(config.clearance_m), within_m=1.5) > 0.9
     assert min(revisits(found)) > 0.25
 
 

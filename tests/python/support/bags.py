@@ -23,7 +23,7 @@ from fusionslam.sensors.messages import (
     Picture,
     Scan,
 )
-from fusionslam.sim.camera import undistorted
+from fusionslam.sim.camera import undistort
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -189,7 +189,7 @@ def seen(side: str) -> NDArray[np.uint8]:
     columns, rows = np.meshgrid(*(np.arange(n) for n in STEREO_SIZE))
     pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2)
     bent = (pixels - RAW[:2, 2]) / RAW[[0, 1], [0, 1]]
-    rays = np.column_stack([undistorted(bent, DISTORTION), np.ones(len(bent))]) @ TURNS[side].T
+    rays = np.column_stack([undistort(bent, DISTORTION), np.ones(len(bent))]) @ TURNS[side].T
     places = rays[:, :2] / rays[:, 2:] * WALL_M
     places[:, 0] += BASELINE_M if side == "right" else 0.0
     noise = np.random.default_rng(4).integers(0, 256, (3, 200, 400)).astype(np.float64)

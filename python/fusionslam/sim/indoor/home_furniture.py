@@ -13,7 +13,7 @@ import numpy as np
 from fusionslam.sim.canvas import Rgb
 from fusionslam.sim.indoor.objects import Thing, block, cylinder, flat, front, legs, thing
 from fusionslam.sim.indoor.textures import DARK, WHITE, Look, cut, fitted, paint
-from fusionslam.sim.mesh import Mesh, box, joined, panels, tapered, triangles, tube
+from fusionslam.sim.mesh import Mesh, box, join_meshes, panels, tapered_box, triangles, tube
 
 WOODS: tuple[Rgb, ...] = (
     (0.86, 0.66, 0.42),
@@ -114,10 +114,10 @@ def sofa(style: Style, width: float, kind: str = "sofa") -> Thing:
     count = max(1, round((width - 2 * arm) / 0.7))
     edges = np.linspace(-x + arm, x - arm, count + 1)
     seats = [
-        tapered((u + 0.01, -0.43, 0.30), (v - 0.01, 0.22, 0.44), (0.96, 0.94), cloth)
+        tapered_box((u + 0.01, -0.43, 0.30), (v - 0.01, 0.22, 0.44), (0.96, 0.94), cloth)
         for u, v in pairwise(edges)
     ]
-    pillow = tapered(
+    pillow = tapered_box(
         (-x + arm + 0.04, 0.08, 0.44), (-x + arm + 0.44, 0.22, 0.78), (0.8, 0.5), cushion
     )
     feet = legs(width - 0.1, 0.74, 0.10, 0.05, paint(Look.WOOD, DARK))
@@ -133,7 +133,7 @@ def bed(style: Style, width: float) -> Thing:
     plaid = box((-x - 0.01, -1.01, 0.20), (x + 0.01, 0.30, 0.53), paint(Look.PLAID, style.cloth))
     head = block((-x, 0.98, 0.0), (x, 1.04, 1.0), wood)
     pillows = [
-        tapered(
+        tapered_box(
             (u, 0.52, 0.50), (u + 0.62, 0.94, 0.63), (0.8, 0.7), paint(Look.FABRIC, style.accent)
         )
         for u in ([-0.31] if width < 1.3 else [-0.68, 0.06])
@@ -296,10 +296,10 @@ def curtains(tint: Rgb, width: float, height: float) -> Thing:
 
 def group(kind: str, placed: list[tuple[Thing, float, float, float]]) -> Thing:
     """Combine several things, each with x, y and yaw, into one."""
-    visual = [item.visual.moved((x, y, 0), yaw) for item, x, y, yaw in placed]
+    visual = [item.visual.move((x, y, 0), yaw) for item, x, y, yaw in placed]
     solid = [
-        item.collision.moved((x, y, 0), yaw)
+        item.collision.move((x, y, 0), yaw)
         for item, x, y, yaw in placed
         if item.collision is not None
     ]
-    return thing(kind, [joined(visual)], solid)
+    return thing(kind, [join_meshes(visual)], solid)

@@ -12,7 +12,7 @@ import numpy as np
 from fusionslam.sim.canvas import Rgb
 from fusionslam.sim.indoor.objects import Thing, block, cylinder, flat, front, legs, thing, wheel
 from fusionslam.sim.indoor.textures import DARK, GREY, WHITE, Look, cut, fitted, paint
-from fusionslam.sim.mesh import Mesh, box, tapered, tube
+from fusionslam.sim.mesh import Mesh, box, tapered_box, tube
 
 _STEEL: Rgb = (0.78, 0.80, 0.82)
 
@@ -38,7 +38,7 @@ def sickbed(blanket: Rgb) -> Thing:
     deck = block((-0.46, -1.0, 0.46), (0.46, 1.0, 0.54), steel)
     mattress = box((-0.44, -0.97, 0.54), (0.44, 0.97, 0.68), white)
     cover = box((-0.46, -0.98, 0.50), (0.46, 0.35, 0.70), paint(Look.FABRIC, blanket))
-    pillow = tapered((-0.3, 0.5, 0.68), (0.3, 0.92, 0.8), (0.8, 0.7), white)
+    pillow = tapered_box((-0.3, 0.5, 0.68), (0.3, 0.92, 0.8), (0.8, 0.7), white)
     ends = [
         block((-0.46, y - 0.025, 0.4), (0.46, y + 0.025, top), paint(Look.WOOD, (0.86, 0.74, 0.56)))
         for y, top in ((-1.02, 0.9), (1.02, 1.1))
@@ -150,7 +150,7 @@ def couch(tint: Rgb) -> Thing:
     """An examination couch on four legs, its head at +y."""
     pad = block((-0.33, -0.95, 0.62), (0.33, 0.95, 0.72), paint(Look.FABRIC, tint))
     frame = block((-0.3, -0.9, 0.55), (0.3, 0.9, 0.62), paint(Look.PLAIN, _STEEL))
-    head = tapered((-0.3, 0.6, 0.72), (0.3, 0.95, 0.84), (0.9, 0.8), paint(Look.FABRIC, tint))
+    head = tapered_box((-0.3, 0.6, 0.72), (0.3, 0.95, 0.84), (0.9, 0.8), paint(Look.FABRIC, tint))
     feet = legs(0.6, 1.7, 0.55, 0.05, paint(Look.PLAIN, _STEEL))
     return thing("couch", [pad, frame, head, feet], [pad, frame, feet])
 

@@ -86,7 +86,7 @@ def make_house(config: HouseConfig) -> World:
         build_room(site, room, openings, _HEIGHT_M)
         layout = Layout(site, room, openings, rng)
         _put_windows(layout, room, config, rng)
-        _FURNISH[_kind(room.name)](layout, Style.drawn(rng), config.clutter, rng)
+        _FURNISH[_kind(room.name)](layout, Style.draw(rng), config.clutter, rng)
     return site.world("house", config.seed, rooms[0].centre)
 
 

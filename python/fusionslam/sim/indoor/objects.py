@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fusionslam.sim.indoor.textures import Look, indoor_textures, paint
-from fusionslam.sim.mesh import Mesh, Paint, box, joined, panels, tube
+from fusionslam.sim.mesh import Mesh, Paint, box, join_meshes, panels, tube
 from fusionslam.sim.motion.occupancy import occupancy_of
 from fusionslam.sim.scene import INDOOR_LIGHT
 from fusionslam.sim.world import Part, World, scene_of
@@ -53,9 +53,9 @@ class Site:
         self._counts[thing.kind] += 1
         name = f"{thing.kind}_{self._counts[thing.kind]}"
         place = (x, y, z)
-        self._visual.append(Part(name, thing.visual.moved(place, yaw), thing.is_ground))
+        self._visual.append(Part(name, thing.visual.move(place, yaw), thing.is_ground))
         if thing.collision is not None:
-            mesh = thing.collision.moved(place, yaw)
+            mesh = thing.collision.move(place, yaw)
             self._collision.append(Part(name, mesh, thing.is_ground))
         return name
 
@@ -78,15 +78,15 @@ def thing(
     kind: str, shapes: Sequence[Mesh], solid: Sequence[Mesh] = (), *, is_ground: bool = False
 ) -> Thing:
     """A thing made of shapes; without ``solid`` its collision shape is their bounding box."""
-    visual = joined(shapes)
-    collision = joined(solid) if solid else _around(visual)
-    footprint = _footprint(joined([visual, collision]))
+    visual = join_meshes(shapes)
+    collision = join_meshes(solid) if solid else _around(visual)
+    footprint = _footprint(join_meshes([visual, collision]))
     return Thing(kind, visual, collision, footprint, is_ground)
 
 
 def flat(kind: str, shapes: Sequence[Mesh], *, is_ground: bool = False) -> Thing:
     """A thing that rays of simple sensors do not hit, such as a poster or a carpet."""
-    visual = joined(shapes)
+    visual = join_meshes(shapes)
     return Thing(kind, visual, None, _footprint(visual), is_ground)
 
 
@@ -99,7 +99,7 @@ def legs(width: float, depth: float, height: float, thick: float, cover: Paint =
     """Four square legs at the corners of a footprint centred on the origin."""
     x, y = width / 2, depth / 2
     corners = [(-x, -y), (x - thick, -y), (-x, y - thick), (x - thick, y - thick)]
-    return joined([box((u, v, 0), (u + thick, v + thick, height), cover) for u, v in corners])
+    return join_meshes([box((u, v, 0), (u + thick, v + thick, height), cover) for u, v in corners])
 
 
 def cylinder(
@@ -113,7 +113,7 @@ def cylinder(
     x, y, z = base
     side = tube(base, (x, y, z + height), radii, cover, sides)
     lid = tube((x, y, z + height), (x, y, z + height + 1e-3), (radii[1], 1e-4), cover, sides)
-    return joined([side, lid])
+    return join_meshes([side, lid])
 
 
 def wheel(x: float, y: float, radius: float, width: float, cover: Paint, *, along: int = 0) -> Mesh:
@@ -126,7 +126,7 @@ def wheel(x: float, y: float, radius: float, width: float, cover: Paint, *, alon
         tube(end, end + 0.02 * axle * way, (radius, 1e-4), cover, 10)
         for end, way in ((low, -1), (high, 1))
     ]
-    return joined([tread, *caps])
+    return join_meshes([tread, *caps])
 
 
 def front(low: tuple[float, float], high: tuple[float, float], y: float, cover: Paint) -> Mesh:

@@ -10,7 +10,7 @@ import numpy as np
 from fusionslam.sim.canvas import Rgb
 from fusionslam.sim.indoor.objects import Site, Thing, block, flat, front, thing
 from fusionslam.sim.indoor.textures import WHITE, Look, fitted, paint
-from fusionslam.sim.mesh import Mesh, Paint, box, joined, panels
+from fusionslam.sim.mesh import Mesh, Paint, box, join_meshes, panels
 
 WALL_M = 0.16
 DOOR_M = 2.05
@@ -108,15 +108,15 @@ def build_room(site: Site, room: Room, openings: Sequence[Opening], height: floa
     solid: list[Mesh] = []
     for side in sides(room):
         found = openings_of(side, openings)
-        walls = joined(list(_wall_boxes(side.length, found, height, room.wall)))
+        walls = join_meshes(list(_wall_boxes(side.length, found, height, room.wall)))
         extras = list(_skirting(side.length, found, room.skirting))
         for along, opening in found:
             extras.append(_frame(along, opening))
             if opening.leaf_in == room.name:
                 _put_leaf(site, side, along, opening)
         place = (*side.start, 0)
-        visual.append(joined([walls, *extras]).moved(place, side.yaw))
-        solid.append(walls.moved(place, side.yaw))
+        visual.append(join_meshes([walls, *extras]).move(place, side.yaw))
+        solid.append(walls.move(place, side.yaw))
     site.put(thing(f"wall_{room.name}", visual, solid), 0.0, 0.0)
 
 
@@ -191,7 +191,7 @@ def _frame(along: float, opening: Opening) -> Mesh:
         (along + half + 0.05, depth, DOOR_M + 0.05),
         cover,
     )
-    return joined([*posts, head])
+    return join_meshes([*posts, head])
 
 
 def _put_leaf(site: Site, side: Side, along: float, opening: Opening) -> None:

@@ -30,8 +30,8 @@ def rack_bay(rng: np.random.Generator, fill: float) -> Thing:
         for x in (-0.86, 0.0, 0.86):
             if rng.random() < fill:
                 seen, hit = _load(rng, 0.8, 1.0, 0.85)
-                visual += [mesh.moved((x, 0, z)) for mesh in seen]
-                solid += [mesh.moved((x, 0, z)) for mesh in hit]
+                visual += [mesh.move((x, 0, z)) for mesh in seen]
+                solid += [mesh.move((x, 0, z)) for mesh in hit]
     return thing("shelf", visual, solid)
 
 
@@ -72,8 +72,8 @@ def _load(rng: np.random.Generator, width: float, depth: float, height: float) -
     seen, hit = makers[rng.integers(len(makers))](rng, width, depth, height - 0.14)
     low, high = _pallet(width, depth)
     return (
-        [*low, *(mesh.moved((0, 0, 0.14)) for mesh in seen)],
-        [*high, *(mesh.moved((0, 0, 0.14)) for mesh in hit)],
+        [*low, *(mesh.move((0, 0, 0.14)) for mesh in seen)],
+        [*high, *(mesh.move((0, 0, 0.14)) for mesh in hit)],
     )
 
 
@@ -114,7 +114,7 @@ def _one_carton(rng: np.random.Generator, width: float, depth: float, height: fl
     tint = CLOTHS[rng.integers(len(CLOTHS))]
     body = box((-x, -y, 0), (x, y, top), fitted(Look.CARDBOARD, 2 * x, top))
     label = front((-0.15, 0.3 * top), (0.15, 0.3 * top + 0.2), -y - 0.004, paint(Look.PLAIN, tint))
-    return [body, label, label.moved((0, 0, 0), np.pi)], [body]
+    return [body, label, label.move((0, 0, 0), np.pi)], [body]
 
 
 def _crates(rng: np.random.Generator, width: float, depth: float, height: float) -> Shapes:
@@ -147,8 +147,8 @@ def _drums(rng: np.random.Generator, width: float, depth: float, height: float) 
 def pallet_stack(rng: np.random.Generator) -> Thing:
     """Empty pallets on top of each other."""
     layers = [_pallet(1.2, 0.8) for _ in range(int(rng.integers(2, 7)))]
-    visual = [mesh.moved((0, 0, 0.14 * k)) for k, (seen, _) in enumerate(layers) for mesh in seen]
-    solid = [mesh.moved((0, 0, 0.14 * k)) for k, (_, hit) in enumerate(layers) for mesh in hit]
+    visual = [mesh.move((0, 0, 0.14 * k)) for k, (seen, _) in enumerate(layers) for mesh in seen]
+    solid = [mesh.move((0, 0, 0.14 * k)) for k, (_, hit) in enumerate(layers) for mesh in hit]
     return thing("pallets", visual, solid)
 
 
@@ -218,11 +218,11 @@ def cage(rng: np.random.Generator) -> Thing:
         for v in (-y + 0.06, y - 0.06)
     ]
     seen, hit = _cartons(rng, 0.7, 0.6, 0.9)
-    inside = [mesh.moved((0, 0, 0.2)) for mesh in seen]
+    inside = [mesh.move((0, 0, 0.2)) for mesh in seen]
     return thing(
         "roll_cage",
         [base, *bars, *wheels, *inside],
-        [base, *wheels, *(mesh.moved((0, 0, 0.2)) for mesh in hit)],
+        [base, *wheels, *(mesh.move((0, 0, 0.2)) for mesh in hit)],
     )
 
 

@@ -28,7 +28,7 @@ def check_trajectory(trajectory: Trajectory, grid: OccupancyMap, radius_m: float
     times = _dense_times(trajectory, grid.resolution_m / 2)
     x, y, _ = trajectory.places(times)
     row, column, inside = grid.cells(x, y)
-    blocked = ~grid.is_free(x, y) | grid.inflated(radius_m).occupied[row, column]
+    blocked = ~grid.is_free(x, y) | grid.inflate(radius_m).occupied[row, column]
     if blocked.any():
         first = int(np.argmax(blocked))
         seconds = float(np.gradient(times)[blocked].sum())

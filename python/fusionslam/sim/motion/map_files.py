@@ -39,7 +39,7 @@ def read_map(path: PathLike) -> OccupancyMap:
         raise DataError(f"{path}: resolution is {resolution}, expected metres above 0")
     occupied_above, free_below = _thresholds(path, values)
     grey = _grey(image).astype(np.float64)
-    occupancy = (grey if _negated(path, values) else 255 - grey) / 255
+    occupancy = (grey if _is_negated(path, values) else 255 - grey) / 255
     occupied = occupancy > occupied_above
     free = occupancy < free_below
     return OccupancyMap(occupied, largest_part(free), resolution, _origin(path, values))
@@ -125,7 +125,7 @@ def _thresholds(path: Path, values: Mapping[str, Any]) -> tuple[float, float]:
     return above, below
 
 
-def _negated(path: Path, values: Mapping[str, Any]) -> bool:
+def _is_negated(path: Path, values: Mapping[str, Any]) -> bool:
     negate = values.get("negate", 0)
     if negate not in (0, 1):
         raise DataError(f"{path}: negate is {negate!r}, expected 0 or 1")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.sim.motion.rasterize import cells_touched
+from fusionslam.sim.motion.rasterize import find_touched_cells
 from fusionslam.sim.scene import Scene
 from fusionslam.storage.arrays import Floats, Mask
 
@@ -86,7 +86,7 @@ class OccupancyMap:
         distance: Floats = ndimage.distance_transform_edt(free)[1:-1, 1:-1] * self.resolution_m
         return distance
 
-    def inflated(self, radius_m: float) -> "OccupancyMap":
+    def inflate(self, radius_m: float) -> "OccupancyMap":
         """The map for the centre of a round robot: obstacles grown by its radius.
 
         Cells whose centre lies within ``radius_m`` of the centre of an occupied cell, or of one
@@ -107,7 +107,7 @@ class OccupancyMap:
 
 def largest_part(free: Mask) -> Mask:
     """The largest 4-connected part of a grid."""
-    labels, count = _labelled(free)
+    labels, count = _label_parts(free)
     if not count:
         return np.zeros_like(free)
     sizes = np.bincount(labels.ravel())[1:]
@@ -117,7 +117,7 @@ def largest_part(free: Mask) -> Mask:
 
 def part_holding(free: Mask, row: int, column: int) -> Mask:
     """The 4-connected part of a grid that contains a cell; empty if that cell is not free."""
-    labels, _ = _labelled(free)
+    labels, _ = _label_parts(free)
     part: Mask = (labels == labels[row, column]) & free
     return part if free[row, column] else np.zeros_like(free)
 
@@ -155,7 +155,7 @@ def occupancy_of(
         [np.zeros((0, 3, 3)), *(scene.mesh.triangles for scene in scenes)], dtype=np.float64
     )
     origin, shape = _grid(triangles, low_m, high_m, resolution_m)
-    occupied = cells_touched(triangles, (low_m, high_m), origin, shape, resolution_m)
+    occupied = find_touched_cells(triangles, (low_m, high_m), origin, shape, resolution_m)
     free = ~occupied
     if start is None:
         reachable = _main_part(free)
@@ -193,13 +193,13 @@ def _grid(
 
 def _main_part(free: Mask) -> Mask:
     """The largest part that does not touch the map's edge, if it is a room; else the largest."""
-    labels, _ = _labelled(free)
+    labels, _ = _label_parts(free)
     edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
     room = largest_part(free & ~np.isin(labels, edge))
     return room if room.sum() >= _ROOM_SHARE * free.size else largest_part(free)
 
 
-def _labelled(free: Mask) -> tuple[NDArray[np.int32], int]:
+def _label_parts(free: Mask) -> tuple[NDArray[np.int32], int]:
     """The connected part of each cell, numbered from 1 (0: not free), and the number of parts."""
     from scipy import ndimage
 

@@ -70,7 +70,7 @@ def drive(paths: Sequence[ArrayLike], limits: DriveLimits) -> Trajectory:
         ShapeError: no path, or a path of another shape.
         DataError: a path of zero length, with a value that is not finite, or with a gap before it.
     """
-    checked = [_checked(np.asarray(path, np.float64), k) for k, path in enumerate(paths)]
+    checked = [_check_path(np.asarray(path, np.float64), k) for k, path in enumerate(paths)]
     if not checked:
         raise ShapeError("there are no paths to drive: expected at least one of shape (N, 2)")
     for number, (before, path) in enumerate(pairwise(checked), start=1):
@@ -82,10 +82,10 @@ def drive(paths: Sequence[ArrayLike], limits: DriveLimits) -> Trajectory:
         if legs:
             legs.append(_turn(path[0], legs[-1].last_yaw, leg.first_yaw, limits))
         legs.append(leg)
-    return _sampled(legs, limits.rate_hz)
+    return _sample_legs(legs, limits.rate_hz)
 
 
-def _checked(path: Floats, number: int) -> Floats:
+def _check_path(path: Floats, number: int) -> Floats:
     if path.ndim != 2 or path.shape[1] != 2 or len(path) < 2:
         raise ShapeError(f"path {number} has shape {path.shape}, expected (N, 2), N >= 2")
     if not np.isfinite(path).all():
@@ -197,7 +197,7 @@ def _turn(place: Floats, before: float, after: float, limits: DriveLimits) -> _L
     return _Leg(duration, at, 0.0, float(angle))
 
 
-def _sampled(legs: Sequence[_Leg], rate_hz: float) -> Trajectory:
+def _sample_legs(legs: Sequence[_Leg], rate_hz: float) -> Trajectory:
     """Sample the legs at a fixed rate, from 0 to the first sample at or after their end."""
     ends = np.cumsum([leg.duration_s for leg in legs])
     seconds = np.arange(int(np.ceil(ends[-1] * rate_hz - 1e-9)) + 1) / rate_hz

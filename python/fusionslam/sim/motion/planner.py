@@ -14,7 +14,7 @@ from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.motion.occupancy import OccupancyMap
 from fusionslam.sim.motion.path_following import DriveLimits, drive
 from fusionslam.sim.motion.routes import RouteFinder, round_trip, spread_cells, tour_cost
-from fusionslam.sim.motion.smoothing import lengths, smoothed
+from fusionslam.sim.motion.smoothing import lengths, smooth_path
 from fusionslam.storage.arrays import Floats, Integers
 
 # Smoothing shortens paths: the planned length is this factor times the driven length.
@@ -75,11 +75,11 @@ def plan_trajectory(grid: OccupancyMap, config: PlanConfig) -> Trajectory:
     rng = np.random.default_rng([config.seed, 0x9A7])
     # Two cells of extra clearance, within which smoothing may move the path.
     finder = RouteFinder(grid, config.clearance_m + 2 * grid.resolution_m)
-    bounds = grid.inflated(config.clearance_m)
+    bounds = grid.inflate(config.clearance_m)
     tour, length_m = _tour(finder, config, rng)
-    paths = _joined(_legs(finder, tour, length_m, config, rng))
-    smooth = [smoothed(path, finder.room, bounds, config.wander_m, rng) for path in paths]
-    return drive(_shortened(smooth, length_m), config.limits)
+    paths = _join_legs(_legs(finder, tour, length_m, config, rng))
+    smooth = [smooth_path(path, finder.room, bounds, config.wander_m, rng) for path in paths]
+    return drive(_shorten_paths(smooth, length_m), config.limits)
 
 
 def _tour(
@@ -143,7 +143,7 @@ def _nearby(finder: RouteFinder, cell: int, apart_m: float, rng: np.random.Gener
     return finder.cell((x, y)) if finder.room.is_free(x, y) else cell
 
 
-def _joined(legs: list[Floats]) -> list[Floats]:
+def _join_legs(legs: list[Floats]) -> list[Floats]:
     """Join consecutive legs unless the path turns sharply between them."""
     paths = [legs[0]]
     for leg in legs[1:]:
@@ -166,7 +166,7 @@ def _heading(path: Floats) -> Floats:
     return ahead
 
 
-def _shortened(paths: list[Floats], length_m: float) -> list[Floats]:
+def _shorten_paths(paths: list[Floats], length_m: float) -> list[Floats]:
     """The first ``length_m`` metres of consecutive paths."""
     kept = []
     for path in paths:

@@ -19,7 +19,7 @@ _PIECE = 1 << 20
 _ON_BORDER = 1e-4
 
 
-def cells_touched(
+def find_touched_cells(
     triangles: Floats,
     band: tuple[float, float],
     origin: tuple[float, float],
@@ -40,7 +40,7 @@ def cells_touched(
     Returns:
         bool ``shape``, row 0 at the lowest y.
     """
-    polygons = clipped(triangles, band)
+    polygons = clip_triangles(triangles, band)
     plan = (polygons[:, :, :2] - np.asarray(origin)) / resolution_m
     low = np.floor(plan.min(axis=1) + _ON_BORDER).astype(np.int64)
     high = np.ceil(plan.max(axis=1) - _ON_BORDER).astype(np.int64) - 1
@@ -54,7 +54,7 @@ def cells_touched(
     return touched
 
 
-def clipped(triangles: Floats, band: tuple[float, float]) -> Floats:
+def clip_triangles(triangles: Floats, band: tuple[float, float]) -> Floats:
     """The parts of triangles between two heights, float64 (P, 5, 3).
 
     Polygons with fewer corners repeat one (Sutherland and Hodgman 1974, two planes).

@@ -32,7 +32,7 @@ class RouteFinder:
 
     def __init__(self, grid: OccupancyMap, clearance_m: float) -> None:
         """Raises DataError if no cell is reachable with this clearance."""
-        self.room = grid.inflated(clearance_m)
+        self.room = grid.inflate(clearance_m)
         cells = np.argwhere(self.room.reachable)
         if not len(cells):
             raise DataError(
@@ -148,11 +148,11 @@ def round_trip(costs: Floats, most: float, start: int = 0) -> Integers:
     """
     tour = np.array([start])
     while len(tour) < len(costs):
-        longer = _inserted(tour, costs)
+        longer = _insert_place(tour, costs)
         if len(tour) > 1 and tour_cost(longer, costs) > most:
             break
         tour = longer
-        while (better := _exchanged(tour, costs)) is not None:
+        while (better := _exchange_legs(tour, costs)) is not None:
             tour = better
     return tour
 
@@ -162,7 +162,7 @@ def tour_cost(tour: Integers, costs: Floats) -> float:
     return float(costs[tour, np.roll(tour, -1)].sum())
 
 
-def _inserted(tour: Integers, costs: Floats) -> Integers:
+def _insert_place(tour: Integers, costs: Floats) -> Integers:
     """The tour with one more place, chosen and inserted at the least extra cost."""
     left = np.setdiff1d(np.arange(len(costs)), tour)
     after = np.roll(tour, -1)
@@ -171,7 +171,7 @@ def _inserted(tour: Integers, costs: Floats) -> Integers:
     return np.insert(tour, where + 1, left[place])
 
 
-def _exchanged(tour: Integers, costs: Floats) -> Integers | None:
+def _exchange_legs(tour: Integers, costs: Floats) -> Integers | None:
     """The tour after the 2-opt reversal that saves most; None if none saves anything."""
     after = np.roll(tour, -1)
     old = costs[tour, after]

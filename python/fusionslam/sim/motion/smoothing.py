@@ -17,7 +17,7 @@ _WIDTHS_M = (0.2, 0.1, 0.05)
 _DRIFT_M = 2.0
 
 
-def smoothed(
+def smooth_path(
     path: Floats,
     room: OccupancyMap,
     bounds: OccupancyMap,
@@ -33,19 +33,19 @@ def smoothed(
         wander_m: standard deviation of a slow sideways drift; less where there is no room.
         rng: decides the drift.
     """
-    straight = resampled(path, STEP_M)
-    relaxed = _relaxed(straight, room, _ROUNDS)
-    drifted = _relaxed(_drifted(relaxed, room, wander_m, rng), room, _AFTER_DRIFT)
-    for points in (resampled(drifted, STEP_M), resampled(relaxed, STEP_M)):
+    straight = resample_path(path, STEP_M)
+    relaxed = _relax(straight, room, _ROUNDS)
+    drifted = _relax(_drift_sideways(relaxed, room, wander_m, rng), room, _AFTER_DRIFT)
+    for points in (resample_path(drifted, STEP_M), resample_path(relaxed, STEP_M)):
         for width in _WIDTHS_M:
-            filtered = _filtered(points, width / STEP_M)
-            dense = resampled(filtered, STEP_M / 5)
+            filtered = _filter(points, width / STEP_M)
+            dense = resample_path(filtered, STEP_M / 5)
             if bounds.is_free(dense[:, 0], dense[:, 1]).all():
                 return filtered
     return straight
 
 
-def resampled(path: Floats, step_m: float) -> Floats:
+def resample_path(path: Floats, step_m: float) -> Floats:
     """Resample a polyline at equal steps of about ``step_m``, ends included, (N, 2)."""
     along = lengths(path)
     count = max(2, round(float(along[-1]) / step_m) + 1)
@@ -58,7 +58,7 @@ def lengths(path: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
 
 
-def _relaxed(points: Floats, room: OccupancyMap, rounds: int) -> Floats:
+def _relax(points: Floats, room: OccupancyMap, rounds: int) -> Floats:
     """Pull points towards their neighbours as long as they stay in the room."""
     points = points.copy()
     for _ in range(rounds):
@@ -68,7 +68,7 @@ def _relaxed(points: Floats, room: OccupancyMap, rounds: int) -> Floats:
     return points
 
 
-def _drifted(
+def _drift_sideways(
     points: Floats, room: OccupancyMap, wander_m: float, rng: np.random.Generator
 ) -> Floats:
     """Shift points sideways by a smooth random function of path length, less in narrow places."""
@@ -91,7 +91,7 @@ def _drifted(
     return shifted
 
 
-def _filtered(points: Floats, width: float) -> Floats:
+def _filter(points: Floats, width: float) -> Floats:
     """Apply a Gaussian filter to points, ``width`` in points; the ends stay fixed."""
     from scipy.ndimage import gaussian_filter1d
 

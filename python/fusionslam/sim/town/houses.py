@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.sim.mesh import Mesh, Paint, box, joined, panels
+from fusionslam.sim.mesh import Mesh, Paint, box, join_meshes, panels
 from fusionslam.sim.town.facades import FACADES, FLOOR_M
 from fusionslam.sim.town.textures import EXTENT, FACADE_COUNT, Look
 
@@ -88,7 +88,7 @@ def house(kind: HouseType, rng: np.random.Generator) -> Mesh:
     elif kind.floors > 3:
         parts.append(_lift_house(kind))
     shade = 1 + 0.10 * rng.uniform(-1, 1)
-    return joined(parts).tinted((shade, shade, shade))
+    return join_meshes(parts).multiply_tint((shade, shade, shade))
 
 
 def _walls(kind: HouseType, rng: np.random.Generator) -> Mesh:
@@ -97,7 +97,7 @@ def _walls(kind: HouseType, rng: np.random.Generator) -> Mesh:
     cover = Paint(Look.FACADE + kind.facade, kind.wall, EXTENT[Look.FACADE], offset)
     sides = box((0, 0, 0), (kind.width, kind.depth, kind.floors * FLOOR_M), cover)
     base = box((-0.06, -0.06, 0), (kind.width + 0.06, kind.depth + 0.06, 0.5), _base_paint())
-    return joined([sides, base])
+    return join_meshes([sides, base])
 
 
 def _base_paint() -> Paint:
@@ -147,7 +147,7 @@ def _gable(
     ]
     ends = [(d, a, first, first), (b, c, last, last)]
     gables = panels(np.array(ends), paint(Look.PLASTER, kind.wall))
-    return joined([panels(np.array(slopes), paint(Look.ROOF, kind.roof_tint)), gables])
+    return join_meshes([panels(np.array(slopes), paint(Look.ROOF, kind.roof_tint)), gables])
 
 
 def _parapet(w: float, d: float, z: float) -> Mesh:
@@ -162,7 +162,7 @@ def _door(kind: HouseType, rng: np.random.Generator) -> Mesh:
     step = box((left - 0.3, -0.9, 0), (left + 1.5, 0, 0.18), _base_paint())
     leaf = box((left, -0.12, 0.18), (left + 1.2, 0, 2.4), paint(Look.DOOR, kind.door))
     canopy = box((left - 0.3, -0.9, 2.6), (left + 1.5, 0, 2.75), paint(Look.ROOF, kind.roof_tint))
-    return joined([step, leaf, canopy])
+    return join_meshes([step, leaf, canopy])
 
 
 def _chimney(kind: HouseType, rng: np.random.Generator) -> Mesh:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
-from fusionslam.sim.mesh import Mesh, box, joined, panels
+from fusionslam.sim.mesh import Mesh, box, join_meshes, panels
 from fusionslam.sim.scene import Scene
 from fusionslam.sim.town import street_furniture
 from fusionslam.sim.town.houses import WALL_TINTS, HouseType, house, house_type, paint
@@ -64,17 +64,17 @@ class Side:
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         x = self.start[0] + c * along - s * inward
         y = self.start[1] + s * along + c * inward
-        return mesh.moved((x, y, z), self.yaw)
+        return mesh.move((x, y, z), self.yaw)
 
 
 def make_town(config: TownConfig, lap: int = 0) -> Scene:
     """Build the town for one lap: houses and trees stay the same, parked cars differ."""
-    parked = [Part("parked car", mesh) for mesh in _parked(config, lap)]
-    return scene_of([*_built(config), *parked], town_textures(config.seed))
+    parked = [Part("parked car", mesh) for mesh in _parked_cars(config, lap)]
+    return scene_of([*_build_blocks(config), *parked], town_textures(config.seed))
 
 
 @lru_cache(maxsize=2)
-def _built(config: TownConfig) -> tuple[Part, ...]:
+def _build_blocks(config: TownConfig) -> tuple[Part, ...]:
     rng = np.random.default_rng([config.seed, _BUILT])
     types = _house_types(config, rng)
     weights = np.array((config.row_houses, config.villas, config.flats, config.parks)) + 1e-9
@@ -83,7 +83,7 @@ def _built(config: TownConfig) -> tuple[Part, ...]:
         kind = str(rng.choice(_KINDS, p=weights / weights.sum()))
         parts.append(Part("floor", _floor(corner, _inside(config), kind), is_ground=True))
         things = _block(config, corner, kind, types.get(kind, []), rng)
-        parts.append(Part("block", joined(things)))
+        parts.append(Part("block", join_meshes(things)))
     return tuple(parts)
 
 
@@ -97,7 +97,7 @@ def _house_types(config: TownConfig, rng: np.random.Generator) -> dict[str, list
     }
 
 
-def _parked(config: TownConfig, lap: int) -> list[Mesh]:
+def _parked_cars(config: TownConfig, lap: int) -> list[Mesh]:
     """Cars in the parking strips; the configured share of places, varied by side, is taken."""
     rng = np.random.default_rng([config.seed, _PARKED, lap])
     cars = []
@@ -107,7 +107,7 @@ def _parked(config: TownConfig, lap: int) -> list[Mesh]:
             for along in np.arange(7.0, side.length - 6.0, 6.0):
                 if rng.random() < taken:
                     shift, turn = rng.uniform(-0.4, 0.4), np.pi * rng.integers(2)
-                    vehicle = street_furniture.car(rng).moved((0, 0, 0), turn + rng.normal(0, 0.02))
+                    vehicle = street_furniture.car(rng).move((0, 0, 0), turn + rng.normal(0, 0.02))
                     cars.append(side.place(vehicle, along + shift, -0.5 * PARKING_M - 0.05))
     return cars
 
@@ -160,7 +160,7 @@ def _floor(corner: tuple[float, float], size: float, kind: str) -> Mesh:
     low, high = PAVEMENT_M, size - PAVEMENT_M
     z = _CURB_M + 0.02
     inner = box((x + low, y + low, _CURB_M), (x + high, y + high, z), yard)
-    return joined([pavement, inner])
+    return join_meshes([pavement, inner])
 
 
 def _house_row(
@@ -248,7 +248,7 @@ def _green(
     parts = []
     for _ in range(count):
         x, y = middle + rng.uniform(-1, 1, 2) * max(spread, 2.0)
-        parts.append(make[rng.integers(len(make))](rng).moved((x, y, _CURB_M)))
+        parts.append(make[rng.integers(len(make))](rng).move((x, y, _CURB_M)))
     return parts
 
 
@@ -262,7 +262,7 @@ def _streets(config: TownConfig, rng: np.random.Generator) -> Mesh:
         road = Look.ROAD if rng.random() < 0.6 else Look.PATCHED_ROAD
         parts.append(_quad(centre, (-half, half), (half, step - half), road, turned=False))
         parts.append(_quad(centre, (half, -half), (step - half, half), road, turned=True))
-    return joined(parts)
+    return join_meshes(parts)
 
 
 def _quad(

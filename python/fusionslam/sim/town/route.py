@@ -143,14 +143,14 @@ def _in_lane(
     shifts = np.asarray(config.lap_shift_m)
     aside = config.lane_m + shifts[lap.clip(max=len(shifts) - 1)]
     drift = _drift(rng, _STEP_M * np.arange(len(middle), dtype=np.float64))
-    aside = _smoothed(aside) + config.wander_m * drift
+    aside = _moving_average(aside) + config.wander_m * drift
     heading = _heading(middle)
     right = np.stack([np.sin(heading), -np.cos(heading)], axis=1)
     moved: Floats = middle + aside[:, None] * right
     return moved
 
 
-def _smoothed(values: Floats) -> Floats:
+def _moving_average(values: Floats) -> Floats:
     """Moving average over _BLEND_M, with the end values repeated."""
     half = round(_BLEND_M / _STEP_M / 2)
     padded = np.pad(values, half, mode="edge")

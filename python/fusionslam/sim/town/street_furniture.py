@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fusionslam.sim.mesh import Mesh, box, joined, tapered, triangles, tube
+from fusionslam.sim.mesh import Mesh, box, join_meshes, tapered_box, triangles, tube
 from fusionslam.sim.town.houses import Rgb, paint
 from fusionslam.sim.town.textures import Look
 from fusionslam.storage.arrays import Floats
@@ -36,7 +36,7 @@ def tree(rng: np.random.Generator) -> Mesh:
     fork = (0, 0, height * 0.38)
     wood = [tube((0, 0, 0), fork, (thick, thick * 0.7), bark)]
     wood += [tube(fork, end, (thick * 0.5, 0.03), bark, sides=4) for end in limbs]
-    return joined([*wood, _crown(rng, crown, radii, _green(rng))])
+    return join_meshes([*wood, _crown(rng, crown, radii, _green(rng))])
 
 
 def conifer(rng: np.random.Generator) -> Mesh:
@@ -49,7 +49,7 @@ def conifer(rng: np.random.Generator) -> Mesh:
         _crown(rng, np.array((0, 0, height * z)), np.array((1.7, 1.7, 0.8)) * (1.12 - z), tint, 90)
         for z in (0.25, 0.42, 0.58, 0.74, 0.90)
     ]
-    return joined([trunk, *layers])
+    return join_meshes([trunk, *layers])
 
 
 def bush(rng: np.random.Generator) -> Mesh:
@@ -79,7 +79,7 @@ def lamp(rng: np.random.Generator) -> Mesh:
     pole = tube((0, 0, 0), (0, 0, height), (0.10, 0.06), metal)
     arm = tube((0, 0, height), (0, -1.6, height + 0.2), (0.05, 0.04), metal, sides=4)
     head = box((-0.15, -2.0, height + 0.1), (0.15, -1.4, height + 0.25), paint(Look.PLAIN))
-    return joined([pole, arm, head])
+    return join_meshes([pole, arm, head])
 
 
 def sign(rng: np.random.Generator) -> Mesh:
@@ -88,7 +88,7 @@ def sign(rng: np.random.Generator) -> Mesh:
     pole = tube((0, 0, 0), (0, 0, 2.8), (0.035, 0.035), paint(Look.PLAIN, _METAL), sides=5)
     face = paint(Look.SIGN, tints[rng.integers(3)])
     plate = box((-0.03, -0.35, 2.1), (0.03, 0.35, 2.8), face)
-    return joined([pole, plate])
+    return join_meshes([pole, plate])
 
 
 def litter_bin(rng: np.random.Generator) -> Mesh:
@@ -102,7 +102,7 @@ def bench() -> Mesh:
     """A bench that faces -y."""
     seat = box((-0.9, 0, 0.35), (0.9, 0.5, 0.45), paint(Look.WOOD, (0.8, 0.6, 0.4)))
     back = box((-0.9, 0.45, 0.45), (0.9, 0.52, 0.95), paint(Look.WOOD, (0.8, 0.6, 0.4)))
-    return joined([seat, back])
+    return join_meshes([seat, back])
 
 
 def car(rng: np.random.Generator) -> Mesh:
@@ -116,8 +116,8 @@ def car(rng: np.random.Generator) -> Mesh:
     length, height, back, front = shapes[rng.choice(4, p=(0.4, 0.25, 0.2, 0.15))]
     body = paint(Look.CARPAINT, CAR_TINTS[rng.integers(len(CAR_TINTS))])
     half, shoulder = length / 2, 0.58 * height
-    hull = tapered((-half, -0.87, 0.22), (half, 0.87, shoulder), (0.97, 0.94), body)
-    cabin = tapered(
+    hull = tapered_box((-half, -0.87, 0.22), (half, 0.87, shoulder), (0.97, 0.94), body)
+    cabin = tapered_box(
         (back, -0.80, shoulder), (front, 0.80, height - 0.08), (0.82, 0.84), paint(Look.GLASS)
     )
     top = box((0.85 * back, -0.64, height - 0.12), (0.8 * front, 0.64, height), body)
@@ -126,7 +126,7 @@ def car(rng: np.random.Generator) -> Mesh:
         _lights(half, rgb, end) for end, rgb in ((1, (0.95, 0.95, 0.9)), (-1, (0.7, 0.1, 0.1)))
     ]
     shadow = box((-half, -0.95, 0), (half, 0.95, 0.02), paint(Look.GRAVEL, (0.35, 0.35, 0.36)))
-    return joined([shadow, hull, cabin, top, *wheels, *lights])
+    return join_meshes([shadow, hull, cabin, top, *wheels, *lights])
 
 
 def _wheel(x: float, y: float) -> Mesh:
@@ -138,7 +138,7 @@ def _wheel(x: float, y: float) -> Mesh:
         (x, y + side * 0.1, 0.32), (x, y + side * 0.11, 0.32), (0.32, 0.001), rubber, sides=10
     )
     hub = tube((x, y + side * 0.11, 0.32), (x, y + side * 0.12, 0.32), (0.18, 0.001), rim, sides=8)
-    return joined([tread, cap, hub])
+    return join_meshes([tread, cap, hub])
 
 
 def _lights(half: float, rgb: Rgb, end: int) -> Mesh:
@@ -147,7 +147,7 @@ def _lights(half: float, rgb: Rgb, end: int) -> Mesh:
         box((low, y - 0.16, 0.6), (high, y + 0.16, 0.76), paint(Look.PLAIN, rgb))
         for y in (-0.62, 0.62)
     ]
-    return joined(lamps)
+    return join_meshes(lamps)
 
 
 def _green(rng: np.random.Generator) -> Rgb:

@@ -51,7 +51,7 @@ class GeometryReader:
             if shape.tag == "empty":
                 return []
             if shape.tag == "mesh":
-                return self._recolored(self._mesh(shape, folder, owner), color)
+                return self._recolor(self._mesh(shape, folder, owner), color)
             if shape.tag in self._shapes:
                 corners = self._shapes[shape.tag](shape, f"{shape.tag} of {owner}")
                 look = Look() if color is None else Look(color)
@@ -61,7 +61,7 @@ class GeometryReader:
         self._note("geometry", f"of {owner}", "there is none in the file")
         return []
 
-    def _recolored(self, pieces: list[Piece], color: Color | None) -> list[Piece]:
+    def _recolor(self, pieces: list[Piece], color: Color | None) -> list[Piece]:
         if color is None:
             return pieces
         return [Piece(piece.triangles, None, Look(color)) for piece in pieces]
@@ -79,7 +79,7 @@ class GeometryReader:
         scale = self._numbers(mesh, "scale", 3, f"mesh of {owner}", default="1 1 1")
         if scale is None:
             return []
-        return [piece.moved(np.diag([*scale, 1.0])) for piece in self._meshes[path]]
+        return [piece.move(np.diag([*scale, 1.0])) for piece in self._meshes[path]]
 
     def _box(self, shape: ET.Element, owner: str) -> shapes.Triangles | None:
         size = self._numbers(shape, "size", 3, owner)

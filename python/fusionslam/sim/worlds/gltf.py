@@ -24,7 +24,7 @@ from fusionslam.sim.worlds.surfaces import (
     Look,
     Piece,
     TexturePool,
-    checked,
+    check_piece,
     mesh_of,
     rgb_of,
     triangles_of,
@@ -104,7 +104,7 @@ def _pieces(scene: Any) -> dict[str, list[Piece]]:
         mesh = scene.geometry[geometry]
         if getattr(mesh, "faces", None) is not None and len(mesh.faces):
             name = _object_name(scene, node, mesh)
-            found.setdefault(name, []).append(checked(_piece(mesh)).moved(world_from_node))
+            found.setdefault(name, []).append(check_piece(_piece(mesh)).move(world_from_node))
     return found
 
 

@@ -48,7 +48,7 @@ def area_m2(mesh: Mesh, chosen: NDArray[np.bool_]) -> float:
 
 
 def _parts(name: str, mesh: Mesh) -> Sequence[Part]:
-    if _named_ground(name) and mesh.triangles[:, :, 2].max() <= LOW_M:
+    if _is_ground_name(name) and mesh.triangles[:, :, 2].max() <= LOW_M:
         return [Part(name, mesh, is_ground=True)]
     level = level_triangles(mesh)
     if area_m2(mesh, level) < LARGE_M2:
@@ -63,7 +63,7 @@ def _parts(name: str, mesh: Mesh) -> Sequence[Part]:
     ]
 
 
-def _named_ground(name: str) -> bool:
+def _is_ground_name(name: str) -> bool:
     """True if a word in a name like "aws_FloorB_01" or "ground_plane" means ground."""
     words = re.findall(r"[A-Z]?[a-z]+", name)
     return any(word.lower() in GROUND_WORDS for word in words)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import FusionSlamError
 from fusionslam.sim.worlds.resource_paths import Library, MeshFolder
-from fusionslam.sim.worlds.surfaces import Look, Piece, checked, rgb_of, triangles_of
+from fusionslam.sim.worlds.surfaces import Look, Piece, check_piece, rgb_of, triangles_of
 
 _WHITE = (1.0, 1.0, 1.0)
 # Exporters leave unused effects behind whose images are gone. If one is in use after all, the
@@ -33,7 +33,7 @@ def read_mesh(path: Path, library: Library, *, looks: bool) -> list[Piece]:
         library.missing.add("mesh", str(path), f"expected one of {', '.join(readers)}")
         return []
     try:
-        return [checked(piece) for piece in reader(path, library, looks)]
+        return [check_piece(piece) for piece in reader(path, library, looks)]
     except FusionSlamError:
         raise
     except Exception as error:  # a damaged file can raise almost any exception in the readers

@@ -65,7 +65,7 @@ class _Walk:
     def outermost(
         self, element: ET.Element, states: dict[str | None, ET.Element]
     ) -> Iterator[Shape]:
-        resolved = self._resolved(element, self._folder)
+        resolved = self._resolve(element, self._folder)
         if resolved is None:
             return
         model, folder = resolved
@@ -91,7 +91,7 @@ class _Walk:
             world_from_link = pose @ pose_of(link, name, self._missing)
             yield from self._link(link, folder, top, name, world_from_link)
         for element in (e for e in model if e.tag in ("model", "include")):
-            resolved = self._resolved(element, folder)
+            resolved = self._resolve(element, folder)
             if resolved is None:
                 continue
             inner, inner_folder = resolved
@@ -108,7 +108,7 @@ class _Walk:
             placed = pose @ pose_of(element, name, self._missing)
             yield Shape(element, top, name, folder, placed)
 
-    def _resolved(self, element: ET.Element, folder: Path) -> tuple[ET.Element, Path] | None:
+    def _resolve(self, element: ET.Element, folder: Path) -> tuple[ET.Element, Path] | None:
         """The model and the folder of its file; None, and recorded, if it cannot be read."""
         if element.tag == "model":
             return element, folder

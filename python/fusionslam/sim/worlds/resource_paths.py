@@ -70,7 +70,7 @@ class Library:
         """Decode an image, uint8 (H, W, 3); None, and recorded, if it cannot be decoded."""
         key = file.resolve()
         if key not in self._images:
-            self._images[key] = self._decoded(file)
+            self._images[key] = self._decode(file)
         return self._images[key]
 
     def texture_places(self, written: str, mesh: Path) -> list[Path]:
@@ -90,7 +90,7 @@ class Library:
             *(place / inner for place in above),
         ]
 
-    def _decoded(self, file: Path) -> NDArray[np.uint8] | None:
+    def _decode(self, file: Path) -> NDArray[np.uint8] | None:
         try:
             with Image.open(file) as image:
                 return rgb_of(image)

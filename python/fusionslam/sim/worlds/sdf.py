@@ -60,7 +60,7 @@ def _scene(shapes: Iterable[Shape], kind: str, library: Library) -> Scene | None
     if not meshes:
         return None
     if kind == "visual":
-        meshes = _with_sunk_planes(meshes, planes & meshes.keys())
+        meshes = _lower_planes(meshes, planes & meshes.keys())
     return scene_of(parts_of(meshes), pool.textures, INDOOR_LIGHT)
 
 
@@ -68,10 +68,10 @@ def _pieces(shape: Shape, reader: GeometryReader, library: Library) -> list[Piec
     material = shape.element.find("material")
     color = color_of(material, shape.owner, library.missing)
     found = reader.read(shape.element, shape.folder, shape.owner, color)
-    return [piece.moved(shape.world_from_shape) for piece in found]
+    return [piece.move(shape.world_from_shape) for piece in found]
 
 
-def _with_sunk_planes(meshes: Mapping[str, Mesh], planes: Iterable[str]) -> dict[str, Mesh]:
+def _lower_planes(meshes: Mapping[str, Mesh], planes: Iterable[str]) -> dict[str, Mesh]:
     """Lower ground planes below floors at the same height, where visibility would be ambiguous."""
     sunk = dict(meshes)
     for name in planes:

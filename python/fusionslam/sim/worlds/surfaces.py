@@ -47,7 +47,7 @@ class Piece:
     uv: NDArray[np.float32] | None = None
     look: Look = field(default_factory=Look)
 
-    def moved(self, to_from: NDArray[np.float64]) -> "Piece":
+    def move(self, to_from: NDArray[np.float64]) -> "Piece":
         """The piece in another frame, (4, 4); after a mirroring the outside stays outside."""
         corners = self.triangles @ to_from[:3, :3].T + to_from[:3, 3]
         if np.linalg.det(to_from[:3, :3]) >= 0:
@@ -56,7 +56,7 @@ class Piece:
         return Piece(corners[:, ::-1], uv, self.look)
 
 
-def checked(piece: Piece) -> Piece:
+def check_piece(piece: Piece) -> Piece:
     """Check a piece and return it.
 
     Raises:
