@@ -46,7 +46,7 @@ class Style:
     accent: Rgb
 
     @staticmethod
-    def drawn(rng: np.random.Generator) -> "Style":
+    def draw(rng: np.random.Generator) -> "Style":
         """Draw a random style: a wood and two different cloths."""
         cloth, accent = rng.choice(len(CLOTHS), 2, replace=False)
         return Style(WOODS[rng.integers(len(WOODS))], CLOTHS[cloth], CLOTHS[accent])
