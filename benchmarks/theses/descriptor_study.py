@@ -18,9 +18,9 @@ from fusionslam.errors import DataError
 from fusionslam.evaluation import Evaluation, PrecisionRecall, precision_recall
 from fusionslam.pipelines.compare_descriptors import DEMO, benchmark
 from fusionslam.pipelines.describe import PipelineConfig
-from fusionslam.pipelines.drives import Step
 from fusionslam.pipelines.recording import Recording
 from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.progress import Step
 
 PROTOCOL = "perdomo2019"
 TOWN = "town"

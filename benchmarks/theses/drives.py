@@ -15,10 +15,11 @@ from benchmarks.theses.work_cache import state_of
 from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.evaluation.views.published import world_of
-from fusionslam.pipelines.drives import Drive, Step, open_drive
+from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.pipelines.recording import Recording
 from fusionslam.sensors.images import Images
 from fusionslam.sim.rendered_images import rendered_images
+from fusionslam.storage.progress import Step
 
 logger = logging.getLogger(__name__)
 
@@ -145,9 +146,9 @@ class ThinnedDrive(Drive):
         """Number of dropped scans in the whole drive."""
         return self._whole.dropped
 
-    def placed_images(self, bottom: int | None = None) -> Images | None:
+    def images_with_poses(self, bottom: int | None = None) -> Images | None:
         """Return the latest image at or before each scan."""
-        found = self._whole.placed_images(bottom)
+        found = self._whole.images_with_poses(bottom)
         return None if found is None else _thin_images(found, self.scenes.seconds)
 
 

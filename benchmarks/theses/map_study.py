@@ -17,7 +17,7 @@ from benchmarks.theses.work_cache import WorkCache
 from fusionslam.evaluation import MapReport, ViewRun, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.odometry_noise import DRIFT
-from fusionslam.pipelines.drives import FrameName, Step
+from fusionslam.pipelines.drives import FrameName
 from fusionslam.pipelines.map_events import RunEvents, Unreadable, during, motions_of
 from fusionslam.pipelines.maps import RunRecorder, run_events
 from fusionslam.pipelines.methods import find_method
@@ -25,6 +25,7 @@ from fusionslam.ratslam import RatSlam, RatSlamConfig
 from fusionslam.ratslam.events import Event, Look, Sighting
 from fusionslam.ratslam.view_sources import MatcherSource
 from fusionslam.sensors.messages import NANOSECONDS
+from fusionslam.storage.progress import Step
 
 ODOMETRIES: dict[str, FrameName] = {"truth": "odometry", "truth+noise": "drift"}
 """Odometry, and the frame of the thesis's clouds that goes with it."""

@@ -15,10 +15,11 @@ from benchmarks.theses.work_cache import WorkCache, load_json, save_json
 from fusionslam.errors import FusionSlamError
 from fusionslam.evaluation import ViewCurve, ViewReport, ViewRun
 from fusionslam.pipelines.compare_views import run_method
-from fusionslam.pipelines.drives import FRAMES, FrameName, Step, moved
+from fusionslam.pipelines.drives import FRAMES, FrameName, move_clouds
 from fusionslam.pipelines.methods import Method, Task, find_method
 from fusionslam.pipelines.views import sweep_thresholds
 from fusionslam.report.views.tables import ViewRow, view_row
+from fusionslam.storage.progress import Step
 
 Rule = str
 
@@ -215,7 +216,7 @@ def _sweep(method: str, task: Task, rule: Rule) -> ViewCurve:
     """Compute precision and recall at other thresholds of the first stage."""
     make: Callable[[], Any] | None = find_method(method).matcher
     assert make is not None  # checked by the caller
-    scenes = moved(task.drive.scenes, task.frame)
+    scenes = move_clouds(task.drive.scenes, task.frame)
     return sweep_thresholds(
         scenes, make().config, rule=rule, progress=task.progress("other thresholds")
     )

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import Step, print_summary, progress
+from fusionslam.cli.console import print_summary, progress
 from fusionslam.cli.failures import keep, needs_extra
+from fusionslam.storage.progress import Step
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

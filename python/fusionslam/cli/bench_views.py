@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import Step, print_figures, progress
+from fusionslam.cli.console import print_figures, progress
 from fusionslam.cli.failures import keep_parts, needs_extra
+from fusionslam.storage.progress import Step
 
 if TYPE_CHECKING:
     from fusionslam.pipelines.compare_views import ViewResult

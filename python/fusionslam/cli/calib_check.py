@@ -10,6 +10,7 @@ import typer
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_table, progress
 from fusionslam.cli.failures import keep_parts, needs_extra
+from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
     from fusionslam.calibration.search import CalibrationCheckConfig
@@ -42,9 +43,7 @@ def calib_check(
     dataset = recording.open("lidar")
     keep_parts(ctx, output)
     with progress() as step:
-        check = check_calibration(
-            dataset, chosen, lambda done, total: step("finding edges", done, total)
-        )
+        check = check_calibration(dataset, chosen, label_progress(step, "finding edges"))
     check.save(output / "calib_check.json")
     paths = write_overlays(dataset, frames_of(dataset, pictures), output)
     print_table(["what", "best", "not surely worse", "score"], check.rows())

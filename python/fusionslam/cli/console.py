@@ -3,9 +3,11 @@
 """Console output: tables on stdout; progress and messages on stderr."""
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
+
+from fusionslam.storage.progress import Step
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -14,8 +16,6 @@ if TYPE_CHECKING:
     from fusionslam.doctor import Finding
     from fusionslam.evaluation import DescriptorRun, Evaluation
     from fusionslam.report.page.tables import Table
-
-Step = Callable[[str, int, int], None]
 
 _WIDTH = 160
 """Columns without a terminal."""

@@ -3,7 +3,6 @@
 """The command demo: all descriptors on a simulated drive."""
 
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,8 +10,9 @@ import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.bench import compare
-from fusionslam.cli.console import Step, progress
+from fusionslam.cli.console import progress
 from fusionslam.cli.failures import keep, needs_extra
+from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -96,7 +96,9 @@ def _car_drive(
     recording = Recording.at(folder)
     forget_demo(output, recording)
     with _cache_can_move(folder == embedded_folder()):
-        record(simulation, folder, jobs=jobs, progress=partial(step, "driving through the town"))
+        record(
+            simulation, folder, jobs=jobs, progress=label_progress(step, "driving through the town")
+        )
     return recording
 
 
@@ -114,7 +116,7 @@ def _robot_drive(
     recording = Recording.at(embedded_path(world, config))
     forget_demo(output, recording)
     with _cache_can_move(True):
-        embedded_bag(world, config, jobs=jobs, progress=partial(step, f"driving: {world}"))
+        embedded_bag(world, config, jobs=jobs, progress=label_progress(step, f"driving: {world}"))
     return recording
 
 

@@ -36,23 +36,22 @@ def describe(
 
     A call that was interrupted goes on where it stopped.
     """
-    from fusionslam.pipelines import compare_descriptors
-    from fusionslam.pipelines.describe import run_path
+    from fusionslam.pipelines.describe import describable, for_source, run_path
 
     names = opt.names_of(descriptors)
     chosen = opt.pipeline_config(config, settings)
-    chosen = compare_descriptors.for_source(chosen, opt.source_of(source, chosen, recording))
+    chosen = for_source(chosen, opt.source_of(source, chosen, recording))
     dataset = recording.open(chosen.fusion.source)
     bad = opt.bad_frames(skip_bad_frames)
     if descriptors == "all":
-        names = compare_descriptors.describable(dataset, names, chosen, bad)
+        names = describable(dataset, names, chosen, bad)
     keep(ctx, output)
-    for run in describe_recording(recording, dataset, output, names, chosen, jobs, bad, inside="."):
+    for run in describe_missing(recording, dataset, output, names, chosen, jobs, bad, inside="."):
         path = run_path(output, run.source, run.descriptor)
         print(f"{path}: {len(run)} frames{left_out(run)}")
 
 
-def describe_recording(
+def describe_missing(
     recording: "Recording",
     dataset: "Dataset",
     output: Path,
@@ -62,10 +61,10 @@ def describe_recording(
     bad_frames: str,
     inside: str = "descriptors",
 ) -> "list[DescriptorRun]":
-    from fusionslam.pipelines.compare_descriptors import work_on
+    from fusionslam.pipelines.reusable_runs import describe_recording
 
     with progress() as step:
-        return work_on(
+        return describe_recording(
             recording,
             dataset,
             output,

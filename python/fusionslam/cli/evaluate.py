@@ -18,14 +18,14 @@ def evaluate(
 
     Writes metrics.json there.
     """
-    from fusionslam.pipelines.compare_descriptors import stored_evaluations
+    from fusionslam.pipelines.compare_descriptors import evaluate_stored
     from fusionslam.report.loops.stored import write_stored_metrics
 
     opt.check_protocol(protocol)
     given = {"protocol": protocol, "radius": radius, "window": window}
     changes = {key: value for key, value in given.items() if value is not None}
     with progress() as step:
-        evaluations, config = stored_evaluations(folder, changes, gt, step)
+        evaluations, config = evaluate_stored(folder, changes, gt, step)
     path = write_stored_metrics(folder, evaluations, command=opt.command_line())
     print_summary(evaluations, config.protocol)
     print(path)

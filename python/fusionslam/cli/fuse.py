@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import Step, progress
+from fusionslam.cli.console import progress
 from fusionslam.cli.failures import keep, needs_extra
+from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
     from fusionslam.fusion import FusionConfig
@@ -46,7 +47,7 @@ def fuse(
     Their times and poses, if there are any, lie beside them. Pictures of the steps go to the
     folder's pictures/, or beside the bag.
     """
-    from fusionslam.pipelines.compare_descriptors import for_source
+    from fusionslam.pipelines.describe import for_source
 
     chosen = opt.pipeline_config(config, settings)
     asked_for = source is not None or "source" in chosen.fusion.model_fields_set
@@ -127,4 +128,4 @@ def _draw_stages(
     is_bag = output.suffix.lower() in BAG_SUFFIXES
     folder = output.with_suffix(".pictures") if is_bag else output / "pictures"
     dataset = recording.open(config.source)
-    write_stages(dataset, folder, config, count, lambda done, total: step("drawing", done, total))
+    write_stages(dataset, folder, config, count, label_progress(step, "drawing"))

@@ -9,8 +9,9 @@ import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import left_out, progress
-from fusionslam.cli.describe import describe_recording
+from fusionslam.cli.describe import describe_missing
 from fusionslam.cli.failures import keep
+from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording
@@ -36,7 +37,7 @@ def loops(
     """Find the loops in DATA frame after frame, as a robot would."""
     from fusionslam.config import merged
     from fusionslam.descriptors import descriptor_named
-    from fusionslam.pipelines.compare_descriptors import for_source
+    from fusionslam.pipelines.describe import for_source
     from fusionslam.pipelines.loops import find_loops
 
     name = descriptor_named(descriptor).name
@@ -47,11 +48,9 @@ def loops(
     dataset = recording.open(chosen.fusion.source)
     keep(ctx, output)
     bad = opt.bad_frames(skip_bad_frames)
-    (run,) = describe_recording(recording, dataset, output, [name], chosen, jobs, bad)
+    (run,) = describe_missing(recording, dataset, output, [name], chosen, jobs, bad)
     with progress() as step:
-        found = find_loops(
-            run, chosen.loop_closure, lambda done, total: step("finding loops", done, total)
-        )
+        found = find_loops(run, chosen.loop_closure, label_progress(step, "finding loops"))
     found.save(output / "loops.csv")
     print(f"{found}{left_out(run)}")
     print(output / "loops.csv")

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import Step, progress
+from fusionslam.cli.console import progress
 from fusionslam.cli.failures import INTERRUPTED, needs_extra
 from fusionslam.cli.views.options import build_config
 from fusionslam.storage.files import made_folder
+from fusionslam.storage.progress import Step
 
 if TYPE_CHECKING:
     from fusionslam.evaluation.maps.run import RatSlamRun

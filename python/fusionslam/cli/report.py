@@ -25,7 +25,7 @@ def report(
 
     It has pictures of frames if the recording is still there.
     """
-    from fusionslam.pipelines.compare_descriptors import stored_evaluations
+    from fusionslam.pipelines.compare_descriptors import evaluate_stored
     from fusionslam.pipelines.describe import run_files
     from fusionslam.pipelines.results import runs_folder
     from fusionslam.report import has_view_runs, write_stored_view_report
@@ -39,7 +39,7 @@ def report(
         if not run_files(runs_folder(folder)):
             return
     with progress() as step:
-        evaluations, _ = stored_evaluations(folder, step=step)
+        evaluations, _ = evaluate_stored(folder, step=step)
         keep_parts(ctx, output or folder)
         step("writing the report", 0, 1)
         page = write_stored_report(folder, evaluations, output=output, protocol=protocol)

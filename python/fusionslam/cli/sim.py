@@ -12,6 +12,7 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress
 from fusionslam.cli.failures import keep_partial, needs_extra
 from fusionslam.errors import ConfigError
+from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
     from fusionslam.geometry.trajectory import Trajectory
@@ -123,7 +124,7 @@ def sim(
             output,
             kind=kind,
             jobs=opt.cores(jobs),
-            progress=lambda done, total: step("driving", done, total),
+            progress=label_progress(step, "driving"),
         )
     print(f"{output}: {_counted(count, kind)}")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from fusionslam.cli.console import progress
 from fusionslam.cli.failures import needs_extra
 from fusionslam.errors import DataError
+from fusionslam.storage.progress import label_progress
 
 _FILES = (".glb", ".world", ".sdf")
 
@@ -31,9 +32,9 @@ def record_if_world(data: Path, jobs: int) -> tuple[Path, str | None]:
         needs_extra(extra)
     from fusionslam.sim.recordings import record_world
 
-    label = f"driving: {path.name}"
     with progress() as step:
-        recorded = record_world(path, jobs=jobs, progress=lambda *done: step(label, *done))
+        show = label_progress(step, f"driving: {path.name}")
+        recorded = record_world(path, jobs=jobs, progress=show)
     return recorded, path.stem
 
 

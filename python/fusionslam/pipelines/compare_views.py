@@ -22,8 +22,9 @@ from fusionslam.evaluation import (
     published_views,
     rerun_views,
 )
-from fusionslam.pipelines.drives import FRAMES, Drive, FrameName, Step
+from fusionslam.pipelines.drives import FRAMES, Drive, FrameName
 from fusionslam.pipelines.methods import METHODS, Method, Task, find_method
+from fusionslam.storage.progress import Step
 
 logger = logging.getLogger(__name__)
 

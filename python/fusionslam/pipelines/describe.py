@@ -6,18 +6,21 @@ import hashlib
 import json
 import logging
 import os
+import shutil
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fusionslam import _core
-from fusionslam.config import Section, option
+from fusionslam.config import Section, merged, option
 from fusionslam.descriptors import (
     DescriptorConfig,
     describe,
@@ -28,24 +31,19 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
 from fusionslam.fusion import SENSORS_OF, FusionConfig, fuse
 from fusionslam.loop_closure.detector import LoopConfig
-from fusionslam.pipelines.checkpoints import (
-    Arrays,
-    Described,
-    forget_partial,
-    joined_chunks,
-    partial_folder,
-    save_chunk,
-)
+from fusionslam.pipelines.recording import name_frame
+from fusionslam.storage.archive import load_arrays, save_arrays
+from fusionslam.storage.machine import peak_memory
+from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
-from fusionslam.storage.machine import peak_memory
-from fusionslam.storage.parallel import in_order
 
 logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
+Arrays = Mapping[str, NDArray[Any]]
 
 CHUNK = 16
 """Number of frames written together. An interruption loses at most these and those in progress."""
@@ -96,7 +94,7 @@ def describe_dataset(
         raise ConfigError(f"bad_frames is {bad_frames!r}, expected one of {', '.join(BAD_FRAMES)}")
     for name in names:
         descriptor_named(name)
-    settings = settled(dataset, names, settings, bad_frames)
+    settings = fix_radius(dataset, names, settings, bad_frames)
     work = _Work(dataset, tuple(names), settings, Path(folder), bad_frames)
     done = 0
     for chunk in work.run(max(jobs, 1)):
@@ -106,10 +104,32 @@ def describe_dataset(
     return work.finish()
 
 
-def settled(
+def for_source(config: PipelineConfig, source: str) -> PipelineConfig:
+    """Return the configuration with this source of clouds."""
+    return merged(config, {"fusion": {"source": source}})
+
+
+def describable(
+    dataset: "Dataset", names: Sequence[str], config: PipelineConfig, bad_frames: str = "error"
+) -> list[str]:
+    """Return the descriptors that the clouds allow; logs those that need missing colours."""
+
+    def has_colors(index: int) -> bool:
+        return fuse(dataset[index], config.fusion).colors is not None
+
+    colorful = [name for name in names if descriptor_named(name).needs_colors]
+    if not colorful or first_that_works(dataset, has_colors, bad_frames):
+        return list(names)
+    logger.warning("%s has no colours: left out %s", dataset.name, ", ".join(colorful))
+    if len(colorful) == len(names):
+        raise DataError(f"{dataset.name} has no colours, which {', '.join(names)} need")
+    return [name for name in names if name not in colorful]
+
+
+def fix_radius(
     dataset: "Dataset", names: Sequence[str], config: PipelineConfig, bad_frames: str = "error"
 ) -> PipelineConfig:
-    """Return the configuration with the values that depend on the first frame fixed."""
+    """Return the configuration with the radius of normals, which depends on the first frame."""
     if not any(descriptor_named(name).needs_normals for name in names):
         return config
 
@@ -126,13 +146,25 @@ def first_that_works(dataset: "Dataset", action: Callable[[int], T], bad_frames:
     Raises:
         DataError: from the action, with the name of the frame.
     """
-    for index, number in enumerate(dataset.numbers.tolist()):
+    for index in range(len(dataset)):
         try:
-            return action(index)
-        except DataError as error:
+            with name_frame(dataset, index):
+                return action(index)
+        except DataError:
             if bad_frames == "error":
-                raise DataError(f"{dataset.name}, frame {number}: {error}") from error
+                raise
     raise DataError(f"{dataset.name}: no frame can be described")
+
+
+@dataclass(frozen=True)
+class _Described:
+    """One described frame: index, vectors, number of points, seconds by stage; or why it failed."""
+
+    index: int
+    vectors: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+    points: int = 0
+    seconds: dict[str, float] = field(default_factory=dict)
+    reason: str | None = None
 
 
 @dataclass(frozen=True)
@@ -159,33 +191,27 @@ class _Work:
             self.bad_frames,
         ]
         key = hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:12]
-        return partial_folder(self.folder, self.config.fusion.source, self.names, key)
+        source = self.config.fusion.source
+        return self.folder / f".partial-{source}-{'+'.join(self.names)}-{key}"
 
     def run(self, jobs: int) -> Iterator[int]:
         """Process the missing chunks; yield the number of frames in each chunk."""
         missing = [chunk for chunk in self._chunks() if not self._chunk_path(chunk).exists()]
         frames = (index for chunk in missing for index in chunk)
-        with ThreadPoolExecutor(jobs) as pool:
-            # Work some frames ahead, so that no thread idles at the end of a chunk or while it is
-            # written.
-            described = in_order(pool, self._frame, frames, 4 * jobs)
-            try:
-                for chunk in self._chunks():
-                    if chunk in missing:
-                        save_chunk(self._chunk_path(chunk), list(islice(described, len(chunk))))
-                    yield len(chunk)
-            except BaseException:
-                pool.shutdown(wait=True, cancel_futures=True)
-                raise
+        with ordered_results(self._frame, frames, jobs) as described:
+            for chunk in self._chunks():
+                if chunk in missing:
+                    _save_chunk(self._chunk_path(chunk), list(islice(described, len(chunk))))
+                yield len(chunk)
 
     def finish(self) -> list[DescriptorRun]:
         """Join the chunks into runs, store the runs and delete the chunks."""
-        joined = joined_chunks([self._chunk_path(chunk) for chunk in self._chunks()])
-        skipped = self._skipped(joined)
+        joined = _join_chunks([self._chunk_path(chunk) for chunk in self._chunks()])
+        skipped = self._find_skipped(joined)
         runs = [self._descriptor_run(name, joined, skipped) for name in self.names]
         for run in runs:
             run.save(run_path(self.folder, run.source, run.descriptor))
-        forget_partial(self.folder, self.config.fusion.source, self.names)
+        self._delete_chunks()
         return runs
 
     def _chunks(self) -> list[range]:
@@ -195,16 +221,22 @@ class _Work:
     def _chunk_path(self, chunk: range) -> Path:
         return self.partial / f"{chunk.start:06d}.npz"
 
-    def _frame(self, index: int) -> Described:
+    def _delete_chunks(self) -> None:
+        """Delete the chunks of these descriptors or some of them, whatever the settings."""
+        for path in self.folder.glob(f".partial-{self.config.fusion.source}-*-*"):
+            if set(path.name.split("-")[2].split("+")) <= set(self.names):
+                shutil.rmtree(path, ignore_errors=True)
+
+    def _frame(self, index: int) -> "_Described":
         try:
-            return self._described(index)
+            return self._describe(index)
         except DataError as error:
             if self.bad_frames == "skip":
-                return Described(index, reason=str(error))
-            number = int(self.dataset.numbers[index])
-            raise DataError(f"{self.dataset.name}, frame {number}: {error}") from error
+                return _Described(index, reason=str(error))
+            with name_frame(self.dataset, index):
+                raise
 
-    def _described(self, index: int) -> Described:
+    def _describe(self, index: int) -> "_Described":
         clock = _Clock()
         frame = self.dataset[index]
         _load(frame, self.config.fusion.source)
@@ -215,9 +247,9 @@ class _Work:
         for name in self.names:
             vectors[name] = describe(cloud, name, self.config.descriptors)
             clock.lap(name)
-        return Described(index, vectors, len(cloud), clock.seconds)
+        return _Described(index, vectors, len(cloud), clock.seconds)
 
-    def _skipped(self, joined: Arrays) -> dict[int, str]:
+    def _find_skipped(self, joined: Arrays) -> dict[int, str]:
         """Return the numbers of skipped frames with the reasons, and log them."""
         numbers = self.dataset.numbers[joined["bad"]].tolist()
         skipped = dict(zip(numbers, joined["reasons"].tolist(), strict=True))
@@ -274,6 +306,37 @@ def load_runs(folder: str | os.PathLike[str]) -> list[DescriptorRun]:
 def run_files(folder: str | os.PathLike[str]) -> list[Path]:
     """Return the files of all descriptor runs in a folder, sorted by name."""
     return sorted(Path(folder).glob("*-*.npz"))
+
+
+def _save_chunk(path: Path, frames: Sequence[_Described]) -> None:
+    """Write some frames atomically. Raises DataError."""
+    good, bad = [f for f in frames if f.reason is None], [f for f in frames if f.reason is not None]
+    arrays: dict[str, NDArray[Any]] = {
+        "rows": np.array([f.index for f in good], np.int64),
+        "points": np.array([f.points for f in good], np.int64),
+        "bad": np.array([f.index for f in bad], np.int64),
+        "reasons": np.array([f.reason for f in bad], np.str_),
+    }
+    for first in good[:1]:
+        for name in first.vectors:
+            arrays[f"vectors.{name}"] = np.array([f.vectors[name] for f in good], np.float32)
+        for stage in first.seconds:
+            arrays[f"seconds.{stage}"] = np.array([f.seconds[stage] for f in good])
+    save_arrays(path, arrays)
+
+
+def _join_chunks(paths: Sequence[Path]) -> Arrays:
+    """Concatenate the arrays of all chunks; those of frames are included only if there are any.
+
+    Raises:
+        DataError: a chunk cannot be read; the message names it.
+    """
+    chunks = []
+    for path in paths:
+        with load_arrays(path, "described frames; delete it and run again") as arrays:
+            chunks.append(arrays)
+    keys = dict.fromkeys(key for chunk in chunks for key in chunk)
+    return {key: np.concatenate([c[key] for c in chunks if key in c]) for key in keys}
 
 
 def _state(path: Path) -> list[Any]:

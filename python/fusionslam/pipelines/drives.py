@@ -24,22 +24,20 @@ from fusionslam.errors import DataError
 from fusionslam.evaluation.views.published import world_of
 from fusionslam.fusion import ROBOT_FUSION
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, measured_places
-from fusionslam.geometry.se2 import places_of
+from fusionslam.geometry.se2 import places_of, transform_points
 from fusionslam.geometry.trajectory import Trajectory, read_trajectory
-from fusionslam.pipelines.recording import Recording
-from fusionslam.pipelines.scene_recording import SceneRecording
+from fusionslam.pipelines.recording import Recording, SceneRecording
 from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.images import Images
 from fusionslam.sensors.messages import Odometry
 from fusionslam.storage.arrays import Floats, Image
+from fusionslam.storage.progress import Step, label_progress
 from fusionslam.views.scene_set import CloudArray, SceneSet
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
 
-Step = Callable[[str, int, int], None]
-"""Progress callback: called with the name of the step, how much is done, and the total."""
 Render = Callable[..., Images]
 """Renders a drive's images in a world: ``fusionslam.sim.rendered_images.rendered_images``."""
 FrameName = Literal["robot", "odometry", "drift"]
@@ -148,7 +146,7 @@ class Drive:
             return None
         return self._render(world, dataset.seconds, dataset.places, bottom=bottom)
 
-    def placed_images(self, bottom: int | None = None) -> Images | None:
+    def images_with_poses(self, bottom: int | None = None) -> Images | None:
         """Return ``images`` with ground-truth poses, interpolated between those of the scans."""
         images = self.images(bottom)
         if images is None or images.poses is not None:
@@ -211,7 +209,7 @@ class Drive:
     def _record(self, *, ground: bool) -> SceneSet:
         """Record all scans as clouds, with or without the ground."""
         fusion = merged(ROBOT_FUSION, {"source": _source(self.dataset)})
-        ranges, step, label = self._ranges, self._step, f"fusing {self.name}"
+        ranges = self._ranges
         if ground:
             fusion = merged(fusion, {"ground": "none"})
             ranges = ranges.model_copy(update={"ground_height": None})
@@ -220,7 +218,7 @@ class Drive:
             fusion=fusion,
             recording=ranges,
             jobs=self._jobs,
-            progress=None if step is None else lambda done, total: step(label, done, total),
+            progress=label_progress(self._step, f"fusing {self.name}"),
         )
         return replace(scenes, name=self.name)
 
@@ -309,7 +307,7 @@ def places_at(times: Floats, seconds: Floats, poses: Floats | None) -> Floats | 
     return np.stack([np.interp(times, seconds, values) for values in columns], axis=1)
 
 
-def moved(scenes: SceneSet, frame: FrameName) -> SceneSet:
+def move_clouds(scenes: SceneSet, frame: FrameName) -> SceneSet:
     """Return the set with its clouds in one of ``FRAMES``, without scenes and descriptors.
 
     Raises:
@@ -321,7 +319,11 @@ def moved(scenes: SceneSet, frame: FrameName) -> SceneSet:
         raise DataError(f"{scenes.name} holds no clouds: its frame is {scenes.frame} for good")
     errors = DRIFT if frame == "drift" else OdometryConfig()
     places = measured_places(scenes.true_poses(), scenes.seconds, errors)
-    clouds = [_placed(scenes.clouds[i], *places[i].tolist()) for i in range(len(scenes))]
+    clouds = []
+    for index, place in enumerate(places.tolist()):
+        cloud = scenes.clouds[index]
+        points = transform_points(cloud.points, *place).astype(np.float32)
+        clouds.append(replace(cloud, points=points))
     return replace(
         scenes,
         frame="odometry",
@@ -330,11 +332,3 @@ def moved(scenes: SceneSet, frame: FrameName) -> SceneSet:
         scene_config=None,
         features={},
     )
-
-
-def _placed(cloud: Cloud, x: float, y: float, yaw: float) -> Cloud:
-    """Transform a cloud from the robot's frame to the frame in which the robot is at x, y, yaw."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    points = np.einsum("ij,kj->ik", cloud.points.astype(np.float64), turn) + np.array([x, y, 0])
-    return replace(cloud, points=points.astype(np.float32))

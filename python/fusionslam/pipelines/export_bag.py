@@ -4,9 +4,6 @@
 
 import logging
 import os
-from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +15,7 @@ from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.pipelines.export_folder import refuse_input
-from fusionslam.pipelines.recording import Recording
+from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import (
     Event,
@@ -29,6 +26,8 @@ from fusionslam.sensors.messages import (
     Scan,
 )
 from fusionslam.storage.arrays import Matrix
+from fusionslam.storage.parallel import ordered_results
+from fusionslam.storage.progress import Progress
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
@@ -47,7 +46,7 @@ def write_cloud_bag(
     config: FusionConfig,
     *,
     jobs: int = 1,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Path:
     """Write a bag of clouds on /rgb_cloud, with the known motion of the robot.
 
@@ -75,8 +74,10 @@ def write_cloud_bag(
     if target.exists():
         logger.warning("%s is there already and will be replaced", target)
     maker = _Maker(dataset, config, _fixed_frames(dataset))
-    with open_writer(target) as bag, ThreadPoolExecutor(max(jobs, 1)) as pool:
-        for done, events in enumerate(_in_order(pool, maker, max(jobs, 1)), start=1):
+    # Clouds wait for their turn in memory, so only as many as there are threads are made ahead.
+    made = ordered_results(maker.events, range(len(dataset)), jobs, ahead=max(jobs, 1) + 1)
+    with open_writer(target) as bag, made as frames:
+        for done, events in enumerate(frames, start=1):
             for event in events:
                 bag.write(event)
             if progress is not None:
@@ -93,21 +94,6 @@ def _refuse_own_input(recording: Recording, target: Path) -> None:
         inside = there.exists() and source in there.parents and (source / "metadata.yaml").exists()
         if there in source.parents or inside:
             raise DataError(f"{target} is part of {source}, which is read: write to another place")
-
-
-def _in_order(pool: ThreadPoolExecutor, maker: "_Maker", ahead: int) -> Iterator[list[Event]]:
-    """Yield the events of all frames in order; holds at most ``ahead`` frames at a time."""
-    waiting: deque[Future[list[Event]]] = deque()
-    try:
-        for index in range(len(maker.dataset)):
-            waiting.append(pool.submit(maker.events, index))
-            if len(waiting) > ahead:
-                yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
-    finally:
-        for left in waiting:
-            left.cancel()
 
 
 def _fixed_frames(dataset: "Dataset") -> frozenset[str]:
@@ -144,11 +130,8 @@ class _Maker:
 
     def events(self, index: int) -> list[Event]:
         frame, stamp_ns = self.dataset[index], int(self.dataset.stamps_ns[index])
-        try:
+        with name_frame(self.dataset, index):
             cloud = fuse(frame, self.config)
-        except DataError as error:
-            number = self.dataset.numbers[index]
-            raise DataError(f"{self.dataset.name}, frame {number}: {error}") from error
         name = _FRAME_IDS[self.config.frame]
         scan = Scan(stamp_ns=stamp_ns, frame_id=name, points=cloud.points, colors=cloud.colors)
         messages: list[tuple[str, Message]] = []

@@ -4,9 +4,6 @@
 
 import logging
 import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,9 +14,11 @@ from numpy.typing import NDArray
 from fusionslam.datasets import write_cloud, write_poses_tum
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
-from fusionslam.pipelines.recording import Recording
+from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.pipelines.results import Work, claim
 from fusionslam.storage.files import atomic_path
+from fusionslam.storage.parallel import ordered_results
+from fusionslam.storage.progress import Progress
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
@@ -37,7 +36,7 @@ def write_clouds(
     format: str = "ply",
     jobs: int = 1,
     command: str = "",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Path:
     """Write ``clouds/NNNNNN.<format>``, times.txt and, if the data has them, poses of the scans.
 
@@ -69,18 +68,19 @@ def write_clouds(
         # Clouds are numbered from 0 despite gaps, so other frames would be other clouds.
         "frames": dataset.numbers.tolist(),
     }
-    work = Work(recording, dataset.name, command, about=about)
-    claim(root, work)
+    claim(root, Work(recording, dataset.name, command, about=about))
     _write_texts(root, dataset, config)
-    writer = _Writer(dataset, config, root / "clouds", format)
-    with ThreadPoolExecutor(max(jobs, 1)) as pool:
-        try:
-            for done, _ in enumerate(pool.map(writer.write, range(len(dataset))), start=1):
-                if progress is not None:
-                    progress(done, len(dataset))
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+
+    def write(index: int) -> None:
+        path = root / "clouds" / f"{index:06d}.{format}"
+        if not path.exists():
+            with name_frame(dataset, index):
+                write_cloud(path, fuse(dataset[index], config))
+
+    with ordered_results(write, range(len(dataset)), jobs) as written:
+        for done, _ in enumerate(written, start=1):
+            if progress is not None:
+                progress(done, len(dataset))
     return root
 
 
@@ -100,26 +100,6 @@ def _refuse_foreign(root: Path) -> None:
             raise DataError(
                 f"{root} holds {name}, which no earlier fuse wrote: choose another folder"
             )
-
-
-@dataclass(frozen=True)
-class _Writer:
-    """Writes single clouds; shared by all threads."""
-
-    dataset: "Dataset"
-    config: FusionConfig
-    folder: Path
-    suffix: str
-
-    def write(self, index: int) -> None:
-        path = self.folder / f"{index:06d}.{self.suffix}"
-        if path.exists():
-            return
-        try:
-            write_cloud(path, fuse(self.dataset[index], self.config))
-        except DataError as error:
-            number = self.dataset.numbers[index]
-            raise DataError(f"{self.dataset.name}, frame {number}: {error}") from error
 
 
 def _write_texts(root: Path, dataset: "Dataset", config: FusionConfig) -> None:

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, simulate_odometry
 from fusionslam.geometry.trajectory import Trajectory
-from fusionslam.pipelines.drives import Drive, Step
+from fusionslam.pipelines.drives import Drive
 from fusionslam.pipelines.template_views import template_views
-from fusionslam.pipelines.visual_odometry import seen_motions
+from fusionslam.pipelines.visual_odometry import estimate_motions, image_stamps_ns
 from fusionslam.ratslam.events import Event, Look, Motion
 from fusionslam.ratslam.view_sources import MatcherSource, TemplateSource, ViewSource
 from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
 from fusionslam.sensors.messages import Odometry
+from fusionslam.storage.progress import Step, label_progress
 
 OdometryName = Literal["topic", "visual", "truth", "truth+noise"]
 ODOMETRY: tuple[str, ...] = get_args(OdometryName)
@@ -143,7 +144,7 @@ def events_of(
     """
     stamps_ns, item = _looks(drive, source, jobs, progress)
     if odometry == "visual":
-        title, motions = seen_motions(drive, seen, jobs=jobs, progress=progress)
+        title, motions = estimate_motions(drive, seen, jobs=jobs, progress=progress)
     else:
         title, motions = motions_of(drive, odometry, errors)
     return RunEvents(drive.name, title, during(motions, stamps_ns), stamps_ns, item, drive.truth)
@@ -162,13 +163,13 @@ def motions_of(
     if chosen == "topic":
         return f"topic {drive.topic}", [*drive.odometry()]
     if chosen == "truth":
-        return "truth", _made(drive.true_way(), _NO_ERRORS)
+        return "truth", _simulate_motions(drive.true_way(), _NO_ERRORS)
     if chosen == "truth+noise":
-        return _drift_title(errors), _made(drive.true_way(), errors)
+        return _noise_title(errors), _simulate_motions(drive.true_way(), errors)
     raise ConfigError(f"odometry is {odometry!r}, expected one of {', '.join(ODOMETRY)}")
 
 
-def _made(way: Trajectory, errors: OdometryConfig) -> list[Odometry | Motion]:
+def _simulate_motions(way: Trajectory, errors: OdometryConfig) -> list[Odometry | Motion]:
     track = simulate_odometry(way, errors, RATE_HZ)
     return [
         Odometry(
@@ -183,7 +184,7 @@ def _made(way: Trajectory, errors: OdometryConfig) -> list[Odometry | Motion]:
     ]
 
 
-def _drift_title(errors: OdometryConfig) -> str:
+def _noise_title(errors: OdometryConfig) -> str:
     values = errors.model_dump(exclude_defaults=True)
     said = ", ".join(f"{name} {value:g}" for name, value in values.items())
     return f"truth with errors ({said or 'none'})"
@@ -207,13 +208,12 @@ def _image_looks(
     images = drive.images(config.bottom)
     if images is None or not len(images):
         raise DataError(f"{drive.name}: no images, which visual templates look at")
-    stamps_ns = np.round(images.seconds * 1e9).astype(np.int64)
+    stamps_ns = image_stamps_ns(images)
     if images.key is None:
         return stamps_ns, images.image
-    label = f"{drive.name}: {images.origin}"
-    show = None if progress is None else lambda done, total: progress(label, done, total)
-    made = template_views(images, config, jobs=jobs, progress=show)
-    return stamps_ns, made.views.__getitem__
+    show = label_progress(progress, f"{drive.name}: {images.origin}")
+    built = template_views(images, config, jobs=jobs, progress=show)
+    return stamps_ns, built.views.__getitem__
 
 
 def during(

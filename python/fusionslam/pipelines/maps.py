@@ -17,13 +17,13 @@ from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
 from fusionslam.geometry.se2 import wrapped
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.pipelines.drives import Drive, open_drive
-from fusionslam.pipelines.drives import Step as Progress
 from fusionslam.pipelines.map_events import RunEvents, Unreadable, events_of, expected_drift
 from fusionslam.ratslam.events import Event
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.ratslam.view_sources import SourceOptions, build_view_source
 from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
 from fusionslam.storage.files import uninterrupted
+from fusionslam.storage.progress import Step as Progress
 from fusionslam.views.match import NO_VIEW
 
 logger = logging.getLogger(__name__)

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from fusionslam.config import explain_choice, merged
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import ViewRun, baselines
-from fusionslam.pipelines.drives import Drive, FrameName, Step, moved
+from fusionslam.pipelines.drives import Drive, FrameName, move_clouds
 from fusionslam.pipelines.template_views import TemplateViews, template_views
 from fusionslam.pipelines.views import run_views
 from fusionslam.sensors.images import Images
 from fusionslam.storage.arrays import Floats
+from fusionslam.storage.progress import Progress, Step, label_progress
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import RECOGNISERS, RENAMED, ViewMatcherConfig
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
@@ -51,12 +52,9 @@ class Task:
     jobs: int = 1
     step: Step | None = None
 
-    def progress(self, what: str) -> Callable[[int, int], None] | None:
-        """Return a callback that reports progress to ``step``; None without ``step``."""
-        if self.step is None:
-            return None
-        step, label = self.step, f"{self.drive.name}, {self.title}: {what}"
-        return lambda done, total: step(label, done, total)
+    def progress(self, what: str) -> Progress:
+        """Return a callback that reports progress to ``step``."""
+        return label_progress(self.step, f"{self.drive.name}, {self.title}: {what}")
 
 
 @dataclass(frozen=True)
@@ -96,7 +94,8 @@ def run_matcher(
     def run_task(task: Task) -> ViewRun:
         matcher, drive = build(), task.drive
         scenes = (drive.with_ground if with_ground else None) or drive.scenes
-        matches = run_views(moved(scenes, frame or task.frame), matcher, task.progress("matching"))
+        scenes = move_clouds(scenes, frame or task.frame)
+        matches = run_views(scenes, matcher, task.progress("matching"))
         run = matches.with_truth(task.title, matcher.config.model_dump(mode="json"))
         return replace(run, world=drive.name, images=drive.picture, clouds=drive.cloud)
 
@@ -114,7 +113,7 @@ def run_templates(
     """
 
     def run_task(task: Task) -> ViewRun:
-        drive, images = task.drive, task.drive.placed_images(config.bottom)
+        drive, images = task.drive, task.drive.images_with_poses(config.bottom)
         if images is None or not len(images):
             raise DataError("no images")
         views = template_views(

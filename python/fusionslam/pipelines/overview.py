@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
 from fusionslam.errors import DataError
 from fusionslam.pipelines.first_frame import first_cloud
-from fusionslam.pipelines.scene_recording import SceneRecording
+from fusionslam.pipelines.recording import SceneRecording
 from fusionslam.sensors.frame import Camera
 
 if TYPE_CHECKING:

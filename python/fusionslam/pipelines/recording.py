@@ -3,19 +3,23 @@
 """The one way to open a command's DATA, as a value that is stored with results."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+
+from fusionslam.datasets import Dataset, open_dataset
 from fusionslam.datasets.base import CloudDataset
 from fusionslam.datasets.streams import GapsError, check_scans, check_self_contained
 from fusionslam.errors import DataError
 from fusionslam.fusion import SENSORS_OF
+from fusionslam.geometry.trajectory import ground_poses
+from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.synchronizer import SyncConfig
-
-if TYPE_CHECKING:
-    from fusionslam.datasets import Dataset
+from fusionslam.views.scene_set import SceneSet, is_scene_set
 
 
 @dataclass(frozen=True)
@@ -49,37 +53,13 @@ class Recording:
                 how[name] = _absolute(file)
         return cls(_absolute(path), **how)
 
-    def open(self, source: str | None = None) -> "Dataset":
+    def open(self, source: str | None = None) -> Dataset:
         """Open the dataset with the sensors that a source needs; None for all that it has.
 
         Raises:
             DataError, ConfigError: as ``open_dataset``.
         """
-        return self._open(None if source is None else SENSORS_OF[source])
-
-    def sources(self) -> tuple[str, ...]:
-        """Return the sources of clouds that the data allow, at least one.
-
-        Raises:
-            DataError: there is no source, or a source lacks a file in between.
-        """
-        everything, problem = self._everything()
-        if everything is not None and (
-            everything.sensors == ("points",) or isinstance(everything, CloudDataset)
-        ):
-            return ("cloud",)
-        usable = tuple(source for source in ("lidar", "stereo") if self._allows(source))
-        if not usable:
-            raise problem or DataError(
-                f"{self.path}: clouds need scans and left images, or left and right images of the "
-                "same frames"
-            )
-        return usable
-
-    def _open(self, sensors: Sequence[str] | None) -> "Dataset":
-        from fusionslam.datasets import open_dataset
-        from fusionslam.views.scene_set import is_scene_set
-
+        sensors = None if source is None else SENSORS_OF[source]
         if Path(self.path).is_file() and is_scene_set(self.path):
             return self._open_scenes(sensors)
         return open_dataset(
@@ -96,9 +76,28 @@ class Recording:
             shapes=self.shapes,
         )
 
-    def _open_scenes(self, sensors: Sequence[str] | None) -> "Dataset":
-        from fusionslam.pipelines.scene_recording import SceneRecording
+    def sources(self) -> tuple[str, ...]:
+        """Return the sources of clouds that the data allow, at least one.
 
+        Raises:
+            DataError: there is no source, or a source lacks a file in between.
+        """
+        problem = None
+        try:
+            everything = self.open()
+            if everything.sensors == ("points",) or isinstance(everything, CloudDataset):
+                return ("cloud",)
+        except DataError as error:
+            problem = error
+        usable = tuple(source for source in ("lidar", "stereo") if self._allows(source))
+        if not usable:
+            raise problem or DataError(
+                f"{self.path}: clouds need scans and left images, or left and right images of the "
+                "same frames"
+            )
+        return usable
+
+    def _open_scenes(self, sensors: Sequence[str] | None) -> Dataset:
         path, what = Path(self.path), "a scene set"
         given = {
             "--kind": self.kind not in (None, "scenes"),
@@ -113,12 +112,6 @@ class Recording:
         check_scans(path, what, sensors)
         return SceneRecording.open(path)
 
-    def _everything(self) -> "tuple[Dataset | None, DataError | None]":
-        try:
-            return self.open(), None
-        except DataError as error:
-            return None, error
-
     def _allows(self, source: str) -> bool:
         """Tell whether there are frames for a source; frames missing in between are an error."""
         try:
@@ -130,5 +123,64 @@ class Recording:
         return True
 
 
+@contextmanager
+def name_frame(dataset: Dataset, index: int) -> Iterator[None]:
+    """Add the names of recording and frame to a DataError of the block."""
+    try:
+        yield
+    except DataError as error:
+        raise DataError(
+            f"{dataset.name}, frame {dataset.numbers[index]}: {error}",
+            code=error.code,
+            fields=error.fields,
+        ) from error
+
+
 def _absolute(path: str | os.PathLike[str]) -> str:
     return str(Path(path).expanduser().resolve())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SceneRecording(CloudDataset):
+    """A scene set as a recording of clouds; it has none if the set holds only scenes."""
+
+    scenes: SceneSet
+
+    @classmethod
+    def open(cls, path: Path) -> "SceneRecording":
+        """Read a scene set. Raises DataError as ``SceneSet.load``, or if it has no scans."""
+        scenes = SceneSet.load(path)
+        if not len(scenes):
+            raise DataError(f"{path} is a scene set without scans")
+        return cls(
+            kind="scenes",
+            name=scenes.name,
+            root=path,
+            numbers=scenes.numbers,
+            stamps_ns=scenes.stamps_ns,
+            pose_frame="the robot",
+            body_from_points=np.eye(4) if scenes.frame == "robot" else None,
+            poses=None if scenes.poses is None else ground_poses(*scenes.poses.T),
+            scenes=scenes,
+        )
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """The number of clouds; empty if the set has none."""
+        return {} if self.scenes.clouds is None else {"points": len(self)}
+
+    def content(self, sensor: str) -> str:
+        """Describe the number of clouds and their frame."""
+        empty = int(self.scenes.empty.sum())
+        return f"{len(self)} coloured clouds in the {self.scenes.frame} frame, {empty} empty"
+
+    def whole_cloud(self, index: int) -> Cloud:
+        """Return a stored cloud. Raises DataError if the set holds only scenes."""
+        if self.scenes.clouds is None:
+            raise DataError(f"{self.name} holds no clouds: record it without --only-scenes")
+        return self.scenes.clouds[index]
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Return (label, value) pairs about the content of the set other than clouds."""
+        built = "built when needed" if self.scenes.scenes is None else f"{len(self)} stored"
+        return [("scenes", built), ("features", ", ".join(self.scenes.features) or "none")]

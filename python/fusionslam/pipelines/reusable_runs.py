@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Decide whether stored runs can be reused, and if not, why."""
+"""Describe a recording where no stored run can be reused; log why a run cannot."""
 
 import logging
-from collections.abc import Iterator, Mapping
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,19 +17,84 @@ from fusionslam import _core
 from fusionslam.descriptors import DESCRIPTORS
 from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun
-from fusionslam.pipelines.describe import PipelineConfig, run_path
+from fusionslam.pipelines.describe import (
+    PipelineConfig,
+    describe_dataset,
+    fix_radius,
+    run_path,
+)
+from fusionslam.pipelines.recording import Recording
+from fusionslam.pipelines.results import Work, claim
+from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
 
 logger = logging.getLogger(__name__)
 
-# The number of threads does not change the result.
-_IRRELEVANT = {"threads"}
+
+def describe_recording(
+    recording: Recording,
+    dataset: "Dataset",
+    folder: str | os.PathLike[str],
+    names: Sequence[str],
+    *,
+    config: PipelineConfig,
+    jobs: int = 1,
+    bad_frames: str = "error",
+    command: str = "",
+    step: Step | None = None,
+    inside: str = "descriptors",
+    demo: bool = False,
+) -> list[DescriptorRun]:
+    """Record the work in ``folder/run.json`` and describe what is not described yet.
+
+    A stored run is reused if it was made from the same frames with the same configuration, and is
+    newer than the recording's files and the core in use; otherwise the log says what differs.
+    Ground-truth poses are always read again.
+
+    Args:
+        recording, dataset: the data, and as opened for the source of ``config``.
+        folder: output folder.
+        names: descriptors.
+        config: of all stages.
+        jobs, bad_frames: as for ``describe_dataset``.
+        command: the command line to store with the results.
+        step: progress callback.
+        inside: folder of the runs below ``folder``.
+        demo: whether a later demo may replace the results.
+
+    Raises:
+        DataError: as ``describe_dataset``; or the folder holds runs of other data.
+    """
+    source, path = config.fusion.source, Path(folder) / inside
+    values = config.model_dump(mode="json")
+    claim(folder, Work(recording, dataset.name, command, {source: values}, demo=demo))
+    config = fix_radius(dataset, names, config, bad_frames)
+    stored = _StoredRuns(dataset, path, config, bad_frames)
+    runs = {name: stored.load(name) for name in names}
+    missing = [name for name, run in runs.items() if run is None]
+    if missing:
+        made = describe_dataset(
+            dataset,
+            missing,
+            path,
+            config=config,
+            jobs=jobs,
+            bad_frames=bad_frames,
+            progress=label_progress(step, f"describing {source} clouds"),
+        )
+        runs |= {run.descriptor: run for run in made}
+    poses = dataset.poses
+    return [
+        replace(run, poses=None if poses is None else poses[run.frames])
+        for run in runs.values()
+        if run is not None
+    ]
 
 
 @dataclass(frozen=True)
-class Stored:
+class _StoredRuns:
     """The runs in a folder that were made from a dataset with a configuration."""
 
     dataset: "Dataset"
@@ -36,7 +102,7 @@ class Stored:
     config: PipelineConfig
     bad_frames: str = "error"
 
-    def run(self, name: str) -> DescriptorRun | None:
+    def load(self, name: str) -> DescriptorRun | None:
         """Return the stored run of a descriptor; None, with the reason logged, if it must be made.
 
         Raises:
@@ -65,7 +131,7 @@ class Stored:
         )
         for key in dict.fromkeys([*before, *now]):
             if before.get(key) != now.get(key):
-                yield f"{key} was {_shown(before.get(key))}, is {_shown(now.get(key))}"
+                yield f"{key} was {_format(before.get(key))}, is {_format(now.get(key))}"
         if self.bad_frames == "error" and run.skipped:
             yield f"it lacks {len(run.skipped)} frames that cannot be described"
         elif not self._has_all_frames(run):
@@ -89,21 +155,13 @@ class Stored:
         return float("inf")
 
 
-def with_poses_of(dataset: "Dataset", run: DescriptorRun) -> DescriptorRun:
-    """Return the run with the current poses of the dataset."""
-    return replace(run, poses=None if dataset.poses is None else dataset.poses[run.frames])
-
-
 def _relevant(config: Mapping[str, Any], name: str) -> dict[str, Any]:
     """Return the values of a configuration that affect a descriptor, by dotted key."""
-    ignored = _IRRELEVANT | (set() if DESCRIPTORS[name].needs_normals else {"normal_radius"})
-    if DESCRIPTORS[name].needs_normals:
-        ignored |= {"preset", "color_space", "m2dp"}
+    of_others = {"preset", "color_space", "m2dp"}
+    # The number of threads does not change the result.
+    ignored = {"threads", *(of_others if DESCRIPTORS[name].needs_normals else {"normal_radius"})}
     described = {k: v for k, v in config.get("descriptors", {}).items() if k not in ignored}
-    return {
-        **_flat("fusion", config.get("fusion", {})),
-        **_flat("descriptors", described),
-    }
+    return _flat("fusion", config.get("fusion", {})) | _flat("descriptors", described)
 
 
 def _flat(where: str, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -114,5 +172,5 @@ def _flat(where: str, values: Mapping[str, Any]) -> dict[str, Any]:
     return flat
 
 
-def _shown(value: Any) -> str:
+def _format(value: Any) -> str:
     return "none" if value is None else str(value)

@@ -4,7 +4,6 @@
 
 import logging
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,18 +18,17 @@ from fusionslam.descriptors import (
     length_of,
 )
 from fusionslam.errors import DataError
-from fusionslam.fusion import FusionConfig, fuse
+from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
+from fusionslam.geometry.se2 import places_of
 from fusionslam.pipelines.export_folder import cloud_poses
-from fusionslam.pipelines.scene_recording import SceneRecording
+from fusionslam.pipelines.recording import SceneRecording, name_frame
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.parallel import in_order
+from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
 from fusionslam.views.scene_set import CloudArray, SceneSet
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
-from fusionslam.fusion import ROBOT_FUSION
-from fusionslam.geometry.se2 import places_of
 
 logger = logging.getLogger(__name__)
 
@@ -71,12 +69,12 @@ def record_scenes(
     if isinstance(data, RangeRecording):
         scenes = _of_recording(data, recording or RecordingConfig(), progress)
     else:
-        scenes = _of_dataset(data, fusion, max(jobs, 1), progress)
+        scenes = _of_dataset(data, fusion, jobs, progress)
     rows = {name: _feature(scenes, name, descriptors or DescriptorConfig()) for name in features}
     return SceneSet(**scenes, features=rows, source=source or {})
 
 
-def recorded_cloud(
+def record_cloud(
     data: "Dataset",
     number: int,
     *,
@@ -123,21 +121,15 @@ def _of_dataset(
 ) -> dict[str, Any]:
     clouds: list[Cloud] = []
 
-    def fused(index: int) -> Cloud:
-        try:
+    def fuse_frame(index: int) -> Cloud:
+        with name_frame(data, index):
             return fuse(data[index], config)
-        except DataError as error:
-            raise DataError(f"{data.name}, frame {data.numbers[index]}: {error}") from error
 
-    with ThreadPoolExecutor(jobs) as pool:
-        try:
-            for cloud in in_order(pool, fused, range(len(data)), 4 * jobs):
-                clouds.append(cloud)
-                if progress is not None:
-                    progress(len(clouds), len(data))
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+    with ordered_results(fuse_frame, range(len(data)), jobs) as fused:
+        for cloud in fused:
+            clouds.append(cloud)
+            if progress is not None:
+                progress(len(clouds), len(data))
     poses = _true_places(data, config)
     return _fields(data, clouds, config.frame, poses)
 

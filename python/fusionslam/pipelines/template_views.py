@@ -5,7 +5,6 @@
 import hashlib
 import json
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError
 from fusionslam.sensors.images import Images
 from fusionslam.storage.archive import load_arrays, save_arrays
-from fusionslam.storage.parallel import in_order
+from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 
@@ -71,18 +70,13 @@ def _make_views(
     templates = VisualTemplates(config)
     views = np.empty((len(images), config.columns * config.rows), np.float32)
     spent = np.empty(len(images))
-    with ThreadPoolExecutor(max(jobs, 1)) as pool:
-        try:
-            loaded = in_order(pool, images.image, range(len(images)), 4 * max(jobs, 1))
-            for index, image in enumerate(loaded):
-                begin = time.perf_counter()
-                views[index] = templates.view(image)
-                spent[index] = time.perf_counter() - begin
-                if progress is not None:
-                    progress(index + 1, len(images))
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+    with ordered_results(images.image, range(len(images)), jobs) as loaded:
+        for index, image in enumerate(loaded):
+            begin = time.perf_counter()
+            views[index] = templates.view(image)
+            spent[index] = time.perf_counter() - begin
+            if progress is not None:
+                progress(index + 1, len(images))
     return TemplateViews(views, float(np.median(spent) * 1e3) if len(images) else 0.0)
 
 

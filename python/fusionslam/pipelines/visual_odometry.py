@@ -6,15 +6,14 @@ import hashlib
 import json
 import logging
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
-from fusionslam.pipelines.drives import Drive, Step
+from fusionslam.pipelines.drives import Drive
 from fusionslam.ratslam.events import Motion
 from fusionslam.ratslam.visual_odometry import (
     Sight,
@@ -25,10 +24,16 @@ from fusionslam.ratslam.visual_odometry import (
 from fusionslam.sensors.images import Images
 from fusionslam.sensors.messages import Odometry
 from fusionslam.storage.archive import load_arrays, save_arrays
-from fusionslam.storage.parallel import in_order
-from fusionslam.storage.progress import Progress
+from fusionslam.storage.parallel import ordered_results
+from fusionslam.storage.progress import Progress, Step, label_progress
 
 logger = logging.getLogger(__name__)
+
+_DOUBTS = {
+    "no-contrast": "too little contrast",
+    "images-differ": "the image differs too much from the one before it",
+}
+"""Descriptions of ``VisualSpeed.doubt``."""
 
 
 def visual_speeds(
@@ -46,14 +51,14 @@ def visual_speeds(
         DataError, ShapeError: an image cannot be read or used.
     """
     stamps_ns = image_stamps_ns(images)
-    sights = all_sights(images, odometry, jobs, progress)
+    sights = _load_sights(images, odometry, jobs, progress)
     return [
         odometry.compare(sight, stamp_ns)
         for sight, stamp_ns in zip(sights, stamps_ns.tolist(), strict=True)
     ]
 
 
-def seen_motions(
+def estimate_motions(
     drive: Drive,
     config: VisualOdometryConfig | None = None,
     *,
@@ -77,8 +82,7 @@ def seen_motions(
     odometry = VisualOdometry(config, camera=images.camera)
     if images.camera is not None and images.camera.size is not None:
         images = drive.images(odometry.rows_used(images.camera.size[1])) or images
-    label = f"{drive.name}: {images.origin}"
-    show = None if progress is None else lambda done, total: progress(label, done, total)
+    show = label_progress(progress, f"{drive.name}: {images.origin}")
     speeds = visual_speeds(images, odometry, jobs=jobs, progress=show)
     title = f"visual odometry ({odometry.config.preset})"
     return title, [*visual_motions(image_stamps_ns(images), speeds)]
@@ -93,11 +97,9 @@ def visual_motions(
         stamps_ns: int64 (n).
         speeds: result of ``visual_speeds``.
     """
-    doubts = Counter(
-        speed.why.partition(" by ")[0] for speed in speeds if speed is not None and speed.why
-    )
-    for why, count in doubts.items():
-        logger.warning("visual odometry: at %d of %d images %s", count, len(speeds), why)
+    doubts = Counter(speed.doubt for speed in speeds if speed is not None and speed.doubt)
+    for doubt, count in doubts.items():
+        logger.warning("visual odometry: %s at %d of %d images", _DOUBTS[doubt], count, len(speeds))
     return [
         Motion(stamp_ns, 0.0, 0.0) if speed is None else Motion(stamp_ns, speed.v, speed.w)
         for stamp_ns, speed in zip(stamps_ns.tolist(), speeds, strict=True)
@@ -109,8 +111,8 @@ def image_stamps_ns(images: Images) -> NDArray[np.int64]:
     return np.round(images.seconds * 1e9).astype(np.int64)
 
 
-def all_sights(
-    images: Images, odometry: VisualOdometry, jobs: int = 1, progress: Progress | None = None
+def _load_sights(
+    images: Images, odometry: VisualOdometry, jobs: int, progress: Progress | None
 ) -> list[Sight]:
     """Return the part of each image that is used; for rendered images it is cached.
 
@@ -118,29 +120,19 @@ def all_sights(
         DataError, ShapeError: an image cannot be read or used, or the cache cannot be written.
     """
     path = None if images.key is None else _cache_path(images.key, odometry)
-    kept = None if path is None else _kept(path, len(images))
-    if kept is not None:
-        return kept
-    made = [*_made(images, odometry, jobs, progress)]
-    if path is not None and made:
-        turns, speeds = (np.stack([getattr(s, n) for s in made]) for n in ("turn", "speed"))
-        save_arrays(path, {"shape": made[0].shape, "turns": turns, "speeds": speeds})
-    return made
-
-
-def _made(
-    images: Images, odometry: VisualOdometry, jobs: int, progress: Progress | None
-) -> Iterator[Sight]:
-    with ThreadPoolExecutor(max(jobs, 1)) as pool:
-        try:
-            loaded = in_order(pool, images.image, range(len(images)), 4 * max(jobs, 1))
-            for done, image in enumerate(loaded, 1):
-                yield odometry.sight(image)
-                if progress is not None:
-                    progress(done, len(images))
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+    cached = None if path is None else _read_cache(path, len(images))
+    if cached is not None:
+        return cached
+    sights = []
+    with ordered_results(images.image, range(len(images)), jobs) as loaded:
+        for image in loaded:
+            sights.append(odometry.sight(image))
+            if progress is not None:
+                progress(len(sights), len(images))
+    if path is not None and sights:
+        turns, speeds = (np.stack([getattr(s, n) for s in sights]) for n in ("turn", "speed"))
+        save_arrays(path, {"shape": sights[0].shape, "turns": turns, "speeds": speeds})
+    return sights
 
 
 def _cache_path(key: str, odometry: VisualOdometry) -> Path:
@@ -150,7 +142,7 @@ def _cache_path(key: str, odometry: VisualOdometry) -> Path:
     return cache_folder() / f"profiles-{hashlib.sha256(text.encode()).hexdigest()[:12]}.npz"
 
 
-def _kept(path: Path, count: int) -> list[Sight] | None:
+def _read_cache(path: Path, count: int) -> list[Sight] | None:
     """Load cached sights; return None if there are none, or for a file that is not ours."""
     try:
         with load_arrays(path, "profiles of images") as stored:

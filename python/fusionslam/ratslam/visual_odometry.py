@@ -96,6 +96,7 @@ class VisualSpeed(NamedTuple):
         change: the quantity that v is a multiple of: growth of the image in 1/s, or the least
             difference.
         why: the reason not to trust v and w; empty if there is none.
+        doubt: kind of that reason, "no-contrast" or "images-differ"; empty if there is none.
     """
 
     v: float
@@ -104,6 +105,7 @@ class VisualSpeed(NamedTuple):
     shift_px: float
     change: float
     why: str = ""
+    doubt: str = ""
 
 
 class Sight(NamedTuple):
@@ -240,11 +242,12 @@ class VisualOdometry:
         turned, turns = (standardise(lens.by_angle(sight.turn)) for sight in (before, now))
         sped, speeds = (standardise(lens.by_angle(sight.speed)) for sight in (before, now))
         if not all(values.any() for values in (turned, turns, sped, speeds)):
-            return VisualSpeed(0.0, 0.0, dt, 0.0, 0.0, "an image without contrast")
+            why = "an image without contrast"
+            return VisualSpeed(0.0, 0.0, dt, 0.0, 0.0, why, "no-contrast")
         reach = min(int(np.ceil(config.max_turn * dt / lens.step)), lens.width // 2)
         shift, _ = best_shift(turned, turns, max(reach, 1))
         found = best_stretch(sped, speeds, shift, lens, config.max_stretch * dt)
-        unlike = f"the images differ by {found.error:.2f} deviations" * (found.error > _UNLIKE)
+        differ = found.error > _UNLIKE
         growth = found.stretch / dt
         return VisualSpeed(
             v=float(np.clip(growth * config.distance_m, -config.max_speed, config.max_speed)),
@@ -252,7 +255,8 @@ class VisualOdometry:
             dt=dt,
             shift_px=found.shift,
             change=growth,
-            why=unlike,
+            why=f"the images differ by {found.error:.2f} deviations" if differ else "",
+            doubt="images-differ" if differ else "",
         )
 
     def state(self) -> dict[str, NDArray[Any]]:

@@ -5,6 +5,7 @@
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -21,3 +22,27 @@ def in_order(
             yield begun.popleft().result()
     while begun:
         yield begun.popleft().result()
+
+
+@contextmanager
+def ordered_results(
+    work: Callable[[int], T], items: Iterable[int], jobs: int, *, ahead: int | None = None
+) -> Iterator[Iterator[T]]:
+    """Yield an iterator over the results of ``work`` in the order of the items.
+
+    After an error or an interruption, items that no thread works on yet are dropped.
+
+    Args:
+        work: called in threads.
+        items: arguments of ``work``.
+        jobs: number of threads, at least 1.
+        ahead: most items in work or waiting to be taken; None for four per thread, so that no
+            thread idles.
+    """
+    jobs = max(jobs, 1)
+    with ThreadPoolExecutor(jobs) as pool:
+        try:
+            yield in_order(pool, work, items, ahead or 4 * jobs)
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise

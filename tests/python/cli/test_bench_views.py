@@ -18,7 +18,7 @@ from fusionslam.evaluation import judge_views, published_views, rerun_views
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, measured_places
 from fusionslam.pipelines import methods
 from fusionslam.pipelines.compare_views import bench_views
-from fusionslam.pipelines.drives import Drive, moved, open_drive, places_at
+from fusionslam.pipelines.drives import Drive, move_clouds, open_drive, places_at
 from fusionslam.pipelines.methods import METHODS, Task, latest, run_templates
 from fusionslam.report.views.comparison_tables import accuracy_table, as_json, cost_table, markdown
 from fusionslam.sensors.images import Images
@@ -48,7 +48,7 @@ class Pictured(Drive):
         self.__dict__.update(drive.__dict__)
         self._found = images
 
-    def placed_images(self, bottom: int | None = None) -> Images:
+    def images_with_poses(self, bottom: int | None = None) -> Images:
         return self._found
 
 
@@ -171,7 +171,7 @@ def test_the_latest_is_the_one_of_the_same_instant_or_the_first() -> None:
 
 
 def test_clouds_of_one_place_meet_in_the_frame_of_odometry(drive: Drive) -> None:
-    scenes = moved(drive.scenes, "odometry")
+    scenes = move_clouds(drive.scenes, "odometry")
     assert scenes.clouds is not None and drive.scenes.clouds is not None
     assert scenes.frame == "odometry"
     for row in (0, 5, 17):
@@ -182,7 +182,7 @@ def test_clouds_of_one_place_meet_in_the_frame_of_odometry(drive: Drive) -> None
 
 def test_drift_takes_clouds_where_odometry_believes_to_be(drive: Drive) -> None:
     turned = replace(drive.scenes, poses=drive.scenes.true_poses() + np.array([0, 0, np.pi / 2]))
-    scenes = moved(turned, "drift")
+    scenes = move_clouds(turned, "drift")
     places = measured_places(turned.true_poses(), turned.seconds, DRIFT)
     assert not np.allclose(places, measured_places(turned.poses, turned.seconds, OdometryConfig()))
     assert scenes.clouds is not None and turned.clouds is not None
@@ -194,7 +194,7 @@ def test_drift_takes_clouds_where_odometry_believes_to_be(drive: Drive) -> None:
 
 
 def test_the_robots_own_frame_does_not_know_of_drift(drive: Drive) -> None:
-    assert moved(drive.scenes, "robot") is drive.scenes
+    assert move_clouds(drive.scenes, "robot") is drive.scenes
 
 
 def test_what_no_frame_changes_is_run_once(drive: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -248,7 +248,7 @@ def test_a_saved_scene_set_is_a_drive(drive: Drive, tmp_path: Path) -> None:
 
 
 def test_a_scene_set_in_another_frame_is_refused(drive: Drive, tmp_path: Path) -> None:
-    moved(drive.scenes, "odometry").save(tmp_path / "scenes.npz")
+    move_clouds(drive.scenes, "odometry").save(tmp_path / "scenes.npz")
     with pytest.raises(DataError, match="scenes in the frame 'odometry', expected 'robot'"):
         open_drive(tmp_path / "scenes.npz").scenes  # noqa: B018
 

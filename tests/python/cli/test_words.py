@@ -19,7 +19,7 @@ import fusionslam
 from cli import FRAMES, NO_WINDOW, fails, fusionslam_descriptors, run, succeeds
 from fusionslam.datasets import write_cloud
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
-from fusionslam.pipelines.compare_descriptors import stored_evaluations
+from fusionslam.pipelines.compare_descriptors import evaluate_stored
 from fusionslam.sensors.frame import Cloud
 
 
@@ -262,7 +262,7 @@ def test_a_report_leaves_the_loops_of_another_command_alone(kitti: Path, tmp_pat
 def test_matching_and_judging_tell_how_far_they_are(kitti: Path, tmp_path: Path) -> None:
     succeeds("describe", kitti, "-d", "m2dp,cm2dp", "-o", tmp_path, *NO_WINDOW)
     steps: list[tuple[str, int, int]] = []
-    stored_evaluations(tmp_path, step=lambda *step: steps.append(step))
+    evaluate_stored(tmp_path, step=lambda *step: steps.append(step))
     for name in ("m2dp", "cm2dp"):
         assert (f"matching lidar {name}", FRAMES, FRAMES) in steps
         assert steps.index((f"judging lidar {name}", 0, 1)) < steps.index(

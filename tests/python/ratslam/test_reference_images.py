@@ -17,8 +17,8 @@ from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.pipelines.map_events import events_of
 from fusionslam.pipelines.visual_odometry import (
+    estimate_motions,
     image_stamps_ns,
-    seen_motions,
     visual_motions,
     visual_speeds,
 )
@@ -156,7 +156,7 @@ def test_a_tour_without_images_says_that_it_cannot_be_seen_how_it_moved() -> Non
     drive = PaintedRoom(lambda seconds: seconds, seconds=2)
     drive.images = lambda bottom=None: None  # type: ignore
     with pytest.raises(DataError, match="painted room: no images, which visual odometry looks at"):
-        seen_motions(drive)
+        estimate_motions(drive)
 
 
 def test_a_robot_that_cannot_see_stands_still_and_it_is_told(

@@ -10,6 +10,7 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_table, progress
 from fusionslam.cli.views import options as view
 from fusionslam.cli.views.tables import HEADS, curve_row, without_sensor
+from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording
@@ -44,7 +45,7 @@ def curve(
             whole.views,
             descriptors=whole.descriptors,
             rule=rule,
-            progress=view.label_step(step, "matching"),
+            progress=label_progress(step, "matching"),
         )
     found.save(output / "curve.json")
     best = {

@@ -12,6 +12,7 @@ from fusionslam.cli.console import progress
 from fusionslam.cli.failures import needs_extra
 from fusionslam.cli.views import options as view
 from fusionslam.cli.views.tables import print_run
+from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
     from fusionslam.evaluation import ViewRun
@@ -48,7 +49,7 @@ def match(
         scenes = scenes.without_empty() if skip_empty else scenes
         if scenes.poses is not None and not no_report:
             needs_extra("report")
-        run = run_views(scenes, matcher, view.label_step(step, "matching"))
+        run = run_views(scenes, matcher, label_progress(step, "matching"))
     values = matcher.config.model_dump(mode="json")
     title = describe_method(matcher.config)
     judged = None if scenes.poses is None else run.with_truth(title, values)

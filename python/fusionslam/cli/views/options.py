@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import Step
+from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,10 +49,6 @@ def build_config(
     return with_settings(whole, settings or [])
 
 
-def label_step(step: Step, label: str) -> Any:
-    return lambda done, total: step(label, done, total)
-
-
 def open_data(recording: "Recording", whole: Any) -> "tuple[Dataset, Any]":
     """Open the recording; return it and the configuration with the source of its clouds."""
     from dataclasses import replace
@@ -91,5 +87,5 @@ def open_scenes(
         descriptors=whole.descriptors,
         jobs=jobs,
         source={"path": recording.path, "config": settings.model_dump(mode="json")},
-        progress=label_step(step, "reading" if from_ranges else "fusing"),
+        progress=label_progress(step, "reading" if from_ranges else "fusing"),
     )

@@ -10,6 +10,7 @@ import typer
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress
 from fusionslam.cli.views import options as view
+from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording
@@ -45,7 +46,7 @@ def record(
         scenes = view.open_scenes(recording, whole, step, jobs=opt.cores(jobs), features=names)
         if only_scenes:
             made = scene_config(whole.views)
-            scenes = scenes.with_scenes(made, view.label_step(step, "building")).without_clouds()
+            scenes = scenes.with_scenes(made, label_progress(step, "building")).without_clouds()
     replace(scenes, source={**scenes.source, "command": opt.command_line()}).save(target)
     print(f"{target}: {len(scenes)} scans, {int(scenes.empty.sum())} empty{_truth(scenes)}")
 

@@ -46,9 +46,7 @@ def show(
     dataset, whole = view.open_data(recording, whole)
 
     def scan(number: int) -> ClusteredScan:
-        cloud = scenes.recorded_cloud(
-            dataset, number, fusion=whole.fusion, recording=whole.recording
-        )
+        cloud = scenes.record_cloud(dataset, number, fusion=whole.fusion, recording=whole.recording)
         return cluster_scan(number, cloud, recognisers.scene_config(whole.views))
 
     if against is None:

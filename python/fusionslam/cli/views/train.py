@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import Step, print_table, progress
+from fusionslam.cli.console import print_table, progress
 from fusionslam.cli.failures import keep, needs_extra
+from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
     from fusionslam.config import Section
@@ -120,9 +121,7 @@ def places(
     keep(ctx, output)
     with progress() as step:
         made = [
-            simulated_places(
-                part, output / f"{name}.npz", lambda done, total: step("simulating", done, total)
-            )
+            simulated_places(part, output / f"{name}.npz", label_progress(step, "simulating"))
             for name, part in chosen.simulated
         ]
         origin = _origin("simulated")

@@ -23,7 +23,7 @@ from fusionslam.sensors.frame import Cloud, Frame
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
-from fusionslam.pipelines.compare_descriptors import DEMO_NOTE, stored_config, stored_evaluations
+from fusionslam.pipelines.compare_descriptors import DEMO_NOTE, evaluate_stored, stored_config
 
 
 def write_stored_metrics(
@@ -65,7 +65,7 @@ def write_stored_report(
     from fusionslam.report import write_report
 
     if evaluations is None:
-        evaluations, _ = stored_evaluations(folder)
+        evaluations, _ = evaluate_stored(folder)
     work = Work.load(folder)
     runs = [evaluation.run for evaluation in evaluations]
     fusion = {run.source: merged(FusionConfig(), run.config["fusion"]) for run in runs}
