@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.datasets.range_recording import RangeRecording, RecordingConfig
 from fusionslam.evaluation import judge_views
-from fusionslam.learning.places import apart
+from fusionslam.learning.places import measure_gaps
 from fusionslam.views import build_scene
 from fusionslam.views.scenes import SceneIndex
 from fusionslam.views.second_stage import MODELS, SecondStage
@@ -98,7 +98,7 @@ def pair_rows(world: str, drive: Drive) -> list[list[str]]:
 
 
 def _pairs(drive: Drive, likely: Matrix) -> list[str]:
-    distance, angle = apart(drive.poses[:, None], drive.poses[None])
+    distance, angle = measure_gaps(drive.poses[:, None], drive.poses[None])
     first, second = np.triu_indices(len(likely), 1)
     same = ((distance < SAME[0]) & (angle < SAME[1]))[first, second]
     scores = likely[first, second]

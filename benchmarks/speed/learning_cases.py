@@ -63,7 +63,7 @@ def _torch(model: str) -> Callable[[Points, NDArray[np.uint8]], Points]:
     config = network.config
 
     def features(points: Points, colors: NDArray[np.uint8]) -> Points:
-        taken = network_input(points, colors, config.normalisation, config.range_m, config.colors)
+        taken = network_input(points, colors, config)
         with torch.no_grad():
             row: Any = network(torch.from_numpy(taken)[None])[0][0].numpy()
         return row  # type: ignore[no-any-return]

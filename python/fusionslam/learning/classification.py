@@ -11,9 +11,10 @@ from fusionslam.errors import DataError
 from fusionslam.learning.pointnet import Classifier, PointNet, transform_penalty
 from fusionslam.learning.shape_sets import ProceduralConfig, ShapeSet
 from fusionslam.learning.torch_extra import nn, torch
-from fusionslam.learning.training_loop import OptimiserConfig, seeded
+from fusionslam.learning.training_loop import OptimiserConfig, seed_torch
+from fusionslam.storage.arrays import Points
 from fusionslam.views.second_stage.architecture import HeadConfig, PointNetConfig
-from fusionslam.views.second_stage.inputs import AugmentConfig, augmented, network_input
+from fusionslam.views.second_stage.inputs import AugmentConfig, augment, scale_to_sphere
 
 
 class ShapesTrainingConfig(Section):
@@ -40,7 +41,7 @@ class ShapesTask:
         if len(train) < config.batch:
             raise DataError(f"{len(train)} shapes to train on, expected at least {config.batch}")
         self.config, self.train, self.test = config, train, test
-        with seeded(config.optimiser.seed):
+        with seed_torch(config.optimiser.seed):
             self.network: nn.Module = Classifier(
                 PointNet(config.network), config.head, len(train.names)
             )
@@ -50,24 +51,16 @@ class ShapesTask:
         order = rng.permutation(len(self.train))
         for start in range(0, len(order) - self.config.batch + 1, self.config.batch):
             chosen = order[start : start + self.config.batch]
-            clouds = np.stack([self._varied(int(index), rng) for index in chosen])
+            clouds = np.stack([self._augment(self.train.points[row], rng) for row in chosen])
             logits, matrix = self.network(torch.from_numpy(clouds))
             labels = torch.from_numpy(self.train.labels[chosen])
             loss: torch.Tensor = nn.functional.cross_entropy(logits, labels)
             yield loss + self.config.penalty * transform_penalty(matrix)
 
-    def _varied(
-        self, index: int, rng: np.random.Generator
-    ) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
-        whole = self.train.points[index]
-        some = whole[rng.permutation(len(whole))[: self.config.points]]
-        return self._normal(augmented(self._normal(some), self.config.augment, rng))
-
-    def _normal(
-        self, points: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
-    ) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    def _augment(self, points: Points, rng: np.random.Generator) -> Points:
         # Shapes have no pose in a robot's frame, so they are always scaled to the unit sphere.
-        return network_input(points, None, "sphere", 1.0, False)
+        some = scale_to_sphere(points[rng.permutation(len(points))[: self.config.points]])
+        return scale_to_sphere(augment(some, self.config.augment, rng))
 
     def scores(self) -> dict[str, float]:
         """Accuracy on the test shapes."""
@@ -75,12 +68,8 @@ class ShapesTask:
         with torch.no_grad():
             for start in range(0, len(self.test), self.config.batch):
                 part = slice(start, start + self.config.batch)
-                clouds = np.stack(
-                    [
-                        self._normal(points[: self.config.points])
-                        for points in self.test.points[part]
-                    ]
-                )
+                shapes = self.test.points[part, : self.config.points]
+                clouds = np.stack([scale_to_sphere(points) for points in shapes])
                 logits, _ = self.network(torch.from_numpy(clouds))
                 right += int((logits.argmax(dim=1).numpy() == self.test.labels[part]).sum())
         return {"accuracy": right / len(self.test)}

@@ -17,10 +17,10 @@ from fusionslam.learning.pair_comparison import features_of
 from fusionslam.learning.places import PairConfig, Places, make_pairs, same_places
 from fusionslam.learning.pointnet import PointNet, transform_penalty
 from fusionslam.learning.torch_extra import nn, torch
-from fusionslam.learning.training_loop import OptimiserConfig, seeded
+from fusionslam.learning.training_loop import OptimiserConfig, seed_torch
 from fusionslam.storage.arrays import Points
 from fusionslam.views.second_stage.architecture import PointNetConfig
-from fusionslam.views.second_stage.inputs import network_input, resampled
+from fusionslam.views.second_stage.inputs import network_input, resample
 from fusionslam.views.second_stage.scores import area_under_curve
 
 
@@ -64,50 +64,45 @@ class MetricTask:
         self.config, self.train, self.test = config, train, test
         rng = np.random.default_rng([config.optimiser.seed, 0x3E])
         self.judged = make_pairs(test, config.pairs, rng)
-        self._partners = _partners(train, config)
-        self._anchors = [
-            np.array(
-                [row for row in np.flatnonzero(train.worlds == world) if row in self._partners]
-            )
-            for world in range(len(train.names))
-        ]
-        self._anchors = [rows for rows in self._anchors if len(rows)]
-        with seeded(config.optimiser.seed):
+        self._partners = _find_partners(train, config)
+        rows = np.array(sorted(self._partners))
+        self._anchors = [rows[train.worlds[rows] == w] for w in np.unique(train.worlds[rows])]
+        with seed_torch(config.optimiser.seed):
             self.network: nn.Module = PointNet(config.network)
 
     def losses(self, rng: np.random.Generator) -> Iterator[torch.Tensor]:
         """The losses of one epoch; each batch is from a few worlds."""
         for _ in range(self.config.batches):
-            anchors = self._drawn(rng)
+            anchors = self._draw_anchors(rng)
             partners = [int(rng.choice(self._partners[int(anchor)])) for anchor in anchors]
             rows = np.concatenate([anchors, partners])
-            clouds = torch.from_numpy(self._varied(rows, rng))
+            clouds = torch.from_numpy(self._augment(rows, rng))
             features, matrix = self.network(clouds)
-            loss = _nt_xent(features, self._ignored(rows), self.config.temperature)
+            loss = _nt_xent(features, self._ignored_pairs(rows), self.config.temperature)
             yield loss + self.config.penalty * transform_penalty(matrix)
 
-    def _drawn(self, rng: np.random.Generator) -> NDArray[np.int64]:
+    def _draw_anchors(self, rng: np.random.Generator) -> NDArray[np.int64]:
         worlds = rng.permutation(len(self._anchors))[: self.config.worlds]
         parts = np.array_split(np.arange(self.config.batch), len(worlds))
-        drawn = [
-            rng.choice(self._anchors[world], len(part))
-            for world, part in zip(worlds, parts, strict=True)
-        ]
-        return np.concatenate(drawn)
+        return np.concatenate(
+            [
+                rng.choice(self._anchors[world], len(part))
+                for world, part in zip(worlds, parts, strict=True)
+            ]
+        )
 
-    def _ignored(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def _ignored_pairs(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Bool (n, n): pairs of a batch that are neither partners nor negatives."""
         same, doubtful = same_places(
             self.train, rows[:, None], rows[None, :], self.config.pairs.place
         )
         ignored = same | doubtful
-        half = len(rows) // 2
         index = np.arange(len(rows))
-        ignored[index, (index + half) % len(rows)] = False
+        ignored[index, (index + len(rows) // 2) % len(rows)] = False
         ignored[index, index] = True
         return ignored
 
-    def _varied(self, rows: NDArray[np.int64], rng: np.random.Generator) -> Points:
+    def _augment(self, rows: NDArray[np.int64], rng: np.random.Generator) -> Points:
         clouds = np.stack([self._sight(int(row), rng) for row in rows])
         if self.config.augment.mirror and rng.random() < 0.5:
             clouds[:, :, 1] *= -1
@@ -119,11 +114,9 @@ class MetricTask:
 
     def _sight(self, row: int, rng: np.random.Generator) -> Points:
         cloud, network, augment = self.train[row], self.config.network, self.config.augment
-        taken = network_input(
-            cloud.points, cloud.colors, network.normalisation, network.range_m, network.colors
-        )
+        taken = network_input(cloud.points, cloud.colors, network)
         kept = rng.random(len(taken)) >= rng.uniform(0, augment.dropout)
-        seen = resampled(taken[kept] if kept.any() else taken, self.config.points, rng)
+        seen = resample(taken[kept] if kept.any() else taken, self.config.points, rng)
         length = network.range_m if network.normalisation == "robot" else 1.0
         noise = rng.standard_normal((len(seen), 3), np.float32)
         seen[:, :3] += noise * np.float32(augment.jitter_m / length)
@@ -134,11 +127,9 @@ class MetricTask:
 
     def scores(self) -> dict[str, float]:
         """Area under the curve on the test pairs."""
-        assert isinstance(self.network, PointNet)
-        distances = self.judged_distances()
-        return {"auc": area_under_curve(-distances, self.judged.same)}
+        return {"auc": area_under_curve(-self.judge_distances(), self.judged.same)}
 
-    def judged_distances(self) -> NDArray[np.float64]:
+    def judge_distances(self) -> NDArray[np.float64]:
         """Feature distances of the test pairs, float64 (m,)."""
         assert isinstance(self.network, PointNet)
         rows = features_of(self.network, self.test)
@@ -147,7 +138,7 @@ class MetricTask:
         return distances
 
 
-def _partners(places: Places, config: MetricTrainingConfig) -> dict[int, NDArray[np.int64]]:
+def _find_partners(places: Places, config: MetricTrainingConfig) -> dict[int, NDArray[np.int64]]:
     """The other sights of the same place, for each sight that has any."""
     found: dict[int, NDArray[np.int64]] = {}
     for world in range(len(places.names)):

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.learning.procedural_shapes import sample_points
 from fusionslam.learning.shape_sets import ShapeSet
+from fusionslam.storage.files import reading
 
 Part = Literal["train", "test"]
 
@@ -48,11 +49,11 @@ def read_modelnet(
 
 
 def _read_hdf5(base: Path, part: Part, points: int, rng: np.random.Generator) -> ShapeSet:
-    names = tuple(_lines(base / "shape_names.txt"))
+    names = tuple(_read_lines(base / "shape_names.txt"))
     clouds, labels = [], []
-    for line in _lines(base / f"{part}_files.txt"):
+    for line in _read_lines(base / f"{part}_files.txt"):
         # The lists contain paths of the authors' folder.
-        data, label = _arrays(base / Path(line).name)
+        data, label = _read_arrays(base / Path(line).name)
         if data.ndim != 3 or data.shape[2] != 3 or len(label) != len(data):
             raise DataError(
                 f"{base / Path(line).name}: data {data.shape} and label {label.shape}, expected "
@@ -69,18 +70,16 @@ def _read_hdf5(base: Path, part: Part, points: int, rng: np.random.Generator) ->
     return ShapeSet(np.concatenate(clouds), np.concatenate(labels), names)
 
 
-def _lines(path: Path) -> list[str]:
-    try:
-        found = [line.strip() for line in path.read_text(encoding="utf-8").splitlines()]
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"{path}: cannot be read: {error}") from error
-    lines = [line for line in found if line]
-    if not lines:
-        raise DataError(f"{path} is empty")
+def _read_lines(path: Path) -> list[str]:
+    with reading(path, "names, one a line"):
+        found = path.read_text(encoding="utf-8").splitlines()
+        lines = [line.strip() for line in found if line.strip()]
+        if not lines:
+            raise DataError("is empty")
     return lines
 
 
-def _arrays(path: Path) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+def _read_arrays(path: Path) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     try:
         import h5py
     except ImportError as error:
@@ -88,14 +87,11 @@ def _arrays(path: Path) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
             "ModelNet40's HDF5 files need h5py, which is not installed: "
             "pip install 'fusionslam[learn]'"
         ) from error
-    try:
-        with h5py.File(path, "r") as stored:
-            data = np.asarray(stored["data"], np.float32)
-            label = np.asarray(stored["label"], np.int64).reshape(-1)
-    except (OSError, KeyError, ValueError) as error:
-        raise DataError(f"{path}: expected HDF5 with data and label: {error}") from error
-    if not np.isfinite(data).all():
-        raise DataError(f"{path}: data has values that are not finite")
+    with reading(path, "HDF5 with data and label"), h5py.File(path, "r") as stored:
+        data = np.asarray(stored["data"], np.float32)
+        label = np.asarray(stored["label"], np.int64).reshape(-1)
+        if not np.isfinite(data).all():
+            raise DataError("data has values that are not finite")
     return data, label
 
 
@@ -108,19 +104,17 @@ def _read_off(base: Path, part: Part, points: int, rng: np.random.Generator) -> 
         )
     # Classes of both parts, so that train and test have the same numbering.
     names = tuple(sorted({path.parent.parent.name for path in base.glob("*/*/*.off")}))
-    clouds = [sample_points(_mesh(path), points, rng) for path in files]
+    clouds = [sample_points(_read_mesh(path), points, rng) for path in files]
     labels = [names.index(path.parent.parent.name) for path in files]
     return ShapeSet(np.stack(clouds), np.asarray(labels, np.int64), names)
 
 
-def _mesh(path: Path) -> trimesh.Trimesh:
-    try:
+def _read_mesh(path: Path) -> trimesh.Trimesh:
+    with reading(path, "a mesh in OFF"):
         mesh = trimesh.load_mesh(path, process=False)
         triangles = np.asarray(mesh.triangles, np.float64)
-    except Exception as error:  # trimesh's parsers raise errors of any type
-        raise DataError(f"{path}: not a mesh in OFF: {error}") from error
-    if not len(triangles) or not np.isfinite(triangles).all():
-        raise DataError(f"{path}: expected finite triangles, found {len(triangles)}")
+        if not len(triangles) or not np.isfinite(triangles).all():
+            raise DataError(f"expected finite triangles, found {len(triangles)}")
     return mesh
 
 
@@ -140,24 +134,21 @@ def read_voxels(
     Raises:
         DataError: not such a file, or no occupied voxels.
     """
-    grids = _grids(Path(path))
+    grids = _read_grids(Path(path))
     filled = np.flatnonzero(grids.any(axis=(1, 2, 3)))
     if not len(filled):
         raise DataError(f"{path}: nothing is occupied in any of {len(grids)} grids")
     rows = grids[filled].reshape(len(filled), -1)
     _, first = np.unique(np.packbits(rows, axis=1), axis=0, return_index=True)
     kept = filled[np.sort(first)]
-    clouds = np.stack([_surface_points(grids[index], points, rng) for index in kept])
+    clouds = np.stack([_sample_surface(grids[index], points, rng) for index in kept])
     return ShapeSet(clouds, np.zeros(len(kept), np.int64), (name,))
 
 
-def _grids(path: Path) -> NDArray[np.bool_]:
-    opened = gzip.open if path.suffix == ".gz" else open
-    try:
-        with opened(path, "rb") as stream:
-            values = np.load(stream, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise DataError(f"{path}: cannot be read as an array of voxels, or cut short") from error
+def _read_grids(path: Path) -> NDArray[np.bool_]:
+    open_file = gzip.open if path.suffix == ".gz" else open
+    with reading(path, "an array of voxels"), open_file(path, "rb") as stream:
+        values = np.load(stream, allow_pickle=False)
     if values.ndim == 5 and values.shape[1] == 1:
         values = values[:, 0]
     if values.ndim != 4 or 0 in values.shape:
@@ -166,7 +157,7 @@ def _grids(path: Path) -> NDArray[np.bool_]:
     return occupied
 
 
-def _surface_points(
+def _sample_surface(
     grid: NDArray[np.bool_], points: int, rng: np.random.Generator
 ) -> NDArray[np.float32]:
     from scipy import ndimage

@@ -5,19 +5,17 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.learning.places import PairConfig, Places, make_pairs
 from fusionslam.learning.pointnet import Comparison, PointNet
 from fusionslam.learning.torch_extra import nn, torch
-from fusionslam.learning.training_loop import OptimiserConfig, seeded
+from fusionslam.learning.training_loop import OptimiserConfig, seed_torch
+from fusionslam.storage.arrays import Floats32
 from fusionslam.views.second_stage.architecture import ComparisonConfig
 from fusionslam.views.second_stage.inputs import network_input
 from fusionslam.views.second_stage.scores import area_under_curve
-
-Features = NDArray[np.float32]
 
 
 class ComparisonTrainingConfig(Section):
@@ -34,17 +32,15 @@ class ComparisonTrainingConfig(Section):
     batch: int = option(256, "pairs in a batch", ge=2)
 
 
-def features_of(network: PointNet, places: Places) -> Features:
-    """Features of every sight, from all of its points: float32 (n, F)."""
+def features_of(network: PointNet, places: Places) -> Floats32:
+    """Floats32 of every sight, from all of its points: float32 (n, F)."""
     config = network.config
     network.eval()
     rows = np.empty((len(places), config.features), np.float32)
-    with seeded(0), torch.no_grad():
+    with seed_torch(0), torch.no_grad():
         for index in range(len(places)):
             cloud = places[index]
-            taken = network_input(
-                cloud.points, cloud.colors, config.normalisation, config.range_m, config.colors
-            )
+            taken = network_input(cloud.points, cloud.colors, config)
             rows[index] = network(torch.from_numpy(taken)[None])[0][0].numpy()
     return rows
 
@@ -54,8 +50,8 @@ class ComparisonTask:
 
     def __init__(
         self,
-        train: tuple[Places, Features],
-        test: tuple[Places, Features],
+        train: tuple[Places, Floats32],
+        test: tuple[Places, Floats32],
         config: ComparisonTrainingConfig,
     ) -> None:
         for places, rows in (train, test):
@@ -69,7 +65,7 @@ class ComparisonTask:
         self._pairs = make_pairs(train[0], config.pairs, rng)
         self._judged = make_pairs(test[0], config.pairs, rng)
         self._train, self._test = (torch.from_numpy(rows) for rows in (train[1], test[1]))
-        with seeded(config.optimiser.seed):
+        with seed_torch(config.optimiser.seed):
             network = Comparison(config.network)
             network.standardise_as(self._train)
         self.network: nn.Module = network

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.geometry.se2 import wrapped
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Floats, Integers
+from fusionslam.views.scene_set import CloudArray
 
 Sights = tuple[str, Sequence[Cloud], Floats | None]
 """A world's name, its clouds in the robot's frame without ground, and poses (n, 3): x, y, yaw."""
@@ -36,17 +38,13 @@ class Places:
     """Sights of one or more worlds.
 
     Attributes:
-        points: float32 (M, 3), metres in the robot's frame, without ground, concatenated.
-        colors: uint8 (M, 3) RGB.
-        offsets: int64 (n + 1), the start of each sight.
+        clouds: in the robot's frame, without ground.
         poses: float64 (n, 3), x, y in metres and yaw in radians in the frame of its world.
         worlds: int64 (n,), the world of each sight, an index into ``names``.
         names: names of the worlds.
     """
 
-    points: NDArray[np.float32]
-    colors: NDArray[np.uint8]
-    offsets: Integers
+    clouds: CloudArray
     poses: Floats
     worlds: Integers
     names: tuple[str, ...]
@@ -55,8 +53,7 @@ class Places:
         return len(self.poses)
 
     def __getitem__(self, index: int) -> Cloud:
-        span = slice(*self.offsets[index : index + 2].tolist())
-        return Cloud(self.points[span], self.colors[span])
+        return self.clouds[index]
 
     @classmethod
     def of(cls, sources: Iterable[Sights], least: int = 1) -> "Places":
@@ -71,7 +68,7 @@ class Places:
         worlds: list[int] = []
         names: list[str] = []
         for name, seen, where in sources:
-            checked = _checked(name, seen, where)
+            checked = _check_poses(name, seen, where)
             kept = [index for index, cloud in enumerate(seen) if len(cloud) >= least]
             clouds += [seen[index] for index in kept]
             poses.append(checked[kept])
@@ -82,31 +79,17 @@ class Places:
                 f"no sight of at least {least} points in {', '.join(names) or 'no world'}"
             )
         return cls(
-            np.concatenate([cloud.points for cloud in clouds]),
-            np.concatenate([cloud.colors for cloud in clouds if cloud.colors is not None]),
-            np.cumsum([0, *map(len, clouds)]).astype(np.int64),
-            np.concatenate(poses),
-            np.asarray(worlds, np.int64),
-            tuple(names),
+            CloudArray.of(clouds), np.concatenate(poses), np.asarray(worlds, np.int64), tuple(names)
         )
 
-    def chosen(self, indices: Sequence[int] | Integers) -> "Places":
+    def subset(self, indices: Integers) -> "Places":
         """Select the sights with these indices."""
-        rows = np.asarray(indices, np.int64)
-        clouds = [self[index] for index in rows.tolist()]
         return Places(
-            np.concatenate([np.empty((0, 3), np.float32), *(c.points for c in clouds)]),
-            np.concatenate(
-                [np.empty((0, 3), np.uint8), *(c.colors for c in clouds if c.colors is not None)]
-            ),
-            np.cumsum([0, *map(len, clouds)]).astype(np.int64),
-            self.poses[rows],
-            self.worlds[rows],
-            self.names,
+            self.clouds.subset(indices), self.poses[indices], self.worlds[indices], self.names
         )
 
 
-def _checked(name: str, clouds: Sequence[Cloud], poses: Floats | None) -> Floats:
+def _check_poses(name: str, clouds: Sequence[Cloud], poses: Floats | None) -> Floats:
     if poses is None:
         raise DataError(f"{name} has no true poses: nobody knows which sights are the same place")
     if poses.shape != (len(clouds), 3):
@@ -118,11 +101,10 @@ def _checked(name: str, clouds: Sequence[Cloud], poses: Floats | None) -> Floats
     return poses
 
 
-def apart(first: Floats, second: Floats) -> tuple[Floats, Floats]:
+def measure_gaps(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Distances in metres and angles in radians, 0 to pi, between poses (..., 3) of x, y, yaw."""
     gap = first - second
-    turn = np.abs((gap[..., 2] + np.pi) % (2 * np.pi) - np.pi)
-    return np.hypot(gap[..., 0], gap[..., 1]), turn
+    return np.hypot(gap[..., 0], gap[..., 1]), np.abs(wrapped(gap[..., 2]))
 
 
 def same_places(
@@ -139,7 +121,7 @@ def same_places(
         bool arrays of the pairs' shape: same place; not the same, but near enough to look alike.
     """
     limits = config or SamePlaceConfig()
-    distance, angle = apart(places.poses[first], places.poses[second])
+    distance, angle = measure_gaps(places.poses[first], places.poses[second])
     together = places.worlds[first] == places.worlds[second]
     most = np.deg2rad(limits.angle_deg)
     same = together & (distance < limits.radius_m) & (angle < most)
@@ -153,13 +135,12 @@ def split_places(places: Places, share: float) -> tuple[Places, Places]:
     The coordinate is x or y, whichever has the larger extent, so that no place is in both parts.
     """
     held = np.zeros(len(places), bool)
-    for world in range(len(places.names)):
+    for world in np.unique(places.worlds):
         rows = np.flatnonzero(places.worlds == world)
         where = places.poses[rows, :2]
-        along = where[:, int(np.argmax(np.ptp(where, axis=0)))] if len(rows) else where[:, 0]
-        if len(rows):
-            held[rows] = along > np.quantile(along, 1 - share)
-    return places.chosen(np.flatnonzero(~held)), places.chosen(np.flatnonzero(held))
+        along = where[:, int(np.argmax(np.ptp(where, axis=0)))]
+        held[rows] = along > np.quantile(along, 1 - share)
+    return places.subset(np.flatnonzero(~held)), places.subset(np.flatnonzero(held))
 
 
 class PairConfig(Section):
@@ -198,7 +179,7 @@ def make_pairs(places: Places, config: PairConfig, rng: np.random.Generator) -> 
             "different ones, expected some of both"
         )
     alike = rng.permutation(alike)[: config.most]
-    distance, _ = apart(places.poses[first[unlike]], places.poses[second[unlike]])
+    distance, _ = measure_gaps(places.poses[first[unlike]], places.poses[second[unlike]])
     wanted = round(config.unlike * len(alike))
     near = rng.permutation(unlike[distance < config.near_m])[: wanted // 2]
     other = rng.permutation(unlike)[: wanted - len(near)]

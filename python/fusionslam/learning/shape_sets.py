@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.learning.procedural_shapes import SHAPES, sample_points
+from fusionslam.storage.arrays import Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,10 @@ class ShapeSet:
     def __len__(self) -> int:
         return len(self.labels)
 
+    def subset(self, rows: Mask) -> "ShapeSet":
+        """Select objects by a mask, bool (n,)."""
+        return ShapeSet(self.points[rows], self.labels[rows], self.names)
+
 
 class ProceduralConfig(Section):
     """Procedural shapes, which need no download."""
@@ -40,7 +45,7 @@ class ProceduralConfig(Section):
     points: int = option(1024, "points of a shape", ge=1)
 
 
-def procedural_shapes(config: ProceduralConfig) -> tuple[ShapeSet, ShapeSet]:
+def generate_shapes(config: ProceduralConfig) -> tuple[ShapeSet, ShapeSet]:
     """Generate a training and a test set: different shapes of the same classes."""
     rng = np.random.default_rng([config.seed, 0x5E])
     return _sample_classes(config.train, config.points, rng), _sample_classes(
@@ -55,7 +60,7 @@ def _sample_classes(each: int, count: int, rng: np.random.Generator) -> ShapeSet
     return ShapeSet(np.stack(points), np.repeat(np.arange(len(SHAPES)), each), tuple(SHAPES))
 
 
-def joined(sets: Sequence[ShapeSet]) -> ShapeSet:
+def join_sets(sets: Sequence[ShapeSet]) -> ShapeSet:
     """Join the objects of several sets; classes of the same name are merged.
 
     Raises:

@@ -9,6 +9,7 @@ import numpy as np
 
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
+from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.learning.places import Sights
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sim.indoor import (
@@ -59,16 +60,13 @@ def simulate_places(
     if not robot.lidars:
         raise DataError(f"{config.robot} has no LiDAR to see places with")
     for number in range(config.worlds):
-        made = _world(config, number)
-        rng = np.random.default_rng([config.seed, number, 0x51])
-        yield _seen(
-            made, config, robot, f"{config.kinds[number % len(config.kinds)]}_{number}", rng
-        )
+        name = f"{config.kinds[number % len(config.kinds)]}_{number}"
+        yield _simulate_sights(number, config, robot, name)
         if progress is not None:
             progress(number + 1, config.worlds)
 
 
-def _world(config: SimulatedPlacesConfig, number: int) -> IndoorConfig:
+def _world_config(config: SimulatedPlacesConfig, number: int) -> IndoorConfig:
     rng = np.random.default_rng([config.seed, number, 0x50])
     seed = int(rng.integers(1000, 2**31))
     match config.kinds[number % len(config.kinds)]:
@@ -83,14 +81,11 @@ def _world(config: SimulatedPlacesConfig, number: int) -> IndoorConfig:
             )
 
 
-def _seen(
-    made: IndoorConfig,
-    config: SimulatedPlacesConfig,
-    robot: RobotConfig,
-    name: str,
-    rng: np.random.Generator,
+def _simulate_sights(
+    number: int, config: SimulatedPlacesConfig, robot: RobotConfig, name: str
 ) -> Sights:
-    world = make_indoor(made)
+    world = make_indoor(_world_config(config, number))
+    rng = np.random.default_rng([config.seed, number, 0x51])
     room = map_of(world, robot).inflate(config.clearance_m)
     rows, columns = np.nonzero(room.reachable)
     if not len(rows):
@@ -105,23 +100,23 @@ def _seen(
     caster = RayCaster(world.visual)
     lidar = next(iter(robot.lidars.values()))
     base_from_lidar = base_from(robot, lidar.frame_id)
-    clouds = [_cloud(caster, lidar, base_from_lidar, pose, config, rng) for pose in poses]
+    clouds = [
+        _simulate_cloud(caster, lidar, base_from_lidar, world_from_base, config, rng)
+        for world_from_base in ground_poses(*poses.T)
+    ]
     kept = [index for index, cloud in enumerate(clouds) if len(cloud) >= config.least]
     return name, [clouds[index] for index in kept], poses[kept]
 
 
-def _cloud(
+def _simulate_cloud(
     caster: RayCaster,
     lidar: LidarMount,
     base_from_lidar: Floats,
-    pose: Floats,
+    world_from_base: Floats,
     config: SimulatedPlacesConfig,
     rng: np.random.Generator,
 ) -> Cloud:
     """A sight without ground, in the robot's frame."""
-    world_from_base = np.eye(4)
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    world_from_base[:2] = [[c, -s, 0, pose[0]], [s, c, 0, pose[1]]]
     world_from_lidar = world_from_base @ base_from_lidar
     sweep = scan(caster, lidar, world_from_lidar, rng)
     points = sweep.points @ base_from_lidar[:3, :3].T.astype(np.float32)

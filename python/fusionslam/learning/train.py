@@ -3,10 +3,8 @@
 """Complete trainings, from data to weights, ONNX, curves and a model card."""
 
 import hashlib
-import json
 import os
 import platform
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,10 +28,10 @@ from fusionslam.learning.torch_extra import torch
 from fusionslam.learning.training_data import SimulatedConfig
 from fusionslam.learning.training_loop import Progress, Trained, train
 from fusionslam.learning.weight_files import load_pointnet, save_weights
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.archive import save_json
 from fusionslam.views.second_stage.architecture import PointNetConfig
 from fusionslam.views.second_stage.network_files import About, Calibration
-from fusionslam.views.second_stage.scores import calibrated
+from fusionslam.views.second_stage.scores import calibrate
 
 
 class PlacesTrainingConfig(MetricTrainingConfig):
@@ -101,10 +99,7 @@ def train_comparison(
     Args:
         places: the sights; a separate part of each world is held out.
         features: safetensors of the features.
-        config: the whole configuration.
-        folder: for all files; training resumes from a checkpoint in it.
-        origin: for the model card.
-        progress: as in ``train``.
+        config, folder, origin, progress: as in ``train_shapes``.
 
     Raises:
         ConfigError, DataError: as ``train``; also for features of another length, or no pairs.
@@ -143,19 +138,18 @@ def train_places(
     Args:
         train_part: sights to train on.
         test_part: sights of other worlds, for evaluation and calibration.
-        config: the whole configuration.
-        folder: for all files; training resumes from a checkpoint in it.
-        origin: for the model card.
-        progress: as in ``train``.
+        config, folder, origin, progress: as in ``train_shapes``.
 
     Raises:
         ConfigError, DataError: as ``train``; also if no two sights show the same place.
     """
     task = MetricTask(train_part, test_part, config)
-    digest = _digest(*(p for part in (train_part, test_part) for p in (part.points, part.poses)))
+    digest = _digest(
+        *(p for part in (train_part, test_part) for p in (part.clouds.points, part.poses))
+    )
     trained = _train(task, config, folder, origin, digest, progress)
     assert isinstance(task.network, PointNet)
-    offset, slope = calibrated(task.judged_distances(), task.judged.same)
+    offset, slope = calibrate(task.judge_distances(), task.judged.same)
     about = About("pointnet", config.network, Calibration(offset, slope))
     _write_features(Path(folder), task.network, about)
     _write_card(Path(folder) / f"{FEATURES}.json", config, trained, origin)
@@ -183,7 +177,7 @@ def _write_features(folder: Path, network: PointNet, about: About) -> None:
 
 def _write_card(path: Path, config: Section, trained: Trained, origin: Origin) -> None:
     """Write the model card: the origin of the weights, and their scores."""
-    card: Mapping[str, Any] = {
+    card = {
         "command": origin.command,
         "data": origin.data,
         "scores": {name: round(value, 6) for name, value in trained.scores.items()},
@@ -191,8 +185,7 @@ def _write_card(path: Path, config: Section, trained: Trained, origin: Origin) -
         "config": config.model_dump(mode="json"),
         "versions": {"python": platform.python_version(), "torch": torch.__version__},
     }
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
+    save_json(path, None, card, indent=2)
 
 
 def _digest(*arrays: np.ndarray[Any, Any]) -> str:

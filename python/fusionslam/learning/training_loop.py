@@ -18,7 +18,7 @@ from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.learning.curves import Row, write_curves
 from fusionslam.learning.torch_extra import nn, torch
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.files import atomic_path, reading
 
 FORMAT = "fusionslam.training.1"
 CHECKPOINT = "checkpoint.pt"
@@ -66,7 +66,7 @@ class Trained:
 
 
 @contextmanager
-def seeded(seed: int) -> Iterator[None]:
+def seed_torch(seed: int) -> Iterator[None]:
     """Run torch on one thread with a seed; restores threads and random state at the end."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -102,10 +102,7 @@ def train(
         DataError: the checkpoint is damaged, or the loss is no longer finite.
     """
     place = Path(folder)
-    optimiser = torch.optim.Adam(
-        task.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
-    )
-    run = _Run(task, config, optimiser, json.dumps(dict(about), sort_keys=True))
+    run = _Run(task, config, json.dumps(dict(about), sort_keys=True))
     rows, seconds = run.resume(place / CHECKPOINT)
     for epoch in range(len(rows), config.epochs):
         begin = time.process_time()
@@ -122,18 +119,21 @@ def train(
 class _Run:
     """The state of a training: network and optimiser."""
 
-    def __init__(
-        self, task: Task, config: OptimiserConfig, optimiser: torch.optim.Adam, about: str
-    ) -> None:
-        self.task, self.config, self.optimiser, self.about = task, config, optimiser, about
+    def __init__(self, task: Task, config: OptimiserConfig, about: str) -> None:
+        self.task, self.config, self.about = task, config, about
+        self.optimiser = torch.optim.Adam(
+            task.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
+        )
 
     def epoch(self, number: int) -> Row:
         """Train for one epoch."""
-        self._set_rate(number)
+        share = number / self.config.epochs
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.config.learning_rate * 0.5 * (1 + math.cos(math.pi * share))
         rng = np.random.default_rng([self.config.seed, number])
         total, count = 0.0, 0
         self.task.network.train()
-        with seeded(int(rng.integers(2**62))):
+        with seed_torch(int(rng.integers(2**62))):
             for loss in self.task.losses(rng):
                 self.optimiser.zero_grad()
                 loss.backward()  # type: ignore[no-untyped-call]
@@ -147,11 +147,6 @@ class _Run:
                 f"{self.config.learning_rate:g}"
             )
         return {"epoch": number + 1.0, "loss": total / max(count, 1), **scores}
-
-    def _set_rate(self, number: int) -> None:
-        share = number / self.config.epochs
-        for group in self.optimiser.param_groups:
-            group["lr"] = self.config.learning_rate * 0.5 * (1 + math.cos(math.pi * share))
 
     def save(self, path: Path, rows: list[Row], seconds: list[float]) -> None:
         """Write the checkpoint atomically."""
@@ -170,11 +165,9 @@ class _Run:
         """Load a checkpoint, if there is one, and return its rows and seconds."""
         if not path.exists():
             return [], []
-        try:
+        with reading(path, "a checkpoint of a training"):
             state = torch.load(path, weights_only=True, map_location="cpu")
             known = state["format"] == FORMAT
-        except Exception as error:  # torch's unpickler raises errors of any type
-            raise DataError(f"{path}: not a checkpoint of a training, or cut short") from error
         if not known or state["about"] != self.about:
             raise ConfigError(
                 f"{path} is of a training with other settings or data"

@@ -58,7 +58,7 @@ class CloudArray:
         colors = [np.empty((0, 3), np.uint8), *(c.colors for c in clouds if c.colors is not None)]
         return cls(np.concatenate(points), np.concatenate(colors), offsets)
 
-    def chosen(self, indices: NDArray[np.int64]) -> "CloudArray":
+    def subset(self, indices: NDArray[np.int64]) -> "CloudArray":
         """Select the clouds with these indices."""
         return CloudArray.of([self[index] for index in indices.tolist()])
 
@@ -163,7 +163,7 @@ class SceneSet:
             numbers=self.numbers[indices],
             empty=self.empty[indices],
             poses=None if self.poses is None else self.poses[indices],
-            clouds=None if self.clouds is None else self.clouds.chosen(indices),
+            clouds=None if self.clouds is None else self.clouds.subset(indices),
             scenes=scenes,
             features={name: rows[indices] for name, rows in self.features.items()},
         )

@@ -55,7 +55,7 @@ def test_shapes_leaves_weights_onnx_card_and_curves(features: Path) -> None:
     assert {"curves.csv", "curves.png", "checkpoint.pt"} <= names
     card = json.loads((features / "features.json").read_text())
     assert card["data"] == "procedural" and card["config"]["optimiser"]["seed"] == 0
-    assert card["command"].startswith("fusionslam") and card["cpu_seconds"] > 0
+    assert card["command"].startswith("fusionslam") and card["cpu_seconds"] >= 0
     with (features / "curves.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert [row["epoch"] for row in rows] == ["1.0", "2.0"]
@@ -91,7 +91,7 @@ def test_places_are_simulated_once_and_trained_on(tmp_path: Path) -> None:
 
 def test_simulated_places_of_other_settings_or_damaged_are_refused(tmp_path: Path) -> None:
     from fusionslam.learning.simulated_places import SimulatedPlacesConfig
-    from fusionslam.learning.training_data import simulated_places
+    from fusionslam.learning.training_data import load_simulated_places
 
     path = tmp_path / "train.npz"
     np.savez(
@@ -100,10 +100,10 @@ def test_simulated_places_of_other_settings_or_damaged_are_refused(tmp_path: Pat
         **{name: np.zeros(1) for name in _FIELDS},
     )
     with pytest.raises(ConfigError, match=r"train\.npz holds places of another configuration"):
-        simulated_places(SimulatedPlacesConfig(), path)
+        load_simulated_places(SimulatedPlacesConfig(), path)
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(DataError, match=r"train\.npz"):
-        simulated_places(SimulatedPlacesConfig(), path)
+        load_simulated_places(SimulatedPlacesConfig(), path)
 
 
 _FIELDS = ("points", "colors", "offsets", "poses", "worlds", "names")

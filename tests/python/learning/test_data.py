@@ -12,14 +12,15 @@ from trimesh import Trimesh
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.learning.modelnet import read_modelnet, read_voxels
 from fusionslam.learning.procedural_shapes import SHAPES, box, ellipsoid, sample_points, torus
-from fusionslam.learning.shape_sets import ProceduralConfig, joined, procedural_shapes
-from fusionslam.learning.training_data import shape_data
+from fusionslam.learning.shape_sets import ProceduralConfig, generate_shapes, join_sets
+from fusionslam.learning.training_data import load_shapes
+from fusionslam.views.second_stage.architecture import PointNetConfig
 from fusionslam.views.second_stage.inputs import (
     AugmentConfig,
-    augmented,
+    augment,
     network_input,
-    resampled,
-    unit_sphere,
+    resample,
+    scale_to_sphere,
 )
 
 CUBE = """{header}8 6 0
@@ -38,6 +39,8 @@ CUBE = """{header}8 6 0
 4 2 3 7 6
 4 3 0 4 7
 """
+
+ROBOT = PointNetConfig(normalisation="robot", range_m=2.0, colors=True)
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -103,8 +106,8 @@ def test_a_surface_without_area_is_refused() -> None:
 
 def test_procedural_sets_are_the_same_for_a_seed_and_have_all_classes() -> None:
     config = ProceduralConfig(train=2, test=1, points=16)
-    train, test = procedural_shapes(config)
-    again, _ = procedural_shapes(config)
+    train, test = generate_shapes(config)
+    again, _ = generate_shapes(config)
     np.testing.assert_array_equal(train.points, again.points)
     assert len(train) == 2 * len(SHAPES) and len(test) == len(SHAPES)
     assert np.bincount(test.labels).tolist() == [1] * len(SHAPES)
@@ -126,7 +129,7 @@ def test_hdf5_files_that_are_cut_short_or_too_small_are_named(tmp_path: Path) ->
         read_modelnet(tmp_path, "train", 41, rng())
     file = tmp_path / "ply_data_train0.h5"
     file.write_bytes(file.read_bytes()[:300])
-    with pytest.raises(DataError, match=r"ply_data_train0\.h5: expected HDF5"):
+    with pytest.raises(DataError, match="ply_data_train0"):
         read_modelnet(tmp_path, "train", 20, rng())
 
 
@@ -194,7 +197,7 @@ def test_classes_of_the_same_name_are_one(tmp_path: Path) -> None:
         grid[: number + 2] = 1
     np.save(tmp_path / "chair.npy", grids)
     config = ProceduralConfig(train=2, test=1, points=16)
-    train, test, words = shape_data(config, voxels=[tmp_path / "chair.npy"])
+    train, test, words = load_shapes(config, voxels=[tmp_path / "chair.npy"])
     assert train.names == test.names == tuple(sorted(SHAPES))
     assert (train.labels == train.names.index("chair")).sum() == 2 + 4
     assert words == "procedural, voxels of chair.npy"
@@ -202,29 +205,29 @@ def test_classes_of_the_same_name_are_one(tmp_path: Path) -> None:
 
 def test_no_shapes_at_all_are_refused() -> None:
     with pytest.raises(ConfigError, match="no shapes"):
-        shape_data(ProceduralConfig(), procedural=False)
+        load_shapes(ProceduralConfig(), procedural=False)
 
 
 def test_sets_with_other_numbers_of_points_are_not_joined() -> None:
-    sets = [procedural_shapes(ProceduralConfig(train=1, test=1, points=n))[0] for n in (4, 5)]
+    sets = [generate_shapes(ProceduralConfig(train=1, test=1, points=n))[0] for n in (4, 5)]
     with pytest.raises(DataError, match=r"\[4, 5\]"):
-        joined(sets)
+        join_sets(sets)
 
 
 def test_the_unit_sphere_is_touched_and_a_single_point_becomes_zero() -> None:
     points = rng().normal(5, 3, (50, 3)).astype(np.float32)
-    scaled = unit_sphere(points)
+    scaled = scale_to_sphere(points)
     assert np.linalg.norm(scaled, axis=1).max() == pytest.approx(1, abs=1e-6)
     assert np.abs(scaled.mean(axis=0)).max() < 1e-6
-    np.testing.assert_array_equal(unit_sphere(points[:1]), np.zeros((1, 3)))
+    np.testing.assert_array_equal(scale_to_sphere(points[:1]), np.zeros((1, 3)))
 
 
 def test_networks_are_given_metres_over_a_range_or_a_unit_sphere() -> None:
     points = np.array([[1, 2, 3], [3, 2, 1]], np.float32)
     colors = np.array([[0, 255, 51], [255, 0, 0]], np.uint8)
-    robot = network_input(points, colors, "robot", 2.0, True)
+    robot = network_input(points, colors, ROBOT)
     np.testing.assert_allclose(robot[0], [0.5, 1, 1.5, -1, 1, -0.6], atol=1e-6)
-    assert network_input(points, None, "sphere", 2.0, False).shape == (2, 3)
+    assert network_input(points, None, PointNetConfig()).shape == (2, 3)
 
 
 @pytest.mark.parametrize(
@@ -242,13 +245,13 @@ def test_clouds_that_no_network_can_take_are_refused(
     points: np.ndarray, colors: np.ndarray | None, error: type[Exception], words: str
 ) -> None:
     with pytest.raises(error, match=words):
-        network_input(points, colors, "robot", 5.0, True)
+        network_input(points, colors, ROBOT)
 
 
 def test_turning_and_scaling_keep_up_as_it_is() -> None:
     points = rng().normal(size=(100, 3)).astype(np.float32)
     config = AugmentConfig(jitter=0, scale=0, dropout=0)
-    varied = augmented(points, config, rng(2))
+    varied = augment(points, config, rng(2))
     np.testing.assert_array_equal(varied[:, 2], points[:, 2])
     lengths = [np.linalg.norm(p[:, :2], axis=1) for p in (points, varied)]
     np.testing.assert_allclose(*lengths, rtol=1e-5)
@@ -257,15 +260,15 @@ def test_turning_and_scaling_keep_up_as_it_is() -> None:
 
 def test_jitter_is_cut_and_dropped_points_become_the_first() -> None:
     points = rng().normal(size=(2000, 3)).astype(np.float32)
-    jittered = augmented(points, AugmentConfig(turn=False, scale=0, dropout=0), rng(2))
+    jittered = augment(points, AugmentConfig(turn=False, scale=0, dropout=0), rng(2))
     assert 0 < np.abs(jittered - points).max() <= 0.05 + 1e-6
-    thinned = augmented(points, AugmentConfig(turn=False, scale=0, jitter=0, dropout=0.9), rng(2))
+    thinned = augment(points, AugmentConfig(turn=False, scale=0, jitter=0, dropout=0.9), rng(2))
     assert len(thinned) == len(points)
     assert 2 < (thinned == thinned[0]).all(axis=1).sum() < 1990
 
 
 def test_resampling_takes_every_row_before_it_takes_one_again() -> None:
     rows = np.arange(10, dtype=np.float32)[:, None]
-    assert len(np.unique(resampled(rows, 7, rng()))) == 7
-    more = resampled(rows, 25, rng())
+    assert len(np.unique(resample(rows, 7, rng()))) == 7
+    more = resample(rows, 25, rng())
     assert len(more) == 25 and np.bincount(more[:, 0].astype(int)).min() == 2

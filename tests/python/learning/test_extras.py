@@ -45,8 +45,8 @@ def test_the_second_stage_without_onnxruntime_names_the_extra() -> None:
 def test_hdf5_files_without_h5py_name_the_extra() -> None:
     said = without(
         ["h5py"],
-        "from fusionslam.learning.modelnet import _arrays; from pathlib import Path;"
-        "_arrays(Path('x.h5'))",
+        "from fusionslam.learning.modelnet import _read_arrays; from pathlib import Path;"
+        "_read_arrays(Path('x.h5'))",
     )
     assert "need h5py" in said and "pip install 'fusionslam[learn]'" in said
 

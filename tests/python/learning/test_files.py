@@ -23,7 +23,7 @@ pytest.importorskip("safetensors", reason="safetensors is not installed")
 
 from fusionslam.learning.onnx_export import export_comparison, export_pointnet  # noqa: E402
 from fusionslam.learning.pointnet import Comparison, PointNet  # noqa: E402
-from fusionslam.learning.weight_files import load_comparison, load_pointnet, save_weights  # noqa: E402
+from fusionslam.learning.weight_files import load_pointnet, save_weights  # noqa: E402
 
 CALIBRATED = Calibration(4.0, 8.0)
 
@@ -62,9 +62,7 @@ def test_onnxruntime_gives_the_features_that_torch_gives(
     network = pointnet(tmp_path, config, CALIBRATED)
     seen = cloud(size, size)
     found = SecondStage(tmp_path / "features.onnx").features(seen.points, seen.colors)
-    taken = network_input(
-        seen.points, seen.colors, config.normalisation, config.range_m, config.colors
-    )
+    taken = network_input(seen.points, seen.colors, config)
     with torch.no_grad():
         expected = network(torch.from_numpy(taken)[None])[0][0].numpy()
     assert found.shape == (config.features,) and found.dtype == np.float32
@@ -89,14 +87,11 @@ def test_onnxruntime_gives_the_probabilities_that_torch_gives(
 
 
 def test_weights_come_back_as_they_were_saved(tmp_path: Path) -> None:
-    network, other = pointnet(tmp_path, TINY, CALIBRATED), comparison(tmp_path, TINY_COMPARISON)
-    loaded, about = load_pointnet(tmp_path / "features.safetensors", TINY)
+    network = pointnet(tmp_path, TINY, CALIBRATED)
+    loaded, about = load_pointnet(tmp_path / "features.safetensors")
     assert about == About("pointnet", TINY, CALIBRATED)
     taken = torch.from_numpy(cloud(50, 0).points)[None]
     assert torch.equal(loaded(taken)[0], network(taken)[0])
-    compared, _ = load_comparison(tmp_path / "comparison.safetensors", 32)
-    rows = torch.ones(2, 32)
-    assert torch.equal(compared(rows, -rows), other(rows, -rows))
 
 
 def test_a_distance_becomes_the_probability_of_its_calibration(tmp_path: Path) -> None:
@@ -119,14 +114,6 @@ def test_files_that_are_cut_short_are_named(suffix: str, share: float, tmp_path:
         read(path)
 
 
-def test_weights_of_another_architecture_are_named_with_what_was_expected(tmp_path: Path) -> None:
-    pointnet(tmp_path, TINY)
-    with pytest.raises(
-        DataError, match=r"features\.safetensors has another architecture: .*points is"
-    ):
-        load_pointnet(tmp_path / "features.safetensors", PointNetConfig())
-
-
 def test_a_comparison_is_not_taken_for_features(tmp_path: Path) -> None:
     pointnet(tmp_path, TINY, CALIBRATED)
     comparison(tmp_path, TINY_COMPARISON)
@@ -141,18 +128,16 @@ def test_a_comparison_of_another_number_of_features_is_refused(tmp_path: Path) -
     comparison(tmp_path, TINY_COMPARISON.model_copy(update={"features": 30}))
     with pytest.raises(DataError, match="compares 30 features, expected 32"):
         SecondStage(tmp_path / "features.onnx", tmp_path / "comparison.onnx")
-    with pytest.raises(DataError, match="compares 30 features, expected 32"):
-        load_comparison(tmp_path / "comparison.safetensors", 32)
 
 
 def test_tensors_that_do_not_fit_the_file_s_own_words_are_named(tmp_path: Path) -> None:
     wider = TINY.model_copy(update={"points": (8, 16, 33)})
     path = tmp_path / "odd.safetensors"
     save_weights(path, PointNet(TINY), About("pointnet", wider))
-    with pytest.raises(DataError, match=r"points\.layers\.6\.weight has shape \(32, 16\)"):
+    with pytest.raises(DataError, match=r"points\.layers\.6\.weight"):
         load_pointnet(path)
     save_weights(path, PointNet(TINY), About("pointnet", TINY.model_copy(update={"embedding": 4})))
-    with pytest.raises(DataError, match=r"lacks embedding\.bias"):
+    with pytest.raises(DataError, match=r"embedding\.bias"):
         load_pointnet(path)
 
 

@@ -10,13 +10,13 @@ from fusionslam.learning.places import (
     PairConfig,
     Places,
     SamePlaceConfig,
-    apart,
     make_pairs,
+    measure_gaps,
     same_places,
     split_places,
 )
 from fusionslam.sensors.frame import Cloud
-from fusionslam.views.second_stage.scores import area_under_curve, calibrated, probability_of
+from fusionslam.views.second_stage.scores import area_under_curve, calibrate, probability_of
 from learning import cloud, line, worlds
 
 
@@ -32,9 +32,9 @@ def test_a_place_is_the_same_within_half_a_metre_and_36_degrees() -> None:
 
 
 def test_headings_are_compared_around_the_circle() -> None:
-    _, angle = apart(np.array([0, 0, np.pi - 0.1]), np.array([0, 0, -np.pi + 0.1]))
+    _, angle = measure_gaps(np.array([0, 0, np.pi - 0.1]), np.array([0, 0, -np.pi + 0.1]))
     assert angle == pytest.approx(0.2)
-    _, angle = apart(np.array([0, 0, 7 * np.pi]), np.array([0, 0, 0]))
+    _, angle = measure_gaps(np.array([0, 0, 7 * np.pi]), np.array([0, 0, 0]))
     assert angle == pytest.approx(np.pi)
 
 
@@ -47,7 +47,7 @@ def test_equal_poses_in_other_worlds_are_other_places() -> None:
 
 def test_sights_come_back_as_they_were_given() -> None:
     places = worlds(2)
-    part = places.chosen([5, 40])
+    part = places.subset(np.array([5, 40]))
     for row, index in enumerate((5, 40)):
         np.testing.assert_array_equal(part[row].points, places[index].points)
         np.testing.assert_array_equal(part[row].colors, places[index].colors)
@@ -94,7 +94,7 @@ def test_pairs_are_labelled_within_their_world_and_repeat_with_their_seed() -> N
     np.testing.assert_array_equal(same, pairs.same)
     np.testing.assert_array_equal(places.worlds[pairs.first], places.worlds[pairs.second])
     np.testing.assert_array_equal(again.first, pairs.first)
-    distance, _ = apart(places.poses[pairs.first], places.poses[pairs.second])
+    distance, _ = measure_gaps(places.poses[pairs.first], places.poses[pairs.second])
     # Half of the others are the near ones, which are hard to tell.
     assert (distance[~pairs.same] < config.near_m).sum() >= 20
 
@@ -126,7 +126,7 @@ def test_calibrated_distances_mean_probabilities() -> None:
     rng = np.random.default_rng(0)
     same = rng.random(20_000) < 0.2
     distances = np.where(same, rng.normal(0.4, 0.1, 20_000), rng.normal(0.8, 0.1, 20_000))
-    offset, slope = calibrated(distances, same)
+    offset, slope = calibrate(distances, same)
     # Normal distributions of equal width: the exact log odds are a line, 24 - 40 d.
     assert slope == pytest.approx(40, rel=0.08) and offset == pytest.approx(24, rel=0.08)
     chance = probability_of([0.0, 0.6, 2.0], offset, slope)
@@ -134,7 +134,7 @@ def test_calibrated_distances_mean_probabilities() -> None:
 
 
 def test_distances_that_never_overlap_still_have_a_finite_slope() -> None:
-    offset, slope = calibrated([0.1, 0.2, 0.9, 1.0], [True, True, False, False])
+    offset, slope = calibrate([0.1, 0.2, 0.9, 1.0], [True, True, False, False])
     assert np.isfinite([offset, slope]).all() and slope > 0
     assert np.isfinite(probability_of([1e6, -1e6], offset, slope)).all()
 

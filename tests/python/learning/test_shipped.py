@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fusionslam.errors import DataError
-from fusionslam.learning.places import apart
+from fusionslam.learning.places import measure_gaps
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views.second_stage import MODELS, SecondStage
 from fusionslam.views.second_stage.inputs import network_input
@@ -47,9 +47,7 @@ def test_shipped_onnx_gives_what_the_shipped_weights_give(model: str) -> None:
     network, about = load_pointnet((SHIPPED / MODELS[model][0]).with_suffix(".safetensors"))
     assert about.architecture == stage.config and stage.config.features == 256
     seen, config = cloud(2000, 5), stage.config
-    taken = network_input(
-        seen.points, seen.colors, config.normalisation, config.range_m, config.colors
-    )
+    taken = network_input(seen.points, seen.colors, config)
     with torch.no_grad():
         expected = network(torch.from_numpy(taken)[None])[0][0].numpy()
     np.testing.assert_allclose(stage.features(seen), expected, atol=1e-5)
@@ -92,7 +90,7 @@ def test_places_of_a_world_never_trained_on_are_told_apart(
     assert recording.places is not None
     poses = recording.places[chosen]
     first, second = np.triu_indices(len(chosen), 1)
-    distance, angle = apart(poses[first], poses[second])
+    distance, angle = measure_gaps(poses[first], poses[second])
     scores = np.stack([stage.probabilities(row, rows) for row in rows])[first, second]
     same = (distance < 0.5) & (angle < np.deg2rad(36))
     assert area_under_curve(scores, same) > least

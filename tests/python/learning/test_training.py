@@ -23,7 +23,7 @@ from fusionslam.learning.classification import ShapesTask, ShapesTrainingConfig 
 from fusionslam.learning.contrastive import MetricTask, MetricTrainingConfig  # noqa: E402
 from fusionslam.learning.pair_comparison import ComparisonTrainingConfig  # noqa: E402
 from fusionslam.learning.pointnet import Comparison, PointNet, transform_penalty  # noqa: E402
-from fusionslam.learning.shape_sets import ProceduralConfig, ShapeSet, procedural_shapes  # noqa: E402
+from fusionslam.learning.shape_sets import ProceduralConfig, ShapeSet, generate_shapes  # noqa: E402
 from fusionslam.learning.train import Origin  # noqa: E402
 from fusionslam.learning.training_loop import OptimiserConfig  # noqa: E402
 from fusionslam.views.second_stage.architecture import HeadConfig  # noqa: E402
@@ -134,7 +134,7 @@ def test_a_training_that_was_interrupted_ends_the_same(
 
 def train(kind: str, folder: Path, base: Path, progress: Any = None) -> None:
     if kind == "shapes":
-        data = procedural_shapes(SHAPES_CONFIG.procedural)
+        data = generate_shapes(SHAPES_CONFIG.procedural)
         runs.train_shapes(data, SHAPES_CONFIG, folder, ORIGIN, progress)
     elif kind == "places":
         runs.train_places(worlds(2), worlds(1, 50), METRIC_CONFIG, folder, ORIGIN, progress)
@@ -164,7 +164,7 @@ def test_places_are_learned_end_to_end(tmp_path: Path) -> None:
 
 
 def test_a_checkpoint_of_other_settings_is_not_gone_on_with(tmp_path: Path) -> None:
-    data = procedural_shapes(SHAPES_CONFIG.procedural)
+    data = generate_shapes(SHAPES_CONFIG.procedural)
     runs.train_shapes(data, merged(SHAPES_CONFIG, {"optimiser": {"epochs": 1}}), tmp_path, ORIGIN)
     other = merged(SHAPES_CONFIG, {"optimiser": {"epochs": 1, "seed": 6}})
     with pytest.raises(ConfigError, match=r"optimiser\.seed is 5 there and 6 here"):
@@ -182,7 +182,7 @@ def test_a_damaged_checkpoint_is_named(tmp_path: Path) -> None:
 def test_a_loss_that_is_no_number_ends_the_training(tmp_path: Path) -> None:
     config = merged(SHAPES_CONFIG, {"optimiser": {"learning_rate": 1e30}})
     with pytest.raises(DataError, match="not finite"):
-        runs.train_shapes(procedural_shapes(config.procedural), config, tmp_path, ORIGIN)
+        runs.train_shapes(generate_shapes(config.procedural), config, tmp_path, ORIGIN)
 
 
 @pytest.mark.parametrize(
@@ -192,13 +192,13 @@ def test_a_loss_that_is_no_number_ends_the_training(tmp_path: Path) -> None:
 def test_shapes_that_do_not_fit_the_settings_are_refused(
     changes: dict[str, Any], words: str
 ) -> None:
-    data = procedural_shapes(SHAPES_CONFIG.procedural)
+    data = generate_shapes(SHAPES_CONFIG.procedural)
     with pytest.raises((ConfigError, DataError), match=words):
         ShapesTask(*data, merged(SHAPES_CONFIG, changes))
 
 
 def test_classes_to_train_on_and_to_judge_on_are_the_same() -> None:
-    train_set, test_set = procedural_shapes(SHAPES_CONFIG.procedural)
+    train_set, test_set = generate_shapes(SHAPES_CONFIG.procedural)
     other = ShapeSet(test_set.points, test_set.labels, test_set.names[::-1])
     with pytest.raises(DataError, match="different classes"):
         ShapesTask(train_set, other, SHAPES_CONFIG)

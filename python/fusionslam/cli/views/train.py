@@ -58,10 +58,10 @@ def shapes(
     _check_extras()
     from fusionslam.learning.classification import ShapesTrainingConfig
     from fusionslam.learning.train import train_shapes
-    from fusionslam.learning.training_data import shape_data
+    from fusionslam.learning.training_data import load_shapes
 
     chosen = _configured(ShapesTrainingConfig(), config, settings, print_config)
-    train, test, words = shape_data(chosen.procedural, modelnet, voxels or (), procedural)
+    train, test, words = load_shapes(chosen.procedural, modelnet, voxels or (), procedural)
     keep(ctx, output)
     with progress() as step:
         trained = train_shapes((train, test), chosen, output, _origin(words), _shown(step))
@@ -91,10 +91,10 @@ def comparison(
     _check_extras()
     from fusionslam.learning.pair_comparison import ComparisonTrainingConfig
     from fusionslam.learning.train import train_comparison
-    from fusionslam.learning.training_data import recorded_places
+    from fusionslam.learning.training_data import collect_places
 
     chosen = _configured(ComparisonTrainingConfig(), config, settings, print_config)
-    places = recorded_places([_scene_set(path, shapes) for path in scenes])
+    places = collect_places([_scene_set(path, shapes) for path in scenes])
     words = ", ".join(path.name for path in scenes)
     keep(ctx, output)
     with progress() as step:
@@ -115,13 +115,13 @@ def places(
     _check_extras()
     needs_extra("sim")
     from fusionslam.learning.train import PlacesTrainingConfig, train_places
-    from fusionslam.learning.training_data import simulated_places
+    from fusionslam.learning.training_data import load_simulated_places
 
     chosen = _configured(PlacesTrainingConfig(), config, settings, print_config)
     keep(ctx, output)
     with progress() as step:
         made = [
-            simulated_places(part, output / f"{name}.npz", label_progress(step, "simulating"))
+            load_simulated_places(part, output / f"{name}.npz", label_progress(step, "simulating"))
             for name, part in chosen.simulated
         ]
         origin = _origin("simulated")

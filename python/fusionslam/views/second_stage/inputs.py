@@ -2,16 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Prepares clouds for the networks: normalisation, resampling, augmentation for training."""
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.geometry.se2 import transform_points
 from fusionslam.storage.arrays import Points
-
-Normalisation = Literal["sphere", "robot"]
+from fusionslam.views.second_stage.architecture import PointNetConfig
 
 
 class AugmentConfig(Section):
@@ -23,47 +21,33 @@ class AugmentConfig(Section):
     dropout: float = option(0.5, "up to this share of the points is left out", ge=0, lt=1)
 
 
-def checked_points(points: NDArray[np.float32]) -> Points:
-    """Check points for a network. Raises ShapeError and DataError that say what is wrong."""
-    values = np.asarray(points)
-    if values.ndim != 2 or values.shape[1] != 3:
-        raise ShapeError(f"points have shape {values.shape}, expected (N, 3)")
-    if not len(values):
-        raise DataError("the cloud has no points: features need at least one")
-    if not np.isfinite(values).all():
-        row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
-        raise DataError(f"point {row} is not finite: {values[row].tolist()}")
-    checked: Points = values.astype(np.float32, copy=False)
-    return checked
-
-
 def network_input(
-    points: NDArray[np.float32],
-    colors: NDArray[np.uint8] | None,
-    normalisation: Normalisation,
-    range_m: float,
-    with_colors: bool,
+    points: NDArray[np.float32], colors: NDArray[np.uint8] | None, config: PointNetConfig
 ) -> Points:
-    """Build a network's input from a cloud.
+    """Build a network's input from a cloud, float32 (N, 3) or with colours (N, 6).
 
     Args:
-        points: float32 (N, 3), metres.
-        colors: uint8 (N, 3) RGB; needed only ``with_colors``.
-        normalisation: "sphere" fits the cloud into the unit sphere around its mean, "robot" keeps
-            the robot's frame and divides by ``range_m``.
-        range_m: a length, metres.
-        with_colors: whether columns red, green and blue, -1 to 1, follow x, y, z.
-
-    Returns:
-        float32 (N, 3) or (N, 6).
+        points: float32 (N, 3), metres. They are fitted into the unit sphere around their mean, or
+            stay in the robot's frame and are divided by ``config.range_m``.
+        colors: uint8 (N, 3) RGB, which become -1 to 1; needed only by networks with colours.
+        config: of the network.
 
     Raises:
         ShapeError: wrong shapes, or not one colour per point.
         DataError: no points, points that are not finite, or no colours although needed.
     """
-    xyz = checked_points(points)
-    scaled = unit_sphere(xyz) if normalisation == "sphere" else xyz / np.float32(range_m)
-    if not with_colors:
+    xyz = np.asarray(points)
+    if xyz.ndim != 2 or xyz.shape[1] != 3:
+        raise ShapeError(f"points have shape {xyz.shape}, expected (N, 3)")
+    if not len(xyz):
+        raise DataError("the cloud has no points: features need at least one")
+    if not np.isfinite(xyz).all():
+        row = int(np.flatnonzero(~np.isfinite(xyz).all(axis=1))[0])
+        raise DataError(f"point {row} is not finite: {xyz[row].tolist()}")
+    xyz = xyz.astype(np.float32, copy=False)
+    in_sphere = config.normalisation == "sphere"
+    scaled = scale_to_sphere(xyz) if in_sphere else xyz / np.float32(config.range_m)
+    if not config.colors:
         return np.ascontiguousarray(scaled, np.float32)
     if colors is None:
         raise DataError("these weights need the colours of the points, and there are none")
@@ -73,7 +57,7 @@ def network_input(
     return np.concatenate([scaled, rgb.astype(np.float32) / 127.5 - 1], axis=1)
 
 
-def unit_sphere(points: Points) -> Points:
+def scale_to_sphere(points: Points) -> Points:
     """Shift points to mean 0 and scale them to maximum norm 1; a single point becomes 0."""
     centred = points - points.mean(axis=0)
     longest = float(np.linalg.norm(centred, axis=1).max())
@@ -81,7 +65,7 @@ def unit_sphere(points: Points) -> Points:
     return scaled
 
 
-def resampled(rows: Points, count: int, rng: np.random.Generator) -> Points:
+def resample(rows: Points, count: int, rng: np.random.Generator) -> Points:
     """Resample to exactly ``count`` rows: some are left out, or some repeated."""
     size = len(rows)
     whole = np.tile(np.arange(size), count // size)
@@ -89,13 +73,12 @@ def resampled(rows: Points, count: int, rng: np.random.Generator) -> Points:
     return chosen
 
 
-def augmented(points: Points, config: AugmentConfig, rng: np.random.Generator) -> Points:
+def augment(points: Points, config: AugmentConfig, rng: np.random.Generator) -> Points:
     """An augmented copy of a shape, float32 (N, 3), z up; N stays the same."""
     varied = points.astype(np.float32, copy=True)
     if config.turn:
         angle = rng.uniform(0, 2 * np.pi)
-        c, s = np.cos(angle), np.sin(angle)
-        varied = (varied @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])).astype(np.float32)
+        varied = transform_points(varied, 0, 0, angle).astype(np.float32)
     varied *= rng.uniform(1 - config.scale, 1 + config.scale, 3).astype(np.float32)
     noise = rng.normal(0, config.jitter, varied.shape) if config.jitter else 0.0
     varied += np.clip(noise, -5 * config.jitter, 5 * config.jitter).astype(np.float32)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, FusionSlamError, ShapeError
 from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.files import reading
 from fusionslam.views.second_stage.architecture import ComparisonConfig, PointNetConfig
 from fusionslam.views.second_stage.inputs import network_input
 from fusionslam.views.second_stage.network_files import SHIPPED, About, Kind, read_about
@@ -64,14 +65,14 @@ class SecondStage:
         features = Path(model) if own is None else SHIPPED / own
         if comparison is None and compared is not None:
             comparison = SHIPPED / compared
-        self._session, about = _session(features, "pointnet")
+        self._session, about = _open_session(features, "pointnet")
         self.digest = hashlib.sha256(features.read_bytes()).hexdigest()[:16]
         assert isinstance(about.architecture, PointNetConfig)
         self.config: PointNetConfig = about.architecture
         self._calibration = about.calibration
-        self._comparison = (
-            None if comparison is None else _comparison(Path(comparison), self.config)
-        )
+        self._comparison: Any = None
+        if comparison is not None:
+            self._comparison = _load_comparison(Path(comparison), self.config)
         if self._comparison is None and self._calibration is None:
             raise DataError(f"{features} has no calibration: expected a comparison beside it")
 
@@ -92,12 +93,11 @@ class SecondStage:
             ShapeError: a wrong shape, or not one colour per point.
             DataError: no points, points that are not finite, or no colours.
         """
-        config = self.config
         if isinstance(cloud, Cloud):
             points, colors = cloud.points, cloud.colors
         else:
             points = cloud
-        taken = network_input(points, colors, config.normalisation, config.range_m, config.colors)
+        taken = network_input(points, colors, self.config)
         row: Features = self._session.run(None, {"points": taken})[0][0]
         return row
 
@@ -134,8 +134,8 @@ class SecondStage:
         return chance.astype(np.float32)
 
 
-def _comparison(path: Path, features: PointNetConfig) -> Any:
-    session, about = _session(path, "comparison")
+def _load_comparison(path: Path, features: PointNetConfig) -> Any:
+    session, about = _open_session(path, "comparison")
     assert isinstance(about.architecture, ComparisonConfig)
     if about.architecture.features != features.features:
         raise DataError(
@@ -144,7 +144,7 @@ def _comparison(path: Path, features: PointNetConfig) -> Any:
     return session
 
 
-def _session(path: Path, kind: Kind) -> tuple[Any, About]:
+def _open_session(path: Path, kind: Kind) -> tuple[Any, About]:
     try:
         import onnxruntime
     except ImportError as error:
@@ -156,14 +156,10 @@ def _session(path: Path, kind: Kind) -> tuple[Any, About]:
     # Leave the robot's cores to others: one thread, without spinning while it waits.
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
-    try:
+    with reading(path, f"a {kind} network in ONNX"):
         session = onnxruntime.InferenceSession(
             path.read_bytes(), options, providers=["CPUExecutionProvider"]
         )
-    except OSError as error:
-        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
-    except Exception as error:  # onnxruntime's errors have no common base
-        raise DataError(f"{path}: expected a {kind} network in ONNX, or it is cut short") from error
     about = read_about(path, session.get_modelmeta().custom_metadata_map, kind)
     _check_inputs(path, session, about)
     return session, about

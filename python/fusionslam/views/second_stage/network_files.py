@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from fusionslam.config import Section
 from fusionslam.errors import DataError
+from fusionslam.storage.files import reading
 from fusionslam.views.second_stage.architecture import ComparisonConfig, PointNetConfig
 
 FORMAT = "fusionslam.network.1"
@@ -26,7 +27,7 @@ SHIPPED = Path(__file__).parent / "weights"
 
 @dataclass(frozen=True)
 class Calibration:
-    """Converts feature distances to probabilities: see ``scores.calibrated``."""
+    """Converts feature distances to probabilities: see ``scores.calibrate``."""
 
     offset: float
     slope: float
@@ -64,22 +65,15 @@ def read_about(path: Path, metadata: Mapping[str, str] | None, kind: Kind) -> Ab
     Raises:
         DataError: another format or kind of network, or invalid sizes.
     """
-    try:
+    with reading(path, f"a {kind} network"):
         values = json.loads((metadata or {}).get(_KEY, "{}"))
-        found = values.get("format")
-        if found != FORMAT:
-            raise DataError(
-                f"{path}: format is {found!r}, expected {FORMAT!r} with a {kind} network"
-            )
+        if values.get("format") != FORMAT:
+            raise DataError(f"is of format {values.get('format')}, expected {FORMAT}")
         if values.get("kind") != kind:
-            raise DataError(f"{path} holds a {values.get('kind')} network, expected {kind}")
-        architecture = _CONFIGS[kind](**values["architecture"])
+            raise DataError(f"holds a {values.get('kind')} network, expected {kind}")
         stored = values.get("calibration")
-        calibration = None if stored is None else Calibration(**stored)
-    except DataError:
-        raise
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise DataError(
-            f"{path}: its metadata do not describe a {kind} network: {error}"
-        ) from error
-    return About(kind, architecture, calibration)
+        return About(
+            kind,
+            _CONFIGS[kind](**values["architecture"]),
+            None if stored is None else Calibration(**stored),
+        )

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fusionslam.errors import DataError
-from fusionslam.storage.arrays import Floats
+from fusionslam.storage.arrays import Floats, Mask
 
 
 def area_under_curve(scores: ArrayLike, same: ArrayLike) -> float:
@@ -21,17 +21,23 @@ def area_under_curve(scores: ArrayLike, same: ArrayLike) -> float:
     """
     from scipy.stats import rankdata
 
+    truth, alike, unlike = _count_kinds(same)
+    ranks = rankdata(np.asarray(scores, np.float64))
+    return float((ranks[truth].sum() - alike * (alike + 1) / 2) / (alike * unlike))
+
+
+def _count_kinds(same: ArrayLike) -> tuple[Mask, int, int]:
+    """Pairs as a mask, the number of same-place pairs, and that of others."""
     truth = np.asarray(same, bool)
     alike, unlike = int(truth.sum()), int((~truth).sum())
     if not alike or not unlike:
         raise DataError(
             f"{alike} pairs of the same place, {unlike} of others: expected some of both"
         )
-    ranks = rankdata(np.asarray(scores, np.float64))
-    return float((ranks[truth].sum() - alike * (alike + 1) / 2) / (alike * unlike))
+    return truth, alike, unlike
 
 
-def calibrated(distances: ArrayLike, same: ArrayLike) -> tuple[float, float]:
+def calibrate(distances: ArrayLike, same: ArrayLike) -> tuple[float, float]:
     """Fit offset a and slope b of P(same place) = 1 / (1 + exp(b d - a)).
 
     Logistic regression in which both kinds of pair have the same total weight (Platt 1999).
@@ -45,12 +51,8 @@ def calibrated(distances: ArrayLike, same: ArrayLike) -> tuple[float, float]:
     """
     from scipy.optimize import minimize
 
-    truth, d = np.asarray(same, bool), np.asarray(distances, np.float64)
-    alike, unlike = int(truth.sum()), int((~truth).sum())
-    if not alike or not unlike:
-        raise DataError(
-            f"{alike} pairs of the same place, {unlike} of others: expected some of both"
-        )
+    truth, alike, unlike = _count_kinds(same)
+    d = np.asarray(distances, np.float64)
     weight = np.where(truth, 0.5 / alike, 0.5 / unlike)
     sign = np.where(truth, 1.0, -1.0)
 
