@@ -87,7 +87,7 @@ _SHOWN = {
     "view_bytes": ("{:.0f} B", 1.0),
     "build_ms": ("{:.2f} ms", 1.0),
 }
-"""Format and scale of each figure of ``ViewRow``."""
+"""Format and scale of each figure of ``view_row``."""
 
 
 def view_claims(study: ViewStudy) -> list[Claim]:

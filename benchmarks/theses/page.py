@@ -87,7 +87,7 @@ def view_figures(study: ViewStudy) -> dict[str, Any]:
                 "frame": outcome.frame,
                 "method": outcome.method,
                 "note": outcome.note,
-                "figures": outcome.row and asdict(outcome.row),
+                "figures": outcome.row,
                 "config": outcome.run.config if outcome.run else {},
             }
             for outcome in study.outcomes

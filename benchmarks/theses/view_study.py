@@ -18,7 +18,7 @@ from fusionslam.pipelines.compare_views import run_method
 from fusionslam.pipelines.drives import FRAMES, FrameName, move_clouds
 from fusionslam.pipelines.methods import Method, Task, find_method
 from fusionslam.pipelines.views import sweep_thresholds
-from fusionslam.report.views.tables import ViewRow, view_row
+from fusionslam.report.views.tables import Row, view_row
 from fusionslam.storage.progress import Step
 
 Rule = str
@@ -51,7 +51,7 @@ class Outcome:
         return None if self.run is None else self.run.judged(RULES[self.frame])
 
     @cached_property
-    def row(self) -> ViewRow | None:
+    def row(self) -> Row | None:
         """All scalar figures."""
         if self.run is None or self.report is None:
             return None
@@ -95,11 +95,9 @@ class ViewStudy:
         return next(found, None)
 
     def figure(self, world: str, frame: FrameName, method: str, name: str) -> float | None:
-        """Return one figure of ``ViewRow``; None if undefined."""
+        """Return one figure of ``view_row``; None if undefined."""
         outcome = self.outcome(world, frame, method)
-        row = None if outcome is None else outcome.row
-        value: float | None = None if row is None else getattr(row, name)
-        return value
+        return outcome.row[name] if outcome and outcome.row else None
 
     def notes(self) -> list[str]:
         """List the reasons for missing runs, one line each."""

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, colored, without_ground
+from fusionslam.report.page.figures import new_figure, styled
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.storage.files import atomic_path
 
@@ -76,10 +77,6 @@ def draw_stages(frame: Frame, config: FusionConfig) -> "Figure":
     Raises:
         DataError: as ``fuse``. FusionSlamError: matplotlib is missing.
     """
-    try:
-        from fusionslam.report.page.figures import new_figure, styled
-    except ImportError as error:
-        raise FusionSlamError("pictures need: pip install 'fusionslam[report]'") from error
     cloud = colored(frame, config)
     kept = without_ground(frame, cloud, config)
     scan = frame.points if frame.points is not None else cloud.points

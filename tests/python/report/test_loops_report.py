@@ -18,7 +18,7 @@ from fusionslam.evaluation import DescriptorRun, Evaluation, evaluate
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work
 from fusionslam.report import write_report
-from fusionslam.report.loops.outcomes import outcome, telling_pairs
+from fusionslam.report.loops.outcomes import judge_queries, telling_pairs
 from fusionslam.report.loops.stored import write_stored_report
 from fusionslam.report.page.figures import widest_axes
 from fusionslam.sensors.frame import Cloud
@@ -162,7 +162,7 @@ def test_every_match_is_a_row_of_loops_csv(
     assert (int(first["query"]), int(first["match"])) == (210, 10 * int(curve.matches[21]))
     assert int(first["query_stamp_ns"]) == 1_700_000_000_000_000_001 + 21 * 10**8
     own = [row for row in rows if (row["source"], row["descriptor"]) == ("lidar", "m2dp")]
-    assert sum(int(row["accepted"]) for row in own) == outcome(curve).accepted.sum()
+    assert sum(int(row["accepted"]) for row in own) == judge_queries(curve).accepted.sum()
     assert all((float(row["metres"]) < 10) == (row["correct"] == "1") for row in rows)
 
 
@@ -254,7 +254,7 @@ def test_the_pairs_tell_the_best_the_worst_and_the_missed(evaluations: list[Eval
     false = curve.distances[matched & ~curve.correct]
     assert pairs["worst"].distance == pytest.approx(false.min(), rel=1e-5)
     assert pairs["worst"].metres >= 10
-    assert pairs["missed"].metres < 10 and outcome(curve).missed[pairs["missed"].query]
+    assert pairs["missed"].metres < 10 and judge_queries(curve).missed[pairs["missed"].query]
 
 
 def test_the_trajectory_is_drawn_in_the_plane_of_its_largest_extents() -> None:

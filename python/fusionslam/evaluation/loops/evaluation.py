@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fusionslam.evaluation.loops.costs import Costs, summarise_costs
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
 from fusionslam.evaluation.loops.nearest_matches import Matches, find_matches
 from fusionslam.evaluation.loops.precision_recall import PrecisionRecall
@@ -35,6 +36,11 @@ class Evaluation:
     published: dict[str, float] | None = None
     matches: Matches | None = None
     window: int = DEFAULTS.window
+
+    @cached_property
+    def costs(self) -> Costs:
+        """Time and memory of the run."""
+        return summarise_costs(self.run)
 
     @cached_property
     def top1_by_direction(self) -> dict[str, float]:

@@ -107,6 +107,21 @@ class ViewRun:
         stored = np.cumsum(starts) - starts
         return np.where(stored > 0, self.match_seconds / np.maximum(stored, 1), np.nan)
 
+    @property
+    def build_ms(self) -> float | None:
+        """Mean milliseconds to make a view; None if not timed."""
+        return _mean_ms(self.build_seconds)
+
+    @property
+    def match_ms(self) -> float | None:
+        """Mean milliseconds to compare a scan with all stored views; None if not timed."""
+        return _mean_ms(self.match_seconds)
+
+    @property
+    def pair_ms(self) -> float | None:
+        """Mean of ``pair_seconds`` in milliseconds; None if not timed."""
+        return _mean_ms(self.pair_seconds)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one .npz, whole or not at all. Raises DataError if that fails."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
@@ -126,6 +141,11 @@ class ViewRun:
             about["curve"] = ViewCurve.from_json(curve) if curve else None
             kept = {name: array for name, array in arrays.items() if name in _ARRAYS}
             return cls(**{**about, **kept})
+
+
+def _mean_ms(seconds: Floats | None) -> float | None:
+    known = np.empty(0) if seconds is None else seconds[np.isfinite(seconds)]
+    return float(known.mean() * 1e3) if known.size else None
 
 
 def _per_scan(name: str, values: Any, count: int) -> Floats:

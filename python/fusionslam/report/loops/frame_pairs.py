@@ -4,13 +4,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.report.loops.outcomes import Pair
 from fusionslam.report.page.figures import new_figure, widest_axes
@@ -21,9 +19,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-T = TypeVar("T")
-CloudReader = Callable[[str, int], Cloud]
-ImageReader = Callable[[str, int], Image]
+CloudReader = Callable[[str, int], Cloud | None]
+ImageReader = Callable[[str, int], Image | None]
+"""(source, frame of the dataset) -> its cloud or image."""
 _MOST_POINTS = 40_000
 _COLUMN = 4.5
 """Inches."""
@@ -31,28 +29,8 @@ _BACKGROUND = "#15181d"
 _GAMMA = 0.65  # brightens colours, which look darker as dots on a dark background
 
 
-def forgiving(reader: Callable[..., T] | None, missed: dict[str, None]) -> Callable[..., T | None]:
-    """Wrap a reader so that it reads each frame once and returns None on a DataError.
-
-    The reasons become keys of ``missed``, in order.
-    """
-
-    @cache
-    def read(*which: Any) -> T | None:
-        try:
-            return reader(*which) if reader else None
-        except DataError as error:
-            missed[str(error)] = None
-            return None
-
-    return read
-
-
 def draw_pair(
-    run: DescriptorRun,
-    pair: Pair,
-    clouds: Callable[[str, int], Cloud | None],
-    images: Callable[[str, int], Image | None],
+    run: DescriptorRun, pair: Pair, clouds: CloudReader, images: ImageReader
 ) -> "Figure | None":
     """Draw query on the left, match on the right; None without images and clouds."""
     frames = [int(run.numbers[row]) for row in (pair.query, pair.match)]

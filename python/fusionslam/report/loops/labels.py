@@ -5,6 +5,7 @@
 from collections.abc import Collection, Sequence
 
 from fusionslam.evaluation import DescriptorRun, Evaluation
+from fusionslam.report.page.html import group_by
 
 _PRESETS_OF = ("m2dp", "cm2dp")
 
@@ -20,18 +21,13 @@ def source_name(source: str, sources: Collection[str]) -> str:
 def run_label(run: DescriptorRun) -> str:
     """Return the descriptor with its preset, if it has one."""
     preset = run.config.get("descriptors", {}).get("preset")
-    return (
-        f"{run.descriptor} {preset}"
-        if preset and run.descriptor in _PRESETS_OF
-        else (run.descriptor)
-    )
+    has_preset = preset and run.descriptor in _PRESETS_OF
+    return f"{run.descriptor} {preset}" if has_preset else run.descriptor
 
 
 def by_rank(evaluations: Sequence[Evaluation], protocol: str) -> dict[str, list[Evaluation]]:
     """Group the evaluations by source name, the source with the largest F1 first."""
-    groups: dict[str, list[Evaluation]] = {}
-    for evaluation in evaluations:
-        groups.setdefault(evaluation.run.source, []).append(evaluation)
+    groups = group_by(evaluations, lambda evaluation: evaluation.run.source)
     ranked = sorted(groups, key=lambda source: -score(best_of(groups[source], protocol), protocol))
     return {source_name(source, groups): groups[source] for source in ranked}
 

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Outcome of each query at one threshold: the data of the pictures and matches.csv."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,19 +34,16 @@ class Pair:
 class Outcome:
     """Loops at one threshold: bool (N,) each, one entry per query."""
 
-    threshold: float | None
     accepted: Mask
     true: Mask
     false: Mask
     missed: Mask
 
 
-def outcome(curve: PrecisionRecall) -> Outcome:
+def judge_queries(curve: PrecisionRecall) -> Outcome:
     """Find what the threshold of maximal F1 accepts, and which revisits it misses."""
-    threshold = curve.max_f1_threshold
-    accepted = curve.accepted(threshold)
+    accepted = curve.accepted(curve.max_f1_threshold)
     return Outcome(
-        threshold=threshold,
         accepted=accepted,
         true=accepted & curve.correct,
         false=accepted & ~curve.correct,
@@ -78,7 +74,7 @@ def telling_pairs(run: DescriptorRun, curve: PrecisionRecall) -> list[Pair]:
     chosen = (
         ("best", matched & curve.correct),
         ("worst", matched & ~curve.correct),
-        ("missed", outcome(curve).missed & matched),
+        ("missed", judge_queries(curve).missed & matched),
     )
     return [
         _pair(run, curve, kind, int(np.argmin(np.where(mask, curve.distances, np.inf))))
@@ -100,45 +96,3 @@ def _pair(run: DescriptorRun, curve: PrecisionRecall, kind: str, query: int) -> 
         distance=float(np.linalg.norm(run.descriptors[query] - run.descriptors[match])),
         metres=float(metres_between(places[query], places[match])),
     )
-
-
-MATCH_COLUMNS = (
-    "source",
-    "descriptor",
-    "query",
-    "match",
-    "distance",
-    "accepted",
-    "correct",
-    "metres",
-    "query_stamp_ns",
-    "match_stamp_ns",
-)
-
-
-def match_rows(evaluation: Evaluation, protocol: str) -> Iterator[tuple[object, ...]]:
-    """Yield one row per query that has a candidate, as MATCH_COLUMNS; frames by number.
-
-    Without ground truth the judgements (accepted, correct, metres) are empty.
-    """
-    run, nearest = evaluation.run, nearest_of(evaluation, protocol)
-    if nearest is None:
-        return
-    curve = evaluation.curves.get(protocol)
-    accepted = outcome(curve).accepted if curve else None
-    for query in np.flatnonzero(nearest[0] >= 0):
-        match = nearest[0][query]
-        judged: tuple[object, ...] = ("", "", "")
-        if curve is not None and accepted is not None and run.positions is not None:
-            metres = float(metres_between(run.positions[query], run.positions[match]))
-            judged = (int(accepted[query]), int(curve.correct[query]), f"{metres:.3f}")
-        yield (
-            run.source,
-            run.descriptor,
-            run.numbers[query],
-            run.numbers[match],
-            f"{nearest[1][query]:.9g}",
-            *judged,
-            run.stamps_ns[query],
-            run.stamps_ns[match],
-        )

@@ -4,6 +4,7 @@
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,8 @@ from fusionslam.datasets.pose_files import write_poses_tum
 from fusionslam.errors import ConfigError
 from fusionslam.evaluation import CITATION, COMMON_RULES, PROTOCOLS, Evaluation, protocol_named
 from fusionslam.evaluation.loops.protocols import DEFAULTS
-from fusionslam.report.loops.exports import metrics_of, write_matches
-from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader, forgiving
+from fusionslam.report.loops.exports import MATCH_COLUMNS, list_matches, metrics_of
+from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader
 from fusionslam.report.loops.labels import by_rank, winner
 from fusionslam.report.loops.sections import Context, source_part
 from fusionslam.report.loops.tables import summary_table
@@ -21,9 +22,11 @@ from fusionslam.report.page.html import (
     about_report,
     check_extra,
     check_runs,
+    write_csv,
     write_figures,
     write_page,
 )
+from fusionslam.report.page.images import forgive
 
 
 def write_report(
@@ -47,8 +50,8 @@ def write_report(
         dataset_name: for the title.
         command: the command line that produced the runs.
         config: the effective configuration, in types that JSON can hold.
-        clouds: (source, frame of the dataset) -> the cloud that was described.
-        images: (source, frame of the dataset) -> uint8 (H, W, 3) RGB or (H, W).
+        clouds: (source, frame of the dataset) -> the cloud that was described, or None.
+        images: (source, frame of the dataset) -> uint8 (H, W, 3) RGB or (H, W), or None.
         protocol: protocol that judges the loops; the others appear in metrics.json.
         title: None derives one from the dataset's name.
         notes: sentences at the top of the page.
@@ -67,12 +70,15 @@ def write_report(
     groups = by_rank(evaluations, protocol)
     evaluations = [evaluation for group in groups.values() for evaluation in group]
     missed: dict[str, None] = {}
-    context = Context(target, protocol, forgiving(clouds, missed), forgiving(images, missed))
+    # A frame may be in several pairs, and all sections of a source show the same frames.
+    readers = cache(forgive(clouds, missed)), cache(forgive(images, missed))
+    context = Context(target, protocol, *readers)
     about = about_report(dataset_name, command, config)
     with styled():
         sources = [source_part(context, name, group) for name, group in groups.items()]
     write_figures(target / "metrics.json", about, [metrics_of(e) for e in evaluations])
-    write_matches(target / "matches.csv", evaluations, protocol)
+    matches = (row for e in evaluations for row in list_matches(e, protocol))
+    write_csv(target / "matches.csv", MATCH_COLUMNS, matches)
     judged_run = next((e.run for e in evaluations if e.run.poses is not None), None)
     if judged_run is not None and judged_run.poses is not None:
         write_poses_tum(target / "poses_tum.txt", judged_run.stamps_ns, judged_run.poses)

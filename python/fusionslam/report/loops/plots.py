@@ -11,20 +11,18 @@ from numpy.typing import NDArray
 
 from fusionslam.evaluation import DescriptorRun, PrecisionRecall
 from fusionslam.evaluation.loops.threshold_sweep import metres_between
-from fusionslam.report.loops.outcomes import Outcome, outcome
+from fusionslam.report.loops.outcomes import judge_queries
+from fusionslam.report.page.figures import (
+    CURVE_COLORS,
+    PATH,
+    draw_loops,
+    new_figure,
+    widest_axes,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-from fusionslam.report.page.figures import (
-    CURVE_COLORS,
-    FALSE,
-    MISSED,
-    PATH,
-    TRUE,
-    new_figure,
-    widest_axes,
-)
 
 _LARGEST_MATRIX = 800
 _LABELS = ("x", "y", "z")
@@ -36,16 +34,13 @@ def draw_curves(curves: Mapping[str, PrecisionRecall]) -> "Figure":
     axis = figure.add_subplot()
     _iso_f1(axis)
     for (name, curve), color in zip(curves.items(), cycle(CURVE_COLORS), strict=False):
-        curve.plot(axis, color=color, lw=1.8, label=_curve_label(name, curve))
+        label = (
+            f"{name}: AP {curve.average_precision:.3f}\n"
+            f"R@100P {curve.recall_at_full_precision:.3f}, F1 {curve.max_f1:.3f}"
+        )
+        curve.plot(axis, color=color, lw=1.8, label=label)
     axis.legend(loc="upper left", bbox_to_anchor=(1.02, 1), borderaxespad=0)
     return figure
-
-
-def _curve_label(name: str, curve: PrecisionRecall) -> str:
-    return (
-        f"{name}: AP {curve.average_precision:.3f}\n"
-        f"R@100P {curve.recall_at_full_precision:.3f}, F1 {curve.max_f1:.3f}"
-    )
 
 
 def _iso_f1(axis: "Axes") -> None:
@@ -68,33 +63,14 @@ def draw_trajectory(run: DescriptorRun, curve: PrecisionRecall) -> "Figure":
     figure = new_figure(8.2, 1.3 + 7.2 * float(np.clip(high / max(wide, 1e-9), 0.22, 0.8)))
     axis = figure.add_subplot()
     axis.plot(*plane.T, color=PATH, lw=1.2, zorder=1)
-    axis.plot(*plane[0], "D", color="#333333", ms=5, zorder=5, label="start")
-    _loops(axis, plane, curve, outcome(curve))
-    axis.set_aspect("equal", adjustable="datalim")
+    found = judge_queries(curve)
+    draw_loops(axis, plane, curve.matches, missed=found.missed, right=found.true, wrong=found.false)
     axis.set(xlabel=f"{_LABELS[across]} (m)", ylabel=f"{_LABELS[up]} (m)")
     if tall:
         # Two swapped axes would show a mirror image.
         axis.invert_yaxis()
     figure.legend(loc="outside lower center", ncols=4)
     return figure
-
-
-def _loops(
-    axis: "Axes", plane: NDArray[np.float64], curve: PrecisionRecall, found: Outcome
-) -> None:
-    from matplotlib.collections import LineCollection
-
-    kinds = (
-        (found.missed, MISSED, "x", "missed revisits", 2),
-        (found.true, TRUE, "o", "true loops", 3),
-        (found.false, FALSE, "s", "false loops", 4),
-    )
-    for mask, color, marker, label, order in kinds:
-        ends = plane[mask]
-        axis.plot(*ends.T, marker, color=color, ms=3.5, zorder=order, label=f"{mask.sum()} {label}")
-        if label != "missed revisits":
-            lines = np.stack([ends, plane[curve.matches[mask]]], axis=1)
-            axis.add_collection(LineCollection(list(lines), colors=color, lw=0.7, alpha=0.6))
 
 
 def draw_distances(run: DescriptorRun, window: int, radius: float | None) -> "Figure":

@@ -2,20 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sections of the report on one source: its curves, and each descriptor's loops."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from fusionslam.evaluation import Evaluation, PrecisionRecall
-from fusionslam.report.loops.frame_pairs import draw_pair
+from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader, draw_pair
 from fusionslam.report.loops.labels import best_of, run_label
 from fusionslam.report.loops.outcomes import Pair, nearest_of, telling_pairs
 from fusionslam.report.loops.plots import draw_curves, draw_distances, draw_trajectory
 from fusionslam.report.loops.tables import time_table
 from fusionslam.report.page.images import Picture, keep
 from fusionslam.report.page.tables import Table
-from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Image
 
 _PAIR_TEXTS = {
     "best": "Closest correct match",
@@ -26,18 +24,12 @@ _PAIR_TEXTS = {
 
 @dataclass(frozen=True)
 class Context:
-    """Inputs shared by all sections.
-
-    Attributes:
-        folder: folder of the pictures.
-        protocol: protocol that judges the loops.
-        clouds, images: (source, frame) -> cloud or image, or None.
-    """
+    """Folder of the pictures, protocol that judges the loops, and readers of frames."""
 
     folder: Path
     protocol: str
-    clouds: Callable[[str, int], Cloud | None]
-    images: Callable[[str, int], Image | None]
+    clouds: CloudReader
+    images: ImageReader
 
 
 @dataclass(frozen=True)
@@ -116,7 +108,7 @@ def _loops_line(evaluation: Evaluation, curve: PrecisionRecall | None, protocol:
     )
 
 
-def _trajectory(context: Context, evaluation: Evaluation, curve: PrecisionRecall) -> Picture:
+def _trajectory(context: Context, evaluation: Evaluation, curve: PrecisionRecall) -> Picture | None:
     run, threshold = evaluation.run, curve.max_f1_threshold
     at = "No threshold accepts a correct match"
     if threshold is not None:
@@ -129,7 +121,9 @@ def _trajectory(context: Context, evaluation: Evaluation, curve: PrecisionRecall
     return keep(context.folder, name, draw_trajectory(run, curve), caption)
 
 
-def _distances(context: Context, evaluation: Evaluation, curve: PrecisionRecall | None) -> Picture:
+def _distances(
+    context: Context, evaluation: Evaluation, curve: PrecisionRecall | None
+) -> Picture | None:
     run = evaluation.run
     window = curve.window if curve else evaluation.window
     figure = draw_distances(run, window, curve.radius if curve else None)
@@ -150,8 +144,6 @@ def _pairs(context: Context, evaluation: Evaluation, curve: PrecisionRecall) -> 
 def _pair(context: Context, evaluation: Evaluation, pair: Pair) -> Picture | None:
     run = evaluation.run
     figure = draw_pair(run, pair, context.clouds, context.images)
-    if figure is None:
-        return None
     caption = (
         f"{_PAIR_TEXTS[pair.kind]}: descriptors {pair.distance:.4g} apart, places "
         f"{pair.metres:.1f} m apart. Clouds from above, both at one scale."

@@ -3,10 +3,9 @@
 """Write report.html and metrics.json from the runs stored in a folder."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,23 +16,23 @@ from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.evaluation import Evaluation
 from fusionslam.fusion import FusionConfig, fuse
+from fusionslam.pipelines.compare_descriptors import DEMO_NOTE, evaluate_stored, stored_config
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work
+from fusionslam.report.loops.exports import metrics_of
+from fusionslam.report.loops.page import write_report
+from fusionslam.report.page.html import write_figures
 from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.storage.machine import machine, versions
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
-from fusionslam.pipelines.compare_descriptors import DEMO_NOTE, evaluate_stored, stored_config
 
 
 def write_stored_metrics(
     folder: str | os.PathLike[str], evaluations: Sequence[Evaluation], *, command: str = ""
 ) -> Path:
     """Write ``folder/metrics.json``: every figure under every protocol. Raises DataError."""
-    from fusionslam.report.loops.exports import metrics_of
-    from fusionslam.report.page.html import write_figures
-    from fusionslam.storage.machine import machine, versions
-
     dataset = evaluations[0].run.dataset
     about = {"dataset": dataset, "command": command, "versions": versions(), "machine": machine()}
     path = Path(folder) / "metrics.json"
@@ -62,14 +61,12 @@ def write_stored_report(
         DataError: no runs, or the output cannot be written.
         FusionSlamError: matplotlib or jinja2 is not installed.
     """
-    from fusionslam.report import write_report
-
     if evaluations is None:
         evaluations, _ = evaluate_stored(folder)
     work = Work.load(folder)
     runs = [evaluation.run for evaluation in evaluations]
     fusion = {run.source: merged(FusionConfig(), run.config["fusion"]) for run in runs}
-    pictured = _Pictured(work.recording, fusion) if work else None
+    frames = _FrameReader(work.recording, fusion) if work else None
     return write_report(
         evaluations,
         output or folder,
@@ -77,44 +74,40 @@ def write_stored_report(
         command=(work.command if work and command is None else command) or "",
         config={f"{run.source} / {run.descriptor}": run.config for run in runs},
         protocol=protocol or stored_config(folder).protocol,
-        clouds=pictured.cloud if pictured else None,
-        images=pictured.image if pictured else None,
+        clouds=frames.read_cloud if frames else None,
+        images=frames.read_image if frames else None,
         notes=[DEMO_NOTE] if work and work.demo and "cloud" in fusion else [],
     )
 
 
-@dataclass(frozen=True)
-class _Pictured:
+class _FrameReader:
     """Reads frames of a recording by their number in the file names, for the report's pictures."""
 
-    recording: Recording
-    fusion: Mapping[str, FusionConfig]
-
-    @cached_property
-    def _opened(self) -> "Callable[[str], tuple[Dataset, dict[int, int]]]":
+    def __init__(self, recording: Recording, fusion: Mapping[str, FusionConfig]) -> None:
         # Gaps do not matter here: the number identifies the frame.
-        recording = replace(self.recording, gaps="skip")
+        self.recording, self.fusion = replace(recording, gaps="skip"), fusion
+        self._opened: dict[str, tuple[Dataset, dict[int, int]]] = {}
 
-        @cache
-        def opened(source: str) -> "tuple[Dataset, dict[int, int]]":
-            found = recording.open(source)
-            return found, {number: i for i, number in enumerate(found.numbers.tolist())}
+    def read_cloud(self, source: str, number: int) -> Cloud:
+        return fuse(self._read(source, number), self.fusion[source])
 
-        return opened
-
-    def cloud(self, source: str, number: int) -> Cloud:
-        return fuse(self._frame(source, number), self.fusion[source])
-
-    def image(self, source: str, number: int) -> NDArray[np.uint8]:
+    def read_image(self, source: str, number: int) -> NDArray[np.uint8]:
         """Return the left image; clouds without images take it from a source that has one."""
         for other in ("lidar", "stereo"):
             with suppress(DataError):
-                return self._frame(other, number).images["left"]
-        self._opened(source)  # an error of the recording itself is the better reason
+                return self._read(other, number).images["left"]
+        self._open(source)  # an error of the recording itself is the better reason
         raise DataError(f"{self.recording.path}, frame {number}: no left image")
 
-    def _frame(self, source: str, number: int) -> Frame:
-        dataset, places = self._opened(source)
+    def _read(self, source: str, number: int) -> Frame:
+        dataset, places = self._open(source)
         if number not in places:
             raise DataError(f"{self.recording.path}: frame {number} is not there")
         return dataset[places[number]]
+
+    def _open(self, source: str) -> "tuple[Dataset, dict[int, int]]":
+        if source not in self._opened:
+            found = self.recording.open(source)
+            places = {number: i for i, number in enumerate(found.numbers.tolist())}
+            self._opened[source] = found, places
+        return self._opened[source]

@@ -7,26 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.errors import FusionSlamError
+from fusionslam.storage.arrays import Floats, Integers, Mask
+
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
-# Okabe and Ito's colours, which colour-blind readers can distinguish.
 CURVE_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-
-
-TRUE = "#1a9850"
-
-
-FALSE = "#d73027"
-
-
-MISSED = "#f59a0b"
-
-
-PATH = "#b4b8bf"
-
-
+"""Okabe and Ito's colours, which colour-blind readers can distinguish."""
+TRUE, FALSE, MISSED, PATH = "#1a9850", "#d73027", "#f59a0b", "#b4b8bf"
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -41,9 +31,15 @@ _STYLE: dict[Any, Any] = {
 
 
 def styled() -> Any:
-    """Return a context in which matplotlib draws in the report's style."""
-    import matplotlib
+    """Return a context in which matplotlib draws in the report's style.
 
+    Raises:
+        FusionSlamError: matplotlib is not installed.
+    """
+    try:
+        import matplotlib
+    except ImportError as error:
+        raise FusionSlamError("pictures need: pip install 'fusionslam[report]'") from error
     return matplotlib.rc_context(_STYLE)
 
 
@@ -62,3 +58,33 @@ def widest_axes(points: NDArray[np.floating[Any]]) -> tuple[int, int]:
     low, high = np.percentile(points, (1, 99), axis=0)
     first, second = sorted(np.argsort(low - high, kind="stable")[:2].tolist())
     return first, second
+
+
+def draw_loops(
+    axis: "Axes", places: Floats, matched: Integers, *, missed: Mask, right: Mask, wrong: Mask
+) -> None:
+    """Mark the start of a path from above, its loops with a line to their match, and its misses.
+
+    Args:
+        axis: where to draw; both axes get one scale.
+        places: float64 (n, 2), metres.
+        matched: int64 (n,), row of each match.
+        missed, right, wrong: bool (n,), the outcomes.
+    """
+    from matplotlib.collections import LineCollection
+
+    axis.plot(*places[0], "D", color="#333333", ms=5, zorder=5, label="start")
+    for order, (mask, color, marker, label) in enumerate(
+        (
+            (missed, MISSED, "x", "missed revisits"),
+            (right, TRUE, "o", "right loops"),
+            (wrong, FALSE, "s", "false loops"),
+        ),
+        start=2,
+    ):
+        ends = places[mask]
+        axis.plot(*ends.T, marker, color=color, ms=3.5, zorder=order, label=f"{mask.sum()} {label}")
+        if mask is not missed:
+            lines = np.stack([ends, places[matched[mask]]], axis=1)
+            axis.add_collection(LineCollection(list(lines), colors=color, lw=0.7, alpha=0.6))
+    axis.set_aspect("equal", adjustable="datalim")

@@ -2,21 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The HTML frame of every report: templates, file names, and the origin of the data."""
 
+import csv
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.storage.archive import save_json
 from fusionslam.storage.files import atomic_path
 from fusionslam.storage.machine import machine, versions
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
-
 
 T = TypeVar("T")
 
@@ -45,19 +43,6 @@ def about_report(dataset: str, command: str, config: Mapping[str, Any]) -> dict[
     }
 
 
-def _environment() -> "Environment":
-    """Return the environment of the report templates; unknown names in a template are errors."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    return Environment(
-        loader=PackageLoader("fusionslam", "report/page/templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-
-
 def write_page(path: Path, template: str, about: Mapping[str, Any], **parts: Any) -> Path:
     """Write an HTML page that opens offline, whole or not at all.
 
@@ -70,7 +55,15 @@ def write_page(path: Path, template: str, about: Mapping[str, Any], **parts: Any
     Raises:
         DataError: the folder cannot be written.
     """
-    pages = _environment()
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    pages = Environment(
+        loader=PackageLoader("fusionslam", "report/page/templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     is_name = template.endswith(".j2")
     page = pages.get_template(template) if is_name else pages.from_string(template)
     common = {"about": about, "notes": (), "config": json.dumps(about["config"], indent=2)}
@@ -80,23 +73,23 @@ def write_page(path: Path, template: str, about: Mapping[str, Any], **parts: Any
 
 
 def write_figures(path: Path, about: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]) -> None:
-    """Write the JSON beside a page: the page's origin and, under "runs", the figures.
+    """Write the JSON beside a page: its origin and, under "runs", its figures. Raises DataError."""
+    save_json(path, None, {**about, "runs": list(runs)}, indent=2)
 
-    Raises:
-        DataError: the folder cannot be written.
-    """
-    with atomic_path(path) as temporary:
-        text = json.dumps({**about, "runs": list(runs)}, indent=2, allow_nan=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
+
+def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write a table beside a page. Raises DataError if the folder cannot be written."""
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(rows)
 
 
 def check_runs(runs: Sequence[Sized], labels: Sequence[str], files: Sequence[str]) -> None:
     """Raise DataError if there are no runs, one is empty, or two share a file name.
 
     Args:
-        runs: the runs of the page.
-        labels: label of each run, for messages.
-        files: name of the file that stores each run.
+        runs, labels, files: each run of the page, its label for messages, and its file's name.
     """
     if not runs:
         raise DataError("report: there are no runs to write about")

@@ -6,21 +6,22 @@ import base64
 import io
 import os
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from PIL import Image
 
+from fusionslam.errors import DataError
 from fusionslam.storage.files import atomic_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
+T = TypeVar("T")
 _COLORS = 128
 """Enough colours for drawings; it makes their files a quarter as large."""
-_QUALITY = 80
 
 
 @dataclass(frozen=True)
@@ -45,9 +46,9 @@ class Picture:
 
 
 def keep(
-    folder: Path, name: str, figure: "Figure", caption: str, *, photo: bool = False
-) -> Picture:
-    """Render a figure, write it to the folder and return it.
+    folder: Path, name: str, figure: "Figure | None", caption: str, *, photo: bool = False
+) -> Picture | None:
+    """Render a figure, write it to the folder and return it; None without a figure.
 
     Args:
         folder: target folder.
@@ -59,50 +60,71 @@ def keep(
     Raises:
         DataError: the folder cannot be written.
     """
-    encode, end = (_jpeg, ".jpg") if photo else (_png, ".png")
-    return _kept(folder, name + end, encode(_rendered(figure)), caption)
-
-
-def write_png(path: str | os.PathLike[str], figure: "Figure") -> None:
-    """Render a drawing and write it as PNG, whole or not at all. Raises DataError."""
-    data = _png(_rendered(figure))
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(data)
-
-
-def write_photo(path: str | os.PathLike[str], image: Image.Image) -> None:
-    """Write a rendered picture as JPEG, whole or not at all. Raises DataError."""
-    data = _jpeg(image)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(data)
+    if figure is None:
+        return None
+    image = _render(figure)
+    if photo:
+        return keep_photo(folder, name, image, caption)
+    return _keep(folder, f"{name}.png", _encode_png(image), caption)
 
 
 def keep_photo(folder: Path, name: str, image: Image.Image, caption: str) -> Picture:
     """Write a rendered picture as JPEG, and return it. Arguments as for ``keep``."""
-    return _kept(folder, name + ".jpg", _jpeg(image), caption)
+    return _keep(folder, f"{name}.jpg", encode_jpeg(image), caption)
 
 
-def _kept(folder: Path, name: str, data: bytes, caption: str) -> Picture:
+def write_png(path: str | os.PathLike[str], figure: "Figure") -> None:
+    """Render a drawing and write it as PNG, whole or not at all. Raises DataError."""
+    _write(path, _encode_png(_render(figure)))
+
+
+def write_photo(path: str | os.PathLike[str], image: Image.Image) -> None:
+    """Write a rendered picture as JPEG, whole or not at all. Raises DataError."""
+    _write(path, encode_jpeg(image))
+
+
+def encode_jpeg(image: Image.Image, quality: int = 80) -> bytes:
+    """Return the bytes of a JPEG file."""
+    buffer = io.BytesIO()
+    image.save(buffer, "JPEG", quality=quality, optimize=True)
+    return buffer.getvalue()
+
+
+def forgive(reader: Callable[..., T] | None, missed: dict[str, None]) -> Callable[..., T | None]:
+    """Wrap a reader of images or clouds so that it returns None on a DataError, or if it is None.
+
+    The reasons become keys of ``missed``, in order.
+    """
+
+    def read(*which: Any) -> T | None:
+        try:
+            return reader(*which) if reader else None
+        except DataError as error:
+            missed[str(error)] = None
+            return None
+
+    return read
+
+
+def _keep(folder: Path, name: str, data: bytes, caption: str) -> Picture:
     picture = Picture(re.sub(r"[^\w.-]+", "-", name), caption, data)
-    with atomic_path(folder / picture.name) as temporary:
-        temporary.write_bytes(picture.data)
+    _write(folder / picture.name, data)
     return picture
 
 
-def _rendered(figure: "Figure") -> Image.Image:
+def _write(path: str | os.PathLike[str], data: bytes) -> None:
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def _render(figure: "Figure") -> Image.Image:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", facecolor="white")
     return Image.open(buffer).convert("RGB")
 
 
-def _png(image: Image.Image) -> bytes:
+def _encode_png(image: Image.Image) -> bytes:
     buffer = io.BytesIO()
     few = image.quantize(_COLORS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     few.save(buffer, "PNG", optimize=True)
-    return buffer.getvalue()
-
-
-def _jpeg(image: Image.Image) -> bytes:
-    buffer = io.BytesIO()
-    image.save(buffer, "JPEG", quality=_QUALITY, optimize=True)
     return buffer.getvalue()

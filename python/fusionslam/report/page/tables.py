@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of the reports as text cells, with the best cell of each column marked."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
+DASH = "\N{EN DASH}"
+"""Text of an unknown value."""
 
 
 @dataclass(frozen=True)
@@ -15,16 +17,26 @@ class Column(Generic[T]):
 
     Attributes:
         title, hint: heading and its explanation.
-        value: gives the value of a row's item; None is shown as a dash.
+        value: dotted path from a row's item through attributes and keys, or a function of the item.
+            A value that is None or NaN is shown as a dash.
         show: format string of the value.
         best: max, min, or None if no value is better than another.
+        scale: factor applied to a number before it is formatted.
     """
 
     title: str
     hint: str
-    value: Callable[[T], float | None]
-    show: str
-    best: Callable[[Sequence[float]], float] | None = None
+    value: str | Callable[[T], Any]
+    show: str = "{}"
+    best: Callable[[Sequence[Any]], Any] | None = None
+    scale: float = 1
+
+    def read(self, item: T) -> Any:
+        """Return the value of an item, scaled; None if unknown."""
+        value = _follow(item, self.value) if isinstance(self.value, str) else self.value(item)
+        if value is None or value != value:  # NaN
+            return None
+        return value if self.scale == 1 else value * self.scale
 
 
 @dataclass(frozen=True)
@@ -55,16 +67,25 @@ class Table:
 
 
 def build_table(
-    columns: Sequence[Column[T]], things: Sequence[T], label: Callable[[T], str]
+    columns: Sequence[Column[T]], items: Sequence[T], label: Callable[[T], str]
 ) -> Table:
     """Build a table with one row per item."""
-    cells = [_cells(column, [column.value(thing) for thing in things]) for column in columns]
-    rows = [(label(thing), [column[row] for column in cells]) for row, thing in enumerate(things)]
+    cells = [_build_cells(column, [column.read(item) for item in items]) for column in columns]
+    rows = [(label(item), [column[row] for column in cells]) for row, item in enumerate(items)]
     return Table([(column.title, column.hint) for column in columns], rows)
 
 
-def _cells(column: Column[T], values: Sequence[float | None]) -> list[Cell]:
-    texts = ["\N{EN DASH}" if value is None else column.show.format(value) for value in values]
+def _follow(item: Any, path: str) -> Any:
+    """Follow a dotted path of attributes and keys; None from the first one that is unknown."""
+    for name in path.split("."):
+        if item is None:
+            return None
+        item = item.get(name) if isinstance(item, Mapping) else getattr(item, name)
+    return item
+
+
+def _build_cells(column: Column[Any], values: Sequence[Any]) -> list[Cell]:
+    texts = [DASH if value is None else column.show.format(value) for value in values]
     known = [value for value in values if value is not None]
     if column.best is None or len(known) < 2:
         return [Cell(text) for text in texts]

@@ -2,19 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables that compare view recognition methods: for terminals, as Markdown and as JSON."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from fusionslam.evaluation import (
-    RERUN_CITATION,
-    VIEW_CITATION,
-    ViewReport,
-    rerun_views,
-)
+from fusionslam.evaluation import RERUN_CITATION, VIEW_CITATION, rerun_views
 from fusionslam.pipelines.compare_views import ViewResult
 from fusionslam.pipelines.drives import FRAMES
 from fusionslam.report.page.tables import Column, Table, build_table
@@ -22,8 +15,6 @@ from fusionslam.storage.archive import save_json
 from fusionslam.storage.files import atomic_path
 
 FORMAT = "fusionslam.view_bench.1"
-Value = Callable[[ViewResult], float | None]
-Group = tuple[str, list[ViewResult]]
 
 LEGEND = (
     "acc.: accuracy by the paper's rule, author: by the author's (72 and 7.2 degrees), thesis: as "
@@ -34,7 +25,31 @@ LEGEND = (
 )
 
 
-def groups(results: Sequence[ViewResult]) -> list[Group]:
+_ACCURACY: Sequence[Column[ViewResult]] = (
+    Column("acc.", "accuracy, paper's rule, %", "paper.accuracy", "{:.1f}", scale=100),
+    Column("author", "accuracy, author's rule, %", "author.accuracy", "{:.1f}", scale=100),
+    Column("thesis", "accuracy as published, %", "published.accuracy", "{:.1f}", scale=100),
+    Column("re-run", "accuracy measured again, %", "rerun.accuracy", "{:.1f}", scale=100),
+    Column("loop R", "loop recall, %", "paper.loop_recall", "{:.1f}", max, 100),
+    Column("re-run", "loop recall measured again, %", "rerun.loop_recall", "{:.0f}", scale=100),
+    Column("loop P", "loop precision, %", "paper.loop_precision", "{:.1f}", max, 100),
+    Column("FP m", "false positives, mean", "paper.mean_false_positive_distance", "{:.2f}"),
+    Column("max", "the farthest", "paper.max_false_positive_distance", "{:.2f}"),
+)
+_COSTS: Sequence[Column[ViewResult]] = (
+    Column("views", "stored", "paper.views", "{:.0f}"),
+    Column("thesis", "as published", "published.views", "{:.0f}"),
+    Column("bytes", "of a view", "run.bytes_per_view", "{:.0f}", min),
+    Column("thesis", "as published", "published.view_bytes", "{:.0f}"),
+    Column("build", "ms to make a view, mean", "run.build_ms", "{:.1f}", min),
+    Column("thesis", "as published, ms", "published.build_ms", "{:.1f}"),
+    Column("match", "ms against all stored views, mean", "run.match_ms", "{:.3f}", min),
+    Column("pair", "ms against one of them, mean", "run.pair_ms", "{:.4f}"),
+    Column("thesis", "as published, ms", "published.match_ms", "{:.3f}"),
+)
+
+
+def groups(results: Sequence[ViewResult]) -> list[tuple[str, list[ViewResult]]]:
     """Group the results by drive and frame, with a heading each."""
     found = groupby(results, key=lambda result: (result.drive, result.frame, result.scans))
     return [
@@ -44,12 +59,12 @@ def groups(results: Sequence[ViewResult]) -> list[Group]:
 
 def accuracy_table(results: Sequence[ViewResult]) -> Table:
     """One row per method: its recognition and published figures; fits 80 columns."""
-    return build_table(_accuracy_columns(), results, _label)
+    return build_table(_ACCURACY, results, lambda result: result.title)
 
 
 def cost_table(results: Sequence[ViewResult]) -> Table:
     """One row per method: bytes and milliseconds, and published figures."""
-    return build_table(_cost_columns(), results, _label)
+    return build_table(_COSTS, results, lambda result: result.title)
 
 
 def notes(results: Sequence[ViewResult]) -> list[str]:
@@ -69,7 +84,12 @@ def markdown(results: Sequence[ViewResult], dropped: Mapping[str, int]) -> str:
     for heading, rows in groups(results):
         frame, drive = rows[0].frame, rows[0].drive
         parts.append(f"## {heading}")
-        parts.append(f"{FRAMES[frame].capitalize()}. {_dropped(dropped[drive])}")
+        left_out = "Every scan holds something above the floor."
+        if count := dropped[drive]:
+            left_out = (
+                f"{count} more scans hold nothing above the floor and are left out of every row."
+            )
+        parts.append(f"{FRAMES[frame].capitalize()}. {left_out}")
         parts += [accuracy_table(rows).markdown(), cost_table(rows).markdown()]
         parts += _elsewhere(rows)
     lines = notes(results)
@@ -118,83 +138,13 @@ def as_json(result: ViewResult) -> dict[str, Any]:
         "author": result.author and result.author.metrics(),
         "threshold": run.threshold if run else None,
         "bytes_per_view": run.bytes_per_view if run else None,
-        "build_ms": _ms("build_seconds")(result),
-        "match_ms": _ms("match_seconds")(result),
-        "pair_ms": _ms("pair_seconds")(result),
+        "build_ms": run.build_ms if run else None,
+        "match_ms": run.match_ms if run else None,
+        "pair_ms": run.pair_ms if run else None,
         "config": run.config if run else {},
         "published": result.published and vars(result.published),
         "rerun": result.rerun and vars(result.rerun),
     }
-
-
-def _label(result: ViewResult) -> str:
-    return result.title
-
-
-def _dropped(count: int) -> str:
-    if not count:
-        return "Every scan holds something above the floor."
-    return f"{count} more scans hold nothing above the floor and are left out of every row."
-
-
-def _accuracy_columns() -> list[Column[ViewResult]]:
-    return [
-        Column("acc.", "accuracy, paper's rule, %", _of("paper", "accuracy", 100), "{:.1f}"),
-        Column("author", "accuracy, author's rule, %", _of("author", "accuracy", 100), "{:.1f}"),
-        Column("thesis", "accuracy as published, %", _published("accuracy", 100), "{:.1f}"),
-        Column("re-run", "accuracy measured again, %", _rerun("accuracy"), "{:.1f}"),
-        Column("loop R", "loop recall, %", _of("paper", "loop_recall", 100), "{:.1f}", max),
-        Column("re-run", "loop recall measured again, %", _rerun("loop_recall"), "{:.0f}"),
-        Column("loop P", "loop precision, %", _of("paper", "loop_precision", 100), "{:.1f}", max),
-        Column(
-            "FP m", "false positives, mean", _of("paper", "mean_false_positive_distance"), "{:.2f}"
-        ),
-        Column("max", "the farthest", _of("paper", "max_false_positive_distance"), "{:.2f}"),
-    ]
-
-
-def _cost_columns() -> list[Column[ViewResult]]:
-    return [
-        Column("views", "stored", _of("paper", "views"), "{:.0f}"),
-        Column("thesis", "as published", _published("views"), "{:.0f}"),
-        Column("bytes", "of a view", lambda r: r.run and r.run.bytes_per_view, "{:.0f}", min),
-        Column("thesis", "as published", _published("view_bytes"), "{:.0f}"),
-        Column("build", "ms to make a view, mean", _ms("build_seconds"), "{:.1f}", min),
-        Column("thesis", "as published, ms", _published("build_ms"), "{:.1f}"),
-        Column("match", "ms against all stored views, mean", _ms("match_seconds"), "{:.3f}", min),
-        Column("pair", "ms against one of them, mean", _ms("pair_seconds"), "{:.4f}"),
-        Column("thesis", "as published, ms", _published("match_ms"), "{:.3f}"),
-    ]
-
-
-def _of(rule: str, name: str, scale: float = 1) -> Value:
-    def value(result: ViewResult) -> float | None:
-        report: ViewReport | None = getattr(result, rule)
-        found = None if report is None else getattr(report, name)
-        return None if found is None else found * scale
-
-    return value
-
-
-def _published(name: str, scale: float = 1) -> Value:
-    return lambda r: None if r.published is None else getattr(r.published, name) * scale
-
-
-def _rerun(name: str) -> Value:
-    def value(result: ViewResult) -> float | None:
-        found = None if result.rerun is None else getattr(result.rerun, name)
-        return None if found is None else found * 100
-
-    return value
-
-
-def _ms(name: str) -> Value:
-    def value(result: ViewResult) -> float | None:
-        spent = None if result.run is None else getattr(result.run, name)
-        known = np.empty(0) if spent is None else spent[np.isfinite(spent)]
-        return float(known.mean() * 1e3) if known.size else None
-
-    return value
 
 
 def _elsewhere(rows: Sequence[ViewResult]) -> list[str]:

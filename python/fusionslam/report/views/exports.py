@@ -2,10 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files beside the report of views, and the data of the page's frame slider."""
 
-import csv
-from base64 import b64encode
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,9 +10,7 @@ import numpy as np
 from fusionslam.evaluation import ViewReport, ViewRun, baselines, judge_views
 from fusionslam.report.views.plots import path_pieces
 from fusionslam.report.views.previews import counterparts, needed_rows, shown_rows, stamp_key
-from fusionslam.storage.files import atomic_path
 
-Judged = Sequence[tuple[ViewRun, ViewReport]]
 COLUMNS = (
     "world",
     "method",
@@ -67,16 +62,8 @@ def metrics_of(run: ViewRun, report: ViewReport) -> dict[str, Any]:
     }
 
 
-def write_view_rows(path: Path, judged: Judged) -> None:
-    """Write one line per scan of every run."""
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for run, report in judged:
-            writer.writerows(_csv_rows(run, report))
-
-
-def _csv_rows(run: ViewRun, report: ViewReport) -> Iterator[tuple[object, ...]]:
+def list_scans(run: ViewRun, report: ViewReport) -> Iterator[tuple[object, ...]]:
+    """Yield one row per scan, as COLUMNS."""
     for row in range(len(run)):
         matched = int(report.matched[row])
         known = matched >= 0
@@ -86,7 +73,7 @@ def _csv_rows(run: ViewRun, report: ViewReport) -> Iterator[tuple[object, ...]]:
             run.numbers[row],
             f"{run.stamps[row]:.9f}",
             report.ids[row],
-            _number(None if run.similarities is None else run.similarities[row], "{:.6f}") or "",
+            _format_similarity(run, row, "{:.6f}") or "",
             run.numbers[matched] if known else "",
             f"{report.distances[row]:.3f}" if known else "",
             f"{report.angles[row]:.2f}" if known else "",
@@ -130,12 +117,11 @@ def _place(run: ViewRun, row: int, previews: Mapping[int, bytes]) -> dict[str, A
 def _frame(run: ViewRun, report: ViewReport, row: int, place: int, beside: int) -> dict[str, Any]:
     known = report.matched[row] >= 0
     wrongly_new = "negative" if report.false_negative[row] else None
-    similarity = None if run.similarities is None else run.similarities[row]
     return {
         "i": place,
         "v": beside,
         "id": int(report.ids[row]),
-        "s": _number(similarity, "{:.3f}"),
+        "s": _format_similarity(run, row, "{:.3f}"),
         "d": f"{report.distances[row]:.2f} m, {report.angles[row]:.0f}°" if known else None,
         "w": verdict(report, row),
         "false": "positive" if report.false_positive[row] else wrongly_new,
@@ -144,10 +130,6 @@ def _frame(run: ViewRun, report: ViewReport, row: int, place: int, beside: int) 
     }
 
 
-def embedded(previews: Mapping[int, bytes]) -> dict[str, str]:
-    """Encode previews as base64, by their key."""
-    return {str(key): b64encode(data).decode("ascii") for key, data in previews.items()}
-
-
-def _number(value: float | None, show: str) -> str | None:
-    return None if value is None or not np.isfinite(value) else show.format(value)
+def _format_similarity(run: ViewRun, row: int, show: str) -> str | None:
+    known = run.similarities is not None and np.isfinite(run.similarities[row])
+    return show.format(run.similarities[row]) if known else None  # type: ignore[index]

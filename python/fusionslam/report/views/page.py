@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write the report of views: the page, its pictures, the files beside it, and the runs."""
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,12 +9,7 @@ from typing import Any
 
 from fusionslam.config import merged, walk
 from fusionslam.errors import DataError
-from fusionslam.evaluation import (
-    RERUN_CITATION,
-    VIEW_CITATION,
-    ViewRule,
-    ViewRun,
-)
+from fusionslam.evaluation import RERUN_CITATION, VIEW_CITATION, ViewRule, ViewRun
 from fusionslam.evaluation.views.rules import view_rule
 from fusionslam.report.page.figures import styled
 from fusionslam.report.page.html import (
@@ -24,11 +18,13 @@ from fusionslam.report.page.html import (
     check_runs,
     file_name,
     group_by,
+    write_csv,
     write_figures,
     write_page,
 )
-from fusionslam.report.views.exports import metrics_of, write_view_rows
+from fusionslam.report.views.exports import COLUMNS, list_scans, metrics_of
 from fusionslam.report.views.sections import world_part
+from fusionslam.storage.archive import load_json
 from fusionslam.storage.files import atomic_path
 
 RUNS = "views"
@@ -73,8 +69,7 @@ def write_view_report(
     name, limits = view_rule(rule)
     for run, file in zip(runs, files, strict=True):
         run.save(target / RUNS / f"{file}.npz")
-    reports = {id(run): run.judged(limits) for run in runs}
-    judged = [(run, reports[id(run)]) for run in runs]
+    judged = [(run, run.judged(limits)) for run in runs]
     missed: dict[str, None] = {}
     with styled():
         worlds = [
@@ -83,11 +78,13 @@ def write_view_report(
                 group_by(judged, lambda pair: pair[0].world).items()
             )
         ]
-    about = about_report(", ".join(part.name for part in worlds), command, _configs(runs))
+    configs = {f"{run.world} / {run.method}": run.config for run in runs if run.config}
+    about = about_report(", ".join(part.name for part in worlds), command, configs)
     about |= {"title": title, "notes": list(notes), "rule": name}
     about["limits"] = limits.model_dump(mode="json")
     write_figures(target / "views.json", about, [metrics_of(*pair) for pair in judged])
-    write_view_rows(target / "views.csv", judged)
+    scans = (row for pair in judged for row in list_scans(*pair))
+    write_csv(target / "views.csv", COLUMNS, scans)
     return write_page(
         target / "views.html",
         "views.html.j2",
@@ -99,7 +96,7 @@ def write_view_report(
         rule_name=name,
         citation=VIEW_CITATION,
         rerun=RERUN_CITATION,
-        limits=[_limit(key, value, field) for key, value, field in walk(limits)],
+        limits=[_describe_limit(key, value, field) for key, value, field in walk(limits)],
     )
 
 
@@ -134,13 +131,13 @@ def write_stored_view_report(
     """
     source, target = Path(folder), Path(output or folder)
     runs = load_view_runs(source)
-    about = _about_before(source / "views.json")
+    about = _load_about(source / "views.json")
     if target.resolve() != source.resolve():
         for path in (source / RUNS).glob("*.previews"):
             with atomic_path(target / RUNS / path.name) as temporary:
                 temporary.write_bytes(path.read_bytes())
     return write_view_report(
-        _as_before(runs, about),
+        _sort_as_before(runs, about),
         target,
         rule=merged(ViewRule(), about.get("limits", {})),
         title=about.get("title"),
@@ -149,20 +146,15 @@ def write_stored_view_report(
     )
 
 
-def _about_before(path: Path) -> dict[str, Any]:
+def _load_about(path: Path) -> dict[str, Any]:
     """Return the header of views.json, empty if the file is missing."""
-    try:
-        about = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not path.exists():
         return {}
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path}: cannot be read: {error}") from error
-    if not isinstance(about, dict):
-        raise DataError(f"{path}: expected an object")
-    return about
+    with load_json(path, None, "the figures of views.html") as about:
+        return about
 
 
-def _as_before(runs: list[ViewRun], about: Mapping[str, Any]) -> list[ViewRun]:
+def _sort_as_before(runs: list[ViewRun], about: Mapping[str, Any]) -> list[ViewRun]:
     """Sort runs in their earlier order; new ones last."""
     names = [(run.get("world"), run.get("method")) for run in about.get("runs", [])]
     return sorted(
@@ -177,9 +169,5 @@ def _run_files(folder: Path) -> list[Path]:
     return sorted((folder / RUNS).glob("*.npz"))
 
 
-def _configs(runs: Sequence[ViewRun]) -> dict[str, Any]:
-    return {f"{run.world} / {run.method}": run.config for run in runs if run.config}
-
-
-def _limit(name: str, value: float, field: Any) -> tuple[str, str, str]:
+def _describe_limit(name: str, value: float, field: Any) -> tuple[str, str, str]:
     return name, f"{value:g} {field.json_schema_extra['unit']}", field.description

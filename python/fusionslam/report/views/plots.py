@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.evaluation import ViewCurve, ViewReport, ViewRun, baselines, judge_views
-from fusionslam.report.page.figures import CURVE_COLORS, FALSE, MISSED, PATH, TRUE, new_figure
+from fusionslam.report.page.figures import CURVE_COLORS, PATH, draw_loops, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
 
 Judged = Sequence[tuple[ViewRun, ViewReport]]
 _MARKERS = "osD^vPX"
@@ -92,6 +91,8 @@ def draw_errors(runs: Judged) -> "Figure | None":
 
 def draw_times(runs: Judged) -> "Figure | None":
     """Draw building and matching times of every scan; None if nothing was timed."""
+    from matplotlib.lines import Line2D
+
     kinds = (("build_seconds", "making a view"), ("match_seconds", "comparing with all stored"))
     shown = [
         (title, [(run, times) for run, _ in runs if (times := getattr(run, name)) is not None])
@@ -111,34 +112,22 @@ def draw_times(runs: Judged) -> "Figure | None":
         axis.set(title=title, xlabel="time (s)", ylabel="milliseconds", yscale="log")
         axis.grid(alpha=0.25)
     names = {run.method: colors[run.method] for _, timed in shown for run, _ in timed}
-    marks = [_dot(color) for color in names.values()]
+    marks = [Line2D([], [], marker="o", ls="", color=color) for color in names.values()]
     figure.legend(marks, list(names), loc="outside lower center", ncols=min(4, len(names)))
     return figure
 
 
-def _dot(color: str) -> "Line2D":
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], marker="o", ls="", color=color)
-
-
 def draw_path(run: ViewRun, report: ViewReport) -> "Figure":
     """Draw the path from above with the loops that were closed, and those that were missed."""
-    from matplotlib.collections import LineCollection
-
     places = run.poses[:, :2]
     wide, high = np.maximum(np.ptp(places, axis=0), 1e-9)
     figure = new_figure(7.6, 1.2 + 6.4 * float(np.clip(high / wide, 0.25, 0.85)))
     axis = figure.add_subplot()
     for piece in path_pieces(run):
         axis.plot(*piece.T, color=PATH, lw=1.2, zorder=1)
-    axis.plot(*places[0], "D", color="#333333", ms=5, zorder=5, label="start")
-    for mask, color, marker, label, order in _outcomes(report):
-        axis.plot(*places[mask].T, marker, color=color, ms=3.5, zorder=order, label=label)
-        if marker != "x":
-            lines = np.stack([places[mask], places[report.matched[mask]]], axis=1)
-            axis.add_collection(LineCollection(list(lines), colors=color, lw=0.7, alpha=0.6))
-    axis.set_aspect("equal", adjustable="datalim")
+    missed = report.revisit & ~report.loop_correct
+    wrong = report.loop & ~report.loop_correct
+    draw_loops(axis, places, report.matched, missed=missed, right=report.loop_correct, wrong=wrong)
     axis.set(xlabel="x (m)", ylabel="y (m)")
     figure.legend(loc="outside lower center", ncols=4)
     return figure
@@ -149,16 +138,3 @@ def path_pieces(run: ViewRun) -> list[NDArray[np.float64]]:
     steps = np.diff(run.stamps)
     usual = np.median(steps) if steps.size else 0.0
     return np.split(run.poses[:, :2], np.flatnonzero(steps > 4 * usual) + 1)
-
-
-def _outcomes(
-    report: ViewReport,
-) -> list[tuple[NDArray[np.bool_], str, str, str, int]]:
-    """Mask, colour, marker, label and drawing order of each outcome except the usual one."""
-    missed = report.revisit & ~report.loop_correct
-    wrong = report.loop & ~report.loop_correct
-    return [
-        (missed, MISSED, "x", f"{missed.sum()} missed revisits", 2),
-        (report.loop_correct, TRUE, "o", f"{report.correct_loops} right loops", 3),
-        (wrong, FALSE, "s", f"{wrong.sum()} wrong loops", 4),
-    ]

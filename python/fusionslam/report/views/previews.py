@@ -2,19 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Preview images of a drive: made from its data, stored beside the runs, read back later."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import DataError
 from fusionslam.evaluation import ViewReport, ViewRun
+from fusionslam.report.page.images import forgive
 from fusionslam.report.views.thumbnails import Scale, cloud_preview, image_preview, scale_of
 from fusionslam.storage.archive import load_archive, save_archive
-
-T = TypeVar("T")
 
 FORMAT = "fusionslam.previews.1"
 MOST = 600
@@ -75,46 +72,39 @@ def previews_of(
         path: file of stored previews; new ones are added.
         missed: collects the reasons why scans have no picture.
     """
-    kept = load_previews(path) if path.exists() else {}
-    made: dict[int, bytes] = {}
+    stored = load_previews(path) if path.exists() else {}
+    new: dict[int, bytes] = {}
     for run, report in zip(runs, reports, strict=True):
-        made |= _made(run, needed_rows(run, report), made, missed)
-    if made:
-        save_previews(path, kept | made)
-    return kept | made
+        rows = needed_rows(run, report)
+        new |= _make_previews(
+            run, [row for row in rows if stamp_key(run.stamps[row]) not in new], missed
+        )
+    if new:
+        save_previews(path, stored | new)
+    return stored | new
 
 
-def _made(
-    run: ViewRun, rows: list[int], known: dict[int, bytes], missed: dict[str, None]
-) -> dict[int, bytes]:
-    """Make previews of rows that have none; from the image if there is one, else the cloud."""
-    new = [row for row in rows if stamp_key(run.stamps[row]) not in known]
+def _make_previews(run: ViewRun, rows: list[int], missed: dict[str, None]) -> dict[int, bytes]:
+    """Make a preview of each row, from its image if there is one, else from its cloud."""
+    read_image, read_cloud = forgive(run.images, missed), forgive(run.clouds, missed)
     scale: Scale | None = None
-    made: dict[int, bytes] = {}
-    for row in new:
+    previews: dict[int, bytes] = {}
+    for row in rows:
         key, number = stamp_key(run.stamps[row]), int(run.numbers[row])
-        if (image := _read(run.images, number, missed)) is not None:
-            made[key] = image_preview(image)
-        elif (cloud := _read(run.clouds, number, missed)) is not None:
-            scale = scale or _scale(run, new)
-            made[key] = cloud_preview(cloud, scale)
-    return made
+        if (image := read_image(number)) is not None:
+            previews[key] = image_preview(image)
+        elif (cloud := read_cloud(number)) is not None:
+            scale = scale or _choose_scale(run, rows)
+            previews[key] = cloud_preview(cloud, scale)
+    return previews
 
 
-def _scale(run: ViewRun, rows: list[int]) -> Scale:
+def _choose_scale(run: ViewRun, rows: list[int]) -> Scale:
     """Return a scale that suits a sample of the clouds."""
+    read_cloud = forgive(run.clouds, {})
     sample = rows[:: -(-len(rows) // _SAMPLE)]
-    clouds = (_read(run.clouds, int(run.numbers[row]), {}) for row in sample)
+    clouds = (read_cloud(int(run.numbers[row])) for row in sample)
     return scale_of(cloud for cloud in clouds if cloud is not None)
-
-
-def _read(reader: Callable[[int], T] | None, number: int, missed: dict[str, None]) -> T | None:
-    """Call a reader; on missing data return None and add the reason as a key of missed."""
-    try:
-        return reader(number) if reader else None
-    except DataError as error:
-        missed[str(error)] = None
-        return None
 
 
 def save_previews(path: Path, previews: dict[int, bytes]) -> None:

@@ -3,15 +3,12 @@
 """Pictures of scenes: a scan before and after clustering, and two scenes with their matches."""
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
-from itertools import cycle, islice
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import FusionSlamError
 from fusionslam.geometry.se2 import transform_points
 from fusionslam.report.page.figures import new_figure, styled
 from fusionslam.report.page.images import write_png
@@ -44,7 +41,7 @@ def write_scene_picture(path: str | os.PathLike[str], scan: ClusteredScan) -> No
     Raises:
         DataError: the file cannot be written. FusionSlamError: matplotlib is not installed.
     """
-    with _drawing():
+    with styled():
         write_png(path, draw_scene(scan))
 
 
@@ -60,17 +57,8 @@ def write_pair_picture(
     Raises:
         DataError, FusionSlamError: as ``write_scene_picture``.
     """
-    with _drawing():
+    with styled():
         write_png(path, draw_pair(current, stored, similarity, alignment))
-
-
-@contextmanager
-def _drawing() -> Iterator[None]:
-    try:
-        with styled():
-            yield
-    except ImportError as error:
-        raise FusionSlamError("pictures need: pip install 'fusionslam[report]'") from error
 
 
 def draw_scene(scan: ClusteredScan) -> "Figure":
@@ -85,7 +73,7 @@ def draw_scene(scan: ClusteredScan) -> "Figure":
         _objects(row[1], flat, scan)
         _numbers(row[1], project(scan.scene.objects["center"]), scan)
     panels[0, 0].set_title(f"scan {scan.number}: {len(scan.points)} points above the floor")
-    panels[0, 1].set_title(_scene_words(scan))
+    panels[0, 1].set_title(_describe_scene(scan))
     panels[0, 0].set_ylabel("from behind")
     panels[1, 0].set_ylabel("from above: m ahead")
     for axis in panels[1]:
@@ -167,9 +155,9 @@ def _points(axis: "Axes", flat: Flat, scan: ClusteredScan) -> None:
 def _objects(axis: "Axes", flat: Flat, scan: ClusteredScan) -> None:
     """Draw each object's points in one colour within its hull; grey points belong to none."""
     _dots(axis, flat[scan.loose], _LOOSE)
-    for color, indices in zip(_colors(len(scan.members)), scan.members, strict=True):
+    for color, indices in zip(cycle(_OBJECTS), scan.members, strict=False):
         _dots(axis, flat[indices], color)
-        axis.fill(*outline(flat[indices]).T, facecolor=(*_rgb(color), 0.18), edgecolor=color, lw=1)
+        axis.fill(*outline(flat[indices]).T, facecolor=(color, 0.18), edgecolor=color, lw=1)
 
 
 def _numbers(axis: "Axes", centers: Flat, scan: ClusteredScan) -> None:
@@ -178,15 +166,7 @@ def _numbers(axis: "Axes", centers: Flat, scan: ClusteredScan) -> None:
     x, y = centers.T
     axis.scatter(x, y, c=mean, s=46, edgecolors=_WORDS, linewidths=0.9, zorder=4)
     for number, center in enumerate(centers.tolist()):
-        axis.annotate(
-            str(number),
-            center,
-            (5, 4),
-            textcoords="offset points",
-            color=_WORDS,
-            fontsize=9,
-            path_effects=_rimmed(),
-        )
+        _write_beside(axis, str(number), center, (5, 4), _WORDS, 9)
 
 
 def _dots(axis: "Axes", flat: Flat, color: Any, label: str = "") -> None:
@@ -255,14 +235,23 @@ def _line(
             zorder=3,
         )
     )
-    axes[dashed].annotate(
-        f"{similarity:.2f}",
-        ends[dashed],
-        (5, -10),
+    _write_beside(axes[dashed], f"{similarity:.2f}", ends[dashed], (5, -10), color, 8)
+
+
+def _write_beside(
+    axis: "Axes", text: str, place: Any, offset: tuple[int, int], color: Any, size: int
+) -> None:
+    """Write text at an offset (points) with a rim that keeps it readable on lines and points."""
+    from matplotlib.patheffects import withStroke
+
+    axis.annotate(
+        text,
+        place,
+        offset,
         textcoords="offset points",
         color=color,
-        fontsize=8,
-        path_effects=_rimmed(),
+        fontsize=size,
+        path_effects=[withStroke(linewidth=2.2, foreground=_GROUND)],
     )
 
 
@@ -271,12 +260,8 @@ def _laid_over(
 ) -> None:
     """Draw the points of both in the stored one's frame."""
     moved = transform_points(current.points, found.x, found.y, found.yaw)
-    for points, color, scan in (
-        (stored.points, _STORED, stored),
-        (moved, _CURRENT, current),
-    ):
-        label = f"scan {scan.number}"
-        _dots(axis, _from_above(points), color, label)
+    _dots(axis, _from_above(stored.points), _STORED, f"scan {stored.number}")
+    _dots(axis, _from_above(moved), _CURRENT, f"scan {current.number}")
     axis.legend(loc="lower left", labelcolor=_WORDS, markerscale=3)
     axis.set_title(
         f"aligned: x {found.x:.2f} m, y {found.y:.2f} m, yaw {np.degrees(found.yaw):.1f} deg;\n"
@@ -284,24 +269,7 @@ def _laid_over(
     )
 
 
-def _scene_words(scan: ClusteredScan) -> str:
+def _describe_scene(scan: ClusteredScan) -> str:
     objects, loose = len(scan.scene), len(scan.loose)
     size = len(scan.scene.to_bytes(image=False))
     return f"{objects} objects in {size} bytes; {loose} points in none"
-
-
-def _rimmed() -> list[Any]:
-    """Return effects that keep text readable on lines and points."""
-    from matplotlib.patheffects import withStroke
-
-    return [withStroke(linewidth=2.2, foreground=_GROUND)]
-
-
-def _colors(count: int) -> list[str]:
-    return list(islice(cycle(_OBJECTS), count))
-
-
-def _rgb(color: str) -> tuple[float, float, float]:
-    from matplotlib.colors import to_rgb
-
-    return to_rgb(color)

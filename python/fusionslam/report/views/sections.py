@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sections of the report of views on one drive."""
 
-from collections.abc import Mapping, Sequence
+from base64 import b64encode
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,14 +15,20 @@ from fusionslam.evaluation.views.report import percent
 from fusionslam.report.page.html import file_name
 from fusionslam.report.page.images import Picture, keep, keep_photo
 from fusionslam.report.page.tables import Table
-from fusionslam.report.views.exports import embedded, scrub_data
-from fusionslam.report.views.plots import draw_errors, draw_path, draw_times, draw_view_curves
+from fusionslam.report.views.exports import scrub_data
+from fusionslam.report.views.plots import (
+    Judged,
+    draw_errors,
+    draw_path,
+    draw_times,
+    draw_view_curves,
+)
 from fusionslam.report.views.previews import MOST, needed_rows, previews_of, stamp_key
 from fusionslam.report.views.tables import accuracy_table, cost_table, rerun_table, sweep_table
 from fusionslam.report.views.thumbnails import side_by_side
 
-Judged = Sequence[tuple[ViewRun, ViewReport]]
 _PAIRS = 8
+_TIMES = "Wall time of every scan, to make its view and to compare it with all stored ones."
 
 
 @dataclass(frozen=True)
@@ -61,8 +68,7 @@ def world_part(
     """Draw everything known about one drive.
 
     Args:
-        folder: folder of the pictures.
-        stored: folder of the previews.
+        folder, stored: folders of the pictures and of the previews.
         id: identifier, unique on the page.
         world: name of the drive.
         judged: its runs with their reports.
@@ -74,26 +80,38 @@ def world_part(
     return WorldPart(
         name=world,
         id=id,
-        sentence=_sentence(runs[0], reports[0]),
+        sentence=_describe_drive(runs[0], reports[0]),
         figures=accuracy_table(judged),
         costs=cost_table(judged),
         rerun=rerun_table(judged),
-        published=_cm2dp(world),
-        curves=_curves(folder, name, judged),
+        published="; ".join(
+            f"{row.input.removeprefix('c-M2DP, ')} {percent(row.top1)}"
+            for row in rerun_descriptors(world)
+        ),
+        curves=_draw_curves(folder, name, judged),
         sweeps=[
             (run.method, sweep_table(run, run.curve, report.rule))
             for run, report in judged
             if run.curve is not None
         ],
-        errors=_errors(folder, name, judged),
-        times=_times(folder, name, judged),
-        methods=[_method_part(folder, run, report, previews) for run, report in judged],
-        scrub=_scrub(judged, previews),
-        left_out=_left_out(judged),
+        errors=_draw_errors(folder, name, judged),
+        times=keep(folder, f"views_times_{name}", draw_times(judged), _TIMES),
+        methods=[
+            MethodPart(
+                name=run.method,
+                loops=_describe_loops(report),
+                wrong=report.false_positives,
+                path=_draw_path(folder, run, report),
+                pairs=_draw_pairs(folder, run, report, previews),
+            )
+            for run, report in judged
+        ],
+        scrub=_collect_slider_data(judged, previews),
+        left_out=_describe_left_out(judged),
     )
 
 
-def _sentence(run: ViewRun, report: ViewReport) -> str:
+def _describe_drive(run: ViewRun, report: ViewReport) -> str:
     seconds = float(run.stamps[-1] - run.stamps[0])
     length = float(np.hypot(*np.diff(run.poses[:, :2], axis=0).T).sum())
     back = f"{report.revisits} of them come back to where the robot was more than "
@@ -105,26 +123,16 @@ def _sentence(run: ViewRun, report: ViewReport) -> str:
     )
 
 
-def _cm2dp(world: str) -> str:
-    """Describe the first thesis's descriptor in this world; empty if not known."""
-    return "; ".join(
-        f"{row.input.removeprefix('c-M2DP, ')} {percent(row.top1)}"
-        for row in rerun_descriptors(world)
-    )
-
-
-def _curves(folder: Path, name: str, judged: Judged) -> Picture | None:
-    figure = draw_view_curves(judged)
+def _draw_curves(folder: Path, name: str, judged: Judged) -> Picture | None:
     caption = (
         "Precision over recall as the threshold changes; up and right is better. Dots: the "
         "thresholds in use. Which scenes are stored depends on the threshold, so curves may turn "
         "back. Grey: programs without a sensor, which have recall but no loop recall."
     )
-    return keep(folder, f"views_pr_{name}", figure, caption) if figure else None
+    return keep(folder, f"views_pr_{name}", draw_view_curves(judged), caption)
 
 
-def _errors(folder: Path, name: str, judged: Judged) -> Picture | None:
-    figure = draw_errors(judged)
+def _draw_errors(folder: Path, name: str, judged: Judged) -> Picture | None:
     caption = (
         "Every false positive: when it happened, and how far from the first scene of its view. "
         "Dashed: from here on the distance alone makes it false; below, it is the angle."
@@ -132,28 +140,10 @@ def _errors(folder: Path, name: str, judged: Judged) -> Picture | None:
     without = [run.method for run, report in judged if not report.false_positives]
     if without:
         caption += f" No false positive: {', '.join(without)}."
-    return keep(folder, f"views_errors_{name}", figure, caption) if figure else None
+    return keep(folder, f"views_errors_{name}", draw_errors(judged), caption)
 
 
-def _times(folder: Path, name: str, judged: Judged) -> Picture | None:
-    figure = draw_times(judged)
-    caption = "Wall time of every scan, to make its view and to compare it with all stored ones."
-    return keep(folder, f"views_times_{name}", figure, caption) if figure else None
-
-
-def _method_part(
-    folder: Path, run: ViewRun, report: ViewReport, previews: Mapping[int, bytes]
-) -> MethodPart:
-    return MethodPart(
-        name=run.method,
-        loops=_loops(report),
-        wrong=report.false_positives,
-        path=_path(folder, run, report),
-        pairs=_pairs(folder, run, report, previews),
-    )
-
-
-def _loops(report: ViewReport) -> str:
+def _describe_loops(report: ViewReport) -> str:
     if not report.revisits and not report.loops:
         return "No scan comes back, and none was matched with an old view: there is no loop."
     found = f"{report.found_revisits} of {report.revisits} revisits found"
@@ -165,7 +155,7 @@ def _loops(report: ViewReport) -> str:
     return f"{found}; {right}."
 
 
-def _path(folder: Path, run: ViewRun, report: ViewReport) -> Picture | None:
+def _draw_path(folder: Path, run: ViewRun, report: ViewReport) -> Picture | None:
     if not report.revisits and not report.loops:
         return None
     caption = (
@@ -176,7 +166,7 @@ def _path(folder: Path, run: ViewRun, report: ViewReport) -> Picture | None:
     return keep(folder, name, draw_path(run, report), caption)
 
 
-def _pairs(
+def _draw_pairs(
     folder: Path, run: ViewRun, report: ViewReport, previews: Mapping[int, bytes]
 ) -> list[Picture]:
     """Draw the false positives with the largest errors, as pictures of both scans."""
@@ -197,17 +187,21 @@ def _pairs(
     return pictures
 
 
-def _scrub(judged: Judged, previews: Mapping[int, bytes]) -> dict[str, Any]:
+def _collect_slider_data(judged: Judged, previews: Mapping[int, bytes]) -> dict[str, Any]:
     shown = {
         stamp_key(run.stamps[row]) for run, report in judged for row in needed_rows(run, report)
     }
     return {
         "runs": [scrub_data(run, report, previews) for run, report in judged],
-        "previews": embedded({key: data for key, data in previews.items() if key in shown}),
+        "previews": {
+            str(key): b64encode(data).decode("ascii")
+            for key, data in previews.items()
+            if key in shown
+        },
     }
 
 
-def _left_out(judged: Judged) -> str:
+def _describe_left_out(judged: Judged) -> str:
     longest = max(len(run) for run, _ in judged)
     if longest <= MOST:
         return ""

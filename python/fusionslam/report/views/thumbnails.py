@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from fusionslam.report.page.images import encode_jpeg
 from fusionslam.sensors.frame import Cloud
 
 Pixels = NDArray[np.uint8]
@@ -65,7 +66,7 @@ def image_preview(image: Pixels) -> bytes:
     """Make a JPEG of a camera image, uint8 (H, W, 3) RGB or (H, W), ``HEIGHT`` pixels high."""
     picture = Image.fromarray(image).convert("RGB")
     width = max(1, min(round(picture.width * HEIGHT / picture.height), _WIDEST))
-    return _jpeg(picture.resize((width, HEIGHT), Image.Resampling.BOX))
+    return encode_jpeg(picture.resize((width, HEIGHT), Image.Resampling.BOX), _QUALITY)
 
 
 def missing_preview(words: str) -> bytes:
@@ -73,7 +74,7 @@ def missing_preview(words: str) -> bytes:
     picture = Image.new("RGB", (_WIDTH, HEIGHT), _GROUND)
     draw = ImageDraw.Draw(picture)
     draw.text(((_WIDTH - draw.textlength(words)) // 2, HEIGHT // 2 - 6), words, _WORDS)
-    return _jpeg(picture)
+    return encode_jpeg(picture, _QUALITY)
 
 
 def cloud_preview(cloud: Cloud, scale: Scale) -> bytes:
@@ -86,7 +87,7 @@ def cloud_preview(cloud: Cloud, scale: Scale) -> bytes:
     picture.paste(_from_above(cloud, scale), (_WIDTH + 4, 0))
     if not len(cloud):
         ImageDraw.Draw(picture).text((_WIDTH // 2 - 30, HEIGHT // 2 - 6), "no points", _WORDS)
-    return _jpeg(picture)
+    return encode_jpeg(picture, _QUALITY)
 
 
 def side_by_side(left: bytes, right: bytes) -> Image.Image:
@@ -119,7 +120,7 @@ def _ahead(cloud: Cloud, scale: Scale) -> Pixels:
     if not order.size:
         return canvas
     filled = np.zeros((HEIGHT, _WIDTH), dtype=np.bool_)
-    shaded = _shaded(cloud, far, scale)
+    shaded = _shade(cloud, far, scale)
     # Of several points in a pixel the last one written, the nearest, remains.
     canvas[row[order], column[order]] = shaded[order]
     filled[row[order], column[order]] = True
@@ -157,7 +158,7 @@ def _from_above(cloud: Cloud, scale: Scale) -> Image.Image:
     x, y = cloud.points[:, 0].astype(np.float64), cloud.points[:, 1].astype(np.float64)
     row = (base - x * per_metre).astype(np.int64)
     column = (HEIGHT / 2 - y * per_metre).astype(np.int64)
-    bright = _shaded(cloud, np.hypot(x, y), scale, dark=1.0)
+    bright = _shade(cloud, np.hypot(x, y), scale, dark=1.0)
     for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
         rows, columns = row + down, column + right
         inside = (rows >= 0) & (rows < HEIGHT) & (columns >= 0) & (columns < HEIGHT)
@@ -165,7 +166,7 @@ def _from_above(cloud: Cloud, scale: Scale) -> Image.Image:
     return Image.fromarray(pixels)
 
 
-def _shaded(cloud: Cloud, far: NDArray[np.float64], scale: Scale, dark: float = 0.45) -> Pixels:
+def _shade(cloud: Cloud, far: NDArray[np.float64], scale: Scale, dark: float = 0.45) -> Pixels:
     """Uint8 (n, 3): colours, darker with distance; without colours yellow is near, blue far."""
     depth = np.clip(far / scale.reach, 0, 1)[:, None]
     if cloud.colors is None:
@@ -173,9 +174,3 @@ def _shaded(cloud: Cloud, far: NDArray[np.float64], scale: Scale, dark: float = 
         return np.asarray(mixed, dtype=np.uint8)
     bright = 255 * (cloud.colors.astype(np.float64) / 255) ** _GAMMA
     return np.asarray(bright * (1 - (1 - dark) * depth), dtype=np.uint8)
-
-
-def _jpeg(picture: Image.Image) -> bytes:
-    buffer = io.BytesIO()
-    picture.save(buffer, "JPEG", quality=_QUALITY, optimize=True)
-    return buffer.getvalue()
