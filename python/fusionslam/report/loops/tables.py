@@ -22,9 +22,8 @@ def summary_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
     accuracy = _accuracy_columns(protocol) if any(e.curves for e in evaluations) else []
     columns = accuracy + _published_columns(evaluations, protocol) + _cost_columns(evaluations)
     sources = {e.run.source for e in evaluations}
-    return build_table(
-        columns, evaluations, lambda e: f"{source_name(e.run.source, sources)}, {run_label(e.run)}"
-    )
+    labels = [f"{source_name(e.run.source, sources)}, {run_label(e.run)}" for e in evaluations]
+    return build_table(columns, evaluations, labels)
 
 
 def accuracy_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
@@ -61,7 +60,7 @@ def time_table(evaluations: Sequence[Evaluation]) -> Table:
 
 
 def _table_of_runs(columns: Columns, evaluations: Sequence[Evaluation]) -> Table:
-    return build_table(columns, evaluations, lambda e: run_label(e.run))
+    return build_table(columns, evaluations, [run_label(e.run) for e in evaluations])
 
 
 def _accuracy_columns(protocol: str) -> Columns:

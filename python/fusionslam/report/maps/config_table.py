@@ -9,6 +9,7 @@ from typing import Any
 from fusionslam.config import walk
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam.slam import RatSlamConfig
+from fusionslam.report.page.tables import DASH
 
 
 @dataclass(frozen=True)
@@ -21,46 +22,37 @@ class ConfigTable:
 
 def config_table(labels: Sequence[str], runs: Sequence[RatSlamRun]) -> ConfigTable | None:
     """Build one column for each distinct configuration; None if none is known."""
-    groups: list[tuple[dict[str, str], list[str]]] = []
+    groups: dict[tuple[tuple[str, str], ...], list[str]] = {}
     for label, run in zip(labels, runs, strict=True):
-        values = dict(_flat(run.config))
-        same = next((names for known, names in groups if known == values), None)
-        if same is None:
-            groups.append((values, [label]))
-        else:
-            same.append(label)
-    names = list(dict.fromkeys(name for values, _ in groups for name in values))
+        groups.setdefault(tuple(_flatten(run.config)), []).append(label)
+    columns = [dict(values) for values in groups]
+    names = list(dict.fromkeys(name for values in columns for name in values))
     if not names:
         return None
-    meanings = _meanings()
-    heads = ["value" if len(groups) == 1 else "; ".join(group) for _, group in groups]
+    meanings = _collect_meanings()
     return ConfigTable(
-        heads,
+        ["value"] if len(groups) == 1 else ["; ".join(group) for group in groups.values()],
         [
-            (
-                name,
-                [values.get(name, "\N{EN DASH}") for values, _ in groups],
-                meanings.get(name, ""),
-            )
+            (name, [values.get(name, DASH) for values in columns], meanings.get(name, ""))
             for name in names
         ],
     )
 
 
-def _flat(config: Mapping[str, Any], where: str = "") -> Iterator[tuple[str, str]]:
+def _flatten(config: Mapping[str, Any], where: str = "") -> Iterator[tuple[str, str]]:
     """Dotted names and values as text."""
     for name, value in config.items():
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{where}{name}.")
+            yield from _flatten(value, f"{where}{name}.")
         else:
             yield f"{where}{name}", "null" if value is None else str(value)
 
 
-def _meanings() -> dict[str, str]:
+def _collect_meanings() -> dict[str, str]:
     """Return the meaning of each value with its unit, by dotted name."""
-    said = {}
+    meanings = {}
     for name, _, definition in walk(RatSlamConfig()):
         extra = definition.json_schema_extra
         unit = extra.get("unit") if isinstance(extra, dict) else ""
-        said[name] = f"{definition.description}{f' ({unit})' if unit else ''}"
-    return said
+        meanings[name] = f"{definition.description}{f' ({unit})' if unit else ''}"
+    return meanings

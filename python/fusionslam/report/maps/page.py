@@ -10,14 +10,13 @@ from fusionslam.errors import DataError
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.report.maps.config_table import config_table
-from fusionslam.report.maps.sections import drive_part
+from fusionslam.report.maps.sections import drive_part, run_file_name
 from fusionslam.report.maps.tables import MOST
 from fusionslam.report.page.figures import styled
 from fusionslam.report.page.html import (
     about_report,
     check_extra,
     check_runs,
-    file_name,
     group_by,
     write_figures,
     write_page,
@@ -60,8 +59,9 @@ def write_ratslam_report(
     check_extra()
     judged = _judged(runs, reports)
     target = Path(folder)
+    labels = [_label(run) for run, _ in judged]
     for run, _ in judged:
-        run.save(target / RUNS / f"{_name(run)}.npz")
+        run.save(target / RUNS / f"{run_file_name(run)}.npz")
     with styled():
         drives = [
             drive_part(target, f"{number}", name, group)
@@ -83,7 +83,7 @@ def write_ratslam_report(
         runs=len(judged),
         rule=judged[0][1].rule,
         most=MOST,
-        config=config_table([_label(run) for run, _ in judged], [run for run, _ in judged]),
+        config=config_table(labels, [run for run, _ in judged]),
     )
 
 
@@ -92,16 +92,12 @@ def _judged(
 ) -> Judged:
     """Pair runs with their reports; raises DataError if no page can be written."""
     runs = [runs] if isinstance(runs, RatSlamRun) else list(runs)
-    check_runs(runs, [_label(run) for run in runs], [_name(run) for run in runs])
+    check_runs(runs, [_label(run) for run in runs], [run_file_name(run) for run in runs])
     given = [reports] if isinstance(reports, MapReport) else reports
     judged = [judge_map(run) for run in runs] if given is None else list(given)
     if len(judged) != len(runs):
         raise DataError(f"report: {len(judged)} reports of {len(runs)} runs, expected one of each")
     return list(zip(runs, judged, strict=True))
-
-
-def _name(run: RatSlamRun) -> str:
-    return file_name(run.name, run.views, run.odometry, run.preset)
 
 
 def _label(run: RatSlamRun) -> str:

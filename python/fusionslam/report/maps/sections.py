@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from fusionslam.errors import DataError
 from fusionslam.evaluation import MapReport
 from fusionslam.evaluation.maps.run import RatSlamRun
@@ -70,33 +68,31 @@ class DrivePart:
 
 
 def drive_part(folder: Path, id: str, name: str, judged: Judged) -> DrivePart:
-    """Draw everything known about the runs over one drive.
-
-    Args:
-        folder: folder of the pictures.
-        id: identifier, unique on the page.
-        name: name of the drive.
-        judged: its runs with their reports.
-    """
+    """Draw everything known about the runs over one drive; ``id`` is unique on the page."""
     runs, reports = [run for run, _ in judged], [report for _, report in judged]
     labels = run_labels(runs)
     scenes = [scene_of(run, report) for run, report in judged]
-    unjudged = {
-        f"{label}: {why}": None
+    unjudged = (
+        f"{label}: {why}"
         for label, report in zip(labels, reports, strict=True)
         for why in report.unjudged
-    }
+    )
     return DrivePart(
         name=name,
         id=id,
         answer=answer(labels, reports),
-        unjudged=[*unjudged],
+        unjudged=list(dict.fromkeys(unjudged)),
         errors=error_table(labels, reports),
         joins=joins_table(labels, scenes),
         maps=_maps(folder, name, labels, scenes),
         costs=cost_table(labels, runs),
         runs=[_run_part(folder, label, one) for label, one in zip(labels, scenes, strict=True)],
     )
+
+
+def run_file_name(run: RatSlamRun) -> str:
+    """Return the name, without suffix, of the file that stores a run, and of its pictures."""
+    return file_name(run.name, run.views, run.odometry, run.preset)
 
 
 def run_labels(runs: Sequence[RatSlamRun]) -> list[str]:
@@ -108,21 +104,19 @@ def run_labels(runs: Sequence[RatSlamRun]) -> list[str]:
 
 def answer(labels: Sequence[str], reports: Sequence[MapReport]) -> str:
     """Compare the best map with dead reckoning in a sentence."""
-    known = [(label, one) for label, one in zip(labels, reports, strict=True) if one.trajectory]
+    known = [
+        (one.trajectory.rmse_m, one.dead_reckoning.rmse_m, label)
+        for label, one in zip(labels, reports, strict=True)
+        if one.trajectory and one.dead_reckoning
+    ]
     if not known:
         return "Without true poses nobody can say how good a map is: there are only counts."
-    label, best = min(known, key=lambda pair: _rmse(pair[1]))
-    assert best.trajectory is not None and best.dead_reckoning is not None
-    ours, alone = best.trajectory.rmse_m, best.dead_reckoning.rmse_m
+    ours, alone, label = min(known, key=lambda figures: figures[0])
     name = f"{label} has the best map: it" if len(known) > 1 else "The map"
     first = f"{name} puts the robot {ours:.2f} m (RMSE) from where it was"
     if ours < alone:
         return f"{first}, dead reckoning {alone:.2f} m."
     return f"{first}, dead reckoning {alone:.2f} m: mapping did not help."
-
-
-def _rmse(report: MapReport) -> float:
-    return report.trajectory.rmse_m if report.trajectory else np.inf
 
 
 def _maps(folder: Path, name: str, labels: list[str], scenes: list[Scene]) -> Picture | None:
@@ -139,7 +133,8 @@ def _maps(folder: Path, name: str, labels: list[str], scenes: list[Scene]) -> Pi
 
 
 def _run_part(folder: Path, label: str, scene: Scene) -> RunPart:
-    run = scene.run
+    run, left_out = scene.run, len(scene.run.notes) - _NOTES
+    more = [f"{left_out} more notes are in the stored run."] if left_out > 0 else []
     return RunPart(
         name=label,
         sentence=what_happened(scene),
@@ -148,7 +143,7 @@ def _run_part(folder: Path, label: str, scene: Scene) -> RunPart:
         loops=loop_table(scene),
         refused=refused_table(scene),
         looks=look_table(run),
-        notes=[*run.notes[:_NOTES], *_left_out(len(run.notes), _NOTES, "notes")],
+        notes=[*run.notes[:_NOTES], *more],
     )
 
 
@@ -196,20 +191,17 @@ def _missing(scene: Scene) -> list[str]:
 def _pictures(folder: Path, scene: Scene) -> list[Picture]:
     """Draw all pictures of a run that have content."""
     run = scene.run
-    drawn: list[tuple[str, Figure | None, str]] = [
-        ("map", draw_map(scene) if len(run.nodes) > 1 else None, _map_caption(scene)),
-        ("errors", draw_errors(scene), _ERRORS),
-        ("views", draw_views(scene), _VIEWS),
-        ("cells", draw_activity(run), _CELLS),
-        ("way", _way_home(scene), _WAY),
-        ("times", draw_step_times(run), _TIMES),
-    ]
-    name = file_name(run.name, run.views, run.odometry, run.preset)
-    return [
-        keep(folder, f"ratslam_{kind}_{name}", figure, caption)
-        for kind, figure, caption in drawn
-        if figure is not None
-    ]
+    drawn: dict[str, tuple[Figure | None, str]] = {
+        "map": (draw_map(scene) if len(run.nodes) > 1 else None, _map_caption(scene)),
+        "errors": (draw_errors(scene), _ERRORS),
+        "views": (draw_views(scene), _VIEWS),
+        "cells": (draw_activity(run), _CELLS),
+        "way": (_way_home(scene), _WAY),
+        "times": (draw_step_times(run), _TIMES),
+    }
+    name = run_file_name(run)
+    kept = [keep(folder, f"ratslam_{kind}_{name}", *shown) for kind, shown in drawn.items()]
+    return [picture for picture in kept if picture is not None]
 
 
 def _way_home(scene: Scene) -> "Figure | None":
@@ -240,10 +232,6 @@ def _map_caption(scene: Scene) -> str:
     laid = "Map and dead reckoning are each turned and shifted onto the truth, not stretched. "
     loops = f" Marks are the ends of loops: {told}." if told else ""
     return f"{laid if known else ''}Dots are nodes, lines links.{loops}"
-
-
-def _left_out(number: int, most: int, what: str) -> list[str]:
-    return [f"{number - most} more {what} are in the stored run."] if number > most else []
 
 
 _ERRORS = (

@@ -3,185 +3,178 @@
 """Tables of the report of maps: errors against dead reckoning, and single loops."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusionslam._core import ActionKind
 from fusionslam.evaluation import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.report.maps.aligned_run import Scene, denied, link_misfits, near, offs
-from fusionslam.report.page.tables import Cell, Column, Table, build_table
-from fusionslam.storage.arrays import Integers, Mask
+from fusionslam.report.page.tables import DASH, Cell, Column, Table, build_table
+from fusionslam.storage.arrays import Floats, Integers, Mask
 
 MOST = 100
 """Largest number of rows in a table of single events."""
 REFUSALS = ("linked later", "false: prevented", "right: lost")
 """Verdicts on refused loops: confirmed by later loops, or kept out of the map."""
-_NONE = "\N{EN DASH}"
 _EFFECTS = {
     ActionKind.NONE: "",
     ActionKind.CREATE_NODE: "node made",
     ActionKind.CREATE_EDGE: "arrival at a known node",
 }
 
-Best = Callable[[Sequence[float]], float]
-Named = tuple[str, Scene]
+Event = Mapping[str, Any]
+"""A loop, closed or refused: fields of its link or of ``REFUSED``, and those of the columns."""
 
-
-@dataclass(frozen=True)
-class MapRow:
-    """A row of the table of errors: a map, or the odometry that it was made from."""
-
-    label: str
-    nodes: PoseErrors | None
-    path: PoseErrors | None
-    live: PoseErrors | None
+_ENDS: tuple[Column[Event], ...] = (
+    Column("from node", "where the robot was last", "source"),
+    Column("to node", "where it arrived", "target"),
+)
+_JUDGEMENT: tuple[Column[Event], ...] = (
+    Column(
+        "metres off",
+        "the true place of the robot from where the node was made",
+        "metres",
+        "{:.2f}",
+    ),
+    Column("degrees off", "the same of its heading", "degrees", "{:.0f}"),
+    Column("verdict", "by the view radius", "verdict"),
+)
+_REFUSED_COLUMNS: tuple[Column[Event], ...] = (
+    _ENDS[0],
+    Column("to node", "which it was not allowed to arrive at", "target"),
+    Column("misfit m", "between the loop and the odometry", "error_m", "{:.2f}"),
+    Column("allowed m", "what the odometry may be off by", "allowed_m", "{:.2f}"),
+    Column("misfit deg", "the same of the heading", "error_rad", "{:.1f}", scale=180 / np.pi),
+    Column("allowed deg", "the same of the heading", "allowed_rad", "{:.1f}", scale=180 / np.pi),
+    *_JUDGEMENT,
+)
+_PATH = "every step on the map as it is in the end, RMSE (absolute trajectory error)"
+_ERROR_COLUMNS: tuple[Column[Mapping[str, PoseErrors | None]], ...] = (
+    Column(
+        "nodes, m",
+        "nodes in the end against where the robot truly was when it made them, RMSE",
+        "nodes.rmse_m",
+        "{:.3f}",
+        min,
+    ),
+    Column("path, m", _PATH, "path.rmse_m", "{:.3f}", min),
+    Column("path, largest m", "the largest error of a step", "path.max_m", "{:.3f}", min),
+    Column("heading, deg", "of every step, RMSE", "path.heading_rmse_deg", "{:.2f}", min),
+    Column("live, m", "every step as the map was then, RMSE", "live.rmse_m", "{:.3f}", min),
+)
+_TRUTH_COLUMNS: tuple[Column[Scene], ...] = (
+    Column(
+        "right loops",
+        "links of loops that join places near each other",
+        "report.near_loop_link_share",
+        "{:.1%}",
+        max,
+    ),
+    Column(
+        "linked revisits",
+        "looks from where an older look was that the map joins with it",
+        "report.linked_revisit_share",
+        "{:.1%}",
+        max,
+    ),
+    Column(
+        "false arrivals",
+        "arrivals at a known node while the robot was elsewhere",
+        "report.false_loops",
+        best=min,
+    ),
+    Column("wrongly refused", "refused loops that were right", "report.refused_true", best=min),
+)
+_MAP_COLUMNS: tuple[Column[Scene], ...] = (
+    Column(
+        "loops", "links made by an arrival at a known node", lambda scene: int(scene.loops.sum())
+    ),
+    Column("arrivals", "arrivals at a known node", "report.loops"),
+    Column("refused", "loops that did not fit the odometry", "report.refused"),
+    Column("nodes", "of the map in the end", "report.node_count"),
+    Column("links", "of the map in the end", "report.link_count"),
+    Column(
+        "misfit of links, m",
+        "where links say their targets are, against the map in the end, RMS: what is left",
+        lambda scene: _compute_misfit(scene),
+        "{:.3f}",
+    ),
+)
 
 
 def error_table(labels: Sequence[str], reports: Sequence[MapReport]) -> Table | None:
     """Build the table of errors of every map and every odometry; None without ground truth."""
-    rows = [MapRow(f"dead reckoning: {name}", *known) for name, known in _odometry(reports)]
-    for label, one in zip(labels, reports, strict=True):
-        rows.append(MapRow(label, one.nodes, one.trajectory, one.live))
-    if not any(row.path for row in rows):
-        return None
-    return build_table(_error_columns(), rows, lambda row: row.label)
-
-
-def _odometry(
-    reports: Sequence[MapReport],
-) -> list[tuple[str, tuple[PoseErrors | None, PoseErrors | None, PoseErrors | None]]]:
-    """Dead reckoning by odometry name: errors at node creation, at all steps, at all steps."""
-    first: dict[str, MapReport] = {}
+    rows: dict[str, dict[str, PoseErrors | None]] = {}
     for report in reports:
         if report.dead_reckoning is not None:
-            first.setdefault(report.odometry, report)
-    return [
-        (name, (one.nodes_by_odometry, one.dead_reckoning, one.dead_reckoning))
-        for name, one in first.items()
-    ]
-
-
-def _error_columns() -> list[Column[MapRow]]:
-    def of(part: str, figure: str) -> Callable[[MapRow], float | None]:
-        return lambda row: getattr(getattr(row, part), figure, None)
-
-    nodes = "nodes in the end against where the robot truly was when it made them, RMSE"
-    path = "every step on the map as it is in the end, RMSE (absolute trajectory error)"
-    return [
-        Column("nodes, m", nodes, of("nodes", "rmse_m"), "{:.3f}", min),
-        Column("path, m", path, of("path", "rmse_m"), "{:.3f}", min),
-        Column(
-            "path, largest m", "the largest error of a step", of("path", "max_m"), "{:.3f}", min
-        ),
-        Column(
-            "heading, deg", "of every step, RMSE", of("path", "heading_rmse_deg"), "{:.2f}", min
-        ),
-        Column(
-            "live, m", "every step as the map was then, RMSE", of("live", "rmse_m"), "{:.3f}", min
-        ),
-    ]
+            alone = {"path": report.dead_reckoning, "live": report.dead_reckoning}
+            nodes = report.nodes_by_odometry
+            rows.setdefault(f"dead reckoning: {report.odometry}", {"nodes": nodes, **alone})
+    names, errors = [*rows, *labels], [*rows.values()]
+    errors += [{"nodes": one.nodes, "path": one.trajectory, "live": one.live} for one in reports]
+    if not any(row["path"] for row in errors):
+        return None
+    return build_table(_ERROR_COLUMNS, errors, names)
 
 
 def joins_table(labels: Sequence[str], scenes: Sequence[Scene]) -> Table:
     """Build the table of each map's size, its links, and how well they fit together."""
-    columns = _map_columns()
-    if any(scene.report.near_links is not None for scene in scenes):
-        columns = [*_truth_columns(), *columns]
-    return build_table(columns, list(zip(labels, scenes, strict=True)), lambda pair: pair[0])
+    known = any(scene.report.near_links is not None for scene in scenes)
+    return build_table([*(_TRUTH_COLUMNS if known else ()), *_MAP_COLUMNS], scenes, labels)
 
 
-def _truth_columns() -> list[Column[Named]]:
-    near = "links of loops that join places near each other"
-    linked = "looks from where an older look was that the map joins with it"
-    false = "arrivals at a known node while the robot was elsewhere"
-    return [
-        _of("near_loop_link_share", "right loops", near, "{:.1%}", max),
-        _of("linked_revisit_share", "linked revisits", linked, "{:.1%}", max),
-        _of("false_loops", "false arrivals", false, "{:.0f}", min),
-        _of("refused_true", "wrongly refused", "refused loops that were right", "{:.0f}", min),
-    ]
-
-
-def _map_columns() -> list[Column[Named]]:
-    made = "links made by an arrival at a known node"
-    misfit = "where links say their targets are, against the map in the end, RMS: what is left"
-    return [
-        Column("loops", made, lambda pair: float(pair[1].loops.sum()), "{:.0f}"),
-        _of("loops", "arrivals", "arrivals at a known node", "{:.0f}"),
-        _of("refused", "refused", "loops that did not fit the odometry", "{:.0f}"),
-        _of("node_count", "nodes", "of the map in the end", "{:.0f}"),
-        _of("link_count", "links", "of the map in the end", "{:.0f}"),
-        Column("misfit of links, m", misfit, lambda pair: _misfit(pair[1]), "{:.3f}"),
-    ]
-
-
-def _misfit(scene: Scene) -> float | None:
+def _compute_misfit(scene: Scene) -> float | None:
     apart = link_misfits(scene.run)
     return float(np.sqrt((apart**2).mean())) if apart.size else None
-
-
-def _of(name: str, title: str, hint: str, show: str, best: Best | None = None) -> Column[Named]:
-    return Column(title, hint, lambda pair: getattr(pair[1].report, name), show, best)
 
 
 def loop_table(scene: Scene) -> Table | None:
     """Build the table of closed loops: time, nodes, and verdict; None without a loop."""
     rows = np.flatnonzero(scene.loops)
-    if not rows.size:
-        return None
     rows = rows[np.argsort(scene.made[rows], kind="stable")][:MOST]
-    run, links = scene.run, scene.run.links[rows]
-    metres, degrees = offs(run, scene.made[rows], links["target"])
-    refused = run.actions[scene.made[rows], 0] != ActionKind.CREATE_EDGE
+    run, steps = scene.run, scene.made[rows]
     verdicts = np.where(scene.false[rows], "false", "right").astype(object)
-    verdicts[np.isnan(metres)] = _NONE
-    verdicts[refused] += ", refused at first"
-    heads = [
-        ("from node", "where the robot was last"),
-        ("to node", "where it arrived"),
-        ("metres off", "the true place of the robot from where the node was made"),
-        ("degrees off", "the same of its heading"),
-        ("verdict", "by the view radius"),
-    ]
-    events = zip(run.seconds[scene.made[rows]], links, metres, degrees, verdicts, strict=True)
-    return Table(
-        heads,
-        [
-            _event(s, link, (m, "{:.2f}"), (d, "{:.0f}"), verdict)
-            for s, link, m, d, verdict in events
-        ],
-    )
+    metres, degrees = offs(run, steps, run.links["target"][rows])
+    verdicts[np.isnan(metres)] = DASH
+    verdicts[run.actions[steps, 0] != ActionKind.CREATE_EDGE] += ", refused at first"
+    columns, links = [*_ENDS, *_JUDGEMENT], run.links[rows]
+    return _table_of_events(columns, links, run.seconds[steps], metres, degrees, verdicts.tolist())
 
 
 def refused_table(scene: Scene) -> Table | None:
     """Build the table of refused loops with their misfit; None if there are none."""
     run, refused = scene.run, scene.run.refused[:MOST]
-    if not len(refused):
-        return None
     metres, degrees = offs(run, run.steps_at(refused["stamp_ns"]), refused["target"])
-    heads = [
-        ("from node", "where the robot was last"),
-        ("to node", "which it was not allowed to arrive at"),
-        ("misfit m", "between the loop and the odometry"),
-        ("allowed m", "what the odometry may be off by"),
-        ("misfit deg", "the same of the heading"),
-        ("allowed deg", "the same of the heading"),
-        ("metres off", "the true place of the robot from where the node was made"),
-        ("degrees off", "the same of its heading"),
-        ("verdict", "by the view radius"),
+    seconds = (refused["stamp_ns"] - run.stamps_ns[:1]) / 1e9
+    return _table_of_events(
+        _REFUSED_COLUMNS, refused, seconds, metres, degrees, refusals(scene)[:MOST]
+    )
+
+
+def _table_of_events(
+    columns: Sequence[Column[Event]],
+    loops: NDArray[np.void],
+    seconds: Floats,
+    metres: Floats,
+    degrees: Floats,
+    verdicts: Sequence[str],
+) -> Table | None:
+    """Build a table of loops with their time; None without one."""
+    events = [
+        {
+            **dict(zip(loops.dtype.names or (), loop.tolist(), strict=True)),
+            "metres": far,
+            "degrees": turned,
+            "verdict": verdict,
+        }
+        for loop, far, turned, verdict in zip(loops, metres, degrees, verdicts, strict=True)
     ]
-    shown = []
-    for one, m, d, verdict in zip(refused, metres, degrees, refusals(scene), strict=False):
-        seconds = (one["stamp_ns"] - run.stamps_ns[0]) / 1e9
-        angles = np.degrees([one["error_rad"], one["allowed_rad"]])
-        fits = [(one["error_m"], "{:.2f}"), (one["allowed_m"], "{:.2f}")]
-        fits += [(angle, "{:.1f}") for angle in angles]
-        shown.append(_event(seconds, one, *fits, (m, "{:.2f}"), (d, "{:.0f}"), verdict))
-    return Table(heads, shown)
+    labels = [f"{second:.1f} s" for second in seconds]
+    return build_table(columns, events, labels) if events else None
 
 
 def refusals(scene: Scene) -> list[str]:
@@ -189,20 +182,8 @@ def refusals(scene: Scene) -> list[str]:
     run = scene.run
     steps = run.steps_at(run.refused["stamp_ns"])
     right = near(run, scene.report, steps, run.refused["target"])
-    words = np.select([~denied(run), right == 0, right == 1], [*REFUSALS], _NONE)
+    words = np.select([~denied(run), right == 0, right == 1], [*REFUSALS], DASH)
     return [str(word) for word in words]
-
-
-def _event(seconds: float, link: Any, *figures: tuple[float, str] | str) -> tuple[str, list[Cell]]:
-    """Build a row: time, source and target node, and figures, with a dash for unknown ones."""
-    cells = [Cell(str(link["source"])), Cell(str(link["target"]))]
-    for figure in figures:
-        if isinstance(figure, str):
-            cells.append(Cell(figure))
-        else:
-            value, show = figure
-            cells.append(Cell(show.format(value) if np.isfinite(value) else _NONE))
-    return f"{seconds:.1f} s", cells
 
 
 def look_table(run: RatSlamRun) -> Table | None:

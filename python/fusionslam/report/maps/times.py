@@ -3,6 +3,7 @@
 """Time per step of a RatSLAM run: a table and a picture."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,8 +23,6 @@ _BUSY = ("steps that looked", "steps that moved or looked", "steps that changed 
 _COLORS = (CURVE_COLORS[2], CURVE_COLORS[4], CURVE_COLORS[0])
 _WIDTH = 9.2
 
-Named = tuple[str, RatSlamRun]
-
 
 def busy_ms(run: RatSlamRun, stage: int | None = None) -> NDArray[np.float64]:
     """float64: milliseconds of the steps in which a stage did something.
@@ -42,20 +41,21 @@ def cost_table(labels: Sequence[str], runs: Sequence[RatSlamRun]) -> Table | Non
     """Build the table of median and 95th percentile per step; None if nothing was timed."""
     if not any((run.step_seconds > 0).any() for run in runs):
         return None
-    columns = []
-    for stage, (name, busy) in enumerate(zip(STAGES, _BUSY, strict=True)):
-        columns += [_column(name, stage, 50, busy), _column(name, stage, 95, busy)]
-    columns += [_column("step", None, 50, "all steps"), _column("step", None, 95, "all steps")]
-    hint = "how much faster than the data come in"
-    columns.append(Column("times real time", hint, lambda pair: _speed(pair[1]), "{:.3g}"))
-    return build_table(columns, list(zip(labels, runs, strict=True)), lambda pair: pair[0])
-
-
-def _column(name: str, stage: int | None, share: int, busy: str) -> Column[Named]:
-    def value(pair: Named) -> float | None:
-        return _percentile(pair[1], stage, share)
-
-    return Column(f"{name} p{share} ms", f"percentile {share} of {busy}", value, "{:.3g}")
+    parts = [*zip(STAGES, _BUSY, range(len(STAGES)), strict=True), ("step", "all steps", None)]
+    columns: list[Column[RatSlamRun]] = [
+        Column(
+            f"{name} p{share} ms",
+            f"percentile {share} of {busy}",
+            partial(_percentile, stage=stage, share=share),
+            "{:.3g}",
+        )
+        for name, busy, stage in parts
+        for share in (50, 95)
+    ]
+    columns.append(
+        Column("times real time", "how much faster than the data come in", _speed, "{:.3g}")
+    )
+    return build_table(columns, runs, labels)
 
 
 def _percentile(run: RatSlamRun, stage: int | None, share: int) -> float | None:

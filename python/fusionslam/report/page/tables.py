@@ -66,12 +66,10 @@ class Table:
         return "\n".join(lines)
 
 
-def build_table(
-    columns: Sequence[Column[T]], items: Sequence[T], label: Callable[[T], str]
-) -> Table:
+def build_table(columns: Sequence[Column[T]], items: Sequence[T], labels: Sequence[str]) -> Table:
     """Build a table with one row per item."""
     cells = [_build_cells(column, [column.read(item) for item in items]) for column in columns]
-    rows = [(label(item), [column[row] for column in cells]) for row, item in enumerate(items)]
+    rows = [(label, [column[row] for column in cells]) for row, label in enumerate(labels)]
     return Table([(column.title, column.hint) for column in columns], rows)
 
 

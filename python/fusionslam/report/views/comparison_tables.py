@@ -59,12 +59,12 @@ def groups(results: Sequence[ViewResult]) -> list[tuple[str, list[ViewResult]]]:
 
 def accuracy_table(results: Sequence[ViewResult]) -> Table:
     """One row per method: its recognition and published figures; fits 80 columns."""
-    return build_table(_ACCURACY, results, lambda result: result.title)
+    return build_table(_ACCURACY, results, [result.title for result in results])
 
 
 def cost_table(results: Sequence[ViewResult]) -> Table:
     """One row per method: bytes and milliseconds, and published figures."""
-    return build_table(_COSTS, results, lambda result: result.title)
+    return build_table(_COSTS, results, [result.title for result in results])
 
 
 def notes(results: Sequence[ViewResult]) -> list[str]:

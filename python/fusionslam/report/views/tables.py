@@ -115,7 +115,7 @@ def view_row(label: str, report: ViewReport, run: ViewRun | None = None) -> dict
 
 def _table_of(names: Sequence[str], rows: Sequence[Row]) -> Table:
     columns = {column.value: column for column in _COLUMNS}
-    return build_table([columns[name] for name in names], rows, lambda row: str(row["label"]))
+    return build_table([columns[name] for name in names], rows, [row["label"] for row in rows])
 
 
 def _table_beside(names: Sequence[str], judged: Judged, others: Sequence[Row]) -> Table:
