@@ -51,7 +51,7 @@ std::vector<MapLink> links_of(const ExperienceMap& map) {
 }
 
 StateDict arrays_of(MapState&& state) {
-  const auto rows = [](auto&& values, std::size_t width) {
+  const auto rows = []<class T>(std::vector<T>&& values, std::size_t width) {
     const auto count = static_cast<py::ssize_t>(values.size() / width);
     return to_numpy(std::move(values), {count, static_cast<py::ssize_t>(width)});
   };

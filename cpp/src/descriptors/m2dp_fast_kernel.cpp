@@ -139,7 +139,7 @@ struct RingTable {
 constexpr RingTable ring_table;
 
 /// 16 * ring of squared radii.
-FUSIONSLAM_AVX512 FUSIONSLAM_INLINE __m512i rings(__m512 squared) {
+FUSIONSLAM_INLINE FUSIONSLAM_AVX512 __m512i rings(__m512 squared) {
   const __m512 clamped =
       _mm512_min_ps(_mm512_max_ps(squared, _mm512_set1_ps(0x1p-14f)), _mm512_set1_ps(1.5f));
   const __m512i exponent = _mm512_srli_epi32(_mm512_castps_si512(clamped), 23);
@@ -150,12 +150,12 @@ FUSIONSLAM_AVX512 FUSIONSLAM_INLINE __m512i rings(__m512 squared) {
 }
 
 /// a where the mask has ones, b elsewhere.
-FUSIONSLAM_AVX512 FUSIONSLAM_INLINE __m512i select(__m512i mask, __m512i a, __m512i b) {
+FUSIONSLAM_INLINE FUSIONSLAM_AVX512 __m512i select(__m512i mask, __m512i a, __m512i b) {
   return _mm512_ternarylogic_epi32(mask, a, b, 0xCA);
 }
 
 /// As the portable place(), step by step.
-FUSIONSLAM_AVX512 FUSIONSLAM_INLINE void place(__m512 x, __m512 y, __m512 z, const FastPlane& plane,
+FUSIONSLAM_INLINE FUSIONSLAM_AVX512 void place(__m512 x, __m512 y, __m512 z, const FastPlane& plane,
                                                std::uint8_t* codes) {
   const __m512i sign = _mm512_set1_epi32(sign_bit);
   const __m512 zero = _mm512_setzero_ps();
@@ -189,7 +189,7 @@ FUSIONSLAM_AVX512 FUSIONSLAM_INLINE void place(__m512 x, __m512 y, __m512 z, con
 }
 
 template <int Row>
-FUSIONSLAM_AVX512 FUSIONSLAM_INLINE void count_avx512(const FastBlock& block,
+FUSIONSLAM_INLINE FUSIONSLAM_AVX512 void count_avx512(const FastBlock& block,
                                                       const FastPlane* planes,
                                                       std::uint16_t* votes) {
   alignas(64) Counters<Row> counters = {};

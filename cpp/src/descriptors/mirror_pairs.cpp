@@ -42,9 +42,9 @@ class Mirror {
 
   /// Component along the axis of a plane's normal.
   double side_of_plane(int row) const {
-    const double azimuth =
-        2 * std::numbers::pi * (row / config_.elevations + 0.5) / config_.azimuths;
-    return axis_ == 0 ? -std::cos(azimuth) : -std::sin(azimuth);
+    const int azimuth = row / config_.elevations;
+    const double angle = 2 * std::numbers::pi * (azimuth + 0.5) / config_.azimuths;
+    return axis_ == 0 ? -std::cos(angle) : -std::sin(angle);
   }
 
  private:

@@ -22,7 +22,6 @@ using detail::block_size;
 using detail::PointBlocks;
 
 using Lanes = float __attribute__((vector_size(16)));
-using Shuffle = int __attribute__((vector_size(16)));
 
 constexpr std::size_t blocks_an_item = 4;
 
@@ -33,16 +32,25 @@ struct Plane {
 
 Lanes lanes(const PointBlocks::Point& point) { return Lanes{point.x, point.y, point.z, 0}; }
 
+/// Lanes a, b, c and d. GCC before 12 has no __builtin_shufflevector, Clang no __builtin_shuffle.
+template <int a, int b, int c, int d>
+Lanes pick(Lanes values) {
+#if __has_builtin(__builtin_shufflevector)
+  return __builtin_shufflevector(values, values, a, b, c, d);
+#else
+  using Indices = int __attribute__((vector_size(16)));
+  return __builtin_shuffle(values, Indices{a, b, c, d});
+#endif
+}
+
 /// Covariance of the points, taken relative to the first of them.
 Eigen::Matrix3f covariance(const PointBlocks& cloud, std::span<const std::uint32_t> places) {
   const Lanes origin = lanes(cloud.points()[places[0]]);
   Lanes xx_xy_xz_yy{}, yz_zz{}, sum{};
   for (const std::uint32_t place : places) {
     const Lanes offset = lanes(cloud.points()[place]) - origin;
-    xx_xy_xz_yy += __builtin_shuffle(offset, Shuffle{0, 0, 0, 1}) *
-                   __builtin_shuffle(offset, Shuffle{0, 1, 2, 1});
-    yz_zz += __builtin_shuffle(offset, Shuffle{1, 2, 3, 3}) *
-             __builtin_shuffle(offset, Shuffle{2, 2, 3, 3});
+    xx_xy_xz_yy += pick<0, 0, 0, 1>(offset) * pick<0, 1, 2, 1>(offset);
+    yz_zz += pick<1, 2, 3, 3>(offset) * pick<2, 2, 3, 3>(offset);
     sum += offset;
   }
   const auto count = static_cast<float>(places.size());

@@ -26,7 +26,7 @@ template <class Scalar>
 Vector step(MatrixView a, const MatrixKernel& kernel, const Vector& left) {
   using ScalarVector = Eigen::Matrix<Scalar, Eigen::Dynamic, 1>;
   const auto& products = kernel.products<Scalar>();
-  const ScalarVector from = left.cast<Scalar>();
+  const ScalarVector& from = left.cast<Scalar>();
   ScalarVector right(a.columns), next(a.rows);
   products.transposed_times(a.data, a.rows, a.columns, from.data(), right.data());
   products.times(a.data, a.rows, a.columns, right.data(), next.data());
@@ -47,7 +47,7 @@ Ritz ritz(const Eigen::MatrixXd& basis, const std::vector<double>& diagonal,
   Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver;
   solver.computeFromTridiagonal(Eigen::Map<const Vector>(diagonal.data(), size),
                                 Eigen::Map<const Vector>(off_diagonal.data(), size - 1));
-  const Vector values = solver.eigenvalues();
+  const Vector& values = solver.eigenvalues();
   const Vector weights = solver.eigenvectors().col(size - 1);
   const double second = size > 1 ? values[size - 2] : 0;
   const double residual = outside * std::fabs(weights[size - 1]);

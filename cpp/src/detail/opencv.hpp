@@ -17,7 +17,7 @@ inline cv::Mat image_matrix(ImageView image) {
 
 /// Grey copy or view of an image; OpenCV does not write to it.
 inline cv::Mat grey_image(ImageView image) {
-  const cv::Mat view = image_matrix(image);
+  cv::Mat view = image_matrix(image);
   if (image.channels == 1) return view;
   cv::Mat grey;
   cv::cvtColor(view, grey, cv::COLOR_RGB2GRAY);

@@ -60,7 +60,7 @@ Spread spread_of(const Eigen::Matrix3Xd& points) {
     covariance += away * away.transpose();
   }
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance);
-  const Eigen::Matrix3d found = solver.eigenvectors();
+  const Eigen::Matrix3d& found = solver.eigenvectors();
   Vector3d low = found.transpose() * points.col(0), high = low;
   for (Eigen::Index i = 1; i < points.cols(); ++i) {
     const Vector3d along = found.transpose() * points.col(i);

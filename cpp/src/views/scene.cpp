@@ -52,7 +52,8 @@ double median(const std::vector<std::uint8_t>& values) {
     for (std::size_t below = counts[0]; below <= rank; below += counts[value]) ++value;
     return value;
   };
-  return (ranked((values.size() - 1) / 2) + ranked(values.size() / 2)) / 2;
+  const unsigned middle = (ranked((values.size() - 1) / 2) + ranked(values.size() / 2)) / 2;
+  return middle;
 }
 
 SceneObject object_of(const Cluster& cluster, const SceneConfig& config) {
