@@ -48,7 +48,7 @@ docs: setup
 	@echo out/site/index.html
 
 # What takes too long for every change. Tests run with Python 3.13, too, where it runs (a pyenv shim may not).
-nightly: lint docs sanitize
+nightly: lint docs sanitize tidy
 	$(MAKE) --no-print-directory test
 	! python3.13 -c '' || $(MAKE) --no-print-directory test PYTHON=python3.13 VENV=.venv-3.13
 	scripts/bench.sh
@@ -57,7 +57,7 @@ nightly: lint docs sanitize
 release: setup
 	scripts/release.sh
 
-# About ten minutes of one core, so no part of lint.
+# About ten minutes of one core, so a part of nightly, not of lint.
 tidy: setup
 	cmake -S . -B build/tidy -G Ninja -DCMAKE_BUILD_TYPE=Release -DFUSIONSLAM_BINDINGS=ON -DCMAKE_EXPORT_COMPILE_COMMANDS=ON -DPython_EXECUTABLE=$$PWD/$(BIN)/python -Dpybind11_DIR=$$($(BIN)/python -m pybind11 --cmakedir) > build/tidy-configure.log 2>&1 || (cat build/tidy-configure.log; exit 1)
 	$(BIN)/run-clang-tidy.py -p build/tidy -clang-tidy-binary $(BIN)/clang-tidy -quiet '/(cpp/src|bindings)/'

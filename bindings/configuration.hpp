@@ -83,7 +83,8 @@ constexpr const char* option_kind() {
     return "choice";
 }
 
-/// What config.py builds its sections from: name, kind, default, help, unit, range or choices.
+/// Options from which config.py builds a section: name, kind, default, help, unit, range or
+/// choices.
 template <class Config>
 OptionTable describe_options() {
   OptionTable options;

@@ -22,7 +22,7 @@ void translate_errors() {
     } catch (const ShapeError& error) {
       raise("ShapeError", error.what());
     } catch (const Interrupted&) {
-      // What the signal's handler raised is set already.
+      // The signal's handler may already have set an exception.
       if (!PyErr_Occurred()) PyErr_SetNone(PyExc_KeyboardInterrupt);
     }
   });

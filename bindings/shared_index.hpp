@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// How the threads of Python share an index of the core.
+// An index of the core that threads of Python share.
 #pragma once
 
 #include <mutex>

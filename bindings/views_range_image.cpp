@@ -12,7 +12,7 @@ namespace {
 using ReducedImage =
     py::typing::Tuple<py::type, py::typing::Tuple<py::array, float, float, py::object>>;
 
-RangeImage checked_image(RangeImage&& image) {
+RangeImage check_image(RangeImage&& image) {
   if (image.cells.empty()) return {};
   check_range_image(image);
   return std::move(image);
@@ -48,7 +48,7 @@ RangeImage image_from_dict(const py::dict& entry) {
     if (!error.matches(PyExc_KeyError) && !error.matches(PyExc_TypeError)) throw;
     throw DataError("JSON of a scene: its image is none");
   }
-  return checked_image(std::move(image));
+  return check_image(std::move(image));
 }
 
 void bind_views_range_image(py::module_& module) {
@@ -67,10 +67,10 @@ Immutable; equal if all cells are.)")
                    "cells is no array like RangeImage.cells: one dimension, fields "
                    "column, row, range, color");
              const auto array = py::array_t<Cell, py::array::c_style>::ensure(cells);
-             return checked_image({azimuth_step,
-                                   elevation_step,
-                                   sensor,
-                                   {array.data(), array.data() + array.size()}});
+             return check_image({azimuth_step,
+                                 elevation_step,
+                                 sensor,
+                                 {array.data(), array.data() + array.size()}});
            }),
            "cells"_a, "azimuth_step"_a, "elevation_step"_a, "sensor"_a)
       .def_property_readonly(

@@ -53,7 +53,7 @@ void check_finite(const Values& values, const char* name, std::size_t index) {
 }
 
 /// Refuses what no cloud gives.
-Scene checked(Scene&& scene) {
+Scene check_scene(Scene&& scene) {
   for (std::size_t i = 0; i < scene.objects.size(); ++i) {
     SceneObject& object = scene.objects[i];
     if (object.points < 1)
@@ -77,7 +77,7 @@ Scene scene_from_array(const py::object& objects, const std::optional<RangeImage
         "objects is no array like Scene.objects: one dimension, fields center, "
         "volume, area, color, extents, box_min, box_max, points");
   const auto array = py::array_t<SceneObject, py::array::c_style>::ensure(given);
-  return checked({{array.data(), array.data() + array.size()}, image.value_or(RangeImage{})});
+  return check_scene({{array.data(), array.data() + array.size()}, image.value_or(RangeImage{})});
 }
 
 std::string to_json(const Scene& scene) {
@@ -108,7 +108,7 @@ SceneObject object_from_entry(const py::dict& entry, std::size_t index) {
   return object;
 }
 
-py::dict parsed(const std::string& text) {
+py::dict parse_json(const std::string& text) {
   py::object whole;
   try {
     whole = py::module_::import("json").attr("loads")(text);
@@ -123,7 +123,7 @@ py::dict parsed(const std::string& text) {
 }
 
 Scene from_json(const std::string& text) {
-  const py::dict whole = parsed(text);
+  const py::dict whole = parse_json(text);
   if (!py::object(whole["version"]).equal(py::int_(json_version)))
     throw DataError("JSON of a scene: version " + py::repr(whole["version"]).cast<std::string>() +
                     ", this program reads version " + std::to_string(json_version));
@@ -140,7 +140,7 @@ Scene from_json(const std::string& text) {
       throw DataError("JSON of a scene: its image is none");
     scene.image = image_from_dict(whole["image"]);
   }
-  return checked(std::move(scene));
+  return check_scene(std::move(scene));
 }
 
 py::bytes to_bytes(const Scene& scene, bool image) {

@@ -47,7 +47,7 @@ inline Rotation rotation(double angle) {
           y * z * d - x * s, z * x * d - y * s, z * y * d + x * s, c + z * z * d};
 }
 
-inline Cloud moved(const Cloud& cloud, const Rotation& r, const std::array<double, 3>& shift) {
+inline Cloud transform(const Cloud& cloud, const Rotation& r, const std::array<double, 3>& shift) {
   Cloud result{{}, cloud.colors};
   for (std::size_t i = 0; i + 2 < cloud.points.size(); i += 3)
     for (std::size_t row = 0; row < 3; ++row) {

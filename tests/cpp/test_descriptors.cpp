@@ -125,12 +125,12 @@ void check_unchanged(const Cloud& cloud, const Cloud& changed) {
 TEST_CASE("turning a cloud leaves the robust descriptor unchanged") {
   const Cloud cloud = testing::random_cloud(20000);
   for (const double angle : {0.3, 1.7, 3.1})
-    check_unchanged(cloud, testing::moved(cloud, testing::rotation(angle), {0, 0, 0}));
+    check_unchanged(cloud, testing::transform(cloud, testing::rotation(angle), {0, 0, 0}));
 }
 
 TEST_CASE("shifting a cloud leaves the robust descriptor unchanged") {
   const Cloud cloud = testing::random_cloud(20000);
-  check_unchanged(cloud, testing::moved(cloud, testing::rotation(0), {12, -30, 4}));
+  check_unchanged(cloud, testing::transform(cloud, testing::rotation(0), {12, -30, 4}));
 }
 
 TEST_CASE("flipping an axis leaves the robust descriptor unchanged") {
@@ -138,7 +138,7 @@ TEST_CASE("flipping an axis leaves the robust descriptor unchanged") {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     testing::Rotation mirror = testing::rotation(0);
     mirror[4 * axis] = -1;
-    check_unchanged(cloud, testing::moved(cloud, mirror, {0, 0, 0}));
+    check_unchanged(cloud, testing::transform(cloud, mirror, {0, 0, 0}));
   }
 }
 

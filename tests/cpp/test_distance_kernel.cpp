@@ -173,7 +173,7 @@ TEST_CASE("the tile filter's bounds are within their error bound on every level"
           pack_panel(rows[row], 1, dimension, center.data(), 1, centred.data());
           return squared_norm(centred.data(), dimension);
         };
-        for (std::size_t row = 0; row < width; ++row) row_terms[row] = rounded_up(norm(row));
+        for (std::size_t row = 0; row < width; ++row) row_terms[row] = round_up(norm(row));
         const std::vector<float> limits(queries, row_terms[2]);
         std::vector<std::uint32_t> hits(queries);
         kernels.bounds(query_panel.data(), row_panel.data(), dimension, row_terms.data(),

@@ -53,7 +53,7 @@ std::vector<float> pcl_shot(const Cloud& cloud, double normal_radius, bool color
     normals->push_back(all[i]);
     for (std::size_t k = 0; k < 3; ++k) sums[k] += c[k];
   }
-  Eigen::Vector4f centroid;
+  Eigen::Vector4f centroid = Eigen::Vector4f::Zero();
   pcl::compute3DCentroid(*points, centroid);
   Point mean(centroid[0], centroid[1], centroid[2]);
   if (colored) {
@@ -109,7 +109,7 @@ void check_descriptors(const Cloud& cloud, double normal_radius) {
         1e-5);
 }
 
-/// What a LiDAR sees of a floor and a wall: lines of points, most neighbours along one line.
+/// LiDAR scan of a floor and a wall: lines of points, most neighbours along one line.
 Cloud scan_lines() {
   std::mt19937 random(5);
   std::normal_distribution<float> noise(0, 0.005F);

@@ -19,7 +19,7 @@ namespace {
 
 using testing::check_refused;
 
-/// How far a wall at -half or half is along a direction's component.
+/// Distance of a wall at -half or half along a direction's component.
 double until(double half, double place, double direction) {
   if (direction == 0) return std::numeric_limits<double>::infinity();
   return ((direction > 0 ? half : -half) - place) / direction;

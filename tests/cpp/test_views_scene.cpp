@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// What Python does not see of scenes: SIMD levels, strides, BGR and the sections of the bytes.
+// Aspects of scenes that Python does not see: SIMD levels, strides, BGR, sections of the bytes.
 #include <doctest/doctest.h>
 
 #include <cmath>

@@ -13,7 +13,7 @@
 
 namespace fusionslam {
 
-/// What is said about one configuration value besides its name and default.
+/// Help text, unit and range of a configuration value.
 struct OptionInfo {
   const char* help = "";
   const char* unit = "";
@@ -42,7 +42,8 @@ Enum choice_from_name(std::string_view key, std::string_view name) {
   throw ConfigError(std::string(key) + " is '" + std::string(name) + "', expected one of " + known);
 }
 
-/// Checks every number of `config` against its range; throws ConfigError naming the first culprit.
+/// Checks every number of `config` against its range; throws ConfigError naming the first one
+/// out of range.
 template <class Config>
 void validate(const Config& config) {
   Config::visit(config, [](const char* name, const auto& value, const OptionInfo& info) {

@@ -20,7 +20,7 @@ struct ChoiceNames<ColorSpace> {
   static constexpr std::array<std::string_view, 3> value{"rgb", "hsv", "lab"};
 };
 
-/// How the signs of the principal axes are chosen; PCA itself leaves them open.
+/// Rules for the signs of the principal axes, which PCA itself leaves open.
 enum class AxisSigns {
   largest_entry,  ///< the entry of largest magnitude is positive (MATLAB's pca)
   pcl,            ///< as Eigen's float solver returns them, third axis = first x second (PCL's PCA)
@@ -43,10 +43,10 @@ struct ChoiceNames<OuterRadius> {
   static constexpr std::array<std::string_view, 2> value{"farthest_point", "three_rms"};
 };
 
-/// What the singular vectors are taken of.
+/// Matrix whose singular vectors are computed.
 enum class Weighting {
   counts,       ///< the signature matrix itself
-  square_root,  ///< its square roots, so that full bins do not drown sparse ones
+  square_root,  ///< its square roots, so that full bins do not outweigh sparse ones
 };
 
 template <>
@@ -131,9 +131,9 @@ std::vector<float> cm2dp(PointsView points, ColorsView colors,
                          int threads = 1);
 
 /// First left (rows) and right (columns) singular vectors of a row-major matrix of entries >= 0,
-/// both of length 1 and >= 0: what m2dp and cm2dp make of a signature. Iterated with a test of
-/// convergence; where the two largest singular values are close, eigenvectors of A A^T in double.
-/// Throws ShapeError if the values are no such matrix, DataError for negative, infinite or NaN
+/// both of length 1 and >= 0, as m2dp and cm2dp compute them of a signature. Iterates until
+/// convergence; if the two largest singular values are close, uses eigenvectors of A A^T in double.
+/// Throws ShapeError for another number of values, DataError for negative, infinite or NaN
 /// entries and a matrix of zeros.
 std::vector<float> first_singular_vectors(std::span<const float> matrix, int rows, int columns);
 

@@ -45,7 +45,7 @@ struct Image {
   }
 };
 
-/// How lenses bend: the models of sensor_msgs/CameraInfo.
+/// Lens distortion models of sensor_msgs/CameraInfo.
 enum class DistortionModel { none, plumb_bob, rational_polynomial, equidistant };
 
 template <>
@@ -54,7 +54,7 @@ struct ChoiceNames<DistortionModel> {
                                                          "equidistant"};
 };
 
-/// How a camera sees (sensor_msgs/CameraInfo); matrices are row-major.
+/// Calibration of a camera (sensor_msgs/CameraInfo); matrices are row-major.
 struct CameraCalibration {
   int width = 0;  ///< of the image as taken, and of the rectified one
   int height = 0;
@@ -70,9 +70,9 @@ struct CameraCalibration {
 ///
 /// Coefficients: plumb_bob 4 or 5 (k1 k2 p1 p2 k3), rational_polynomial 8 (k1 k2 p1 p2 k3 to k6),
 /// equidistant 4 (k1 to k4), none 0; plumb_bob and rational_polynomial also 0, for no distortion.
-/// Throws DataError for matrices that are no camera's (a focal length of 0, a rotation that is
-/// none, NaN) or another number of coefficients, ShapeError if the image has another size than the
-/// calibration is for.
+/// Throws DataError for invalid matrices (a focal length of 0, a rectification that is not a
+/// rotation, NaN) or another number of coefficients, ShapeError if the size of the image is not the
+/// calibration's.
 Image rectify_image(ImageView image, const CameraCalibration& calibration);
 
 /// The colours of the upper left 2 x 2 pixels of a sensor behind a Bayer mosaic, row by row.
@@ -205,7 +205,7 @@ struct GroundPlane {
   std::vector<std::int64_t> kept;
 };
 
-/// Finds the ground with PCL's SACSegmentation (seeded, so repeatable). Where no plane is found all
+/// Finds the ground with PCL's SACSegmentation (seeded, so repeatable). If there is no plane, all
 /// points are kept and the coefficients are zero. Throws DataError for fewer than 3 points.
 GroundPlane remove_ground_plane(PointsView points, UpAxis up = UpAxis::z,
                                 const GroundPlaneConfig& config = {});
@@ -219,7 +219,8 @@ struct ChoiceNames<DrivingAxis> {
 };
 
 /// Parameters of the ground fitted segment by segment. Zermas et al. have the first five, with 3
-/// iterations; the others keep ghosts below the floor and segments without ground from harm.
+/// iterations; the others limit the effect of reflections below the floor and of segments without
+/// ground.
 struct GroundSegmentsConfig {
   static constexpr const char* section = "segments";
 
@@ -265,11 +266,11 @@ struct GroundSegments {
   std::vector<std::int64_t> kept;
 };
 
-/// Fits the ground from the lowest points up, segment by segment (Zermas, Izzat, Papanikolopoulos,
-/// ICRA 2017), and drops what is not above it.
+/// Fits the ground segment by segment, starting from the lowest points (Zermas, Izzat,
+/// Papanikolopoulos, ICRA 2017), and keeps the points above it.
 ///
 /// A segment takes its neighbour's plane if it has fewer than `lowest` points, its lowest points
-/// make no plane (a wall, a single line), or its plane leans or leaves a step; planes are handed on
+/// form no plane (a wall, a single line), or its plane leans or leaves a step; planes spread
 /// from the segment with most ground points. Where no segment has a plane, the whole cloud is tried
 /// as one; where that has none, all points are kept.
 /// Throws ConfigError if the driving axis points up, DataError for points that are not finite.

@@ -12,7 +12,7 @@
 
 namespace fusionslam {
 
-/// How much of the past just before a query is left out of the search.
+/// Recent past that is left out of the search for a query.
 struct ExclusionWindow {
   std::size_t frames = 0;        ///< candidates are older by more than this many frames ...
   std::int64_t nanoseconds = 0;  ///< ... and by more than this time; 0 switches the test off
@@ -51,7 +51,8 @@ class DescriptorIndex {
   /// Writes one file, whole or not at all. Throws DataError naming the path.
   void save(const std::string& path) const;
 
-  /// Throws DataError naming the path if it is no index, of another version, cut or damaged.
+  /// Throws DataError naming the path if the file is not an index, of another version, cut or
+  /// damaged.
   static DescriptorIndex load(const std::string& path);
 
   std::size_t size() const { return stamps_ns_.size(); }

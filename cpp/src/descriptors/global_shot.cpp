@@ -131,7 +131,7 @@ std::vector<double> histogram(const ShotSupport& support, const ShotFrame& frame
   return result;
 }
 
-std::vector<float> normalized(const std::vector<double>& histogram) {
+std::vector<float> normalize(const std::vector<double>& histogram) {
   double squared = 0;
   for (const double value : histogram) squared += value * value;
   std::vector<float> result;
@@ -154,7 +154,7 @@ std::vector<float> global_shot(PointsView points, ColorsView colors, const Norma
   const ShotKernels kernels = shot_kernels(simd_level());
   const auto frame = local_reference_frame(seen, threads, kernels);
   if (!frame) throw DataError(std::string(name) + " has no local reference frame on this cloud");
-  return normalized(histogram(seen, *frame, threads, kernels));
+  return normalize(histogram(seen, *frame, threads, kernels));
 }
 
 }  // namespace fusionslam::detail

@@ -40,7 +40,7 @@ const Tables& tables() {
   return all;
 }
 
-float limited(float value) { return std::clamp(value, -120.0F, 120.0F); }
+float limit(float value) { return std::clamp(value, -120.0F, 120.0F); }
 
 }  // namespace
 
@@ -53,8 +53,8 @@ std::array<float, 3> LabDistance::lab(std::array<std::uint8_t, 3> rgb) {
   const float x = curve((r * 0.412453F + g * 0.357580F + b * 0.180423F) / 0.95047F);
   const float y = curve(r * 0.212671F + g * 0.715160F + b * 0.072169F);
   const float z = curve((r * 0.019334F + g * 0.119193F + b * 0.950227F) / 1.08883F);
-  return {std::min(116 * y - 16, 100.0F) / 100, limited(500 * (x - y)) / 120,
-          limited(200 * (y - z)) / 120};
+  return {std::min(116 * y - 16, 100.0F) / 100, limit(500 * (x - y)) / 120,
+          limit(200 * (y - z)) / 120};
 }
 
 float LabDistance::operator()(std::array<std::uint8_t, 3> color) const {

@@ -12,7 +12,7 @@
 namespace fusionslam::detail {
 namespace {
 
-/// What `work(begin, end)` gives for each chunk of the points.
+/// Results of `work(begin, end)` for each chunk of the points.
 template <class Result, class Work>
 std::vector<Result> for_chunks(std::size_t size, int threads, Work&& work) {
   std::vector<Result> results((size + shot_chunk - 1) / shot_chunk);

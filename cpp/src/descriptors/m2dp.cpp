@@ -78,7 +78,7 @@ Signature cm2dp_votes(PointsView points, ColorsView colors, ColorSpace color_spa
   return votes(points, &binner, config, threads);
 }
 
-Signature divided(Signature votes, std::size_t points) {
+Signature divide(Signature votes, std::size_t points) {
   for (double& value : votes.values) value /= static_cast<double>(points);
   return votes;
 }
@@ -113,12 +113,12 @@ M2dpConfig m2dp_preset(std::string_view name) {
 }
 
 Signature m2dp_signature(PointsView points, const M2dpConfig& config, int threads) {
-  return divided(m2dp_votes(points, config, threads), points.size);
+  return divide(m2dp_votes(points, config, threads), points.size);
 }
 
 Signature cm2dp_signature(PointsView points, ColorsView colors, ColorSpace color_space,
                           const M2dpConfig& config, int threads) {
-  return divided(cm2dp_votes(points, colors, color_space, config, threads), points.size);
+  return divide(cm2dp_votes(points, colors, color_space, config, threads), points.size);
 }
 
 std::vector<float> m2dp(PointsView points, const M2dpConfig& config, int threads) {

@@ -44,7 +44,7 @@ struct FastKernel {
 
 FastKernel fast_kernel(SimdLevel level);
 
-/// Where sector 0 .. 15 (from -pi, anticlockwise) stands in a row of votes.
+/// Place of sector 0 .. 15 (from -pi, anticlockwise) in a row of votes.
 int fast_sector_code(int sector);
 
 }  // namespace fusionslam::detail

@@ -10,7 +10,7 @@
 namespace fusionslam::detail {
 namespace {
 
-/// Where mirroring axis 0, 1 or 2 takes planes and sectors, and which side of it they are on.
+/// Planes and sectors after mirroring axis 0, 1 or 2, and the side of it that they are on.
 class Mirror {
  public:
   Mirror(int axis, const M2dpConfig& config) : axis_(axis), config_(config) {

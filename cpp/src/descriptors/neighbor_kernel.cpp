@@ -17,7 +17,7 @@ constexpr float infinity = std::numeric_limits<float>::infinity();
 
 FUSIONSLAM_INLINE float larger(float a, float b) { return a > b ? a : b; }
 
-/// How far the interval [low, high] is from [from, to]; never more than the rounded difference of
+/// Distance of the interval [low, high] from [from, to]; never more than the rounded difference of
 /// a value of one and a value of the other, as rounding is monotonic.
 FUSIONSLAM_INLINE float gap(float low, float high, float from, float to) {
   return larger(larger(low - to, from - high), 0.0F);

@@ -53,7 +53,7 @@ struct NeighborKernels {
   /// The same within one block, where no point is its own neighbour.
   void (*nearest_in_block)(const PointBlock& block, float* nearest);
 
-  /// Whether some point of the box may be nearer to query i than nearest[i], for any i.
+  /// True if, for any i, a point of the box may be nearer to query i than nearest[i].
   bool (*any_nearer)(const PointBlock& queries, const Box& box, const float* nearest);
 };
 

@@ -67,7 +67,7 @@ void order(std::vector<Item>& items, Range range, std::size_t grain, std::vector
   if (grain > block_size) rest.push_back(range);
 }
 
-std::vector<Item> ordered_items(PointsView points, int threads) {
+std::vector<Item> order_items(PointsView points, int threads) {
   std::vector<Item> items(points.size);
   for (std::size_t i = 0; i < points.size; ++i)
     items[i] = {{points[i][0], points[i][1], points[i][2]}, static_cast<std::uint32_t>(i)};
@@ -131,7 +131,7 @@ std::vector<BoxGroup> group_boxes(const std::vector<Box>& boxes) {
 PointBlocks::PointBlocks(PointsView points, int threads, SimdLevel level)
     : kernels_(neighbor_kernels(level)) {
   check_magnitude(points);
-  const std::vector<Item> items = ordered_items(points, threads);
+  const std::vector<Item> items = order_items(points, threads);
   points_.reserve(items.size());
   indices_.reserve(items.size());
   for (const Item& item : items) {

@@ -33,7 +33,7 @@ class PointBlocks {
   /// The points in this order; place i is in block i / block_size.
   const Point* points() const { return points_.data(); }
 
-  /// Where each point stood in the cloud.
+  /// Index of each point in the cloud.
   const std::uint32_t* indices() const { return indices_.data(); }
 
   Box block_box(std::size_t block) const;

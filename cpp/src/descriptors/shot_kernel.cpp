@@ -209,7 +209,7 @@ FUSIONSLAM_INLINE void find_weights(std::size_t size, double radius, Votes& vote
   }
 }
 
-/// Where a point votes in the histogram of its volume.
+/// The two bins in the histogram of its volume that a point votes for.
 struct Bins {
   int own[chunk], next[chunk];
   double share[chunk];  ///< of the next bin; the rest of the vote is the own bin's

@@ -16,8 +16,8 @@ inline constexpr int shot_color_slots = 31;  ///< 30 bins of the colour distance
 inline constexpr int shot_shape_size = shot_volumes * shot_shape_slots;
 inline constexpr int shot_color_size = shot_volumes * shot_color_slots;
 
-/// What a keypoint sees: the points with their unit normals, and for CSHOT their colour distances
-/// (0 to 1) to the keypoint; `color` is null for SHOT.
+/// Support of a keypoint: points with their unit normals, and for CSHOT their colour distances (0
+/// to 1) to the keypoint; `color` is null for SHOT.
 struct ShotSupport {
   const float *x, *y, *z;
   const float *normal_x, *normal_y, *normal_z;
@@ -47,7 +47,7 @@ struct ShotSides {
 struct ShotKernels {
   ShotScatter (*scatter)(const ShotSupport& support, std::size_t begin, std::size_t end);
 
-  /// How many points do not lie behind the keypoint, seen along each of two directions.
+  /// Counts the points that do not lie behind the keypoint, along each of two directions.
   ShotSides (*sides)(const ShotSupport& support, std::size_t begin, std::size_t end,
                      const double* first, const double* second);
 

@@ -33,7 +33,7 @@ Vector step(MatrixView a, const MatrixKernel& kernel, const Vector& left) {
   return next.template cast<double>();
 }
 
-/// What a Krylov space knows of the largest eigenvalue of A A^T and its vector.
+/// Estimate of the largest eigenvalue of A A^T and its vector in a Krylov space.
 struct Ritz {
   Vector vector;
   double error;  ///< estimated, of the vector

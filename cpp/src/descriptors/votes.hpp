@@ -11,14 +11,14 @@
 
 namespace fusionslam::detail {
 
-/// What is counted: points, seen in a frame whose unit is the outer radius, and their colours.
+/// Points to count, in a frame whose unit is the outer radius, and their colours.
 struct VoteTask {
   RawPoints points;
   KernelFrame frame;
   const ColorBinner* colors = nullptr;  ///< null for M2DP
 };
 
-/// Whether the fast kernel, which is made for the papers' sizes, can count on these planes.
+/// True if the fast kernel, which supports the papers' sizes only, can count on these planes.
 bool is_fast_case(const M2dpConfig& config, const std::vector<KernelPlane>& planes);
 
 /// Votes of all points on all planes, in the columns of a signature. Sums of whole numbers, so the

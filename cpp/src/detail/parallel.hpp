@@ -28,7 +28,7 @@ inline std::size_t thread_count(int threads) {
   return std::max<std::size_t>(1, std::thread::hardware_concurrency());
 }
 
-/// What the threads of one parallel_for share.
+/// State shared by the threads of one parallel_for.
 class WorkPool {
  public:
   explicit WorkPool(std::size_t count) : count_(count) {}
@@ -45,7 +45,7 @@ class WorkPool {
       fail();
     }
   }
-  void finished() {
+  void report_finished() {
     const std::lock_guard lock(mutex_);
     ++finished_;
     changed_.notify_one();
@@ -104,7 +104,7 @@ void parallel_for(std::size_t count, int threads, Work&& work) {
       helpers.emplace_back([&] {
         const PoolThread mark(pool.stop());
         pool.run(work);
-        pool.finished();
+        pool.report_finished();
       });
     pool.run(work);
     pool.wait_for(helpers.size());

@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// How kernels read clouds: a block of points at a time, as one array a coordinate.
+// Blocks of points with one array a coordinate, in which kernels read clouds.
 #pragma once
 
 #include <cstddef>

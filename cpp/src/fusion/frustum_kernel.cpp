@@ -24,7 +24,7 @@ FUSIONSLAM_INLINE std::int32_t largest_bits(const CoordinateBlock& b, std::size_
   return largest;
 }
 
-/// What rounding, of the sides and of four products and sums, can take from a point's value.
+/// Bound of the rounding error of a point's value: of the sides and of four products and sums.
 FUSIONSLAM_INLINE float margin(const float* side, float largest) {
   const float terms = (absolute(side[0]) + absolute(side[1]) + absolute(side[2])) * largest;
   return 1e-6F * (terms + absolute(side[3]));

@@ -23,7 +23,7 @@ struct Point {
   float forward, side, height;
 };
 
-/// Which coordinates of the cloud those are.
+/// Numbers of the coordinates forward, to the side and up.
 struct Directions {
   std::size_t forward, side;
   detail::Axis up;
@@ -122,7 +122,7 @@ double lowest_height(std::span<const Point> points, std::size_t count) {
   return heights[count / 2];
 }
 
-/// How many points count as the lowest.
+/// Number of points that count as the lowest.
 std::size_t lowest_count(std::size_t points, const GroundSegmentsConfig& config) {
   const double share = config.lowest_share * static_cast<double>(points);
   return std::max(static_cast<std::size_t>(config.lowest), static_cast<std::size_t>(share));
@@ -206,7 +206,7 @@ void borrow(std::optional<Plane>& plane, const Plane& neighbor, double border, d
 }
 
 /// The planes of all segments: those of their own, checked from the one with most ground outwards.
-/// Where no segment has one, that of the whole cloud, if it has one.
+/// One plane a segment; if none has any, that of the whole cloud, if it has one.
 std::vector<std::optional<Plane>> planes_of(const Cut& cloud, const GroundSegmentsConfig& config) {
   std::vector<std::optional<Plane>> planes(cloud.segments());
   std::size_t best = 0;

@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// What has to be done to an image before points are projected into it.
+// Preparation of images before points are projected into them.
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -86,7 +86,7 @@ void check_calibration(const CameraCalibration& calibration) {
                       "the projection matrix");
 }
 
-/// Where in the image as taken each pixel of the rectified image is seen: column and row.
+/// Column and row in the image as taken of each pixel of the rectified image.
 struct PixelMaps {
   cv::Mat columns, rows;
 };

@@ -67,7 +67,7 @@ class BatchSearch::Block {
     std::size_t q;
 
     float limit(double squared) const {
-      return rounded_up(squared + block.search_.error_.absolute - block.terms_[q]);
+      return round_up(squared + block.search_.error_.absolute - block.terms_[q]);
     }
     double exact(std::int64_t index, double worst) const {
       const Vectors& rows = block.search_.rows_;
@@ -172,7 +172,7 @@ void BatchSearch::find_row_terms(int threads) {
     AlignedFloats buffer(rows_.dimension);
     const std::size_t end = std::min((i + 1) * rows_at_once, rows_.count);
     for (std::size_t row = i * rows_at_once; row < end; ++row)
-      row_terms_[row] = -rounded_up(-norm_term(centred_norm(rows_[row], buffer), error_));
+      row_terms_[row] = -round_up(-norm_term(centred_norm(rows_[row], buffer), error_));
   });
 }
 

@@ -17,7 +17,7 @@ void check_descriptor(std::span<const float> descriptor, std::size_t dimension, 
   detail::check_values(descriptor, row);
 }
 
-std::size_t checked_dimension(std::size_t dimension) {
+std::size_t check_dimension(std::size_t dimension) {
   if (dimension == 0) throw ConfigError("dimension is 0, expected at least 1");
   return dimension;
 }
@@ -25,7 +25,7 @@ std::size_t checked_dimension(std::size_t dimension) {
 }  // namespace
 
 DescriptorIndex::DescriptorIndex(std::size_t dimension, ExclusionWindow window)
-    : window_(window), rows_(std::make_unique<Rows>(checked_dimension(dimension))) {
+    : window_(window), rows_(std::make_unique<Rows>(check_dimension(dimension))) {
   if (window.nanoseconds < 0) throw ConfigError("window in seconds is negative, expected >= 0");
 }
 

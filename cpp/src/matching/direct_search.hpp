@@ -15,7 +15,7 @@ class DirectFilter {
   DirectFilter(std::size_t dimension) : error_(direct_error(dimension)) {}
 
   float limit(double squared) const {
-    return rounded_up(squared * (1 + error_.relative) + error_.absolute);
+    return round_up(squared * (1 + error_.relative) + error_.absolute);
   }
 
  private:

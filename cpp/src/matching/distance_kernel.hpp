@@ -19,7 +19,7 @@ double squared_distance(const float* a, const float* b, std::size_t size);
 /// Squared norm, accumulated in double.
 double squared_norm(const float* a, std::size_t size);
 
-/// Whether every value's magnitude is at most `limit`; false for NaN.
+/// True if every value's magnitude is at most `limit`; false for NaN.
 bool all_within(const float* a, std::size_t size, float limit);
 
 /// Rows of one tile of the batch filter, and the most that any level takes.

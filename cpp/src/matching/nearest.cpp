@@ -31,7 +31,7 @@ void check_values(std::span<const float> descriptor, std::size_t row) {
 
 namespace {
 
-detail::Vectors checked_table(std::span<const float> values, std::size_t dimension) {
+detail::Vectors check_table(std::span<const float> values, std::size_t dimension) {
   if (dimension == 0 || values.size() % dimension != 0)
     throw ShapeError(std::to_string(values.size()) + " values are no rows of dimension " +
                      std::to_string(dimension));
@@ -52,15 +52,15 @@ void check_k(std::size_t k, std::size_t queries) {
 
 MatchTable nearest(std::span<const float> queries, std::span<const float> descriptors,
                    std::size_t dimension, std::size_t k, int threads) {
-  const auto wanted = checked_table(queries, dimension);
-  const auto rows = checked_table(descriptors, dimension);
+  const auto wanted = check_table(queries, dimension);
+  const auto rows = check_table(descriptors, dimension);
   check_k(k, wanted.count);
   return detail::BatchSearch(wanted, rows, std::nullopt, k, simd_level()).run(threads);
 }
 
 MatchTable nearest_causal(std::span<const float> descriptors, std::size_t dimension,
                           std::size_t window, std::size_t k, int threads) {
-  const auto rows = checked_table(descriptors, dimension);
+  const auto rows = check_table(descriptors, dimension);
   check_k(k, rows.count);
   return detail::BatchSearch(rows, rows, window, k, simd_level()).run(threads);
 }

@@ -59,7 +59,7 @@ class NearestK {
 };
 
 /// The smallest float that is not below `value`.
-inline float rounded_up(double value) {
+inline float round_up(double value) {
   constexpr float infinity = std::numeric_limits<float>::infinity();
   if (!(value < static_cast<double>(std::numeric_limits<float>::max()))) return infinity;
   if (value < static_cast<double>(std::numeric_limits<float>::lowest())) return -infinity;

@@ -11,7 +11,7 @@
 
 namespace fusionslam::detail {
 
-/// How uncertain a place is against another one, along links.
+/// Uncertainty of a place relative to another one, along links.
 struct Drift {
   double xx = 0, xy = 0, yy = 0;  ///< m^2, in the frame of the map
   double rotation = 0;            ///< rad^2
@@ -21,18 +21,18 @@ struct Drift {
   double largest() const;
 };
 
-/// Ways of least drift from one node to others (Dijkstra; a radian counts as a metre). Searches no
-/// farther than it has to.
+/// Paths of least drift from one node to others (Dijkstra; a radian counts as a metre). Searches no
+/// farther than necessary.
 class DriftSearch {
  public:
-  /// `limit`: no node whose way has a larger sum of variances is found.
+  /// `limit`: nodes whose paths have a larger sum of variances are not reached.
   DriftSearch(const MapArrays& map, std::int64_t from, double limit);
 
-  /// Whether there is a way.
+  /// True if there is a path.
   bool reach(std::int64_t node);
 
-  /// How uncertain a pose at `node` is, seen from where the search began. Along the way, errors of
-  /// heading put what is far off the more astray. `node` must have been reached.
+  /// Uncertainty of a pose at `node` relative to the start of the search. Errors of heading along
+  /// the path count in proportion to the distance from there. `node` must have been reached.
   Drift drift(std::int64_t node, const Pose2& pose) const;
 
  private:
@@ -56,8 +56,8 @@ class DriftSearch {
   std::vector<Waiting> waiting_;
 };
 
-/// How uncertain the robot's place is, seen from a node, but for the way since its current node;
-/// nothing if all ways have a larger sum of variances than `limit`.
+/// Uncertainty of the robot's place relative to a node, without the motion since its current node;
+/// nothing if all paths have a larger sum of variances than `limit`.
 std::optional<Drift> drift_since(const MapArrays& map, std::int64_t node, double limit);
 
 }  // namespace fusionslam::detail

@@ -14,12 +14,12 @@ namespace fusionslam {
 namespace detail {
 namespace {
 
-// A deviation of nothing would make a link of unlimited weight.
+// A variance of 0 would give a link unlimited weight.
 constexpr double least_variance = 1e-6;
 
 void arrive(MapArrays& map, std::int64_t node, const Arrival& arrival) {
   map.current = node;
-  const Pose2 pose = composed(map.nodes[node], arrival.offset);
+  const Pose2 pose = compose(map.nodes[node], arrival.offset);
   map.dx = pose.x - map.nodes[node].x;
   map.dy = pose.y - map.nodes[node].y;
   map.facing = pose.heading;
@@ -45,16 +45,15 @@ void add_link(MapArrays& map, const Link& link) {
   map.in.add(link.target, number);
 }
 
-/// Place and rotation of the robot in the frame of the current node as odometry has it, with its
-/// variances.
-Measure measured(const MapArrays& map, const Pose2& node) {
+/// Place and rotation of the robot in the frame of the current node by odometry, with variances.
+Measure measure_odometry(const MapArrays& map, const Pose2& node) {
   Measure measure;
   measure.distance = std::hypot(map.dx, map.dy);
-  measure.heading = wrapped(std::atan2(map.dy, map.dx) - node.heading);
-  measure.facing = wrapped(map.facing - node.heading);
+  measure.heading = wrap_angle(std::atan2(map.dy, map.dx) - node.heading);
+  measure.facing = wrap_angle(map.facing - node.heading);
   measure.duration = map.seconds;
-  // On a way of length d a heading that goes astray evenly puts the end off by d / sqrt(3) of it;
-  // one that was so from the start, by d.
+  // On a path of length d, a heading error that grows as a random walk moves the end by d / sqrt(3)
+  // times its final deviation; one present from the start, by d times.
   const double square = measure.distance * measure.distance;
   measure.variance_m = least_variance + map.variance_m + map.arrived_m +
                        (map.variance_rad / 3 + map.arrived_rad) * square;
@@ -65,21 +64,21 @@ Measure measured(const MapArrays& map, const Pose2& node) {
 void create_node(MapArrays& map, const MapAction& action) {
   const Pose2 pose = map.pose();
   Link link{map.current, action.target, {}, false};
-  if (action.target > 0) link.measure = measured(map, map.nodes[map.current]);
+  if (action.target > 0) link.measure = measure_odometry(map, map.nodes[map.current]);
   map.nodes.push_back(pose);
   map.out.add_node();
   map.in.add_node();
   if (!map.robust()) link.measure.facing += action.relative_rotation;
-  link.measure.facing = wrapped(link.measure.facing);
+  link.measure.facing = wrap_angle(link.measure.facing);
   if (action.target > 0) add_link(map, link);
-  // The reference does not start anew at its first node: the way to it counts twice.
+  // The reference does not reset odometry at its first node: the motion to it counts twice.
   if (action.target > 0 || map.robust()) arrive(map, action.target, {});
 }
 
 void create_reference_edge(MapArrays& map, const MapAction& action) {
   if (action.target != map.current && link_between(map, map.current, action.target) < 0) {
-    Link link{map.current, action.target, measured(map, map.nodes[map.current]), true};
-    link.measure.facing = wrapped(link.measure.facing + action.relative_rotation);
+    Link link{map.current, action.target, measure_odometry(map, map.nodes[map.current]), true};
+    link.measure.facing = wrap_angle(link.measure.facing + action.relative_rotation);
     add_link(map, link);
   }
   arrive(map, action.target, {{0, 0, action.relative_rotation}});
@@ -91,21 +90,21 @@ void add_squares(MapArrays& map, const Link& link, double sign) {
   map.squares_rad += sign * error.heading * error.heading;
 }
 
-Measure turned_round(const Measure& measure) {
+Measure reverse(const Measure& measure) {
   Measure back = measure;
-  back.heading = wrapped(measure.heading + std::numbers::pi - measure.facing);
-  back.facing = wrapped(-measure.facing);
+  back.heading = wrap_angle(measure.heading + std::numbers::pi - measure.facing);
+  back.facing = wrap_angle(-measure.facing);
   return back;
 }
 
-/// The variance after one measure more. It falls no lower than to a quarter of that one's: what
-/// odometry gets wrong the same way each time does not average out.
+/// The variance after one more measure. It falls no lower than a quarter of that one's, because
+/// systematic errors of odometry do not average out.
 double variance_with(double old, double more) {
   return std::min(old, std::max(old * more / (old + more), more / 4));
 }
 
-/// Both measures weighted by what they are worth.
-Measure averaged(const Measure& old, const Measure& more) {
+/// Mean of both measures, weighted by their certainty.
+Measure average(const Measure& old, const Measure& more) {
   const Pose2 a = old.pose(), b = more.pose();
   const double place = old.variance_m / (old.variance_m + more.variance_m);
   const double rotation = old.variance_rad / (old.variance_rad + more.variance_rad);
@@ -113,7 +112,7 @@ Measure averaged(const Measure& old, const Measure& more) {
   Measure mean = old;
   mean.distance = std::hypot(x, y);
   mean.heading = mean.distance > 0 ? std::atan2(y, x) : 0;
-  mean.facing = wrapped(a.heading + rotation * wrapped(b.heading - a.heading));
+  mean.facing = wrap_angle(a.heading + rotation * wrap_angle(b.heading - a.heading));
   mean.duration = old.duration + place * (more.duration - old.duration);
   mean.variance_m = variance_with(old.variance_m, more.variance_m);
   mean.variance_rad = variance_with(old.variance_rad, more.variance_rad);
@@ -130,7 +129,7 @@ void add_loop(MapArrays& map, const Pending& loop) {
     Link& link = map.links[known];
     add_squares(map, link, -1);
     const bool along = link.source == loop.source;
-    link.measure = averaged(link.measure, along ? loop.measure : turned_round(loop.measure));
+    link.measure = average(link.measure, along ? loop.measure : reverse(loop.measure));
     add_squares(map, link, 1);
   }
   map.due.push_back(loop.source);
@@ -138,7 +137,7 @@ void add_loop(MapArrays& map, const Pending& loop) {
 }
 
 void create_edge(MapArrays& map, const MapAction& action) {
-  const Pending loop = claimed_loop(map, action);
+  const Pending loop = build_loop(map, action);
   const Arrival arrival = arrival_by(map, loop);
   auto confirmed = agreeing_loops(map, loop);
   for (const std::size_t number : confirmed) add_loop(map, map.pending[number]);
@@ -173,15 +172,15 @@ void check_edge(const MapArrays& map, const MapAction& action) {
 
 }  // namespace
 
-Pending claimed_loop(const MapArrays& map, const MapAction& action) {
+Pending build_loop(const MapArrays& map, const MapAction& action) {
   const Pose2& node = map.nodes[map.current];
   Pending loop;
   loop.source = map.current;
   loop.target = action.target;
-  loop.offset = seen_from(node, map.pose());
-  loop.place = {action.relative_x, action.relative_y, wrapped(action.relative_rotation)};
-  loop.measure = measured(map, node);
-  const Pose2 link = composed(loop.offset, seen_from(loop.place, {}));
+  loop.offset = relative_pose(node, map.pose());
+  loop.place = {action.relative_x, action.relative_y, wrap_angle(action.relative_rotation)};
+  loop.measure = measure_odometry(map, node);
+  const Pose2 link = compose(loop.offset, relative_pose(loop.place, {}));
   loop.measure.distance = std::hypot(link.x, link.y);
   loop.measure.heading = loop.measure.distance > 0 ? std::atan2(link.y, link.x) : 0;
   loop.measure.facing = link.heading;
@@ -207,10 +206,10 @@ ExperienceMap& ExperienceMap::operator=(ExperienceMap&&) noexcept = default;
 void ExperienceMap::on_odometry(double v, double w, double dt) {
   MapArrays& map = *map_;
   const ExperienceMapConfig& config = map.config;
-  const double way = v * dt, turn = w * dt, facing = wrapped(map.facing + turn);
+  const double way = v * dt, turn = w * dt, facing = wrap_angle(map.facing + turn);
   const double dx = map.dx + way * std::cos(facing), dy = map.dy + way * std::sin(facing);
   const double seconds = map.seconds + dt;
-  // Not finite where any of the values is not; v and w count at no time, too.
+  // Not finite if any of the values is not; v and w count even if dt is 0.
   const double largest = std::abs(dx) + std::abs(dy) + std::abs(turn) + seconds;
   if (!(largest <= largest_value) || dt < 0)
     throw DataError("odometry v " + std::to_string(v) + " m/s, w " + std::to_string(w) +
@@ -259,7 +258,7 @@ const ExperienceMapConfig& ExperienceMap::config() const { return map_->config; 
 MapLink ExperienceMap::link(std::size_t number) const {
   const Link& link = map_->links.at(number);
   const Measure& measure = link.measure;
-  // The reference's relaxation takes all links alike, and metres like radians.
+  // The reference's relaxation weights all links equally, and metres like radians.
   const bool weighted = map_->robust();
   const double sd_m = weighted ? std::sqrt(measure.variance_m) : 1;
   const double sd_rad = weighted ? std::sqrt(measure.variance_rad) : 1;
@@ -269,7 +268,7 @@ MapLink ExperienceMap::link(std::size_t number) const {
 }
 
 Pose2 ExperienceMap::offset() const {
-  return seen_from(map_->nodes.empty() ? Pose2{} : map_->nodes[map_->current], map_->pose());
+  return relative_pose(map_->nodes.empty() ? Pose2{} : map_->nodes[map_->current], map_->pose());
 }
 
 }  // namespace fusionslam

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// Which loops the map believes: those that odometry does not speak against, and those that agree
-// with each other (pairwise consistency as in Mangelson et al. 2018).
+// Accepts loops that fit odometry, and loops that agree with each other (pairwise consistency as in
+// Mangelson et al. 2018).
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -20,8 +20,8 @@ constexpr double without_limit = std::numeric_limits<double>::infinity();
 // Odometry whose variance is so many times a view's does not count beside it.
 constexpr double unsure = 100;
 
-/// Where two loops put the robot, and how sure that is along one side: the robot's own way between
-/// them, or the way between their targets.
+/// Relative pose of two loops and its uncertainty along one side: the robot's own path between
+/// them, or the path between their targets.
 struct Side {
   Pose2 between;
   Drift drift;
@@ -47,7 +47,7 @@ class Companion {
     const double place_m = map_.config.place_m, place_rad = map_.config.place_rad;
     if (std::hypot(own.between.x, own.between.y) < 2 * place_m || largest > limit_) return false;
     const double x = own.between.x - seen.between.x, y = own.between.y - seen.between.y;
-    const double turn = wrapped(own.between.heading - seen.between.heading);
+    const double turn = wrap_angle(own.between.heading - seen.between.heading);
     const double sigmas = map_.config.sigmas;
     return std::hypot(x, y) <= sigmas * std::sqrt(largest + 2 * place_m * place_m) &&
            std::abs(turn) <= sigmas * std::sqrt(own.drift.rotation + seen.drift.rotation +
@@ -57,9 +57,9 @@ class Companion {
  private:
   Side side(const DriftSearch& search, std::int64_t from, const Pose2& from_offset, std::int64_t to,
             const Pose2& to_offset) const {
-    const Pose2 one = composed(map_.nodes[from], from_offset);
-    const Pose2 other = composed(map_.nodes[to], to_offset);
-    return {seen_from(one, other), search.drift(to, other)};
+    const Pose2 one = compose(map_.nodes[from], from_offset);
+    const Pose2 other = compose(map_.nodes[to], to_offset);
+    return {relative_pose(one, other), search.drift(to, other)};
   }
 
   const MapArrays& map_;
@@ -68,8 +68,8 @@ class Companion {
   DriftSearch own_, seen_;
 };
 
-/// How many of the candidates, of which all agree with the loop, agree with one another: the
-/// largest group that is found by taking them one by one, starting with each.
+/// Size of the largest group of candidates that agree with one another, found greedily from each of
+/// them. All candidates agree with the loop.
 std::size_t largest_group(const MapArrays& map, const std::vector<std::size_t>& candidates) {
   const std::size_t count = candidates.size();
   std::vector<std::vector<bool>> agrees(count, std::vector<bool>(count));
@@ -101,12 +101,12 @@ void remember(MapArrays& map, const Pending& loop) {
   map.pending.push_back(loop);
 }
 
-LoopCheck compared(const MapArrays& map, const Pending& loop, const Drift& drift) {
-  const Pose2 robot = map.pose(), claimed = composed(map.nodes[loop.target], loop.place);
+LoopCheck compare_with_map(const MapArrays& map, const Pending& loop, const Drift& drift) {
+  const Pose2 robot = map.pose(), claimed = compose(map.nodes[loop.target], loop.place);
   const double x = claimed.x - robot.x, y = claimed.y - robot.y;
   LoopCheck check;
   check.error_m = std::hypot(x, y);
-  check.error_rad = std::abs(wrapped(claimed.heading - robot.heading));
+  check.error_rad = std::abs(wrap_angle(claimed.heading - robot.heading));
   // The way since the current node, and what views are worth.
   check.allowed_m = map.config.sigmas * std::sqrt(drift.along(x, y) + loop.measure.variance_m);
   check.allowed_rad = map.config.sigmas * std::sqrt(drift.rotation + loop.measure.variance_rad);
@@ -129,14 +129,15 @@ Arrival arrival_by(const MapArrays& map, const Pending& loop) {
   const double place_m = map.config.place_m * map.config.place_m;
   const double place_rad = map.config.place_rad * map.config.place_rad;
   const auto drift = drift_since(map, loop.target, unsure * (place_m + place_rad));
-  if (!drift || !compared(map, loop, *drift).accepted) return {loop.place, place_m, place_rad};
-  // What the link says is odometry's way since the current node and the view.
+  if (!drift || !compare_with_map(map, loop, *drift).accepted)
+    return {loop.place, place_m, place_rad};
+  // The variances of the link hold those of the motion since the current node and of the view.
   const double m = drift->largest() + loop.measure.variance_m - place_m;
   const double rad = drift->rotation + loop.measure.variance_rad - place_rad;
   const double share_m = m / (m + place_m), share_rad = rad / (rad + place_rad);
-  const Pose2 seen = seen_from(map.nodes[loop.target], map.pose());
+  const Pose2 seen = relative_pose(map.nodes[loop.target], map.pose());
   return {{seen.x + share_m * (loop.place.x - seen.x), seen.y + share_m * (loop.place.y - seen.y),
-           wrapped(seen.heading + share_rad * wrapped(loop.place.heading - seen.heading))},
+           wrap_angle(seen.heading + share_rad * wrap_angle(loop.place.heading - seen.heading))},
           share_m * place_m,
           share_rad * place_rad};
 }
@@ -151,11 +152,11 @@ std::vector<std::size_t> agreeing_loops(const MapArrays& map, const Pending& loo
 }
 
 LoopCheck check_loop(MapArrays& map, const MapAction& action) {
-  const Pending loop = claimed_loop(map, action);
-  // What no way leads to may be anywhere.
+  const Pending loop = build_loop(map, action);
+  // A target without a path to it may be anywhere.
   const Drift drift = drift_since(map, loop.target, without_limit)
                           .value_or(Drift{without_limit, 0, without_limit, without_limit});
-  LoopCheck check = compared(map, loop, drift);
+  LoopCheck check = compare_with_map(map, loop, drift);
   if (!map.robust()) {
     check.accepted = true;
     check.reason = "the openratslam preset closes every loop";

@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// What an experience map holds, in plain arrays that grow.
+// The contents of an experience map in plain arrays that grow.
 #pragma once
 
 #include <cmath>
@@ -16,28 +16,28 @@ namespace fusionslam::detail {
 constexpr double largest_value = 1e12;
 
 /// The same angle in (-pi, pi].
-inline double wrapped(double angle) {
+inline double wrap_angle(double angle) {
   constexpr double pi = std::numbers::pi;
   if (angle > -pi && angle <= pi) return angle;
   const double turned = std::remainder(angle, 2 * pi);
   return turned <= -pi ? turned + 2 * pi : turned;
 }
 
-/// The pose `inner`, given in the frame of `outer`, in the frame of outer.
-inline Pose2 composed(const Pose2& outer, const Pose2& inner) {
+/// The pose `inner`, given in the frame of `outer`, in outer's parent frame.
+inline Pose2 compose(const Pose2& outer, const Pose2& inner) {
   const double c = std::cos(outer.heading), s = std::sin(outer.heading);
   return {outer.x + c * inner.x - s * inner.y, outer.y + s * inner.x + c * inner.y,
-          wrapped(outer.heading + inner.heading)};
+          wrap_angle(outer.heading + inner.heading)};
 }
 
 /// The pose `other` in the frame of `pose`.
-inline Pose2 seen_from(const Pose2& pose, const Pose2& other) {
+inline Pose2 relative_pose(const Pose2& pose, const Pose2& other) {
   const double c = std::cos(pose.heading), s = std::sin(pose.heading);
   const double dx = other.x - pose.x, dy = other.y - pose.y;
-  return {c * dx + s * dy, c * dy - s * dx, wrapped(other.heading - pose.heading)};
+  return {c * dx + s * dy, c * dy - s * dx, wrap_angle(other.heading - pose.heading)};
 }
 
-/// What odometry measured between two poses, in the frame of the first.
+/// Odometry between two poses, in the frame of the first.
 struct Measure {
   double distance = 0, heading = 0, facing = 0, duration = 0;
   double variance_m = 0, variance_rad = 0;
@@ -50,10 +50,10 @@ struct Measure {
 struct Link {
   std::int64_t source = 0, target = 0;
   Measure measure;
-  bool loop = false;  ///< a view says where it ends; odometry alone where it is false
+  bool loop = false;  ///< measured by a view; false: by odometry alone
 };
 
-/// A loop that was not believed yet.
+/// A loop that has not been accepted yet.
 struct Pending {
   std::int64_t source = 0, target = 0;
   Pose2 offset;     ///< the robot in the frame of the source
@@ -61,7 +61,7 @@ struct Pending {
   Measure measure;  ///< from source to target; its distance, heading, facing follow from the poses
 };
 
-/// Links of each node, in the order of their making: a list through the links.
+/// Links of each node in the order of creation, as linked lists.
 struct Adjacency {
   std::vector<std::int64_t> first, last, next;
 
@@ -113,7 +113,7 @@ struct MapArrays {
   }
 };
 
-/// `loops` sweeps as the reference does them.
+/// Runs `loops` sweeps as the reference does.
 Relaxation relax_by_sweeps(MapArrays& map);
 
 /// Gauss-Newton over what changed, or over the whole map.
@@ -121,20 +121,20 @@ Relaxation relax_by_newton(MapArrays& map, bool whole);
 
 LoopCheck check_loop(MapArrays& map, const MapAction& action);
 
-/// Where the robot is in the frame of a node that it comes to, and its variances.
+/// Pose of the robot in the frame of the node that it arrives at, and its variances.
 struct Arrival {
   Pose2 offset;
   double variance_m = 0, variance_rad = 0;
 };
 
-/// What odometry and the view say together where they do not contradict each other; else the view.
+/// Fuses odometry and the view unless they contradict each other; then the view alone counts.
 Arrival arrival_by(const MapArrays& map, const Pending& loop);
 
 /// Numbers of the pending loops that agree with this one.
 std::vector<std::size_t> agreeing_loops(const MapArrays& map, const Pending& loop);
 
 /// The loop that an action claims, from where the robot is.
-Pending claimed_loop(const MapArrays& map, const MapAction& action);
+Pending build_loop(const MapArrays& map, const MapAction& action);
 
 /// Error of place and rotation of a link on the map: target's place less its expected one, in the
 /// frame of the map.
@@ -143,7 +143,7 @@ inline Pose2 link_error(const MapArrays& map, const Link& link) {
   const double way = from.heading + link.measure.heading;
   return {to.x - from.x - link.measure.distance * std::cos(way),
           to.y - from.y - link.measure.distance * std::sin(way),
-          wrapped(to.heading - from.heading - link.measure.facing)};
+          wrap_angle(to.heading - from.heading - link.measure.facing)};
 }
 
 }  // namespace fusionslam::detail

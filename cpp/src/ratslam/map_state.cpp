@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// A map as arrays, and back, bit for bit.
+// Converts a map to arrays and back, bit for bit.
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -46,14 +46,15 @@ void put(std::vector<double>& values, const Pose2& pose) {
   values.insert(values.end(), {pose.x, pose.y, pose.heading});
 }
 
-Measure taken_measure(const double* values) {
+Measure read_measure(const double* values) {
   expect(values[4] > 0 && values[5] > 0, "a link's variance is not above 0");
-  return {values[0], detail::wrapped(values[1]), detail::wrapped(values[2]), values[3], values[4],
-          values[5]};
+  return {
+      values[0], detail::wrap_angle(values[1]), detail::wrap_angle(values[2]), values[3], values[4],
+      values[5]};
 }
 
-Pose2 taken_pose(const double* values) {
-  return {values[0], values[1], detail::wrapped(values[2])};
+Pose2 read_pose(const double* values) {
+  return {values[0], values[1], detail::wrap_angle(values[2])};
 }
 
 void check_sizes(const MapState& state) {
@@ -116,24 +117,24 @@ void ExperienceMap::restore(const MapState& state) {
   auto map = std::make_unique<Storage>();
   map->config = map_->config;
   for (std::size_t i = 0; i < state.nodes.size(); i += 3) {
-    map->nodes.push_back(taken_pose(&state.nodes[i]));
+    map->nodes.push_back(read_pose(&state.nodes[i]));
     map->out.add_node();
     map->in.add_node();
   }
   for (std::size_t i = 0; i < state.loops.size(); ++i) {
     const double* values = &state.links[i * MapState::link_values];
     map->links.push_back(
-        {state.ends[2 * i], state.ends[2 * i + 1], taken_measure(values), state.loops[i] != 0});
+        {state.ends[2 * i], state.ends[2 * i + 1], read_measure(values), state.loops[i] != 0});
     map->out.add(state.ends[2 * i], static_cast<std::int64_t>(i));
     map->in.add(state.ends[2 * i + 1], static_cast<std::int64_t>(i));
   }
   for (std::size_t i = 0; i < state.pending_ends.size() / 2; ++i) {
     const double* values = &state.pending[i * MapState::pending_values];
     map->pending.push_back({state.pending_ends[2 * i], state.pending_ends[2 * i + 1],
-                            taken_pose(values), taken_pose(values + 3), taken_measure(values + 6)});
+                            read_pose(values), read_pose(values + 3), read_measure(values + 6)});
   }
   const std::vector<double>& robot = state.robot;
-  map->dx = robot[0], map->dy = robot[1], map->facing = detail::wrapped(robot[2]),
+  map->dx = robot[0], map->dy = robot[1], map->facing = detail::wrap_angle(robot[2]),
   map->seconds = robot[3];
   map->variance_m = robot[4], map->variance_rad = robot[5], map->credit = robot[6];
   map->squares_m = robot[7], map->squares_rad = robot[8];

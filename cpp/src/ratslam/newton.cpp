@@ -28,12 +28,12 @@ constexpr double chord_cost = 0.125;
 constexpr double whole_cost = 2;
 // Part of the map that may be moved per action, so that large maps do not wait longer.
 constexpr double work_share = 0.02;
-// Where nodes beside a part would move farther, relaxing the whole does not wait.
+// If nodes beside a part would move farther, the whole map is relaxed at once.
 constexpr double urgent_m = 0.01;
-// What would move less waits for the whole map's turn.
+// Nodes that would move less wait until the whole map is relaxed.
 constexpr double calm_m = 0.001;
 
-/// What solving a part came to.
+/// Result of solving a part.
 struct Solved {
   double step_m = 0;
   std::int64_t steps = 0;
@@ -48,8 +48,9 @@ double farthest(const Vector& step) {
   return most;
 }
 
-/// As much of a step as lessens the sum; 0 where none of it does, and nothing has moved.
-double moved(Part& part, const Vector& step, Part::Sums& sums) {
+/// Applies the largest fraction tried of a step that reduces the sum, and returns it; 0 if none
+/// does.
+double move_downhill(Part& part, const Vector& step, Part::Sums& sums) {
   const std::vector<Pose2> before = part.poses();
   double share = 1;
   for (int halvings = 0; halvings <= most_halvings; ++halvings, share /= 2) {
@@ -89,13 +90,13 @@ Solved solve(MapArrays& map, Part& part) {
     const double size = farthest(step);
     if (!std::isfinite(size)) break;
     const Part::Sums before = sums;
-    const double share = moved(part, step, sums);
+    const double share = move_downhill(part, step, sums);
     map.squares_m += sums.squares_m - before.squares_m;
     map.squares_rad += sums.squares_rad - before.squares_rad;
     solved.step_m = share * size;
-    // Where no part of a new step lessens the sum, rounding is all that is left.
+    // If no fraction of a new step reduces the sum, only rounding is left.
     solved.converged = size <= map.config.tolerance || (fresh && share == 0);
-    // Old factors serve on while they halve the step.
+    // Old factors are reused while they halve the step.
     factored = share == 1 && (fresh || size < last / 2);
     last = size;
   }
@@ -135,7 +136,7 @@ class RobotOnNode {
     const double c = std::cos(turn), s = std::sin(turn), x = map_.dx;
     map_.dx = c * x - s * map_.dy;
     map_.dy = s * x + c * map_.dy;
-    map_.facing = wrapped(map_.facing + turn);
+    map_.facing = wrap_angle(map_.facing + turn);
   }
   RobotOnNode(const RobotOnNode&) = delete;
   RobotOnNode& operator=(const RobotOnNode&) = delete;

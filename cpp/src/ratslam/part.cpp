@@ -13,12 +13,12 @@ namespace {
 double square_of_place(const Pose2& error) { return error.x * error.x + error.y * error.y; }
 
 /// Squared error over variance.
-double weighed(const Link& link, const Pose2& error) {
+double weigh(const Link& link, const Pose2& error) {
   return square_of_place(error) / link.measure.variance_m +
          error.heading * error.heading / link.measure.variance_rad;
 }
 
-/// What a link's pull is lessened by (Huber): only loops may be wrong.
+/// Factor on a link's pull (Huber): only loops may be wrong.
 double trust(const Link& link, double square, double limit) {
   return link.loop && square > limit * limit ? limit / std::sqrt(square) : 1;
 }
@@ -31,7 +31,7 @@ double unrest(const MapArrays& map, std::int64_t node) {
     const Link& link = map.links[number];
     const Pose2 error = link_error(map, link);
     const double weight =
-        trust(link, weighed(link, error), map.config.outlier) / link.measure.variance_m;
+        trust(link, weigh(link, error), map.config.outlier) / link.measure.variance_m;
     const double sign = link.source == node ? -1 : 1;
     x += sign * weight * error.x, y += sign * weight * error.y;
     stiffness += weight;
@@ -80,7 +80,7 @@ void Part::order_nodes() {
   for (std::size_t i = 0; i < nodes_.size(); ++i) map_.rows[nodes_[i]] = static_cast<int>(i);
 }
 
-/// Which neighbours of higher number each node has, and which of them a link leads to.
+/// Finds the neighbours of higher number of each node, and the slot of each link among them.
 void Part::lay_out() {
   const auto pair = [](const PartLink& link) {
     return std::pair{std::min(link.from, link.to), std::max(link.from, link.to)};
@@ -112,9 +112,9 @@ Part::Sums Part::evaluate() {
     const double x = link.measure.distance * std::cos(way);
     const double y = link.measure.distance * std::sin(way);
     part.error = {to.x - from.x - x, to.y - from.y - y,
-                  wrapped(to.heading - from.heading - link.measure.facing)};
+                  wrap_angle(to.heading - from.heading - link.measure.facing)};
     part.turn_x = y, part.turn_y = -x;
-    const double square = weighed(link, part.error);
+    const double square = weigh(link, part.error);
     part.weight = trust(link, square, map_.config.outlier);
     sums.squares_m += square_of_place(part.error);
     sums.squares_rad += part.error.heading * part.error.heading;
@@ -154,7 +154,7 @@ void Part::add_gradient(const PartLink& link, double place, double rotation,
   }
 }
 
-/// Where a column of the Hessian's lower triangle begins: 6 values of each node's own block in
+/// Start of a column of the Hessian's lower triangle: 6 values of each node's own block in
 /// three columns, and 3 of each block below.
 int Part::column(int number, int axis) const {
   const int own = axis == 0 ? 0 : axis == 1 ? 3 : 5;
@@ -210,7 +210,7 @@ void Part::move(const Vector& step, double share) {
     Pose2& node = map_.nodes[nodes_[i]];
     node.x += share * step[3 * i];
     node.y += share * step[3 * i + 1];
-    node.heading = wrapped(node.heading + share * step[3 * i + 2]);
+    node.heading = wrap_angle(node.heading + share * step[3 * i + 2]);
   }
 }
 

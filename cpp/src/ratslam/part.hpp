@@ -12,7 +12,7 @@
 
 namespace fusionslam::detail {
 
-/// How far a node would move by itself: its links' pull against their stiffness.
+/// Distance that a node would move by itself: its links' pull over their stiffness.
 double unrest(const MapArrays& map, std::int64_t node);
 
 /// Some nodes of the map, all others held where they are, and the links that they are part of.

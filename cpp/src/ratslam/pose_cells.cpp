@@ -34,7 +34,7 @@ Window gaussian(int reach, double deviation) {
 }
 
 /// value in [0, period), exactly.
-double wrapped(double value, double period) {
+double wrap(double value, double period) {
   double rest = std::fmod(value, period);
   if (rest < 0) rest += period;
   return rest < period ? rest : 0;  // a tiny negative rest is rounded up to the period
@@ -49,7 +49,7 @@ struct Way {
 
   Way(double cells, int period) {
     const double truncated = std::trunc(cells), rest = cells - truncated;
-    whole = static_cast<std::size_t>(wrapped(rest < 0 ? truncated - 1 : truncated, period));
+    whole = static_cast<std::size_t>(wrap(rest < 0 ? truncated - 1 : truncated, period));
     here = rest < 0 ? -rest : 1 - rest;
     beyond = rest < 0 ? 1 + rest : rest;
   }
@@ -66,7 +66,7 @@ void pad(const double* layer, std::size_t n, std::size_t reach, double* padded) 
   }
 }
 
-/// Which layers hold activity. A packet is in a few of them; what is left out of the work is 0.
+/// Layers that hold activity. A packet is in a few of them; the others are 0 and are skipped.
 struct Active {
   std::array<bool, layers_count> layers{};
 
@@ -74,7 +74,7 @@ struct Active {
     for (std::size_t th = 0; th < layers_count; ++th)
       layers[th] = kernels.largest(cells + th * area, area) > 0;
   }
-  /// Whether any layer of first to last does, counted on beyond the wrap.
+  /// True if any layer from first to last does; numbers continue beyond the wrap.
   bool any(std::size_t first, std::size_t last) const {
     for (std::size_t th = first; th <= last; ++th)
       if (layers[th % layers_count]) return true;
@@ -122,7 +122,7 @@ void convolve(const double* cells, std::size_t n, const SheetKernels kernels, co
 }
 
 /// A layer moved by whole cells, with a row before the first one and a column before the first.
-void pad_moved(const double* layer, std::size_t n, std::size_t x, std::size_t y, double* padded) {
+void pad_shifted(const double* layer, std::size_t n, std::size_t x, std::size_t y, double* padded) {
   for (std::size_t to = 0; to <= n; ++to, padded += n + 1) {
     const double* row = layer + (to + 2 * n - 1 - y) % n * n;
     const std::size_t first = (2 * n - 1 - x) % n;
@@ -135,7 +135,7 @@ void pad_moved(const double* layer, std::size_t n, std::size_t x, std::size_t y,
 void move_layer(const double* layer, std::size_t n, Way x, Way y, const SheetKernels kernels,
                 double* padded, double* out) {
   double* const rows = padded + (n + 1) * (n + 1);
-  pad_moved(layer, n, x.whole, y.whole, padded);
+  pad_shifted(layer, n, x.whole, y.whole, padded);
   for (std::size_t row = 0; row <= n; ++row) {
     const double* from = padded + row * (n + 1);
     kernels.mix(from + 1, x.here, from, x.beyond, n, rows + row * n);
@@ -154,7 +154,7 @@ double mean_place(const std::array<double, 2 * box + 1>& sums, std::size_t first
     sine += sums[i] * std::sin(angle);
     cosine += sums[i] * std::cos(angle);
   }
-  return wrapped(std::atan2(sine, cosine) * period / (2 * std::numbers::pi) - 1, period);
+  return wrap(std::atan2(sine, cosine) * period / (2 * std::numbers::pi) - 1, period);
 }
 
 void check_activity(std::span<const double> activity, std::size_t expected) {

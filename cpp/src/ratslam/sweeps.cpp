@@ -10,7 +10,7 @@
 namespace fusionslam::detail {
 namespace {
 
-std::vector<SweptNode> swept_nodes(const MapArrays& map) {
+std::vector<SweptNode> copy_nodes(const MapArrays& map) {
   std::vector<SweptNode> nodes;
   nodes.reserve(map.nodes.size());
   for (const Pose2& node : map.nodes)
@@ -19,7 +19,7 @@ std::vector<SweptNode> swept_nodes(const MapArrays& map) {
 }
 
 /// By source, and each source's in the order of their making.
-std::vector<SweptLink> swept_links(const MapArrays& map) {
+std::vector<SweptLink> copy_links(const MapArrays& map) {
   std::vector<SweptLink> links;
   links.reserve(map.links.size());
   for (const std::int64_t first : map.out.first)
@@ -41,8 +41,8 @@ double farthest_move(const MapArrays& map, const std::vector<SweptNode>& nodes) 
 }  // namespace
 
 Relaxation relax_by_sweeps(MapArrays& map) {
-  auto nodes = swept_nodes(map);
-  const auto links = swept_links(map);
+  auto nodes = copy_nodes(map);
+  const auto links = copy_links(map);
   SweptSquares squares;
   for (int i = 0; i < map.config.loops; ++i) {
     check_interrupt();
@@ -58,7 +58,7 @@ Relaxation relax_by_sweeps(MapArrays& map) {
     done.residual_rad = std::sqrt(squares.rotation / static_cast<double>(links.size()));
   }
   for (std::size_t i = 0; i < nodes.size(); ++i)
-    map.nodes[i] = {nodes[i].x, nodes[i].y, wrapped(nodes[i].heading)};
+    map.nodes[i] = {nodes[i].x, nodes[i].y, wrap_angle(nodes[i].heading)};
   return done;
 }
 

@@ -13,7 +13,7 @@ namespace {
 constexpr double pi = std::numbers::pi;
 constexpr double small_turn = 0.05;  // the series' next terms are below 1e-17 here
 
-double near_wrapped(double angle) {
+double wrap_near(double angle) {
   while (angle > pi) angle -= 2 * pi;
   while (angle <= -pi) angle += 2 * pi;
   return angle;
@@ -23,7 +23,7 @@ void turn(SweptNode& node, double sine, double cosine, double angle) {
   const double c = node.cosine * cosine - node.sine * sine;
   node.sine = node.sine * cosine + node.cosine * sine;
   node.cosine = c;
-  node.heading = near_wrapped(node.heading + angle);
+  node.heading = wrap_near(node.heading + angle);
 }
 
 }  // namespace
@@ -34,7 +34,7 @@ SweptSquares sweep(SweptNode* nodes, const SweptLink* links, std::size_t count, 
     SweptNode &from = nodes[link->source], &to = nodes[link->target];
     const double error_x = to.x - from.x - (from.cosine * link->forward - from.sine * link->left);
     const double error_y = to.y - from.y - (from.sine * link->forward + from.cosine * link->left);
-    const double error = near_wrapped(to.heading - from.heading - link->facing);
+    const double error = wrap_near(to.heading - from.heading - link->facing);
     squares.place += error_x * error_x + error_y * error_y;
     squares.rotation += error * error;
     from.x += error_x * part, from.y += error_y * part;

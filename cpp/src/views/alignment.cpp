@@ -97,8 +97,8 @@ std::vector<std::size_t> some_of(const PreparedView& view, std::size_t most) {
   return chosen;
 }
 
-Normal linearised(const PreparedView& current, const PreparedView& stored,
-                  const std::vector<std::size_t>& chosen, const Pose& pose, double scale) {
+Normal linearise(const PreparedView& current, const PreparedView& stored,
+                 const std::vector<std::size_t>& chosen, const Pose& pose, double scale) {
   const Mover move(pose);
   Normal normal;
   for (const std::size_t i : chosen) {
@@ -138,7 +138,7 @@ std::optional<Fit> fit(const PreparedView& current, const PreparedView& stored,
     const double part = step / std::max(1.0, config.iterations - 1.0);
     const double scale =
         config.first_scale * std::pow(config.last_scale / config.first_scale, part);
-    const Normal normal = linearised(current, stored, chosen, found.pose, scale);
+    const Normal normal = linearise(current, stored, chosen, found.pose, scale);
     if (normal.used < 5) return std::nullopt;
     found.grip = normal.grip(points);
     const std::optional<Pose> change = normal.solve(damping * points);
@@ -151,7 +151,7 @@ std::optional<Fit> fit(const PreparedView& current, const PreparedView& stored,
   return found;
 }
 
-/// What became of the points of one view in the other.
+/// Counts of the points of one view by their relation to the other.
 struct Tally {
   double agreeing = 0, behind = 0, before = 0, empty = 0;
   double color = 0, squares = 0;

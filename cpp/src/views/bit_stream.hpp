@@ -37,11 +37,11 @@ inline std::uint64_t take_varint(std::span<const std::uint8_t>& bytes) {
 }
 
 /// Whole numbers of either sign as those without one: 0, -1, 1, -2, 2 become 0, 1, 2, 3, 4.
-inline std::uint64_t folded(std::int64_t value) {
+inline std::uint64_t fold(std::int64_t value) {
   return (static_cast<std::uint64_t>(value) << 1) ^ static_cast<std::uint64_t>(value >> 63);
 }
 
-inline std::int64_t unfolded(std::uint64_t value) {
+inline std::int64_t unfold(std::uint64_t value) {
   return static_cast<std::int64_t>(value >> 1) ^ -static_cast<std::int64_t>(value & 1);
 }
 

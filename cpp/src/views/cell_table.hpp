@@ -88,7 +88,7 @@ class CellTable {
     }
   }
 
-  /// Where the cell is, or would be.
+  /// Slot of the cell, or the one that it would get.
   std::size_t slot_of(const Cell& cell) const {
     const std::size_t mask = slots_.size() - 1;
     std::size_t slot = hash(cell) & mask;

@@ -55,7 +55,7 @@ double hue_weight(double hue) {
          0.32 * std::cos(3 * hue + 6 * degree) - 0.20 * std::cos(4 * hue - 63 * degree);
 }
 
-/// How hue and chroma are coupled among blues (eqs. 16, 17 and 21).
+/// Coupling of hue and chroma among blues (eqs. 16, 17 and 21).
 double rotation(double chroma, double hue) {
   const double offset = (hue / degree - 275) / 25;
   const double power = std::pow(chroma, 7);
@@ -63,7 +63,7 @@ double rotation(double chroma, double hue) {
          std::sqrt(power / (power + power_25_7));
 }
 
-double combined(const Polar& first, const Polar& second) {
+double combine(const Polar& first, const Polar& second) {
   const double lightness = (first.lightness + second.lightness) / 2 - 50;
   const double chroma = (first.chroma + second.chroma) / 2;
   const double hue = mean_hue(first, second);
@@ -103,7 +103,7 @@ double coordinate_difference(const std::array<double, 3>& a, const std::array<do
   if (kind != ColorDifference::ciede2000) return length_of_difference(a, b);
   const double mean_chroma = (std::hypot(a[1], a[2]) + std::hypot(b[1], b[2])) / 2;
   const double a_stretch = stretch(mean_chroma);
-  return combined(polar(a, a_stretch), polar(b, a_stretch));
+  return combine(polar(a, a_stretch), polar(b, a_stretch));
 }
 
 }  // namespace detail

@@ -9,7 +9,7 @@
 
 namespace fusionslam::detail {
 
-/// Where a colour lies in the space in which differences of that kind are taken.
+/// Coordinates of a colour in the space in which that kind of difference is computed.
 std::array<double, 3> color_coordinates(const std::array<double, 3>& rgb, ColorDifference kind);
 
 /// The difference of two such colours; for all kinds but ciede2000 their Euclidean distance.

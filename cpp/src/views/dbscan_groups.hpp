@@ -83,7 +83,7 @@ class Groups {
   std::uint32_t first_group(std::size_t cell) const { return first_groups_[cell]; }
   std::uint32_t end_group(std::size_t cell) const { return first_groups_[cell + 1]; }
 
-  /// How many points of the cell count, and how many there are.
+  /// Number of points of the cell that count, and of all of them.
   std::uint32_t kept_in(std::size_t cell) const { return kept_in_cells_[cell]; }
   std::uint32_t size_of(std::size_t cell) const {
     return first_points_[cell + 1] - first_points_[cell];
@@ -108,11 +108,10 @@ class Groups {
     return cells_.neighborhood(cell);
   }
 
-  /// How many points of the node that count are neighbours of `query`; stops once there are
-  /// `enough`.
+  /// Number of points of the node that count and are neighbours of `query`; stops at `enough`.
   std::size_t count(const BoxNode<D>& node, const double* query, std::size_t enough) const;
 
-  /// Whether a point of one node is a neighbour of one of the other; both must count.
+  /// True if a point of one node is a neighbour of one of the other; both must count.
   bool touch(const BoxNode<D>& a, const BoxNode<D>& b) const;
 
   /// Lets only points with `keep`, by position, count from now on.

@@ -8,9 +8,9 @@
 
 namespace fusionslam::detail {
 
-/// How many of `count` points lie within a radius of `query`. The points are `dimensions` columns,
-/// `stride` doubles apart; a point counts if its squared distance is <= `bound`. Squares are added
-/// in the order of the dimensions, so every level gives the same answer.
+/// Counts which of `count` points lie within a radius of `query`. The points are `dimensions`
+/// columns, `stride` doubles apart; a point counts if its squared distance is <= `bound`. Squares
+/// are added in the order of the dimensions, so every level gives the same answer.
 using CountWithin = std::size_t(const double* columns, std::size_t stride, std::size_t count,
                                 const double* query, double bound);
 

@@ -28,10 +28,10 @@ struct Normalized {
   double scale;      // m; 1 if all points are equal
   double thickness;  // up to which the points count as flat
 
-  Vector3d restored(const Vector3d& point) const { return origin + scale * point; }
+  Vector3d restore(const Vector3d& point) const { return origin + scale * point; }
 };
 
-Normalized normalized(PointsView points, const Vector3d& low, const Vector3d& high) {
+Normalized normalize(PointsView points, const Vector3d& low, const Vector3d& high) {
   Normalized result;
   result.origin = low + (high - low) / 2;
   result.scale = (high - low).maxCoeff() / 2;
@@ -109,14 +109,14 @@ detail::Shape detail::shape_of(PointsView points) {
     low = low.cwiseMin(point);
     high = high.cwiseMax(point);
   }
-  Normalized cloud = normalized(points, low, high);
+  Normalized cloud = normalize(points, low, high);
   const Spread spread = spread_of(cloud.points);
   Shape shape;
   shape.hull = normalized_hull(cloud, spread);
   shape.hull.volume *= cloud.scale * cloud.scale * cloud.scale;
   shape.hull.area *= cloud.scale * cloud.scale;
   Vector3d::Map(shape.hull.centroid.data()) =
-      cloud.restored(Vector3d::Map(shape.hull.centroid.data()));
+      cloud.restore(Vector3d::Map(shape.hull.centroid.data()));
   Vector3d::Map(shape.extents.data()) = cloud.scale * spread.extents;
   Vector3d::Map(shape.box_min.data()) = low;
   Vector3d::Map(shape.box_max.data()) = high;

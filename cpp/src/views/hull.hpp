@@ -6,7 +6,7 @@
 
 namespace fusionslam::detail {
 
-/// What a point set looks like from outside.
+/// Hull and extents of a point set.
 struct Shape {
   Hull hull;
   std::array<double, 3> extents{};  ///< m, along the principal axes, longest first

@@ -29,7 +29,7 @@ inline float quick_atan2(float y, float x) {
   return y < 0 ? -angle : angle;
 }
 
-/// What the cells of one view hold, and where they are.
+/// Contents and positions of the cells of one view.
 struct PreparedView {
   static constexpr int nothing = -1;  ///< in view, but no point there
   static constexpr int outside = -2;  ///< not in view

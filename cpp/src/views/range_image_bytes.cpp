@@ -68,10 +68,10 @@ std::vector<RangeImage::Cell> read_runs(BitReader& reader, const Box& box) {
 void write_values(BitWriter& writer, const std::vector<RangeImage::Cell>& cells) {
   RangeImage::Cell before;
   for (const RangeImage::Cell& cell : cells) {
-    writer.write_small(folded(std::int64_t{cell.range} - before.range), range_order);
+    writer.write_small(fold(std::int64_t{cell.range} - before.range), range_order);
     for (std::size_t i = 0; i < 3; ++i)
       writer.write_small(
-          folded((std::int64_t{cell.color[i]} - before.color[i]) / RangeImage::color_step),
+          fold((std::int64_t{cell.color[i]} - before.color[i]) / RangeImage::color_step),
           color_order);
     before = cell;
   }
@@ -81,12 +81,12 @@ void read_values(BitReader& reader, std::vector<RangeImage::Cell>& cells) {
   std::int64_t range = 0;
   std::array<std::int64_t, 3> color{};
   for (RangeImage::Cell& cell : cells) {
-    range += unfolded(reader.read_small(range_order));
+    range += unfold(reader.read_small(range_order));
     if (range < 0 || range > std::numeric_limits<std::uint16_t>::max())
       refuse_bytes("a range out of range");
     cell.range = static_cast<std::uint16_t>(range);
     for (std::size_t i = 0; i < 3; ++i) {
-      color[i] += unfolded(reader.read_small(color_order)) * RangeImage::color_step;
+      color[i] += unfold(reader.read_small(color_order)) * RangeImage::color_step;
       if (color[i] < 0 || color[i] > 255) refuse_bytes("a colour out of range");
       cell.color[i] = static_cast<std::uint8_t>(color[i]);
     }
@@ -119,8 +119,8 @@ Bytes image_to_bytes(const RangeImage& image) {
                             image.sensor[1], image.sensor[2]})
     writer.write(std::bit_cast<std::uint32_t>(value), 32);
   const Box box = box_of(image.cells);
-  writer.write_small(folded(box.first_row), 4);
-  writer.write_small(folded(box.first_column), 6);
+  writer.write_small(fold(box.first_row), 4);
+  writer.write_small(fold(box.first_column), 6);
   writer.write_small(static_cast<std::uint64_t>(box.rows), 4);
   writer.write_small(static_cast<std::uint64_t>(box.columns), 6);
   write_runs(writer, image, box);
@@ -135,8 +135,8 @@ RangeImage image_from_bytes(std::span<const std::uint8_t> bytes) {
   image.elevation_step = read_float(reader);
   for (float& value : image.sensor) value = read_float(reader);
   Box box;
-  box.first_row = static_cast<int>(unfolded(reader.read_small(4)));
-  box.first_column = static_cast<int>(unfolded(reader.read_small(6)));
+  box.first_row = static_cast<int>(unfold(reader.read_small(4)));
+  box.first_column = static_cast<int>(unfold(reader.read_small(6)));
   box.rows = static_cast<int>(reader.read_small(4));
   box.columns = static_cast<int>(reader.read_small(6));
   check_box(box, image);

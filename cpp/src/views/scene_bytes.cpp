@@ -62,12 +62,12 @@ std::uint64_t steps_of(const Column& column, double value) {
   }
   const auto whole = static_cast<std::int64_t>(steps);
   if (!column.is_signed) return static_cast<std::uint64_t>(whole);
-  return folded(whole);
+  return fold(whole);
 }
 
 double value_of(const Column& column, std::uint64_t steps) {
   if (!column.is_signed) return static_cast<double>(steps) * column.step;
-  return static_cast<double>(unfolded(steps)) * column.step;
+  return static_cast<double>(unfold(steps)) * column.step;
 }
 
 void write_column(BitWriter& writer, const std::vector<std::uint64_t>& values) {
@@ -120,7 +120,7 @@ std::vector<SceneObject> objects_from_bytes(std::span<const std::uint8_t> bytes)
   return objects;
 }
 
-std::span<const std::uint8_t> checked(std::span<const std::uint8_t> bytes) {
+std::span<const std::uint8_t> check_bytes(std::span<const std::uint8_t> bytes) {
   if (bytes.empty() || bytes[0] != magic) refuse_bytes("these are none");
   if (bytes.size() >= 2 && bytes[1] != version)
     refuse_bytes("version " + std::to_string(bytes[1]) + ", this program reads version " +
@@ -154,7 +154,7 @@ Bytes scene_to_bytes(const Scene& scene, bool with_image) {
 }
 
 Scene scene_from_bytes(std::span<const std::uint8_t> bytes) {
-  std::span<const std::uint8_t> rest = checked(bytes);
+  std::span<const std::uint8_t> rest = check_bytes(bytes);
   Scene scene;
   while (!rest.empty()) {
     const std::uint64_t kind = take_varint(rest);

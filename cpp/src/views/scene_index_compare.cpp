@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::size_t block_objects = 256;  // whose columns stay in the first cache
 
-KernelTerm narrowed(const Term& term) {
+KernelTerm to_float_term(const Term& term) {
   return {static_cast<float>(term.x0), static_cast<float>(term.a), static_cast<float>(term.factor)};
 }
 
@@ -41,7 +41,7 @@ class Comparison {
       kernels_.keep_best(sums_.data(), size_, best_.data());
       add_bests(object.weight, begin, end, result);
     }
-    for (std::size_t i = begin; i < end; ++i) result[i - begin] = finished(i, result[i - begin]);
+    for (std::size_t i = begin; i < end; ++i) result[i - begin] = finish(i, result[i - begin]);
   }
 
  private:
@@ -52,10 +52,10 @@ class Comparison {
     KernelRow row{size_, nullptr, 0, sums_.data()};
     add_color(object, row);
     if (terms.volume.factor > 0)
-      kernels_.add_absolute(object.volume, stored_.volume.data() + first_, narrowed(terms.volume),
-                            row);
+      kernels_.add_absolute(object.volume, stored_.volume.data() + first_,
+                            to_float_term(terms.volume), row);
     if (terms.ratio.factor > 0)
-      kernels_.add_absolute(object.ratio, stored_.ratio.data() + first_, narrowed(terms.ratio),
+      kernels_.add_absolute(object.ratio, stored_.ratio.data() + first_, to_float_term(terms.ratio),
                             row);
     if (stored_.config.range_slack > 0) {
       row.closeness = stored_.closeness.data() + first_;
@@ -63,10 +63,10 @@ class Comparison {
     }
     if (terms.distance.factor > 0)
       kernels_.add_distance(object.center.data(), from(stored_.center, first_),
-                            narrowed(terms.distance), row);
+                            to_float_term(terms.distance), row);
     if (terms.extent.factor > 0)
       kernels_.add_distance(object.extents.data(), from(stored_.extents, first_),
-                            narrowed(terms.extent), row);
+                            to_float_term(terms.extent), row);
   }
 
   void add_color(const ComparedObject& object, const KernelRow& row) {
@@ -74,14 +74,14 @@ class Comparison {
     if (!(term.factor > 0)) return;
     const auto columns = from(stored_.color, first_);
     if (stored_.config.color_difference != ColorDifference::ciede2000) {
-      kernels_.add_distance(object.color.data(), columns, narrowed(term), row);
+      kernels_.add_distance(object.color.data(), columns, to_float_term(term), row);
       return;
     }
     differences_.resize(size_);
     for (std::size_t i = 0; i < size_; ++i)
       differences_[i] = static_cast<float>(coordinate_difference(
           object.color, {columns[0][i], columns[1][i], columns[2][i]}, ColorDifference::ciede2000));
-    kernels_.add_given(differences_.data(), narrowed(term), row);
+    kernels_.add_given(differences_.data(), to_float_term(term), row);
   }
 
   void add_bests(double weight, std::size_t begin, std::size_t end, double* result) const {
@@ -94,7 +94,7 @@ class Comparison {
     }
   }
 
-  double finished(std::size_t scene, double sum) const {
+  double finish(std::size_t scene, double sum) const {
     const std::size_t begin = stored_.begin_of(scene), end = stored_.ends[scene];
     if (current_.empty() || begin == end) return current_.empty() && begin == end ? 1 : 0;
     const double forward = sum / total_;

@@ -45,8 +45,8 @@ double similarity_of(const ComparedObject& a, const ComparedObject& b, const Ter
 using Objects = std::vector<ComparedObject>;
 
 /// The best of each object in the other scene, weighted by its number of points.
-double covered(const Objects& current, const Objects& stored, const Terms& terms,
-               ColorDifference color) {
+double best_matches_mean(const Objects& current, const Objects& stored, const Terms& terms,
+                         ColorDifference color) {
   double sum = 0, total = 0;
   for (const auto& object : current) {
     double best = 0;
@@ -79,7 +79,7 @@ void check(std::size_t i, const SceneObject& object) {
     refuse(i, "points is " + std::to_string(object.points) + ", expected at least 1");
 }
 
-ComparedObject compared(const SceneObject& object, const SimilarityConfig& config) {
+ComparedObject compared_object(const SceneObject& object, const SimilarityConfig& config) {
   const double range = std::hypot(object.center[0], object.center[1]);
   return {detail::color_coordinates(object.color, config.color_difference),
           object.center,
@@ -113,7 +113,7 @@ std::vector<ComparedObject> compared_objects(const Scene& scene, const Similarit
   objects.reserve(scene.objects.size());
   for (std::size_t i = 0; i < scene.objects.size(); ++i) {
     check(i, scene.objects[i]);
-    objects.push_back(compared(scene.objects[i], config));
+    objects.push_back(compared_object(scene.objects[i], config));
   }
   return objects;
 }
@@ -160,9 +160,9 @@ double scene_similarity(const Scene& current, const Scene& stored, const Similar
   const Objects second = detail::compared_objects(stored, config);
   if (first.empty() || second.empty()) return first.empty() && second.empty() ? 1 : 0;
   const ColorDifference color = config.color_difference;
-  const double forward = covered(first, second, terms, color);
+  const double forward = best_matches_mean(first, second, terms, color);
   const double both =
-      config.symmetric ? (forward + covered(second, first, terms, color)) / 2 : forward;
+      config.symmetric ? (forward + best_matches_mean(second, first, terms, color)) / 2 : forward;
   return std::min(1.0, both);
 }
 

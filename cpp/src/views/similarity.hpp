@@ -9,7 +9,7 @@
 
 namespace fusionslam::detail {
 
-/// What is compared of an object: differences of these are what the terms are given.
+/// Properties of an object whose differences enter the terms.
 struct ComparedObject {
   std::array<double, 3> color;    ///< color_coordinates()
   std::array<double, 3> center;   ///< m

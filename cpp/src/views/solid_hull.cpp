@@ -21,7 +21,7 @@ extern "C" {
 namespace fusionslam::detail {
 namespace {
 
-/// Where Qhull writes its complaints: nobody sees them unless they are asked for.
+/// Collects Qhull's error messages in memory.
 class Complaints {
  public:
   Complaints() : file_(open_memstream(&text_, &size_)) {

@@ -15,7 +15,7 @@ constexpr float band_deg = 10;        // the middle band reaches from -5 to 5
 constexpr float inverse_scale = 200;  // of 1 m; nearer than 0.78 m is all the same
 constexpr float nearest = 0.3f;
 constexpr int most_shift = 3;
-// What a full difference of each part counts, and a turn by one column.
+// Weights of a full difference of each part, and of a turn by one column.
 constexpr float inverse_weight = 2 / inverse_scale;
 constexpr float share_weight = 0.5f / 255;
 constexpr float color_weight = 1.0f / (3 * 255);

@@ -24,7 +24,7 @@ struct Thumbnail {
 
 Thumbnail thumbnail_of(const RangeImage& image);
 
-/// How different two thumbnails are, the least over turns of up to 18 degrees; 0 to about 3.
+/// Difference of two thumbnails, the least over turns of up to 18 degrees; 0 to about 3.
 float thumbnail_distance(const Thumbnail& a, const Thumbnail& b);
 
 }  // namespace fusionslam::detail

@@ -241,7 +241,9 @@ def quickest_route(links: NDArray[np.void], count: int, a: int, b: int) -> Route
 
     for node in (a, b):
         if not isinstance(node, SupportsIndex) or not 0 <= node < count:
-            raise DataError(f"path from node {a} to node {b}: there are {count} nodes")
+            raise DataError(
+                f"path from node {a} to node {b}: there are {count} nodes", code="unknown-node"
+            )
     ends = np.sort(np.stack([links["source"], links["target"]], axis=1), axis=1)
     # Keep only the fastest link of a pair: a sparse matrix would add up duplicates.
     order = np.lexsort((links["duration"], ends[:, 1], ends[:, 0]))
@@ -251,7 +253,9 @@ def quickest_route(links: NDArray[np.void], count: int, a: int, b: int) -> Route
     graph = csr_array((seconds, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     took, before = dijkstra(graph, directed=False, indices=a, return_predecessors=True)
     if not np.isfinite(took[b]):
-        raise DataError(f"path from node {a} to node {b}: no links join them")
+        raise DataError(
+            f"path from node {a} to node {b}: no links join them", code="nodes-not-linked"
+        )
     ids = [b]
     while ids[-1] != a:
         ids.append(int(before[ids[-1]]))

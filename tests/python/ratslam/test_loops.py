@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from drives import NODES_A_LAP, drive, laps, reckoned, right
-from fusionslam import DataError
 from fusionslam.ratslam import Action, ActionKind, ExperienceMap
 
 EDGE = ActionKind.CREATE_EDGE
@@ -22,56 +21,45 @@ CERTAIN = {
 """More than odometry is here."""
 
 
+def once_wrong(number: int, nodes: Any, place: Any) -> Any:
+    return nodes[10] if number == NODES_A_LAP + 45 else right(number, nodes, place)
+
+
+def always_ten(number: int, nodes: Any, place: Any) -> Any:
+    return nodes.get(10)
+
+
 def random_claims(seed: int) -> Any:
-    """A false loop on every frame: any node at all."""
+    """A false loop on every frame, to any node."""
     random = np.random.default_rng(seed)
     return lambda number, nodes, place: int(random.choice(list(nodes.values()))) if nodes else None
 
 
-def test_true_loops_are_believed_and_take_drift_away() -> None:
+def test_true_loops_are_accepted_and_correct_drift() -> None:
     driven = drive(ExperienceMap(), laps(3))
     assert driven.accepted == len(driven.checks) == 2 * NODES_A_LAP
     assert len(driven.graph) == NODES_A_LAP + 1
     assert driven.rmse() < 0.5 * reckoned(laps(3)).rmse()
 
 
-def test_a_wrong_match_is_refused_and_the_map_stays_as_it_would_have_been() -> None:
-    def once_wrong(number: int, nodes: Any, place: Any) -> Any:
-        return nodes[10] if number == NODES_A_LAP + 45 else right(number, nodes, place)
-
+def test_one_wrong_match_is_refused_and_folds_the_map_of_the_reference_only() -> None:
     driven, without = drive(ExperienceMap(), laps(2), once_wrong), drive(ExperienceMap(), laps(2))
-    assert [check.accepted for check in driven.checks].count(False) == 1
+    assert [k for k, check in enumerate(driven.checks) if not check.accepted] == [45]
     refused = driven.checks[45]
-    assert not refused.accepted
     assert refused.error_m > refused.allowed_m or refused.error_rad > refused.allowed_rad
-    assert "from where odometry has the robot" in refused.reason
     assert driven.rmse() == pytest.approx(without.rmse(), abs=0.02)
-
-
-def test_the_reference_preset_folds_the_map_at_one_wrong_match() -> None:
-    def once_wrong(number: int, nodes: Any, place: Any) -> Any:
-        return nodes[10] if number == NODES_A_LAP + 45 else right(number, nodes, place)
-
     folded = drive(ExperienceMap(preset="openratslam"), laps(2), once_wrong)
     assert folded.rmse() > 5 * drive(ExperienceMap(preset="openratslam"), laps(2)).rmse()
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_false_loop_on_every_frame_does_not_fold_the_map(seed: int) -> None:
+@pytest.mark.parametrize("seed", [1, 2, 3, None])
+def test_a_false_loop_on_every_frame_does_not_fold_the_map(seed: int | None) -> None:
     # The few that fit what odometry allows after a lap, some 2 m, pull a little.
-    driven = drive(ExperienceMap(), laps(2), random_claims(seed))
+    driven, folded = (
+        drive(ExperienceMap(preset=preset), laps(2), random_claims(seed) if seed else always_ten)
+        for preset in ("robust", "openratslam")
+    )
     assert driven.accepted < 0.1 * len(driven.checks)
-    folded = drive(ExperienceMap(preset="openratslam"), laps(2), random_claims(seed))
-    assert driven.rmse() < 1.25
-    assert folded.rmse() > 3 * driven.rmse()
-
-
-def test_one_node_claimed_on_every_frame_does_not_fold_the_map() -> None:
-    def always_ten(number: int, nodes: Any, place: Any) -> Any:
-        return nodes.get(10)
-
-    driven = drive(ExperienceMap(), laps(2), always_ten)
-    folded = drive(ExperienceMap(preset="openratslam"), laps(2), always_ten)
     assert driven.rmse() < 1.25
     assert folded.rmse() > 3 * driven.rmse()
 
@@ -91,10 +79,11 @@ def test_a_street_that_looks_like_another_is_not_taken_for_it_however_long() -> 
 def test_loops_that_agree_are_believed_where_odometry_is_worse_than_it_should_be() -> None:
     legs = {"scale": 1.08, "turn": 1.02}
     graph = ExperienceMap(**CERTAIN, agreed_sigmas=30)
-    driven = drive(graph, laps(2, **legs), right)
+    driven = drive(graph, laps(2, **legs))
     first = [check.accepted for check in driven.checks].index(True)
     assert first >= graph.config.agreeing - 1
-    assert "earlier loops agree with it" in driven.checks[first].reason
+    check = driven.checks[first]
+    assert check.error_m > check.allowed_m or check.error_rad > check.allowed_rad
     assert all(check.accepted for check in driven.checks[first + 20 :])
     # The loop and those that were refused before it, which it brought along.
     sources = driven.graph.links["source"], driven.graph.links["target"]
@@ -103,11 +92,8 @@ def test_loops_that_agree_are_believed_where_odometry_is_worse_than_it_should_be
 
 
 def test_agreement_does_not_help_beyond_its_own_limit() -> None:
-    legs = {"scale": 1.08, "turn": 1.02}
     graph = ExperienceMap(**CERTAIN, agreed_sigmas=3)
-    driven = drive(graph, laps(1.5, **legs), right)
-    assert driven.accepted == 0
-    assert "too far off for any number" in driven.checks[-1].reason
+    assert drive(graph, laps(1.5, scale=1.08, turn=1.02)).accepted == 0
 
 
 def test_asking_twice_changes_nothing() -> None:
@@ -120,16 +106,15 @@ def test_asking_twice_changes_nothing() -> None:
         np.testing.assert_array_equal(values, after_first[name])
 
 
-def test_what_is_no_loop_is_accepted() -> None:
-    assert ExperienceMap().check(Action(ActionKind.NONE)).accepted
-    assert ExperienceMap().check(Action(ActionKind.CREATE_NODE)).accepted
+@pytest.mark.parametrize("kind", [ActionKind.NONE, ActionKind.CREATE_NODE])
+def test_actions_other_than_loops_are_accepted(kind: ActionKind) -> None:
+    assert ExperienceMap().check(Action(kind)).accepted
 
 
-def test_the_reference_preset_accepts_every_loop_and_says_how_far_off_it_is() -> None:
+def test_the_reference_preset_accepts_every_loop_and_measures_its_error() -> None:
     graph = drive(ExperienceMap(preset="openratslam"), laps(0.5)).graph
     check = graph.check(Action(EDGE, graph.current, 3))
     assert check.accepted and check.error_m > check.allowed_m
-    assert check.reason == "the openratslam preset closes every loop"
 
 
 def test_the_error_of_a_loop_is_the_way_between_both_places() -> None:
@@ -141,10 +126,3 @@ def test_the_error_of_a_loop_is_the_way_between_both_places() -> None:
     check = graph.check(Action(EDGE, 1, 0, 0.2, (1.0, 2.0)))
     assert check.error_m == pytest.approx(np.hypot(2.0, 2.0))
     assert check.error_rad == pytest.approx(0.3)
-
-
-@pytest.mark.parametrize("target", [-1, 61, 10**9])
-def test_a_loop_to_an_unknown_node_is_an_error(target: int) -> None:
-    graph = drive(ExperienceMap(), laps(0.5)).graph
-    with pytest.raises(DataError, match=f"edge to node {target}: there are 61"):
-        graph.check(Action(EDGE, graph.current, target))

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps and trajectories in files, read back by other readers than those that wrote them."""
 
+import errno
 import json
 import os
 from collections.abc import Callable, Iterator
@@ -75,7 +76,7 @@ def test_json_holds_nodes_links_and_trajectories_with_units(tmp_path: Path) -> N
     assert {*read["nodes"][0], *read["links"][0]} - ids == set(read["units"]) == set(UNITS)
 
 
-def test_true_poses_that_nobody_knows_are_null_and_no_lines(tmp_path: Path) -> None:
+def test_unknown_true_poses_are_null_and_have_no_lines(tmp_path: Path) -> None:
     run = square_run()
     assert run.truth is not None
     run.truth[[0, 5]] = np.nan
@@ -128,7 +129,7 @@ def test_an_edge_of_g2o_weighs_what_its_link_deviates(tmp_path: Path) -> None:
 def test_a_link_that_deviates_by_nothing_has_no_edge_of_g2o(tmp_path: Path, name: str) -> None:
     run = square_run()
     run.links[name][2] = 0.0
-    with pytest.raises(DataError, match=r"links: row 2 deviates by .* expected above 0"):
+    with pytest.raises(DataError, match="links: row 2"):
         write_g2o(tmp_path / "map.g2o", run)
     assert list(tmp_path.iterdir()) == []
 
@@ -196,21 +197,20 @@ def test_an_empty_run_gives_files_without_nodes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("write", WRITERS)
-def test_what_cannot_be_written_is_an_error_and_leaves_nothing(
+def test_paths_that_cannot_be_written_are_errors_and_leave_nothing(
     tmp_path: Path, write: Callable[..., None]
 ) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(DataError, match="cannot write"):
-        write(tmp_path / "file" / "map", square_run())
-    (tmp_path / "taken").mkdir()
-    with pytest.raises(DataError, match="cannot write"):
-        write(tmp_path / "taken", square_run())
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "taken"]
+    (tmp_path / "folder").mkdir()
+    for path in (tmp_path / "file" / "map", tmp_path / "folder"):
+        with pytest.raises(DataError, match=path.name):
+            write(path, square_run())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
 
 
 @contextmanager
 def without_rights() -> Iterator[None]:
-    """As a user who owns nothing, where the tests run as one who may do everything."""
+    """Runs as a user without rights if the tests run as root."""
     before = os.geteuid()
     if before == 0:
         os.seteuid(65534)
@@ -227,7 +227,7 @@ def test_a_folder_without_permission_is_an_error(
 ) -> None:
     (tmp_path / "locked").mkdir(mode=0)
     tmp_path.chmod(0o555)
-    with without_rights(), pytest.raises(DataError, match=r"cannot write .*Permission"):
+    with without_rights(), pytest.raises(DataError, match=os.strerror(errno.EACCES)):
         write(tmp_path / inside / "new" / "map", square_run())
     tmp_path.chmod(0o755)
     assert [path.name for path in tmp_path.iterdir()] == ["locked"]
@@ -235,7 +235,7 @@ def test_a_folder_without_permission_is_an_error(
 
 @pytest.mark.parametrize("write", WRITERS)
 @pytest.mark.parametrize("name", ["nodes", "poses", "offsets", "truth", "links"])
-def test_values_that_are_no_numbers_are_refused_and_the_old_file_stays(
+def test_values_that_are_not_finite_are_refused_and_the_old_file_stays(
     tmp_path: Path, name: str, write: Callable[..., None]
 ) -> None:
     run = square_run()
@@ -250,8 +250,8 @@ def test_values_that_are_no_numbers_are_refused_and_the_old_file_stays(
     assert (tmp_path / "old").read_text() == "old"
 
 
-def test_a_trajectory_that_there_is_not_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="no true poses"):
+def test_a_missing_or_unknown_trajectory_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(DataError):
         write_trajectory(tmp_path / "t.txt", square_run(truth=None), "truth")
-    with pytest.raises(ConfigError, match="unknown trajectory 'last'"):
+    with pytest.raises(ConfigError, match="last"):
         write_trajectory(tmp_path / "t.txt", square_run(), "last")

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drives import SECOND, circle_events, circles, everything, left_out, odometry, same, take
+from drives import SECOND, circles, everything, odometry, same, take
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.ratslam import Motion, RatSlam, Sighting, StampOrder
 from fusionslam.ratslam.events import Event
@@ -34,23 +34,22 @@ def at(seconds: float, x: float, y: float = 0.0, yaw: float = 0.0, v: float = 0.
     )
 
 
-def test_poses_tell_the_way_along_an_arc_and_the_turn() -> None:
-    # A quarter of a circle of radius 1, in a second: the chord is sqrt(2) long.
-    before, now = odometry_of(at(0, 0, 0, 0)), odometry_of(at(1, 1, 1, np.pi / 2))
-    stride = step_between(before, now, Limits(gap=2, max_speed=50))
-    assert stride is not None and stride.note == ""
-    np.testing.assert_allclose(stride[:3], [np.sqrt(2), np.pi / 2, 1])
-
-
-def test_headings_that_cross_the_half_turn_are_a_small_turn() -> None:
-    stride = step_between(odometry_of(at(0, 0, 0, 3.1)), odometry_of(at(0.1, 0, 0, -3.1)), LIMITS)
-    assert stride is not None
-    assert stride.w * stride.dt == pytest.approx(2 * np.pi - 6.2)
-
-
-def test_driving_backwards_is_a_negative_speed() -> None:
-    stride = step_between(odometry_of(at(0, 0)), odometry_of(at(0.1, -0.05)), LIMITS)
-    assert stride is not None and stride.v == pytest.approx(-0.5)
+@pytest.mark.parametrize(
+    ("before", "now", "step"),
+    [
+        # A quarter of a circle of radius 1, in a second: the chord is sqrt(2) long.
+        (at(0, 0, 0, 0), at(1, 1, 1, np.pi / 2), (np.sqrt(2), np.pi / 2, 1)),
+        (at(0, 0, 0, 3.1), at(0.1, 0, 0, -3.1), (0, 10 * (2 * np.pi - 6.2), 0.1)),
+        (at(0, 0), at(0.1, -0.05), (-0.5, 0, 0.1)),
+    ],
+    ids=["an arc", "across the half turn", "backwards"],
+)
+def test_two_poses_give_speed_and_turn_rate(
+    before: Odometry, now: Odometry, step: tuple[float, float, float]
+) -> None:
+    found = step_between(odometry_of(before), odometry_of(now), Limits(gap=2, max_speed=50))
+    assert found is not None and found.note == ""
+    np.testing.assert_allclose(found[:3], step, atol=1e-12)
 
 
 def test_the_rate_of_odometry_does_not_change_dead_reckoning() -> None:
@@ -65,39 +64,28 @@ def test_the_rate_of_odometry_does_not_change_dead_reckoning() -> None:
     np.testing.assert_allclose(ends[1], ends[2], atol=0.02)
 
 
-def test_a_gap_between_poses_is_noted_and_crossed() -> None:
-    slam = RatSlam()
-    take(slam, [at(0, 0), at(0.1, 0.05)])
-    step = slam.step(at(5.1, 2.55))
-    assert step.why == "odometry was silent for 5.00 s: 2.50 m in one step"
-    assert step.dead_reckoning[0] == pytest.approx(2.55)
+@pytest.mark.parametrize(
+    ("events", "x"),
+    [
+        # Poses bridge a gap; a velocity counts for no longer than the gap allowed.
+        ([at(0, 0), at(0.1, 0.05), at(5.1, 2.55)], 2.55),
+        ([Motion(0, 1, 0), Motion(TENTH, 1, 0), Motion(TENTH + 10 * SECOND, 1, 0)], 0.1 + 0.5),
+        # Jumps are left out; the velocity counts if there is one.
+        ([at(0, 50), at(0.1, 50.05), at(0.2, 0.0, v=0.5)], 0.05 + 0.05),
+        ([at(0, 50), at(0.1, 50.05), at(0.2, 0.0, v=np.nan)], 0.05),
+        ([Motion(0, 0.5, 0), Motion(TENTH, 1e300, 0.0)], 0),
+    ],
+    ids=["gap of poses", "gap of velocities", "jump", "jump without velocity", "impossible speed"],
+)
+def test_gaps_and_jumps_are_noted(events: list[Odometry | Motion], x: float) -> None:
+    *steps, last = take(RatSlam(), events)
+    assert last.why and not any(step.why for step in steps)
+    assert last.dead_reckoning[0] == pytest.approx(x)
 
 
-def test_a_velocity_counts_for_no_longer_than_the_gap() -> None:
-    slam = RatSlam(gap=0.5)
-    take(slam, [Motion(0, 1.0, 0.0), Motion(TENTH, 1.0, 0.0)])
-    step = slam.step(Motion(TENTH + 10 * SECOND, 1.0, 0.0))
-    assert step.why == "odometry was silent for 10.00 s: its velocity counts for 0.5 s"
-    assert step.dead_reckoning[0] == pytest.approx(0.1 + 0.5)
-
-
-@pytest.mark.parametrize("v", [0.5, np.nan])
-def test_a_jump_of_the_pose_is_left_out_and_noted(v: float) -> None:
-    slam = RatSlam()
-    take(slam, [at(0, 50), at(0.1, 50.05)])
-    step = slam.step(at(0.2, 0.0, v=v))
-    assert "odometry jumped 50.05 m, which is left out" in step.why
-    # The velocity counts where there is one.
-    expected = 0.05 + (0.05 if np.isfinite(v) else 0)
-    assert step.dead_reckoning[0] == pytest.approx(expected)
-    assert slam.step(at(0.3, 0.05)).dead_reckoning[0] == pytest.approx(expected + 0.05)
-
-
-def test_a_speed_that_no_robot_has_is_left_out_and_noted() -> None:
-    slam = RatSlam()
-    step = take(slam, [Motion(0, 0.5, 0), Motion(TENTH, 1e300, 0.0)])[-1]
-    assert step.why == "odometry says 1e+300 m/s, which is left out"
-    assert step.dead_reckoning == (0, 0, 0)
+def test_odometry_continues_after_a_jump() -> None:
+    steps = take(RatSlam(), [at(0, 50), at(0.1, 50.05), at(0.2, 0.0), at(0.3, 0.05)])
+    assert steps[-1].dead_reckoning[0] == pytest.approx(0.1) and not steps[-1].why
 
 
 @pytest.mark.parametrize("preset", ["robust", "openratslam"])
@@ -115,34 +103,32 @@ def test_after_a_silence_the_robot_is_where_its_pose_says(
     np.testing.assert_allclose(step.dead_reckoning, wanted, atol=1e-9)
 
 
-def test_odometry_that_begins_anew_after_a_silence_leaves_the_robot_where_it_is() -> None:
+def test_odometry_restarted_after_a_gap_leaves_the_robot_where_it_is() -> None:
     before = [at(0, 4, 3, 1), Sighting(0, 0), at(0.1, 4.1, 3, 1)]
     slam = RatSlam()
     *_, there = take(slam, before)
     again = slam.step(at(20, 0.01, 0, 0.01))
-    assert again.why == (
-        "odometry began anew after 19.90 s: the 5.07 m back to its origin are left out"
-    )
-    assert again.dead_reckoning == there.dead_reckoning
+    assert again.why and again.dead_reckoning == there.dead_reckoning
     assert slam.step(at(20.1, 0.06, 0, 0.01)).dead_reckoning[0] > there.dead_reckoning[0]
     # It may be another day, but the robot is where it was switched off.
     assert take(RatSlam(), [*before, at(86_400, 0)])[-1].dead_reckoning == there.dead_reckoning
-    # Beside its origin, or from near it, the robot may be there in truth.
-    assert "in one step" in take(RatSlam(), [*before, at(20, 0.3)])[-1].why
-    assert "in one step" in take(RatSlam(), [at(0, 0.4), Sighting(0, 0), at(5, 0)])[-1].why
+    # Beside its origin, or from near it, the robot may really be there.
+    for drive in ([*before, at(20, 0.3)], [at(0, 0.4), Sighting(0, 0), at(5, 0)]):
+        *_, last, moved = take(RatSlam(), drive)
+        assert np.hypot(*np.subtract(moved.dead_reckoning, last.dead_reckoning)[:2]) > 0.3
 
 
-def test_what_would_take_the_originals_cells_minutes_is_left_out() -> None:
+def test_motions_that_would_take_the_original_minutes_are_left_out() -> None:
     slam, ours = RatSlam(preset="openratslam"), RatSlam()
     events = [at(0, 0), Sighting(0, 0), at(0.1, 0.05), at(3600, 1800.05, v=0.5), at(3600.1, 1800.1)]
     steps = take(slam, events)
-    assert steps[3].why == "odometry jumped 1800 m, which is left out"
+    assert steps[3].why
     # Its velocity counts for half a second.
     assert steps[-1].dead_reckoning[0] == pytest.approx(0.05 + 0.25 + 0.05)
     assert take(ours, events)[-1].dead_reckoning[0] == pytest.approx(1800.1)
     fast = RatSlam(preset="openratslam", gap=3600)
     steps = take(fast, [Motion(0, 1.0, 0.0), Motion(3600 * SECOND, 1.0, 0.0)])
-    assert steps[1].why == "odometry says 1 m/s, which is left out"
+    assert steps[1].why and steps[1].dead_reckoning == (0, 0, 0)
 
 
 @pytest.mark.parametrize("preset", ["robust", "openratslam"])
@@ -156,26 +142,24 @@ def test_a_way_longer_than_the_sheet_of_cells_is_taken(preset: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("event", "expected"),
+    "event",
     [
-        (at(0.05, 0.1), "expected 100000000 ns or later"),
-        (at(0.1, 0.1), "expected a stamp later than 100000000 ns"),
-        (Motion(TENTH, 0.1, 0.0), "expected a stamp later than 100000000 ns"),
-        (Motion(2 * TENTH, np.nan, 0.0), "neither a finite pose nor velocity"),
-        (Motion(2 * TENTH, 0.0, np.inf), "neither a finite pose nor velocity"),
-        (Motion(2 * TENTH, "fast", 0.0), "v 'fast', w 0.0: expected numbers"),
-        (Motion(np.nan, 0.5, 0.0), "stamp nan: expected whole nanoseconds"),
-        (Motion(2**63, 0.5, 0.0), "stamp 9223372036854775808 ns: expected no more"),
-        (replace(at(0.2, np.nan), linear=np.full(3, np.nan)), "neither a finite pose nor velocity"),
+        at(0.05, 0.1),
+        at(0.1, 0.1),
+        Motion(TENTH, 0.1, 0.0),
+        Motion(2 * TENTH, np.nan, 0.0),
+        Motion(2 * TENTH, 0.0, np.inf),
+        Motion(2 * TENTH, "fast", 0.0),
+        Motion(np.nan, 0.5, 0.0),
+        Motion(2**63, 0.5, 0.0),
+        replace(at(0.2, np.nan), linear=np.full(3, np.nan)),
     ],
 )
-def test_odometry_at_fault_is_refused_and_changes_nothing(
-    event: Odometry | Motion, expected: str
-) -> None:
+def test_invalid_odometry_is_refused_and_changes_nothing(event: Odometry | Motion) -> None:
     slam = RatSlam()
     take(slam, [at(0, 0), Sighting(0, 0), at(0.1, 0.05)])
     before = everything(slam)
-    with pytest.raises(DataError, match=expected):
+    with pytest.raises(DataError):
         slam.step(event)
     assert same(everything(slam), before)
     assert slam.step(at(0.3, 0.15)).dead_reckoning[0] == pytest.approx(0.15)
@@ -194,39 +178,22 @@ def test_odometry_in_frames_moves_the_robot() -> None:
         Frame(index=k, stamp_ns=k * TENTH, odometry=at(0, 0.1 * k).pose, points=None)
         for k in range(3)
     ]
-    # Nothing to look with: the view is refused, the odometry counts.
-    assert left_out(slam, frames) == [
-        f"view at {k * TENTH} ns: nothing to look with: give views=" for k in range(3)
-    ]
+    for frame in frames:  # without a view source the view is refused, but the odometry counts
+        with pytest.raises(DataError):
+            slam.step(frame)
     assert slam.step(at(0.3, 0.3)).dead_reckoning[0] == pytest.approx(0.3)
 
 
-def test_a_frame_without_pose_history_needs_one() -> None:
+def test_a_pose_after_a_velocity_needs_a_velocity() -> None:
     said = Odometry2D(TENTH, None, (0.1, 0.0))
-    with pytest.raises(DataError, match="no pose before it, and no velocity"):
+    with pytest.raises(DataError):
         step_between(said, Odometry2D(2 * TENTH, (0, 0, 0), None), LIMITS)
-
-
-def test_a_drive_with_faults_ends_where_one_without_does() -> None:
-    events = circle_events(1.0)
-    whole = RatSlam()
-    end = take(whole, events)[-1]
-    broken = RatSlam()
-    faulty = []
-    for number, event in enumerate(events):
-        faulty.append(event)
-        if number % 50 == 10:
-            faulty += [event, Motion(event.stamp_ns, np.nan, 0.0)]
-    said = left_out(broken, faulty)
-    assert len(said) == 2 * len(range(10, len(events), 50))
-    assert same(everything(broken), everything(whole))
-    assert broken.map.pose == end.pose
 
 
 MS = 1_000_000
 
 
-def given_out(order: StampOrder, events: list[Event]) -> list[Event]:
+def release_all(order: StampOrder, events: list[Event]) -> list[Event]:
     return [one for event in events for one in order.add(event)] + order.flush()
 
 
@@ -242,12 +209,6 @@ def test_an_event_waits_until_nothing_can_come_before_it() -> None:
     assert stamps(order.flush()) == [100 * MS, 101 * MS]
 
 
-def test_at_the_same_stamp_odometry_comes_before_views_and_the_rest_as_it_arrived() -> None:
-    order = StampOrder(wait=0.1)
-    events: list[Event] = [Sighting(5, 0), Motion(5, 1, 0), Sighting(5, 1), Motion(5, 2, 0)]
-    assert given_out(order, events) == [events[1], events[3], events[0], events[2]]
-
-
 def test_an_event_that_is_too_late_is_counted_and_left_out() -> None:
     order = StampOrder(wait=0.1)
     assert stamps(order.add(Motion(0, 0, 0)) + order.add(Motion(500 * MS, 0, 0))) == [0]
@@ -258,15 +219,12 @@ def test_an_event_that_is_too_late_is_counted_and_left_out() -> None:
 
 
 def test_stamps_may_be_negative() -> None:
-    order = StampOrder(wait=0.001)
-    events: list[Event] = [Motion(k * MS, 0, 0) for k in (-9, -10, -5, -2)]
-    assert stamps(given_out(order, events)) == [-10 * MS, -9 * MS, -5 * MS, -2 * MS]
-    around = StampOrder(wait=0.01)
-    assert stamps(around.add(Motion(0, 0, 0)) + around.add(Motion(-9 * MS, 0, 0))) == []
-    assert stamps(around.add(Motion(2 * MS, 0, 0))) == [-9 * MS]
+    order = StampOrder(wait=0.01)
+    assert stamps(order.add(Motion(0, 0, 0)) + order.add(Motion(-9 * MS, 0, 0))) == []
+    assert stamps(order.add(Motion(2 * MS, 0, 0))) == [-9 * MS]
 
 
-def test_no_wait_keeps_the_order_of_arrival_where_it_is_that_of_stamps() -> None:
+def test_no_wait_keeps_the_order_of_arrival() -> None:
     order = StampOrder(wait=0)
     assert stamps(order.add(Motion(1, 0, 0)) + order.add(Motion(2, 0, 0))) == [1]
 
@@ -274,7 +232,7 @@ def test_no_wait_keeps_the_order_of_arrival_where_it_is_that_of_stamps() -> None
 def test_a_stamp_that_is_no_number_is_refused_and_nothing_is_lost() -> None:
     order = StampOrder(wait=0.1)
     order.add(Motion(0, 0.0, 0.0))
-    with pytest.raises(DataError, match="stamp nan: expected whole nanoseconds"):
+    with pytest.raises(DataError):
         order.add(Motion(float("nan"), 0.0, 0.0))
     assert [event.stamp_ns for event in order.flush()] == [0]
 
@@ -291,12 +249,12 @@ def test_in_order_an_event_is_given_out_once_both_kinds_have_come_as_far() -> No
 
 def test_in_order_a_kind_that_lags_behind_is_waited_for_as_long_as_it_is_heard() -> None:
     order = StampOrder(wait=1.0, in_order=True)
-    given_out_of = [*order.add(Motion(0, 0, 0)), *order.add(Sighting(0, 0))]
+    released = [*order.add(Motion(0, 0, 0)), *order.add(Sighting(0, 0))]
     for k in range(1, 100):  # views are 5 s behind
-        given_out_of += order.add(Motion(k * 100 * MS, 0, 0))
-        given_out_of += order.add(Sighting(max(k - 50, 0) * 100 * MS + 1, 0))
-    assert order.too_late == 0 and given_out_of[-1].stamp_ns == 49 * 100 * MS + 1
-    assert stamps(given_out_of) == sorted(stamps(given_out_of))
+        released += order.add(Motion(k * 100 * MS, 0, 0))
+        released += order.add(Sighting(max(k - 50, 0) * 100 * MS + 1, 0))
+    assert order.too_late == 0 and released[-1].stamp_ns == 49 * 100 * MS + 1
+    assert stamps(released) == sorted(stamps(released))
 
 
 def motion(stamp_ns: int) -> Event:
@@ -324,7 +282,8 @@ def test_in_order_a_kind_that_falls_silent_is_waited_for_no_longer_than_the_wait
 def test_a_clock_that_goes_back_is_followed_kind_by_kind() -> None:
     order = StampOrder(wait=1.0, in_order=True, jump=0.5)
     before = [motion(9000 * MS), sighting(9000 * MS), motion(9100 * MS)]
-    assert stamps(given_until(order, before)) == [9000 * MS, 9000 * MS]
+    released = [one for event in before for one in order.add(event)]
+    assert stamps(released) == [9000 * MS, 9000 * MS]
     # Odometry is back at 0 while a view of before is still on its way.
     assert order.add(motion(0)) == []
     assert stamps(order.add(sighting(9050 * MS))) == [9050 * MS]
@@ -341,10 +300,6 @@ def test_a_clock_that_goes_back_needs_no_order_by_kind() -> None:
     assert stamps(order.add(motion(1001 * MS))) == [0]
 
 
-def given_until(order: StampOrder, events: list[Event]) -> list[Event]:
-    return [one for event in events for one in order.add(event)]
-
-
 @settings(deadline=None, max_examples=50)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 3))
 def test_in_order_no_interleaving_of_kinds_changes_the_order(seed: int, jumps: int) -> None:
@@ -356,7 +311,7 @@ def test_in_order_no_interleaving_of_kinds_changes_the_order(seed: int, jumps: i
     turns = rng.permutation(np.repeat([0, 1], [len(motions), len(looks)]))
     both = iter(motions), iter(looks)
     order = StampOrder(wait=60.0, in_order=True, jump=1.0)
-    out = given_out(order, [next(both[turn]) for turn in turns])
+    out = release_all(order, [next(both[turn]) for turn in turns])
     lap = sorted(motions[:60] + looks[:20], key=lambda e: (e.stamp_ns, isinstance(e, Sighting)))
     assert out == lap * (jumps + 1) and order.too_late == 0
 
@@ -381,6 +336,6 @@ def test_delays_within_the_wait_never_change_the_order(seed: int, delay_s: float
     arrivals = [event.stamp_ns + rng.uniform(0, delay_s * 1e9) for event in events]
     arrived = [events[k] for k in np.argsort(arrivals, kind="stable")]
     order = StampOrder(wait=0.5)
-    out = given_out(order, arrived)
+    out = release_all(order, arrived)
     assert out == sorted(events, key=lambda e: (e.stamp_ns, isinstance(e, Sighting)))
     assert order.too_late == 0

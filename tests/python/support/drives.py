@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import DataError
 from fusionslam.evaluation import MapReport, RatSlamRun, judge_map
 from fusionslam.geometry.odometry_noise import OdometryConfig, simulate_odometry
 from fusionslam.geometry.rigid import fit_rigid
@@ -91,17 +90,6 @@ def circle_events(laps: float = 2.0, errors: OdometryConfig = DRIFT) -> list[Eve
 
 def take(slam: RatSlam, events: Iterable[Event]) -> list[Step]:
     return [slam.step(event) for event in events]
-
-
-def left_out(slam: RatSlam, events: Iterable[Event]) -> list[str]:
-    """The messages of the events that were refused."""
-    said = []
-    for event in events:
-        try:
-            slam.step(event)
-        except DataError as error:
-            said.append(str(error))
-    return said
 
 
 def everything(slam: RatSlam) -> dict[str, Any]:

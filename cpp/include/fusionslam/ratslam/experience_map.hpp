@@ -15,7 +15,7 @@
 
 namespace fusionslam {
 
-/// Which program the map behaves like.
+/// Presets of the experience map.
 enum class MapPreset { robust, openratslam };
 
 template <>
@@ -23,7 +23,7 @@ struct ChoiceNames<MapPreset> {
   static constexpr std::array<std::string_view, 2> value{"robust", "openratslam"};
 };
 
-/// How the map is corrected, and which loops it accepts.
+/// Parameters of map correction and of the acceptance of loops.
 struct ExperienceMapConfig {
   static constexpr const char* section = "map";
 
@@ -93,7 +93,7 @@ struct ExperienceMapConfig {
   }
 };
 
-/// What happens to the map; the values are those of OpenRatSLAM.
+/// Kinds of change; the values are those of OpenRatSLAM.
 enum class ActionKind : int { none = 0, create_node = 1, create_edge = 2 };
 
 /// A change of the map: a new node, or an edge to a known one. `source` is the node that the robot
@@ -126,7 +126,7 @@ struct MapLink {
   double sd_rad = 0;  ///< rad, standard deviation of the rotation
 };
 
-/// Whether a loop fits odometry.
+/// Result of checking a loop against odometry.
 struct LoopCheck {
   bool accepted = true;
   double error_m = 0;      ///< between where the map and where the loop puts the robot
@@ -136,7 +136,7 @@ struct LoopCheck {
   std::string reason;
 };
 
-/// What a relaxation did.
+/// Result of a relaxation.
 struct Relaxation {
   double residual_m = 0;    ///< root mean square position error of the links; openratslam: before
                             ///< their turns in the last sweep
@@ -147,7 +147,7 @@ struct Relaxation {
   bool settled = true;      ///< no work is left for later actions
 };
 
-/// Everything a map consists of; what restore() takes is checked.
+/// The complete state of a map; restore() checks it.
 struct MapState {
   std::vector<double> nodes;         ///< n x 3
   std::vector<std::int64_t> ends;    ///< m x 2
@@ -175,11 +175,13 @@ class ExperienceMap {
   /// for a negative time.
   void on_odometry(double v, double w, double dt);
 
-  /// Whether a loop fits the map and its drift. Remembers a loop that does not, for later ones to
-  /// agree with; asking twice changes nothing. Throws DataError for an unknown target.
+  /// Checks whether a loop fits the map and its drift. A loop that does not is remembered, for
+  /// later ones to agree with; checking twice changes nothing. Throws DataError for an unknown
+  /// target.
   LoopCheck check(const MapAction& action);
 
-  /// Throws DataError for a node that is not the next one, or an unknown one.
+  /// Applies an action. Throws DataError for a new node that is not the next one, or an edge to an
+  /// unknown one.
   void apply(const MapAction& action);
 
   /// Moves nodes until links fit. With `whole` all of them, until they converge.
@@ -196,7 +198,7 @@ class ExperienceMap {
   const ExperienceMapConfig& config() const;
 
   MapState state() const;
-  /// Throws DataError, and leaves the map as it was, for a state that no map can have.
+  /// Throws DataError for an impossible state; the map is then unchanged.
   void restore(const MapState& state);
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// Whether two scenes show one place, by laying one range image over the other.
+// Decides by the alignment of range images whether two scenes show the same place.
 #pragma once
 
 #include <array>
@@ -14,7 +14,7 @@
 
 namespace fusionslam {
 
-/// How scenes are aligned.
+/// Parameters of the alignment.
 struct AlignmentConfig {
   static constexpr const char* section = "alignment";
 
@@ -52,7 +52,7 @@ struct AlignmentConfig {
   }
 };
 
-/// What speaks for and against two scenes showing one place; the probability follows from it.
+/// Features of an alignment, from which its probability is computed.
 struct AlignmentEvidence {
   static constexpr std::size_t size = 12;
   static constexpr std::array<std::string_view, size> names{
@@ -61,14 +61,14 @@ struct AlignmentEvidence {
   std::array<double, size> values{};
 };
 
-/// How one scene lies over another.
+/// Pose of one scene relative to another, and the probability that both show the same place.
 struct Alignment {
   double x = 0;    ///< m, of the current robot in the frame of the stored one
   double y = 0;    ///< m
   double yaw = 0;  ///< rad
-  /// That the two scans were taken within 0.8 m and 22.9 deg of each other (the thesis's bounds for
-  /// a correct match, Stastny 2022, 5.2); 0 where nothing could be aligned, or reach or turn is
-  /// exceeded.
+  /// Probability that the two scans were taken within 0.8 m and 22.9 deg of each other (the
+  /// thesis's bounds for a correct match, Stastny 2022, 5.2); 0 if nothing could be aligned, or
+  /// reach or turn is exceeded.
   double probability = 0;
   AlignmentEvidence evidence;
 };
@@ -84,8 +84,8 @@ struct AlignedScene {
   Alignment alignment;
 };
 
-/// Many stored scenes, of which those that look like the current one are aligned with it. Numbered
-/// from 0 in the order in which they were added.
+/// Stored scenes, numbered from 0 in the order in which they were added; those most similar to the
+/// current scene are aligned with it.
 class AlignmentIndex {
  public:
   explicit AlignmentIndex(const AlignmentConfig& config = {});

@@ -12,8 +12,8 @@
 
 namespace fusionslam {
 
-/// How a cloud becomes a range image. The sensor is what the directions are taken from, in the
-/// frame of the cloud; the values suit a small robot's frame.
+/// Parameters of a range image. Directions are seen from the sensor, whose position is given in the
+/// frame of the cloud; the defaults suit a small robot's frame.
 struct RangeImageConfig {
   static constexpr const char* section = "range_image";
 
@@ -44,7 +44,7 @@ struct RangeImageConfig {
   }
 };
 
-/// How far it is, and of which colour what is there, in each direction in which a cloud has points.
+/// Range and colour of the nearest surface in each direction in which a cloud has points.
 struct RangeImage {
   static constexpr double range_step = 0.01;  ///< m, about the noise of a range
   static constexpr int color_step = 8;        ///< of 256: colours are its multiples
@@ -66,7 +66,7 @@ struct RangeImage {
 
   bool operator==(const RangeImage&) const = default;
 
-  /// Whether the steps are some that a configuration may have.
+  /// True if a configuration may have these steps.
   bool has_possible_steps() const {
     const auto possible = [](float step) {
       return step >= static_cast<float>(RangeImageConfig::least_step) &&
@@ -76,7 +76,7 @@ struct RangeImage {
   }
 };
 
-/// Throws DataError for an image that range_image() cannot give: steps or places out of range,
+/// Throws DataError for an image that range_image() cannot return: steps or places out of range,
 /// cells out of order, colours between the steps.
 void check_range_image(const RangeImage& image);
 

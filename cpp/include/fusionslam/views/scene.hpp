@@ -1,7 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// A coloured cloud becomes a scene: a handful of objects (Stastny 2022, 4.5), compared object by
-// object (4.6).
+// Builds scenes, which are lists of objects, from coloured clouds (Stastny 2022, 4.5).
 #pragma once
 
 #include <array>
@@ -16,7 +15,7 @@
 
 namespace fusionslam {
 
-/// What is clustered how: DBSCAN in (x, y, z, s r, s g, s b).
+/// Parameters of DBSCAN in (x, y, z, s r, s g, s b).
 struct DbscanConfig {
   static constexpr const char* section = "dbscan";
 
@@ -70,7 +69,7 @@ struct ChoiceNames<ObjectColor> {
   static constexpr std::array<std::string_view, 2> value{"mean", "median"};
 };
 
-/// How a coloured cloud becomes a scene; the defaults are those of the "robust" preset.
+/// Parameters of build_scene; the defaults are those of the "robust" preset.
 struct SceneConfig : DbscanConfig, RangeImageConfig {
   static constexpr const char* section = "scene";
 
@@ -80,8 +79,8 @@ struct SceneConfig : DbscanConfig, RangeImageConfig {
   double floor = 0.1;
   bool image = true;
 
-  /// Of the scales measured in the warehouse and in a made house, the greatest that costs nothing:
-  /// colours 300 bytes apart separate objects that touch.
+  /// Of the scales measured in the warehouse and in a simulated house, the greatest that costs
+  /// nothing: colours 300 bytes apart separate objects that touch.
   SceneConfig() { color_scale = 0.002; }
 
   template <class Config, class Visitor>
@@ -132,11 +131,11 @@ struct Scene {
 /// colour a point, ConfigError for values out of range.
 Scene build_scene(PointsView points, ColorsView colors, const SceneConfig& config = {});
 
-/// The scene in few bytes: about 25 an object and 12 a scene. Similarities under every preset stay
+/// Encodes a scene in about 25 bytes an object and 12 a scene. Similarities under every preset stay
 /// within 1e-4: centres and extents are kept to 0.05 mm, volumes to 0.01 dm3, areas to 1 cm2,
 /// colours to 1/2048 of a byte, numbers of points exactly. Boxes are not kept. The range
 /// image, if it is wanted and there is one, is kept exactly, in about two bytes a cell. Throws
-/// DataError for what does not fit, such as centres beyond 4e11 m.
+/// DataError for values that do not fit, such as centres beyond 4e11 m.
 std::vector<std::uint8_t> scene_to_bytes(const Scene& scene, bool with_image = true);
 
 /// The scene that scene_to_bytes wrote. Throws DataError if the bytes are cut, damaged, foreign or

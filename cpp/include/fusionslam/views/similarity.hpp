@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// How alike two scenes are, object by object (Stastny 2022, 4.6), and one scene against many.
+// Similarity of two scenes, object by object (Stastny 2022, 4.6), and of one scene to many.
 #pragma once
 
 #include <array>
@@ -15,8 +15,8 @@
 
 namespace fusionslam {
 
-/// How far two colours are apart: cie76 and ciede2000 in L*a*b* with white D65, rgb as the
-/// Euclidean distance of the bytes, author as sqrt(3) |difference of red|.
+/// Metrics of colour: cie76 and ciede2000 in L*a*b* with white D65, rgb the Euclidean distance of
+/// the bytes, author sqrt(3) |difference of red|.
 enum class ColorDifference { cie76, ciede2000, rgb, author };
 
 template <>
@@ -32,7 +32,7 @@ double color_difference(const std::array<double, 3>& a, const std::array<double,
 /// eqs. 2 to 22). Throws DataError for NaN or infinity.
 double ciede2000(const std::array<double, 3>& a, const std::array<double, 3>& b);
 
-/// What is compared how. Each difference x of two objects counts as 1 / (1 + exp(a (x - x0))),
+/// Terms of the similarity of two objects. Each difference x counts as 1 / (1 + exp(a (x - x0))),
 /// times its weight; the defaults are those of the "robust" preset.
 struct SimilarityConfig {
   static constexpr const char* section = "similarity";
@@ -95,15 +95,15 @@ struct SimilarityConfig {
 /// and program, both with the published parameters). Throws ConfigError for another name.
 SimilarityConfig similarity_preset(std::string_view name);
 
-/// How alike two objects are, 0 to 1. Throws ConfigError for values out of range or if all weights
-/// are 0, DataError for objects that are not finite, without points or with colours that are none.
+/// Similarity of two objects, 0 to 1. Throws ConfigError for values out of range or if all weights
+/// are 0, DataError for objects that are not finite, without points, or with invalid colours.
 double object_similarity(const SceneObject& a, const SceneObject& b,
                          const SimilarityConfig& config = {});
 
-/// How alike two scenes are, 0 to 1: the best similarity of each object of the current scene to
+/// Similarity of two scenes, 0 to 1: the best similarity of each object of the current scene to
 /// one of the stored scene, averaged with the numbers of points as weights; if symmetric, the mean
-/// of that and its counterpart. Two empty scenes are alike (1), an empty one and another are not
-/// (0). Throws as object_similarity.
+/// of that and its counterpart. It is 1 for two empty scenes, and 0 for an empty
+/// and another one. Throws as object_similarity.
 double scene_similarity(const Scene& current, const Scene& stored,
                         const SimilarityConfig& config = {});
 
