@@ -31,15 +31,22 @@ class Finding:
 
     Attributes:
         what: name of what was checked.
-        fine: whether it works.
-        detail: version or value; if it does not work, what to do.
-        optional: whether it may be missing; only what needs it is then unavailable.
+        detail: version or value; if there is a problem, what to do.
+        code: kind of problem, in kebab-case; empty if there is none.
+        fields: values that belong to the problem, such as names of packages.
+        optional: whether only a part of what was checked for suffers from the problem.
     """
 
     what: str
-    fine: bool
     detail: str
+    code: str = ""
+    fields: Sequence[str] = ()
     optional: bool = False
+
+    @property
+    def fine(self) -> bool:
+        """Whether there is no problem."""
+        return not self.code
 
 
 def examine(missing_extras: Sequence[str] = ()) -> list[Finding]:
@@ -49,11 +56,11 @@ def examine(missing_extras: Sequence[str] = ()) -> list[Finding]:
         missing_extras: names of the extras that are not installed.
     """
     return [
-        Finding("python", True, f"{platform.python_version()} on {platform.platform()}"),
+        Finding("python", f"{platform.python_version()} on {platform.platform()}"),
         _core(),
         *_packages(),
         *_extras(missing_extras),
-        Finding("cores", True, str(_machine_cores())),
+        Finding("cores", str(_machine_cores())),
         _simd_level(),
         _cache(),
     ]
@@ -63,33 +70,35 @@ def _core() -> Finding:
     try:
         from fusionslam import _core
     except ImportError as error:
-        return Finding("core", False, f"{error}: install again with pip install fusionslam")
-    return Finding("core", True, f"fusionslam {_core.__version__}, {_core.__file__}")
+        return Finding("core", f"{error}: pip install fusionslam anew", "no-core")
+    return Finding("core", f"fusionslam {_core.__version__}, {_core.__file__}")
 
 
 def _simd_level() -> Finding:
     import fusionslam
 
     try:
-        return Finding("instructions", True, fusionslam.simd_level())
+        return Finding("instructions", fusionslam.simd_level())
     except fusionslam.ConfigError as error:
-        return Finding("instructions", False, str(error))
+        return Finding("instructions", str(error), "unknown-simd-level")
 
 
 def _packages() -> Iterator[Finding]:
     for name in _PACKAGES:
         try:
-            yield Finding(name, True, metadata.version(name))
+            yield Finding(name, metadata.version(name))
         except metadata.PackageNotFoundError:
-            yield Finding(name, False, f"pip install {name}")
+            yield Finding(name, f"pip install {name}", "no-package", (name,))
 
 
 def _extras(missing: Sequence[str]) -> Iterator[Finding]:
     for extra, (packages, use) in _EXTRAS.items():
-        fine = extra not in missing
-        about = f"{', '.join(_installed(name) for name in packages)}, for {use}"
-        line = "" if fine else f": pip install 'fusionslam[{extra}]'"
-        yield Finding(f"extra {extra}", fine, about + line, True)
+        detail = f"{', '.join(_installed(name) for name in packages)}, for {use}"
+        if extra in missing:
+            detail += f": pip install 'fusionslam[{extra}]'"
+            yield Finding(f"extra {extra}", detail, "no-extra", (extra,), optional=True)
+        else:
+            yield Finding(f"extra {extra}", detail)
 
 
 def _installed(package: str) -> str:
@@ -112,9 +121,9 @@ def _cache() -> Finding:
     present = next(place for place in (folder, *folder.parents) if place.exists())
     if not _works(lambda: tempfile.TemporaryFile(dir=present).close()):
         hint = "the environment variable FUSIONSLAM_CACHE can name another folder"
-        return Finding("cache", False, f"{folder} cannot be written: {hint}")
+        return Finding("cache", f"{folder} cannot be written: {hint}", "cache-not-writable")
     free = shutil.disk_usage(present).free / 2**30
-    return Finding("cache", True, f"{folder}, {free:.1f} GiB free")
+    return Finding("cache", f"{folder}, {free:.1f} GiB free")
 
 
 def _works(action: Callable[[], object]) -> bool:

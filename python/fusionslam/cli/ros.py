@@ -92,6 +92,7 @@ def check(
             found = check_robot(arguments or [], seconds, step)
     finally:
         logging.disable(logging.NOTSET)
+    print(found.overview, end="\n\n")
     print_findings(found.findings, "note")
     print(found.verdict)
     if found.launch:

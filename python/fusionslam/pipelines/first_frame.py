@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Check on the first frame whether a recording or a robot's messages can be fused."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -21,13 +22,15 @@ class FirstCloud:
     Attributes:
         status: "possible"; "doubtful" where the cloud has no points; "not possible"; or "not
             needed" where the recording holds coloured clouds.
-        points: number of points of the cloud.
+        points: number of points of the cloud, with those of the ground.
+        above: number of points that are left without the ground.
         problem: what is wrong; empty if fusing is possible or not needed.
         detail: description of the data, for people, if nothing is wrong.
     """
 
     status: Literal["possible", "doubtful", "not possible", "not needed"]
     points: int = 0
+    above: int = 0
     problem: str = ""
     detail: str = ""
 
@@ -51,13 +54,29 @@ def first_cloud(dataset: "Dataset") -> FirstCloud:
         return FirstCloud("not possible", problem=one_line(error))
 
 
+def try_frames(frames: "Iterable[Frame]", config: FusionConfig) -> FirstCloud | None:
+    """Fuse frames until one has points; return the last outcome, or None without frames."""
+    outcome = None
+    for frame in frames:
+        try:
+            outcome = try_frame(frame, config)
+        except FusionSlamError as error:
+            outcome = FirstCloud("not possible", problem=one_line(error))
+        if outcome.points:
+            break
+    return outcome
+
+
 def try_frame(frame: "Frame", config: FusionConfig) -> FirstCloud:
     """Fuse a frame and return the outcome. Raises as ``fuse``."""
-    count = len(fuse(frame, config))
+    count = len(fuse(frame, config.model_copy(update={"ground": "none"})))
+    above = len(fuse(frame, config)) if count and config.ground != "none" else count
     first = "first stereo pair" if config.source == "stereo" else "first scan"
     if count:
         colored = " get a colour" if config.source == "lidar" else ""
-        return FirstCloud("possible", count, detail=f"{count} points of the {first}{colored}")
+        return FirstCloud(
+            "possible", count, above, detail=f"{count} points of the {first}{colored}"
+        )
     problem = {
         "lidar": f"no point of the {first} falls into its image",
         "stereo": f"the images of the {first} have nothing in common",

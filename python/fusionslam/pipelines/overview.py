@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Summarise a recording as a printable value."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
 from fusionslam.errors import DataError
-from fusionslam.pipelines.first_frame import first_cloud
+from fusionslam.pipelines.first_frame import FirstCloud, first_cloud
 from fusionslam.pipelines.recording import SceneRecording
 from fusionslam.sensors.frame import Camera
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
+    from fusionslam.pipelines.bag_overview import Inspection
     from fusionslam.pipelines.recording import Recording
 
 
@@ -28,13 +29,17 @@ class Overview:
     Attributes:
         rows: (label, value) pairs, the most interesting first.
         gaps: numbers of the frames that lack a file.
+        error: why a bag has no frames; None if it has some.
+        fusion: outcome of fusing the first frame of a bag; None for other recordings.
     """
 
     rows: list[tuple[str, str]]
     gaps: list[int]
+    error: DataError | None = None
+    fusion: FirstCloud | None = None
 
     def __str__(self) -> str:
-        return "\n".join(f"{name:<16}{value}" for name, value in self.rows)
+        return "\n".join(f"{name:<15} {value}" for name, value in self.rows)
 
 
 def overview(dataset: "Dataset") -> Overview:
@@ -65,16 +70,23 @@ def look_at(recording: "Recording") -> Overview:
         return Overview([*whole.rows, ("fusion", str(first_cloud(dataset)))], whole.gaps)
     calibration = Path(recording.calibration) if recording.calibration else None
     bag = Inspection.of(path, recording.topics, recording.stamps, calibration)
+    return look_at_bag(bag, recording.open)
+
+
+def look_at_bag(bag: "Inspection", open_dataset: "Callable[[], Dataset]") -> Overview:
+    """As ``look_at``, for messages that are indexed already."""
     rows = [*bag.rows()]
     try:
-        dataset = recording.open()
+        dataset = open_dataset()
     except DataError as error:
-        rows += [("frames", f"none: {error}"), ("fusion", str(bag.fusion(None)))]
-        return Overview(rows, [])
+        fusion = bag.fusion(None)
+        rows += [("frames", f"none: {error}"), ("fusion", str(fusion))]
+        return Overview(rows, [], error, fusion)
     if not dataset.cameras:
         rows.append(("cameras", bag.cameras()))
     rows += [row for row in _rows(dataset) if row[0] not in dict(rows)]
-    return Overview([*rows, ("fusion", str(bag.fusion(dataset)))], list(dataset.gaps))
+    fusion = bag.fusion(dataset)
+    return Overview([*rows, ("fusion", str(fusion))], list(dataset.gaps), None, fusion)
 
 
 def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:

@@ -2,17 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """``fusionslam ros check`` on a live ROS: bags that are played, whole and lacking something."""
 
-import re
+import json
 import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bags import changed, drive, without, write_bag
+from bags import drive, without, write_bag
 from cli import fails
 from fusionslam.datasets.bags import messages as conversions
 from fusionslam.sensors.messages import Event
@@ -35,30 +37,55 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosWorld]:
         yield running
 
 
-def check(world: RosWorld, *arguments: str) -> tuple[int, str]:
-    """Exit code of the command, and all that it says, in one line without spaces doubled."""
+@dataclass(frozen=True)
+class Result:
+    """What was found: codes of problems by what was checked, rows of the overview, advice."""
+
+    works: bool
+    problems: dict[str, str]
+    rows: dict[str, str]
+    again: list[str]
+    launch: list[str]
+    nodes: list[str]
+
+
+SCRIPT = """
+import json, sys
+from fusionslam.ros.check.robot import check_robot
+found = check_robot(sys.argv[2:], float(sys.argv[1]), lambda *step: None)
+print(json.dumps({
+    "works": found.works,
+    "problems": {each.what: each.code for each in found.findings if not each.fine},
+    "rows": dict(found.overview.rows),
+    "again": found.again,
+    "launch": found.launch,
+    "nodes": found.nodes,
+}))
+"""
+
+
+def check(world: RosWorld, *arguments: str, seconds: float = 1.5) -> Result:
     done = subprocess.run(
-        [*COMMAND, "--seconds", "1.5", *arguments],
+        [sys.executable, "-c", SCRIPT, str(seconds), *arguments],
         env=world.environment,
         cwd=world.folder,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
     )
-    assert not done.stderr, done.stderr
-    return done.returncode, " ".join(done.stdout.split())
+    assert not done.returncode, done.stderr
+    return Result(**json.loads(done.stdout))
 
 
-def check_while_playing(
-    world: RosWorld, events: Iterable[Event], *arguments: str, images: str = "raw"
-) -> tuple[int, str]:
-    """The same while a bag of these events is played."""
+@contextmanager
+def playing(world: RosWorld, events: Iterable[Event], images: str = "raw") -> Iterator[None]:
+    """Play a bag of these events."""
     bag = world.folder / "drive.bag"
     bag.unlink(missing_ok=True)
     write_bag(bag, events, images=images)
     player = world.run("rosbag", ["rosbag", "play", "--quiet", str(bag)])
     try:
-        return check(world, *arguments)
+        yield
     finally:
         world.end(player)
 
@@ -74,47 +101,60 @@ def known_to_master(world: RosWorld) -> str:
 def test_the_remappings_that_it_names_make_it_well_and_nothing_is_left_behind(
     world: RosWorld,
 ) -> None:
-    code, words = check_while_playing(world, drive(40), "_node/queue:=50", "odom:=/wheels")
-    assert code == 1 and "fault scans /velodyne_points is not published" in words
-    assert "With these remappings, this suffices for data_fusion" in words
-    assert "to start: fusionslam ros launch ratslam scan:=/points image:=/camera/image" in words
-    named = words.partition("to check again: fusionslam ros check ")[2].split()
-    assert {*named} == {*REMAPPINGS, "odom:=/odom", "_node/queue:=50"}
-    # Long enough for rates, however late the first messages come.
-    code, words = check_while_playing(world, drive(40), *named, "--seconds", "4")
-    assert code == 0 and "fault" not in words and "to check again" not in words, words
-    assert "ok scans rate 2.00 Hz" in words and "ok images rate 10.00 Hz" in words
-    assert "ok TF camera camera <- base <- velodyne" in words
-    assert re.search(r"ok fusing possible: \d+ points of the first scan get a colour", words)
-    assert "This suffices for data_fusion, lv_builder, lv_matching, loop_closure and" in words
+    with playing(world, drive(40)):
+        found = check(world, "_node/queue:=50", "odom:=/wheels")
+    assert not found.works and found.problems["scans"] == "not-published"
+    assert {*found.again} == {*REMAPPINGS, "odom:=/odom", "_node/queue:=50"}
+    assert found.launch[:3] == ["ratslam", "scan:=/points", "image:=/camera/image"]
+    with playing(world, drive(40)):
+        # Long enough for rates, however late the first messages come.
+        found = check(world, *found.again, seconds=4)
+    assert found.works and found.problems == {"true poses": "not-published"} and not found.again
+    assert "2.00 Hz" in found.rows["topic /points"]
+    assert "10.00 Hz" in found.rows["topic /camera/image"]
+    assert found.rows["extrinsics"] == "camera <- base <- velodyne, from TF"
+    assert found.nodes[-1] == "ratslam"
     assert "fusionslam_check" not in known_to_master(world)
 
 
-def test_what_a_robot_lacks_is_named(world: RosWorld) -> None:
-    code, words = check_while_playing(world, without(drive(40), "/odom"), *REMAPPINGS)
-    assert code == 1 and "note odometry /odom is not published" in words
-    assert "fault TF robot the robot's frame is not known" in words
-    lacking = without(without(drive(40), "/camera/camera_info"), "/tf_static")
-    code, words = check_while_playing(world, lacking, *AS_LAUNCHED)
-    assert code == 1
-    assert "fault CameraInfo /camera/camera_info is not published, and no other" in words
-    assert "fault TF camera no frame 'velodyne'" in words
-    assert "fault fusing not possible: no CameraInfo" in words
+def test_the_command_prints_overview_findings_and_advice(world: RosWorld) -> None:
+    with playing(world, drive(40)):
+        done = subprocess.run(
+            [*COMMAND, "--seconds", "1.5"],
+            env=world.environment,
+            cwd=world.folder,
+            capture_output=True,
+            text=True,
+            timeout=600,
+        )
+    assert done.returncode == 1 and not done.stderr
+    lines = done.stdout.splitlines()
+    assert any(line.startswith("topic /points") for line in lines)
+    assert any(line.split()[:2] == ["fault", "scans"] for line in lines)
+    again = next(line for line in lines if "fusionslam ros check " in line)
+    assert again.split("fusionslam ros check ")[1].split() == [*REMAPPINGS]
 
 
-def test_a_camera_without_calibration_whose_images_do_not_decode_is_named(
+def test_missing_topics_and_transforms_are_named(world: RosWorld) -> None:
+    with playing(world, without(drive(40), "/odom")):
+        found = check(world, *REMAPPINGS)
+    assert not found.works and found.problems["odometry"] == "not-published"
+    assert found.problems["TF robot"] == "no-robot-frame"
+    with playing(world, without(without(drive(40), "/camera/camera_info"), "/tf_static")):
+        found = check(world, *AS_LAUNCHED)
+    assert not found.works and found.problems["CameraInfo"] == "not-published"
+    assert found.problems["TF camera"] == "no-frame" and found.problems["fusing"] == "no-frame"
+
+
+def test_a_camera_whose_images_do_not_decode_is_a_fault(
     world: RosWorld, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cut = {"format": "jpeg", "data": np.frombuffer(b"\xff\xd8\xff", np.uint8)}
     monkeypatch.setattr(conversions, "compressed_parts", lambda image, stored: cut)
-    zeros = changed(drive(40), "/camera/camera_info", camera_matrix=np.zeros((3, 3)))
-    code, words = check_while_playing(world, zeros, *REMAPPINGS, images="jpeg")
-    assert code == 1
-    assert re.search(
-        r"fault images content \d+ cannot be read, the last one: /camera/image at", words
-    )
-    assert "is no JPEG or PNG picture" in words and "fusing not possible: no images" in words
-    assert "/camera/camera_info has a camera matrix K of zeros: calibrate the camera" in words
+    with playing(world, drive(40), images="jpeg"):
+        found = check(world, *REMAPPINGS)
+    assert not found.works and found.problems["fusing"] == "no-frame"
+    assert "lv_matching with _source:=visual_templates" not in found.nodes
 
 
 def test_a_master_without_a_robot_and_sim_time_without_a_clock_are_named(world: RosWorld) -> None:
@@ -123,12 +163,11 @@ def test_a_master_without_a_robot_and_sim_time_without_a_clock_are_named(world: 
     master = rosgraph.Master("/test", world.environment["ROS_MASTER_URI"])
     master.setParam("/use_sim_time", True)
     try:
-        code, words = check(world)
+        found = check(world)
     finally:
         master.deleteParam("/use_sim_time")
-    assert code == 1 and "This suffices for none of the nodes" in words
-    assert "fault scans /velodyne_points is not published, and no other PointCloud2" in words
-    assert "fault clock use_sim_time is set, but /clock is missing" in words
+    assert not found.works and not found.nodes
+    assert found.problems["scans"] == "not-published" and found.problems["clock"] == "no-clock"
 
 
 def test_ctrl_c_ends_it_at_once_and_cleanly(world: RosWorld) -> None:
@@ -156,10 +195,12 @@ def test_the_small_house_suffices(world: RosWorld, test_data: Path) -> None:
     options = ("--quiet", "--wait-for-subscribers", "--topics", *topics, "--bags", bag)
     player = world.run("rosbag", ["rosbag", "play", *options])
     try:
-        code, words = check(world, "--seconds", "4")
+        found = check(world, seconds=4)
     finally:
         world.end(player)
-    assert code == 1 and "possible: 1554 points of the first scan get a colour" in words
-    assert words.endswith(
-        "camera/rgb/image_raw:=/camera/image/compressed camera/rgb/camera_info:=/camera/camera_info"
-    )
+    assert not found.works and found.problems.keys() == {"images", "CameraInfo", "true poses"}
+    assert found.again == [
+        "camera/rgb/image_raw:=/camera/image/compressed",
+        "camera/rgb/camera_info:=/camera/camera_info",
+    ]
+    assert "data_fusion" in found.nodes

@@ -4,17 +4,19 @@
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-from bags import SECOND, drive
-from fusionslam.datasets.bags.messages import plain_type, ros_type
-from fusionslam.datasets.bags.reader import Topic
+from bags import SECOND, drive, write_bag
+from fusionslam.datasets.bags import Topic, open_bag
+from fusionslam.doctor import Finding
+from fusionslam.ros.check.evidence import Evidence
 from fusionslam.ros.check.master import Graph
-from fusionslam.ros.check.observed_topics import ObservedTopic, choose, roles_of
-from fusionslam.ros.check.robot import Check, Evidence, judge
-from fusionslam.ros.check.trial_fusion import TrialFusion
+from fusionslam.ros.check.robot import Check, judge
 from fusionslam.ros.nodes.data_fusion import DataFusionConfig
 from fusionslam.ros.runtime.config import from_parameters
+from fusionslam.ros.topic_choice import choose, roles_of
 from fusionslam.sensors.messages import Event, FrameTransforms
 
 TOPICS = {
@@ -29,7 +31,7 @@ TOPICS = {
 """The topics of ``bags.drive``."""
 
 
-def checked(
+def check_events(
     events: Iterable[Event],
     *,
     asked: Mapping[str, str] = TOPICS,
@@ -40,57 +42,44 @@ def checked(
     sim_time: bool = False,
     clock: bool = True,
 ) -> Check:
-    """What is said of these messages; ``also`` has types of topics that are silent."""
-    events = list(events)
-    types = {e.topic: plain_type(ros_type(e.message, "raw")) for e in events} | {**(also or {})}
-    nodes = {topic: ["/driver"] for topic in types} | {**(publishers or {})}
-    graph = Graph(
-        "http://robot:11311",
-        {name: Topic(name, kind, 1) for name, kind in types.items()},
-        nodes,
-        sim_time,
-    )
-    trial = TrialFusion(from_parameters(DataFusionConfig(), parameters or {}))
-    roles = roles_of(trial.config.fusion.source)
-    choices = choose(graph.topics, nodes, {role: asked[role] for role in roles})
-    heard = {
-        role: ObservedTopic(choice.topic, types[choice.topic])
-        for role, choice in choices.items()
-        if choice.topic
-    }
-    for event in events:
-        _arrive(event, heard, trial)
-    trial.end()
-    return judge(Evidence(graph, choices, heard, trial, 5.0, unreachable or {}, clock))
+    """What ``ros check`` finds in a bag of events; ``also`` has types of topics that are silent."""
+    events = sorted(events, key=lambda event: event.time_ns)
+    config = from_parameters(DataFusionConfig(), parameters or {})
+    with TemporaryDirectory() as folder, open_bag(write_bag(Path(folder, "b.bag"), events)) as bag:
+        silent = {name: Topic(name, kind, 1) for name, kind in (also or {}).items()}
+        graph_topics = {**bag.topics, **silent}
+        nodes = {topic: ["/driver"] for topic in graph_topics} | {**(publishers or {})}
+        wanted = {role: asked[role] for role in roles_of(config.fusion.source)}
+        choices = choose(graph_topics, nodes, wanted)
+        return judge(
+            Evidence(
+                graph=Graph("http://robot:11311", graph_topics, nodes, sim_time),
+                choices=choices,
+                roles={role: each.topic for role, each in choices.items() if each.topic},
+                bag=bag,
+                config=config,
+                seconds=5.0,
+                unreachable=unreachable or {},
+                clock=clock,
+            )
+        )
 
 
-def _arrive(event: Event, heard: Mapping[str, ObservedTopic], trial: TrialFusion) -> None:
-    if isinstance(event.message, FrameTransforms):
-        trial.take(event.topic, event.message, event.time_ns)
-        return
-    for role, each in heard.items():
-        if each.topic == event.topic:
-            each.value = event.message
-            each.series.headers.append(event.message.stamp_ns)
-            each.series.times.append(event.time_ns)
-            each.series.frame_id = event.message.frame_id
-            trial.take(role, event.message, event.time_ns)
+def problems(check: Check) -> dict[str, str]:
+    """Code of each problem by what was checked."""
+    return {each.what: each.code for each in check.findings if not each.fine}
 
 
-def said(check: Check, what: str) -> str:
-    """All that is said of one thing, each with how bad it is."""
-    words = {True: "ok", False: "fault"}
+def faults(check: Check) -> set[str]:
+    """What has a problem that matters to data_fusion."""
+    return {each.what for each in check.findings if not each.fine and not each.optional}
+
+
+def finding(check: Check, what: str) -> Finding:
+    """The finding about one thing."""
     found = [each for each in check.findings if each.what == what]
-    assert found, [each.what for each in check.findings]
-    return "; ".join(
-        f"{words[each.fine] if each.fine or not each.optional else 'note'}: {each.detail}"
-        for each in found
-    )
-
-
-def faults(check: Check) -> list[str]:
-    """What is a fault."""
-    return [each.what for each in check.findings if not each.fine and not each.optional]
+    assert len(found) == 1, [(each.what, each.code) for each in check.findings]
+    return found[0]
 
 
 NODE_TOPICS = {

@@ -145,14 +145,14 @@ def _header(content: Any) -> Any:
 def _keep(index: BagIndex, raw: RawMessage, roles: Mapping[str, str], stamp: int | None) -> None:
     """Store a small message in the index."""
     if raw.type in TRANSFORM_TYPES or raw.topic == roles.get("odometry"):
-        index.frames.add(_restamped(raw.value(), stamp))  # type: ignore[arg-type]
+        index.frames.add(restamp(raw.value(), stamp))  # type: ignore[arg-type]
     elif raw.topic == roles.get("truth"):
-        _add_truth(index, _restamped(raw.value(), stamp))
+        _add_truth(index, restamp(raw.value(), stamp))
     elif raw.type == "sensor_msgs/CameraInfo":
-        _add_info(index, raw.topic, _restamped(raw.value(), stamp))
+        _add_info(index, raw.topic, restamp(raw.value(), stamp))
 
 
-def _restamped(value: Message, stamp_ns: int | None) -> Message:
+def restamp(value: Message, stamp_ns: int | None) -> Message:
     """Replace the stamp of a value, if one is given."""
     if stamp_ns is None:
         return value

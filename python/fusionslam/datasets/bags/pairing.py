@@ -28,6 +28,9 @@ logger = logging.getLogger(__name__)
 
 Rows = NDArray[np.int64]
 
+NO_PAIRS = "no-pairs"
+"""Code of the error for sensors none of whose messages lie near in time."""
+
 
 def open_indexed(
     path: Path,
@@ -167,7 +170,8 @@ def _rows(
         what = " and ".join(source.roles[sensor] for sensor in sensors)
         raise DataError(
             f"{source.bag.path}: no messages of {what} lie within {reach:g} s of "
-            "each other; the clock offsets are in the output of info"
+            "each other; the clock offsets are in the output of info",
+            code=NO_PAIRS,
         )
     rows = {first: [pair.item for pair in pairs]}
     rows |= {name: [pair.images[name].item for pair in pairs] for name in others}

@@ -3,30 +3,95 @@
 """Listen to a robot as the nodes would, without publishing anything."""
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import rospy
 
-from fusionslam.datasets.bags.reader import RawMessage
-from fusionslam.errors import DataError, one_line
+from fusionslam.datasets.bags.reader import Bag, RawMessage, Topic
+from fusionslam.errors import DataError
 from fusionslam.ros.check.master import read_graph
-from fusionslam.ros.check.observed_topics import ObservedTopic, choose
-from fusionslam.ros.check.trial_fusion import TrialFusion
 from fusionslam.ros.messages.types import CLOUD, IMAGES, deserialized
-from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, Arrival, Inbox
+from fusionslam.ros.runtime.message_queue import Arrival, Inbox
 from fusionslam.ros.runtime.rospy_node import BUFFER_BYTES
-from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Message
+from fusionslam.ros.topic_choice import choose
+from fusionslam.sensors.messages import Message
 
 Progress = Callable[[str, int, int], None]
 
-TRANSFORMS = ("/tf", "/tf_static")
+TF_TOPICS = ("/tf", "/tf_static")
 """The topics of TF, which are roles as well."""
-_LARGE = (CLOUD, *IMAGES)
+_LIMIT_BYTES = 1 << 29
+_QUEUE = 1000
 _LOOK_S = 0.2
 _POLL_S = 0.05
+
+
+@dataclass(frozen=True)
+class _HeaderOnly(RawMessage):
+    """A message of which only the header is kept."""
+
+    reason: str
+
+    def value(self) -> Message:
+        raise DataError(f"{self.topic}: {self.reason}")
+
+
+class ObservedBag(Bag):
+    """Messages of a running robot, in memory, read like those of a bag.
+
+    Only the headers are kept of scans and images beyond 512 MiB, and of unreadable messages.
+    """
+
+    def __init__(self) -> None:
+        self.path, self.kind, self.is_cut = Path("robot"), "live", False
+        self.topics: dict[str, Topic] = {}
+        self.start_ns = self.stop_ns = 0
+        self._received: list[RawMessage] = []
+        self._bytes = 0
+
+    def add(self, arrival: Arrival) -> None:
+        """Add a message as rospy's AnyMsg."""
+        topic, message, time_ns = arrival.topic, arrival.message, arrival.stamp_ns
+        type_name = message._connection_header["type"]
+        count = self.topics[topic].count if topic in self.topics else 0
+        self.topics[topic] = Topic(topic, type_name, count + 1)
+        self.start_ns, self.stop_ns = self.start_ns or time_ns, time_ns
+        large_bytes = len(message._buff) if type_name in (CLOUD, *IMAGES) else 0
+        self._bytes += large_bytes
+        try:
+            if large_bytes and self._bytes > _LIMIT_BYTES:
+                raise DataError("not kept, there is too much data: listen for a shorter time")
+            content = deserialized(message, type_name)
+            self._received.append(RawMessage(topic, type_name, time_ns, content))
+        except DataError as error:
+            header = None if topic in TF_TOPICS else deserialized(message, "std_msgs/Header")
+            rest = SimpleNamespace(header=header)
+            self._received.append(_HeaderOnly(topic, type_name, time_ns, rest, str(error)))
+
+    def raw(
+        self,
+        topics: Sequence[str] | None = None,
+        *,
+        start: int | None = None,
+        stop: int | None = None,
+    ) -> Iterator[RawMessage]:
+        """As ``Bag.raw``."""
+        names = self._names(topics)
+        for raw in self._received:
+            is_early = start is not None and raw.time_ns < start
+            is_late = stop is not None and raw.time_ns >= stop
+            if raw.topic in names and not (is_early or is_late):
+                yield raw
+
+    def message(self, topic: str, time_ns: int, occurrence: int = 0) -> Message:
+        """As ``Bag.message``."""
+        found = self.raw([topic], start=time_ns, stop=time_ns + 1)
+        return next(islice(found, occurrence, None)).value()
 
 
 class TopicListener:
@@ -35,27 +100,25 @@ class TopicListener:
     Args:
         asked: topics of the nodes by role, and the remapped names of /tf and /tf_static; rospy
             itself must know no remappings, or it would remap the guesses.
-        trial: receives the messages.
+        only_one_s: as ``Inbox``.
 
     Attributes:
+        bag: the messages that arrived.
         graph: the latest answer of the master.
         choices: chosen topics by role.
-        heard: observed topics by role, for roles with a topic.
+        roles: topics that were listened to, by role.
 
     Raises:
         FusionSlamError: the master does not answer.
     """
 
-    def __init__(self, asked: Mapping[str, str], trial: TrialFusion) -> None:
-        self.heard: dict[str, ObservedTopic] = {}
-        self._asked = {role: topic for role, topic in asked.items() if role not in TRANSFORMS}
-        self._trial = trial
-        common = trial.config.node
-        self._by_arrival = common.stamps == "arrival"
-        self._inbox = Inbox(common.queue, common.only_one)
+    def __init__(self, asked: Mapping[str, str], only_one_s: float) -> None:
+        self.bag, self.roles = ObservedBag(), dict[str, str]()
+        self._asked = {role: topic for role, topic in asked.items() if role not in TF_TOPICS}
+        self._inbox = Inbox(_QUEUE, only_one_s)
         self._subscribers: dict[str, Any] = {}
         # Subscribe before anyone publishes: a bag sends its static transforms once, at its start.
-        for role in TRANSFORMS:
+        for role in TF_TOPICS:
             self._subscribe(role, asked[role])
         self._subscribe_new()
 
@@ -70,10 +133,9 @@ class TopicListener:
         self._subscribe_new()
         for subscriber in self._subscribers.values():
             subscriber.unregister()
-        self._trial.end()
 
     def _has_messages(self) -> bool:
-        return any(heard.count for heard in self.heard.values())
+        return any(topic in self.bag.topics for topic in self.roles.values())
 
     def _poll_until(
         self, what: str, seconds: float, progress: Progress, done: Callable[[], bool]
@@ -83,7 +145,7 @@ class TopicListener:
             progress(what, int(since), round(seconds))
             arrival = self._inbox.get(_POLL_S)
             if arrival is not None:
-                self._process(arrival)
+                self.bag.add(arrival)
             if time.monotonic() - looked > _LOOK_S:
                 self._subscribe_new()
                 looked = time.monotonic()
@@ -94,10 +156,9 @@ class TopicListener:
         self.graph = read_graph()
         self.choices = choose(self.graph.topics, self.graph.publishers, self._asked)
         for role, choice in self.choices.items():
-            present = self.heard.get(role)
-            # Keep what was heard of topics that have ended meanwhile.
-            if choice.topic and (present is None or present.topic != choice.topic):
-                self.heard[role] = ObservedTopic(choice.topic, self.graph.topics[choice.topic].type)
+            # Keep topics that have ended meanwhile.
+            if choice.topic and self.roles.get(role) != choice.topic:
+                self.roles[role] = choice.topic
                 self._subscribe(role, choice.topic)
 
     def _subscribe(self, role: str, topic: str) -> None:
@@ -107,46 +168,15 @@ class TopicListener:
             topic,
             rospy.AnyMsg,
             self._queue,
-            callback_args=(role, topic),
+            # The name of a transform topic tells whether it is static, even if it was remapped.
+            callback_args=role if role in TF_TOPICS else topic,
             buff_size=BUFFER_BYTES,
             tcp_nodelay=True,
         )
 
-    def _queue(self, message: Any, place: tuple[str, str]) -> None:
+    def _queue(self, message: Any, topic: str) -> None:
         """Note the arrival time in a thread of rospy; leave the rest to the main thread."""
-        role, topic = place
-        about, now_ns = message._connection_header, rospy.Time.now().to_nsec()
-        is_tf = role in TRANSFORMS
-        # The role of a transform topic tells whether it is static, even if it was remapped.
-        raw = RawMessage(role if is_tf else topic, about["type"], now_ns, message)
+        now_ns = rospy.Time.now().to_nsec()
         # Like the nodes, listen only to the first of two publishers.
-        dropped = self._inbox.put(
-            Arrival(role, raw, time.monotonic()), None if is_tf else about["callerid"]
-        )
-        if dropped != SECOND_PUBLISHER and not is_tf:
-            header = deserialized(message, "std_msgs/Header")
-            self.heard[role].series.add(replace(raw, content=SimpleNamespace(header=header)))
-
-    def _process(self, arrival: Arrival) -> None:
-        """Read a message; images and clouds only until a first cloud was fused."""
-        role, raw = arrival.topic, arrival.message
-        if raw.type in _LARGE and self._trial.first is not None:
-            return
-        value = self._value(role, raw)
-        if value is not None:
-            self._trial.take(role, value, raw.time_ns)
-
-    def _value(self, role: str, raw: RawMessage) -> Message | None:
-        """Convert a message, with the stamp in force; None if the nodes would refuse it."""
-        try:
-            value = replace(raw, content=deserialized(raw.content, raw.type)).value()
-        except DataError as error:
-            refuse = self._trial.links.refuse if role in TRANSFORMS else self.heard[role].refuse
-            refuse(one_line(error))
-            return None
-        if isinstance(value, FrameTransforms):
-            return value
-        self.heard[role].value = value
-        if self._by_arrival:
-            return replace(value, stamp_ns=raw.time_ns)
-        return value if value.stamp_ns or isinstance(value, CameraInfo) else None
+        publisher = None if topic in TF_TOPICS else message._connection_header["callerid"]
+        self._inbox.put(Arrival(topic, message, time.monotonic(), now_ns), publisher)

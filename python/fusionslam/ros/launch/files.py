@@ -10,8 +10,8 @@ from pathlib import Path
 
 from fusionslam.datasets.bags import open_bag
 from fusionslam.errors import ConfigError, FusionSlamError
-from fusionslam.ros.check.observed_topics import INPUTS, LAUNCH_ARGUMENTS, choose
 from fusionslam.ros.environment import PACKAGE
+from fusionslam.ros.topic_choice import INPUTS, LAUNCH_ARGUMENTS, choose
 
 _PLACES = (Path(__file__).parents[1] / "share" / PACKAGE, Path(__file__).parents[4] / "ros")
 """Folders of the ROS package: in an installation, and in the source tree."""

@@ -1,20 +1,16 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The roles of a robot's topics for the nodes, and their messages, without any middleware."""
+"""The roles of a robot's topics for the nodes, and the choice of a topic for each."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-import numpy as np
-
-from fusionslam.datasets.bags.index import Series
 from fusionslam.datasets.bags.reader import Topic
 from fusionslam.datasets.bags.topics import INFO_ROLES, ROLES, candidates
 from fusionslam.fusion import SENSORS_OF
 from fusionslam.ros.nodes import NODES
 from fusionslam.ros.nodes.data_fusion import LEFT, ODOM, RIGHT, SCANS
 from fusionslam.ros.nodes.lv_dataset_creator import TRUTH
-from fusionslam.sensors.messages import Message
 
 INPUTS = {
     "points": SCANS,
@@ -105,50 +101,3 @@ def choose(
 def _is_own(nodes: Iterable[str]) -> bool:
     names = {node.rpartition("/")[2] for node in nodes}
     return bool(names) and names <= {*NODES}
-
-
-@dataclass(eq=False)
-class ObservedTopic:
-    """The messages that arrived on a topic.
-
-    Attributes:
-        topic: its full name.
-        type: message type, such as "nav_msgs/Odometry".
-        series: stamps and arrival times, in ROS time.
-        value: the last message that could be read.
-        unreadable: number of messages that could not be read.
-        why: what is wrong with the last of these.
-    """
-
-    topic: str
-    type: str
-    series: Series = field(default_factory=lambda: Series(by_arrival=False))
-    value: Message | None = None
-    unreadable: int = 0
-    why: str = ""
-
-    def refuse(self, why: str) -> None:
-        """Count a message that could not be read."""
-        self.unreadable, self.why = self.unreadable + 1, why
-
-    @property
-    def count(self) -> int:
-        """Number of messages that arrived."""
-        return len(self.series.times)
-
-    @property
-    def unstamped(self) -> int:
-        """Number of messages with the stamp zero."""
-        return sum(not stamp for stamp in self.series.headers)
-
-    @property
-    def delay_s(self) -> float:
-        """As ``delay_s`` of the series."""
-        return delay_s(self.series)
-
-
-def delay_s(series: Series) -> float:
-    """Median delay from stamp to arrival in seconds; NaN without stamps."""
-    known = np.array(series.headers, dtype=np.int64) > 0
-    delays = series.delays_ns[known]
-    return float(np.median(delays)) / 1e9 if len(delays) else float("nan")

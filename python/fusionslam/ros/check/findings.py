@@ -1,0 +1,252 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Find what a robot lacks for the nodes, with advice."""
+
+from collections.abc import Iterator
+from math import isnan
+from statistics import median_low
+
+import numpy as np
+
+from fusionslam.datasets.bags.index import Series
+from fusionslam.datasets.bags.messages import is_static
+from fusionslam.datasets.bags.pairing import NO_PAIRS
+from fusionslam.datasets.bags.topics import ROLES, TRANSFORM_TYPES
+from fusionslam.doctor import Finding
+from fusionslam.errors import DataError, cause_of, one_line
+from fusionslam.ros.check.evidence import Evidence
+from fusionslam.ros.check.master import CLOCK
+from fusionslam.ros.topic_choice import needed_roles
+from fusionslam.sensors.messages import NANOSECONDS, Odometry, Picture, Scan
+
+_WORDS = {
+    "points": "scans",
+    "left": "images",
+    "camera_info": "CameraInfo",
+    "right": "right images",
+    "right_camera_info": "right CameraInfo",
+    "odometry": "odometry",
+    "truth": "true poses",
+}
+_CAMERA = "start the camera's driver"
+_CALIBRATE = "calibrate the camera (rosrun camera_calibration), its driver then publishes it"
+_ADVICE = {
+    "points": "start the scanner's driver",
+    "left": _CAMERA,
+    "camera_info": _CALIBRATE,
+    "right": _CAMERA,
+    "right_camera_info": _CALIBRATE,
+    "odometry": "ratslam needs it; clouds are fused as if the robot stood still",
+    "truth": "only lv_analyzer and lv_dataset_creator need them",
+}
+_SET_CLOCKS = "set the clocks (chrony, PTP)"
+_PUBLISH = (
+    "start robot_state_publisher with the robot's URDF, or rosrun tf2_ros "
+    "static_transform_publisher X Y Z YAW PITCH ROLL {parent} {child}"
+)
+_AT_START = (
+    "a bag sends /tf_static once, at its start: start this first, then rosbag play; on a robot, "
+)
+_NO_POINTS = {
+    "lidar": "; does the scanner look where the camera looks, and is the frame of the CameraInfo "
+    "the optical one (z ahead, x right)?",
+    "stereo": "; do the two cameras see the same, with enough light and texture?",
+    "cloud": "",
+}
+_LATE = (
+    "transforms, CameraInfo or odometry come too late or do not reach back to the scans; "
+    "data_fusion can wait longer (_online/wait)"
+)
+_APART_S = 1.0
+# Stamps further than this from ROS time come from another clock; they are not just late.
+_FAR_S = 10.0
+
+
+def list_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Yield what a live robot can lack, beyond its overview."""
+    needed = needed_roles(evidence.config.fusion.source)
+    yield from _check_clock(evidence)
+    for role in evidence.choices:
+        yield _check_topic(evidence, role, role in needed)
+        if role in evidence.source.roles:
+            yield from _check_stamps(evidence, role)
+            yield from _check_content(evidence, role)
+        elif role in evidence.roles:
+            yield _report_silence(evidence, role, role in needed)
+    yield from _check_delay(evidence)
+    yield from _check_links(evidence)
+    yield _check_fusing(evidence)
+
+
+def _check_clock(evidence: Evidence) -> Iterator[Finding]:
+    graph = evidence.graph
+    time = "sim time" if graph.sim_time else "wall time"
+    yield Finding("master", f"{graph.uri}, {len(graph.topics)} topics, {time}")
+    if graph.sim_time and not evidence.clock:
+        fault = "stands at 0" if CLOCK in graph.topics else "is missing"
+        detail = (
+            f"use_sim_time is set, but {CLOCK} {fault}: start the simulator or rosbag play "
+            "--clock; on a real robot rosparam set use_sim_time false, and restart all nodes"
+        )
+        yield Finding("clock", detail, "no-clock", [CLOCK] if CLOCK in graph.topics else [])
+    roles, index = evidence.source.roles, evidence.source.index
+    delays = {topic: _delay_s(index.series[topic]) for topic in roles.values()}
+    delays = {topic: delay for topic, delay in delays.items() if not isnan(delay)}
+    if not delays:
+        return
+    usual = median_low(delays.values())
+    others = {t: delay - usual for t, delay in delays.items() if abs(delay - usual) > _APART_S}
+    if others:
+        behind = max(others.values(), key=abs)
+        detail = (
+            f"stamps of {', '.join(others)} lie {abs(behind):.1f} s "
+            f"{'before' if behind > 0 else 'after'} those that arrive with them: {_SET_CLOCKS}"
+        )
+        yield Finding("clock", detail, "other-clock", tuple(others), optional=True)
+    elif abs(usual) >= _FAR_S and not graph.sim_time:
+        detail = (
+            f"stamps lie {abs(usual):.0f} s {'before' if usual > 0 else 'after'} the time of this "
+            "machine, as in a bag: fine for the nodes; RViz needs rosparam set use_sim_time true "
+            "before rosbag play --clock"
+        )
+        yield Finding("clock", detail)
+
+
+def _delay_s(series: Series) -> float:
+    """Median delay from stamp to arrival in seconds; NaN without stamps."""
+    delays = series.delays_ns[np.array(series.headers, dtype=np.int64) > 0]
+    return float(np.median(delays)) / NANOSECONDS if len(delays) else float("nan")
+
+
+def _check_topic(evidence: Evidence, role: str, needed: bool) -> Finding:
+    """Check that the topic that the nodes listen to exists; if not, say what to do."""
+    choice, what = evidence.choices[role], _WORDS[role]
+    nodes = evidence.graph.publishers.get(choice.topic, ())
+    if choice.topic and not choice.is_guess:
+        if len(nodes) < 2:
+            return Finding(what, f"{choice.topic} of {', '.join(nodes)}")
+        detail = (
+            f"{choice.topic} has {len(nodes)} publishers, {', '.join(nodes)}: nodes hear one of "
+            "them alone; stop the others, or remap them"
+        )
+        return Finding(what, detail, "many-publishers", tuple(nodes), optional=True)
+    other = evidence.graph.topics.get(choice.asked)
+    code = "wrong-type" if other else "not-published"
+    detail = f"{choice.asked} is {f'a {other.type}' if other else 'not published'}"
+    if not choice.topic:
+        types = " or ".join(name.partition("/")[2] for name in ROLES[role])
+        detail += f", and no other {types} would fit: {_ADVICE[role]}"
+        return Finding(what, detail, code, optional=not needed)
+    more = f" (would fit, too: {', '.join(choice.others)})" if choice.others else ""
+    detail += f"; give the nodes {choice.remapping}{more}"
+    return Finding(what, detail, code, (choice.remapping, *choice.others), optional=not needed)
+
+
+def _report_silence(evidence: Evidence, role: str, needed: bool) -> Finding:
+    topic, code, fields = evidence.roles[role], "silent", tuple[str, ...]()
+    why = "is the sensor connected, is a bag paused or over?"
+    for node in evidence.graph.publishers.get(topic, ()):
+        if address := evidence.unreachable.get(node):
+            code, fields = "unreachable", (node, address)
+            why = (
+                f"{node} gives its address as {address}, where nothing answers: set ROS_IP where "
+                "it runs to an address that is known here; if it crashed, rosnode cleanup"
+            )
+    detail = f"nothing arrived on {topic} in {evidence.seconds:g} s: {why}"
+    return Finding(f"{_WORDS[role]} rate", detail, code, fields, optional=not needed)
+
+
+def _check_stamps(evidence: Evidence, role: str) -> Iterator[Finding]:
+    """Report stamps that the nodes cannot use; the overview has the rates."""
+    stamps = evidence.source.series(role).stamps_ns
+    repeated = len(stamps) > 1 and bool(np.median(np.diff(stamps)) <= 0)
+    missing = 0 if evidence.by_arrival else int((stamps == 0).sum())
+    if missing or repeated:
+        what = f"{missing} of {len(stamps)} stamps are zero" if missing else "stamps do not rise"
+        detail = (
+            f"{what}: the driver has to stamp each message anew; until it does, start the nodes "
+            "with _node/stamps:=arrival"
+        )
+        code = "zero-stamps" if missing else "constant-stamps"
+        yield Finding(f"{_WORDS[role]} rate", detail, code, (str(missing),))
+
+
+def _check_content(evidence: Evidence, role: str) -> Iterator[Finding]:
+    """Report content that the overview and the fusing do not judge."""
+    value, what = evidence.first(role), f"{_WORDS[role]} content"
+    if isinstance(value, Scan | Odometry) and not value.frame_id:
+        detail = "their frame has no name; the driver has to give it one"
+        yield Finding(what, detail, "no-frame-name", optional=isinstance(value, Odometry))
+    if isinstance(value, Picture) and value.image.ndim == 2:
+        yield Finding(what, "grey, so clouds are, too", "grey-images", optional=True)
+    online = evidence.config.online
+    if role == "odometry" and isinstance(value, Odometry):
+        frame = value.frame_id
+        if frame and frame == online.truth_frame != online.odometry_frame:
+            remedy = f"_online/odometry_frame:={frame}"
+            detail = f"in '{frame}', which data_fusion takes for true poses: {remedy}"
+            yield Finding(what, detail, "taken-for-truth", (remedy,), optional=True)
+
+
+def _check_delay(evidence: Evidence) -> Iterator[Finding]:
+    """Report moving transforms that come later than data_fusion waits."""
+    for topic, series in evidence.source.index.series.items():
+        is_moving = evidence.bag.topics[topic].type in TRANSFORM_TYPES and not is_static(topic)
+        delay = _delay_s(series)
+        if is_moving and evidence.config.online.wait < delay < _FAR_S:
+            wait = f"_online/wait:={2 * delay:.1f}"
+            detail = f"{topic} arrives {delay:.1f} s late: start data_fusion with {wait}"
+            yield Finding("TF delay", detail, "late-transforms", (wait,), optional=True)
+
+
+def _check_links(evidence: Evidence) -> Iterator[Finding]:
+    """Report frames that TF does not link, with advice on what to publish."""
+    roles, tree = evidence.source.roles, evidence.source.index.frames.tree
+    scanner = evidence.source.series("points").frame_id if "points" in roles else ""
+    camera = evidence.source.optical_frame() if "left" in roles else ""
+    links = [("TF camera", camera, scanner)] if camera and scanner else []
+    if evidence.config.fusion.frame in ("robot", "odometry") and (scanner or camera):
+        if robot := evidence.robot:
+            links.append(("TF robot", robot, scanner or camera))
+        else:
+            detail = (
+                f"the robot's frame is not known: TF has {', '.join(tree.frames) or 'no frames'}, "
+                "no base_footprint or base_link, and there is no odometry; name it with "
+                "_online/robot_frame:=NAME"
+            )
+            yield Finding("TF robot", detail, "no-robot-frame")
+    advice = "" if "/tf_static" in evidence.bag.topics else _AT_START
+    for what, target, source in links:
+        if target == source:
+            continue
+        try:
+            yield Finding(what, " <- ".join(tree.chain(target, source)))
+        except DataError as error:
+            is_parent = target in tree.frames or what == "TF robot"
+            parent, child = (target, source) if is_parent else (source, target)
+            top = tree.root(child)
+            detail = f"{one_line(error)}: {advice}{_PUBLISH.format(parent=parent, child=top)}"
+            yield Finding(what, detail, error.code, (parent, top))
+
+
+def _check_fusing(evidence: Evidence) -> Finding:
+    trial, config, overview = evidence.trial, evidence.config.fusion, evidence.overview
+    if evidence.has_clouds and trial is not None:
+        ground = "" if config.ground == "none" else f", {trial.above} of them above the ground"
+        code = "" if trial.above else "only-ground"
+        return Finding("fusing", f"{trial}{ground}", code, optional=True)
+    code, cause = "no-cloud", tuple[str, ...]()
+    if trial is not None:
+        hint = _NO_POINTS[config.source] if trial.status == "doubtful" else ""
+        problem = f"{trial.problem}{hint}"
+    elif overview.error is not None:
+        code, cause = "no-frame", cause_of(overview.error)
+        problem = one_line(overview.error)
+        if cause[0] == NO_PAIRS:
+            problem += f": {_SET_CLOCKS}, or start the nodes with _node/stamps:=arrival"
+    elif overview.fusion is not None and overview.fusion.problem:
+        code, problem = "no-frame", overview.fusion.problem
+    else:
+        code, problem = "late-messages", _LATE
+    problem = problem.removeprefix(f"{evidence.bag.path}: ")
+    return Finding("fusing", f"not possible: {problem}", code, cause)
