@@ -1,14 +1,21 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A square image with coordinates in metres, on which textures are painted."""
+"""Procedural textures, painted on a square image with coordinates in metres.
+
+A texture is uint8 (SIDE, SIDE, 4): RGB and how strongly the surface's tint colours that texel (255:
+fully; so one brick wall serves red and yellow houses while its windows stay the same). All
+textures repeat seamlessly.
+"""
+
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fusionslam.sim.mesh import Rgb, Texture
 from fusionslam.storage.arrays import Image
 
 SIDE = 512
-Rgb = tuple[float, float, float]
 
 
 class Canvas:
@@ -87,3 +94,25 @@ def noise(rng: np.random.Generator, roughness: float) -> NDArray[np.float32]:
     smooth = np.fft.irfft2(spectrum / frequency**roughness, s=(SIDE, SIDE))
     scaled: NDArray[np.float32] = np.clip(smooth / smooth.std(), -3, 3).astype(np.float32)
     return scaled
+
+
+Painter = Callable[[np.random.Generator], Canvas]
+
+
+def paint_textures(seed: int, salt: int, painters: Iterable[Painter]) -> tuple[Image, ...]:
+    """Paint one texture for each painter, with random numbers of its own."""
+    return tuple(
+        paint(np.random.default_rng([seed, number, salt])).image()
+        for number, paint in enumerate(painters)
+    )
+
+
+def rough(texture: Texture, rgb: Rgb, contrast: float, roughness: float = 0.7) -> Painter:
+    """A painter of one colour with noise at every scale."""
+
+    def paint(rng: np.random.Generator) -> Canvas:
+        canvas = Canvas(texture.extent, rgb, 1.0)
+        canvas.shade(contrast * noise(rng, roughness))
+        return canvas
+
+    return paint

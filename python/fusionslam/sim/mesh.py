@@ -8,13 +8,33 @@ Metres, z up. Texture coordinates are in images: (0, 0) is the lower left corner
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fusionslam.storage.arrays import Floats32
 
+Rgb = tuple[float, float, float]
+
 _BOX_FACES = ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (4, 5, 6, 7), (3, 2, 1, 0))
+
+
+class Texture(IntEnum):
+    """Base of enumerations of textures: a member is the index of a texture in its scene.
+
+    Attributes:
+        extent: width and height in metres that one image covers at its natural size.
+    """
+
+    extent: tuple[float, float]
+
+    def __new__(cls, index: int, width: float, height: float) -> "Texture":
+        """Make a member from its index and extent."""
+        member = int.__new__(cls, index)
+        member._value_ = index
+        member.extent = (width, height)
+        return member
 
 
 @dataclass(frozen=True)
@@ -29,9 +49,16 @@ class Paint:
     """
 
     texture: int
-    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    tint: Rgb = (1.0, 1.0, 1.0)
     extent: tuple[float, float] = (1.0, 1.0)
     offset: tuple[float, float] = (0.0, 0.0)
+
+
+def paint(
+    texture: Texture, tint: Rgb = (1.0, 1.0, 1.0), offset: tuple[float, float] = (0, 0)
+) -> Paint:
+    """A texture at its natural size."""
+    return Paint(int(texture), tint, texture.extent, offset)
 
 
 @dataclass(frozen=True)

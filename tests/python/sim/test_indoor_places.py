@@ -23,7 +23,8 @@ from fusionslam.sim.indoor.home_furniture import WOODS, Style, chair, table
 from fusionslam.sim.indoor.layout import Layout
 from fusionslam.sim.indoor.objects import Site
 from fusionslam.sim.indoor.rooms import Opening, Room
-from fusionslam.sim.indoor.textures import WHITE, Look, cut, paint
+from fusionslam.sim.indoor.textures import WHITE, Look, cut
+from fusionslam.sim.mesh import paint
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.world import World
 

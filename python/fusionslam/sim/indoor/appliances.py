@@ -4,11 +4,10 @@
 
 from functools import cache
 
-from fusionslam.sim.canvas import Rgb
 from fusionslam.sim.indoor.home_furniture import Style
 from fusionslam.sim.indoor.objects import Thing, block, cylinder, front, thing
-from fusionslam.sim.indoor.textures import DARK, GREY, WHITE, Look, fitted, paint
-from fusionslam.sim.mesh import Paint, box
+from fusionslam.sim.indoor.textures import DARK, GREY, WHITE, Look, fit
+from fusionslam.sim.mesh import Paint, Rgb, box, paint
 
 
 def counter(style: Style, units: int, oven: int | None = None) -> Thing:
@@ -19,10 +18,10 @@ def counter(style: Style, units: int, oven: int | None = None) -> Thing:
     top = block((-x, -0.32, 0.86), (x, 0.3, 0.90), paint(Look.WOOD, style.wood))
     tiles = front((-x, 0.9), (x, 1.45), 0.29, paint(Look.TILES, style.accent))
     upper = block((-x, -0.05, 1.45), (x, 0.3, 2.1), paint(Look.WOOD, style.cloth))
-    door, above = (fitted(Look.CUPBOARD, 0.6, height, style.cloth) for height in (0.76, 0.65))
+    door, above = (fit(Look.CUPBOARD, 0.6, height, style.cloth) for height in (0.76, 0.65))
     shapes = [base, body, top, tiles, upper, front((-x, 1.45), (x, 2.1), -0.054, above)]
     for k in range(units):
-        cover = fitted(Look.OVEN, 0.6, 0.76) if k == oven else door
+        cover = fit(Look.OVEN, 0.6, 0.76) if k == oven else door
         shapes.append(front((-x + 0.6 * k, 0.1), (-x + 0.6 * (k + 1), 0.86), -0.304, cover))
     return thing("kitchen_counter", shapes, [base, body, top, upper])
 
@@ -31,14 +30,14 @@ def fridge(tint: Rgb) -> Thing:
     """A tall fridge with two doors."""
     body = box((-0.3, -0.32, 0.03), (0.3, 0.32, 1.8), paint(Look.PLAIN, tint))
     foot = box((-0.27, -0.28, 0), (0.27, 0.3, 0.03), paint(Look.PLAIN, DARK))
-    lower = front((-0.3, 0.06), (0.3, 1.78), -0.325, fitted(Look.CUPBOARD, 0.6, 0.86, tint))
+    lower = front((-0.3, 0.06), (0.3, 1.78), -0.325, fit(Look.CUPBOARD, 0.6, 0.86, tint))
     return thing("fridge", [body, foot, lower], [box((-0.3, -0.32, 0), (0.3, 0.32, 1.8), _plain())])
 
 
 def washing_machine() -> Thing:
     """A front-loading washing machine."""
     body = box((-0.3, -0.3, 0), (0.3, 0.3, 0.85), paint(Look.PLAIN, WHITE))
-    face = front((-0.3, 0), (0.3, 0.85), -0.304, fitted(Look.OVEN, 0.6, 0.85))
+    face = front((-0.3, 0), (0.3, 0.85), -0.304, fit(Look.OVEN, 0.6, 0.85))
     return thing("washing_machine", [body, face], [body])
 
 

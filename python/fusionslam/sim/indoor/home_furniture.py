@@ -10,10 +10,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from fusionslam.sim.canvas import Rgb
 from fusionslam.sim.indoor.objects import Thing, block, cylinder, flat, front, legs, thing
-from fusionslam.sim.indoor.textures import DARK, WHITE, Look, cut, fitted, paint
-from fusionslam.sim.mesh import Mesh, box, join_meshes, panels, tapered_box, triangles, tube
+from fusionslam.sim.indoor.textures import DARK, WHITE, Look, cut, fit
+from fusionslam.sim.mesh import (
+    Mesh,
+    Rgb,
+    box,
+    join_meshes,
+    paint,
+    panels,
+    tapered_box,
+    triangles,
+    tube,
+)
 
 WOODS: tuple[Rgb, ...] = (
     (0.86, 0.66, 0.42),
@@ -151,7 +160,7 @@ def cupboard(
     body = box((-x, -y, 0.0), (x, y, height), wood)
     doors = max(1, round(width / (0.55 if look == Look.CUPBOARD else 1.0)))
     face = front(
-        (-x, 0.02), (x, height - 0.02), -y - 0.004, fitted(look, width / doors, height, style.wood)
+        (-x, 0.02), (x, height - 0.02), -y - 0.004, fit(look, width / doors, height, style.wood)
     )
     return thing(kind, [body, face], [body])
 
@@ -176,7 +185,7 @@ def desk(style: Style) -> Thing:
     wood = paint(Look.WOOD, style.wood)
     top = block((-0.7, -0.35, 0.71), (0.7, 0.35, 0.74), wood)
     drawers = box((0.25, -0.33, 0.04), (0.68, 0.33, 0.71), wood)
-    face = front((0.25, 0.04), (0.68, 0.71), -0.335, fitted(Look.DRAWERS, 0.43, 0.67, style.wood))
+    face = front((0.25, 0.04), (0.68, 0.71), -0.335, fit(Look.DRAWERS, 0.43, 0.67, style.wood))
     panel = box((-0.7, -0.33, 0), (-0.66, 0.33, 0.71), wood)
     screen = block((-0.35, 0.1, 0.84), (0.25, 0.13, 1.2), paint(Look.SCREEN))
     stand = box((-0.1, 0.08, 0.74), (0.0, 0.16, 0.86), paint(Look.PLAIN, DARK))
@@ -188,10 +197,10 @@ def television(style: Style) -> Thing:
     """A low cabinet with a television on it."""
     wood = paint(Look.WOOD, style.wood)
     body = block((-0.8, -0.2, 0.10), (0.8, 0.2, 0.45), wood)
-    face = front((-0.8, 0.10), (0.8, 0.45), -0.204, fitted(Look.DRAWERS, 0.8, 1.05, style.wood))
+    face = front((-0.8, 0.10), (0.8, 0.45), -0.204, fit(Look.DRAWERS, 0.8, 1.05, style.wood))
     feet = legs(1.5, 0.36, 0.10, 0.05, paint(Look.PLAIN, DARK))
     screen = block((-0.6, 0.02, 0.50), (0.6, 0.06, 1.18), paint(Look.PLAIN, DARK))
-    picture = front((-0.58, 0.52), (0.58, 1.16), 0.018, fitted(Look.SCREEN, 1.16, 0.64))
+    picture = front((-0.58, 0.52), (0.58, 1.16), 0.018, fit(Look.SCREEN, 1.16, 0.64))
     stand = box((-0.2, -0.05, 0.45), (0.2, 0.12, 0.51), paint(Look.PLAIN, DARK))
     return thing("television", [body, face, feet, screen, picture, stand], [body, feet, screen])
 
@@ -271,7 +280,7 @@ def toys(rng: np.random.Generator) -> Thing:
 
 def carpet(tint: Rgb, width: float, depth: float, look: Look = Look.RUG) -> Thing:
     """A thin carpet that counts as ground."""
-    cover = fitted(look, width, depth, tint) if look == Look.RUG else paint(look, tint)
+    cover = fit(look, width, depth, tint) if look == Look.RUG else paint(look, tint)
     x, y, z = width / 2, depth / 2, 0.006
     top = panels([[(-x, -y, z), (x, -y, z), (x, y, z), (-x, y, z)]], cover)
     return flat("carpet", [top], is_ground=True)

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from fusionslam.config import Section, option
-from fusionslam.sim.canvas import Rgb
 from fusionslam.sim.indoor import (
     appliances,
     home_furniture,
@@ -31,7 +30,8 @@ from fusionslam.sim.indoor.rooms import (
     spans,
     window,
 )
-from fusionslam.sim.indoor.textures import GREY, WHITE, Look, paint
+from fusionslam.sim.indoor.textures import GREY, WHITE, Look
+from fusionslam.sim.mesh import Rgb, paint
 from fusionslam.sim.world import World
 
 _HEIGHT_M = 2.8

@@ -9,10 +9,9 @@ from functools import cache
 
 import numpy as np
 
-from fusionslam.sim.canvas import Rgb
 from fusionslam.sim.indoor.objects import Thing, block, cylinder, flat, front, legs, thing, wheel
-from fusionslam.sim.indoor.textures import DARK, GREY, WHITE, Look, cut, fitted, paint
-from fusionslam.sim.mesh import Mesh, box, tapered_box, tube
+from fusionslam.sim.indoor.textures import DARK, GREY, WHITE, Look, cut, fit
+from fusionslam.sim.mesh import Mesh, Rgb, box, paint, tapered_box, tube
 
 _STEEL: Rgb = (0.78, 0.80, 0.82)
 
@@ -53,7 +52,7 @@ def sickbed(blanket: Rgb) -> Thing:
 def cabinet(tint: Rgb) -> Thing:
     """A bedside cabinet on castors."""
     body = block((-0.22, -0.2, 0.1), (0.22, 0.2, 0.8), paint(Look.PLAIN, WHITE))
-    face = front((-0.22, 0.1), (0.22, 0.8), -0.204, fitted(Look.DRAWERS, 0.44, 0.7, tint))
+    face = front((-0.22, 0.1), (0.22, 0.8), -0.204, fit(Look.DRAWERS, 0.44, 0.7, tint))
     wheels = _castors(0.44, 0.4, 0.05)
     return thing("bedside_cabinet", [body, face, *wheels], [body, *wheels])
 
@@ -181,7 +180,7 @@ def number_plate(number: int, tint: Rgb) -> Thing:
 def lift(tint: Rgb) -> Thing:
     """Closed lift doors in a frame; their backs are at y = 0."""
     doors = [
-        front((x, 0), (x + 0.55, 2.1), -0.02, fitted(Look.PLAIN, 0.55, 2.1, _STEEL))
+        front((x, 0), (x + 0.55, 2.1), -0.02, fit(Look.PLAIN, 0.55, 2.1, _STEEL))
         for x in (-0.55, 0.0)
     ]
     frame = [

@@ -12,13 +12,13 @@ import numpy as np
 
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
-from fusionslam.sim.canvas import Rgb
 from fusionslam.sim.indoor import appliances, home_furniture
 from fusionslam.sim.indoor.home_furniture import CLOTHS, Style
 from fusionslam.sim.indoor.layout import Layout
 from fusionslam.sim.indoor.objects import Site, Thing
 from fusionslam.sim.indoor.rooms import Opening, Room, build_room, sides, window
-from fusionslam.sim.indoor.textures import GREY, WHITE, Look, paint
+from fusionslam.sim.indoor.textures import GREY, WHITE, Look
+from fusionslam.sim.mesh import Rgb, paint
 from fusionslam.sim.world import World
 
 _HEIGHT_M = 2.7

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fusionslam.sim.indoor.textures import Look, indoor_textures, paint
-from fusionslam.sim.mesh import Mesh, Paint, box, join_meshes, panels, tube
+from fusionslam.sim.indoor.textures import Look, indoor_textures
+from fusionslam.sim.mesh import Mesh, Paint, box, join_meshes, paint, panels, tube
 from fusionslam.sim.motion.occupancy import occupancy_of
 from fusionslam.sim.scene import INDOOR_LIGHT
 from fusionslam.sim.world import Part, World, scene_of

@@ -5,7 +5,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.sim.canvas import Canvas, Rgb, noise
+from fusionslam.sim.canvas import Canvas, noise
+from fusionslam.sim.mesh import Rgb
 
 # A sheet holds CELLS x CELLS prints, numbered from the lower left one, row by row.
 CELLS = 4

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusionslam.sim.canvas import Rgb
 from fusionslam.sim.indoor.objects import Site, Thing, block, flat, front, thing
-from fusionslam.sim.indoor.textures import WHITE, Look, fitted, paint
-from fusionslam.sim.mesh import Mesh, Paint, box, join_meshes, panels
+from fusionslam.sim.indoor.textures import WHITE, Look, fit
+from fusionslam.sim.mesh import Mesh, Paint, Rgb, box, join_meshes, paint, panels
 
 WALL_M = 0.16
 DOOR_M = 2.05
@@ -122,7 +121,7 @@ def build_room(site: Site, room: Room, openings: Sequence[Opening], height: floa
 
 def window(width: float, height: float, frame: Rgb = WHITE) -> Thing:
     """A window with its sill; its back is at y = 0, its lower edge at z = 0."""
-    pane = front((-width / 2, 0), (width / 2, height), -0.006, fitted(Look.WINDOW, width, height))
+    pane = front((-width / 2, 0), (width / 2, height), -0.006, fit(Look.WINDOW, width, height))
     sill = block((-width / 2 - 0.05, -0.06, -0.04), (width / 2 + 0.05, 0, 0), _plain(frame))
     return flat("window", [pane, sill])
 
@@ -197,7 +196,7 @@ def _frame(along: float, opening: Opening) -> Mesh:
 def _put_leaf(site: Site, side: Side, along: float, opening: Opening) -> None:
     """Put an open leaf perpendicular to the wall beside the opening."""
     width = opening.width - 2 * _FRAME_M
-    cover = fitted(Look.DOOR, width, DOOR_M, opening.leaf)
+    cover = fit(Look.DOOR, width, DOOR_M, opening.leaf)
     leaf = block((-width / 2, -0.02, 0.01), (width / 2, 0.02, DOOR_M - _FRAME_M), cover)
     knobs = [
         block(

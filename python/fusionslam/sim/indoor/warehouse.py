@@ -16,7 +16,8 @@ from fusionslam.sim.indoor.home_furniture import CLOTHS
 from fusionslam.sim.indoor.layout import Layout
 from fusionslam.sim.indoor.objects import Site, Thing
 from fusionslam.sim.indoor.rooms import Room, build_room, window
-from fusionslam.sim.indoor.textures import GREY, Look, paint
+from fusionslam.sim.indoor.textures import GREY, Look
+from fusionslam.sim.mesh import paint
 from fusionslam.sim.world import World
 
 _HEIGHT_M = 4.5

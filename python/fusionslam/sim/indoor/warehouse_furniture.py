@@ -6,11 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fusionslam.sim.canvas import Rgb
 from fusionslam.sim.indoor.home_furniture import CLOTHS
 from fusionslam.sim.indoor.objects import Thing, block, cylinder, flat, front, legs, thing, wheel
-from fusionslam.sim.indoor.textures import DARK, GREY, Look, cut, fitted, paint
-from fusionslam.sim.mesh import Mesh, box, panels, tube
+from fusionslam.sim.indoor.textures import DARK, GREY, Look, cut, fit
+from fusionslam.sim.mesh import Mesh, Rgb, box, paint, panels, tube
 
 BAY_M = 2.7
 DEPTH_M = 1.1
@@ -103,7 +102,7 @@ def _cartons(rng: np.random.Generator, width: float, depth: float, height: float
         )
         gap = rng.uniform(0.0, 0.03, 2)
         high = np.add(low, (width / 2 - 0.01 - gap[0], depth / 2 - 0.01 - gap[1], rise))
-        shapes.append(box(low, high, fitted(Look.CARDBOARD, width / 2, rise, tint)))
+        shapes.append(box(low, high, fit(Look.CARDBOARD, width / 2, rise, tint)))
     return (shapes, shapes) if shapes else _one_carton(rng, width, depth, height)
 
 
@@ -112,7 +111,7 @@ def _one_carton(rng: np.random.Generator, width: float, depth: float, height: fl
     x, y = 0.48 * width, 0.48 * depth
     top = height * rng.uniform(0.55, 1.0)
     tint = CLOTHS[rng.integers(len(CLOTHS))]
-    body = box((-x, -y, 0), (x, y, top), fitted(Look.CARDBOARD, 2 * x, top))
+    body = box((-x, -y, 0), (x, y, top), fit(Look.CARDBOARD, 2 * x, top))
     label = front((-0.15, 0.3 * top), (0.15, 0.3 * top + 0.2), -y - 0.004, paint(Look.PLAIN, tint))
     return [body, label, label.move((0, 0, 0), np.pi)], [body]
 
@@ -127,7 +126,7 @@ def _crates(rng: np.random.Generator, width: float, depth: float, height: float)
                 (-width / 2 + column * width / 2, -depth / 2 + row * depth / 2, 0.3 * layer)
             )
             high = np.add(low, (width / 2 - 0.02, depth / 2 - 0.02, 0.28))
-            shapes.append(box(low, high, fitted(Look.CRATE, width / 2, 0.28, tint)))
+            shapes.append(box(low, high, fit(Look.CRATE, width / 2, 0.28, tint)))
     return shapes, shapes
 
 
@@ -187,7 +186,7 @@ def workbench(rng: np.random.Generator) -> Thing:
     roll = tube((-0.7, 0.2, 1.0), (-0.2, 0.2, 1.0), (0.1, 0.1), paint(Look.PLAIN, (0.9,) * 3), 10)
     tint = CLOTHS[rng.integers(len(CLOTHS))]
     crates = [
-        box((x, -0.25, z), (x + 0.4, 0.15, z + 0.25), fitted(Look.CRATE, 0.4, 0.25, tint))
+        box((x, -0.25, z), (x + 0.4, 0.15, z + 0.25), fit(Look.CRATE, 0.4, 0.25, tint))
         for x, z in ((0.1, 0.89), (-0.6, 0.28), (0.2, 0.28))
     ]
     return thing(

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.sim.mesh import Mesh, Paint, box, join_meshes, panels
+from fusionslam.sim.mesh import Mesh, Paint, Rgb, box, join_meshes, paint, panels
 from fusionslam.sim.town.facades import FACADES, FLOOR_M
-from fusionslam.sim.town.textures import EXTENT, FACADE_COUNT, Look
-
-Rgb = tuple[float, float, float]
+from fusionslam.sim.town.textures import Look
 
 WALL_TINTS: tuple[Rgb, ...] = (
     (0.72, 0.36, 0.28),
@@ -55,14 +53,9 @@ class HouseType:
     door: Rgb
 
 
-def paint(look: Look, tint: Rgb = (1.0, 1.0, 1.0)) -> Paint:
-    """A paint of one of the town's textures at its natural size."""
-    return Paint(int(look), tint, EXTENT[look])
-
-
 def house_type(rng: np.random.Generator, kind: str, wall: Rgb) -> HouseType:
     """Draw a random type of ``kind`` ("row", "villa" or "flats") with walls of one colour."""
-    facade = int(rng.integers(FACADE_COUNT))
+    facade = int(rng.integers(len(FACADES)))
     bay = FACADES[facade].bay_m
     widths = {"row": (6, 10), "villa": (8, 13), "flats": (16, 24)}[kind]
     floors = {"row": (2, 4), "villa": (1, 2), "flats": (4, 6)}[kind]
@@ -94,7 +87,7 @@ def house(kind: HouseType, rng: np.random.Generator) -> Mesh:
 def _walls(kind: HouseType, rng: np.random.Generator) -> Mesh:
     bay = FACADES[kind.facade].bay_m
     offset = (rng.integers(4) * bay / 12.0, rng.integers(4) / 4.0)
-    cover = Paint(Look.FACADE + kind.facade, kind.wall, EXTENT[Look.FACADE], offset)
+    cover = Paint(Look.FACADE + kind.facade, kind.wall, Look.FACADE.extent, offset)
     sides = box((0, 0, 0), (kind.width, kind.depth, kind.floors * FLOOR_M), cover)
     base = box((-0.06, -0.06, 0), (kind.width + 0.06, kind.depth + 0.06, 0.5), _base_paint())
     return join_meshes([sides, base])

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
-from fusionslam.sim.mesh import Mesh, box, join_meshes, panels
+from fusionslam.sim.mesh import Mesh, box, join_meshes, paint, panels
 from fusionslam.sim.scene import Scene
 from fusionslam.sim.town import street_furniture
-from fusionslam.sim.town.houses import WALL_TINTS, HouseType, house, house_type, paint
+from fusionslam.sim.town.houses import WALL_TINTS, HouseType, house, house_type
 from fusionslam.sim.town.textures import Look, town_textures
 from fusionslam.sim.world import Part, scene_of
 

@@ -6,8 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from fusionslam.sim.mesh import Mesh, box, join_meshes, tapered_box, triangles, tube
-from fusionslam.sim.town.houses import Rgb, paint
+from fusionslam.sim.mesh import (
+    Mesh,
+    Rgb,
+    box,
+    join_meshes,
+    paint,
+    tapered_box,
+    triangles,
+    tube,
+)
 from fusionslam.sim.town.textures import Look
 from fusionslam.storage.arrays import Floats
 
