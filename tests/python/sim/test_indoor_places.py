@@ -19,7 +19,8 @@ from fusionslam.sim.indoor import (
     indoor_places,
     make_indoor,
 )
-from fusionslam.sim.indoor.home_furniture import WOODS, Style, chair, table
+from fusionslam.sim.indoor.furniture import WOODS, Style, make_piece
+from fusionslam.sim.indoor.home_furniture import table
 from fusionslam.sim.indoor.layout import Layout
 from fusionslam.sim.indoor.objects import Site
 from fusionslam.sim.indoor.rooms import Opening, Room
@@ -159,7 +160,7 @@ def test_nothing_is_put_between_a_door_and_the_middle_of_a_room() -> None:
         layout = Layout(site, room, [door], np.random.default_rng(seed))
         while layout.along_wall(table(style, 1.0, 0.6)):
             pass
-        while layout.anywhere(chair(style)):
+        while layout.anywhere(make_piece("chair", style)):
             pass
         world = site.world("cell", 0, room.centre)
         assert world.map is not None

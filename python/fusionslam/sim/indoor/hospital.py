@@ -12,12 +12,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from fusionslam.config import Section, option
-from fusionslam.sim.indoor import (
-    appliances,
-    home_furniture,
-    hospital_furniture,
-)
-from fusionslam.sim.indoor.home_furniture import CLOTHS, Style
+from fusionslam.sim.indoor import home_furniture, hospital_furniture
+from fusionslam.sim.indoor.furniture import CLOTHS, Style, make_piece
 from fusionslam.sim.indoor.layout import Layout
 from fusionslam.sim.indoor.objects import Site, Thing
 from fusionslam.sim.indoor.rooms import (
@@ -171,25 +167,25 @@ def _furnish_ward(site: Site, room: Room, clutter: float, rng: np.random.Generat
     tint = _CURTAINS[rng.integers(len(_CURTAINS))]
     for y in (-1.35, 0.95):
         blanket = _BLANKETS[rng.integers(len(_BLANKETS))]
-        put(hospital_furniture.sickbed(blanket), -wall + 1.1, y, np.pi / 2)
-        put(hospital_furniture.cabinet(_DOOR_TINT), -wall + 0.26, y + 0.75, np.pi / 2)
+        put(make_piece("sickbed", tint=blanket), -wall + 1.1, y, np.pi / 2)
+        put(make_piece("bedside_cabinet", tint=_DOOR_TINT), -wall + 0.26, y + 0.75, np.pi / 2)
         if rng.random() < clutter:
-            put(hospital_furniture.drip_stand(), -wall + rng.uniform(0.9, 1.6), y - 0.82, 0.0)
+            put(make_piece("drip_stand"), -wall + rng.uniform(0.9, 1.6), y - 0.82, 0.0)
     put(
         hospital_furniture.bed_curtain(tint, float(rng.uniform(0.4, 1.6))), -wall + 1.15, -0.15, 0.0
     )
     put(window(2.2, 1.3), 0.0, -wall, np.pi, 0.95)
-    put(hospital_furniture.radiator(), 0.9, -wall + 0.08, np.pi)
-    put(appliances.washbasin(), -1.5, wall - 0.23, 0.0)
+    put(make_piece("radiator"), 0.9, -wall + 0.08, np.pi)
+    put(make_piece("washbasin"), -1.5, wall - 0.23, 0.0)
     locker = home_furniture.cupboard(
         Style(WHITE, WHITE, WHITE), 1.2, 0.5, 1.9, Look.CUPBOARD, "locker"
     )
     put(locker, wall - 0.28, -0.9, -np.pi / 2)
-    pail = home_furniture.waste_bin(CLOTHS[rng.integers(len(CLOTHS))])
+    pail = make_piece("bin", tint=CLOTHS[rng.integers(len(CLOTHS))])
     put(pail, wall - 0.2, rng.uniform(-0.05, 1.0), 0.0)
     put(home_furniture.picture(int(rng.integers(16)), 0.6, 0.45), wall, 0.6, -np.pi / 2, 1.2)
     if rng.random() < clutter:
-        seat = home_furniture.chair(Style(GREY, CLOTHS[rng.integers(len(CLOTHS))], WHITE))
+        seat = make_piece("chair", Style(GREY, CLOTHS[rng.integers(len(CLOTHS))], WHITE))
         put(seat, rng.uniform(0.9, 1.5), -wall + 0.45, np.pi)
     if rng.random() < 0.5 * clutter:
         put(home_furniture.plant(rng), wall - 0.35, -wall + 0.35, 0.0)
@@ -225,7 +221,7 @@ def _furnish_corridor(
     for _ in range(round(long / 3.5)):
         if rng.random() < clutter:
             layout.along_wall(_corridor_thing(rng))
-    layout.along_wall(hospital_furniture.extinguisher())
+    layout.along_wall(make_piece("extinguisher"))
     for _ in range(max(1, round(long / 9))):
         layout.on_wall(home_furniture.picture(int(rng.integers(16)), 0.9, 0.7), 1.25)
 
@@ -235,19 +231,19 @@ def _corridor_thing(rng: np.random.Generator) -> Thing:
     makers: tuple[Callable[[], Thing], ...] = (
         lambda: hospital_furniture.bench((0.24, 0.44, 0.70), 3),
         lambda: hospital_furniture.bench((0.24, 0.44, 0.70), 2),
-        lambda: hospital_furniture.trolley(tint),
+        lambda: make_piece("trolley", tint=tint),
         lambda: home_furniture.plant(rng),
-        lambda: home_furniture.waste_bin(tint),
+        lambda: make_piece("bin", tint=tint),
     )
     return makers[rng.integers(len(makers))]()
 
 
 def _office(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
     style = Style(_DOOR_TINT, CLOTHS[rng.integers(len(CLOTHS))], GREY)
-    layout.along_wall(home_furniture.desk(style))
+    layout.along_wall(make_piece("desk", style))
     layout.along_wall(home_furniture.bookcase(rng, style, 1.2, 1.9))
     for _ in range(2):
-        layout.along_wall(home_furniture.chair(style))
+        layout.along_wall(make_piece("chair", style))
     _extras(layout, clutter, rng)
 
 
@@ -255,31 +251,27 @@ def _store(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
     style = Style(GREY, WHITE, WHITE)
     for width in (1.5, 1.2, 1.2):
         layout.along_wall(home_furniture.cupboard(style, width, 0.5, 1.9, Look.CUPBOARD, "locker"))
-    for make in (
-        hospital_furniture.wheelchair,
-        hospital_furniture.drip_stand,
-        lambda: hospital_furniture.trolley(CLOTHS[3]),
-    ):
+    for kind in ("wheelchair", "drip_stand", "trolley"):
         if rng.random() < max(clutter, 0.3):
-            layout.along_wall(make())
+            layout.along_wall(make_piece(kind, tint=CLOTHS[3]))
 
 
 def _treatment(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
     tint = CLOTHS[rng.integers(len(CLOTHS))]
-    layout.along_wall(hospital_furniture.couch(tint))
-    layout.along_wall(appliances.washbasin())
-    layout.along_wall(hospital_furniture.trolley(tint))
-    layout.along_wall(home_furniture.stool(Style(GREY, tint, tint)))
+    layout.along_wall(make_piece("couch", tint=tint))
+    layout.along_wall(make_piece("washbasin"))
+    layout.along_wall(make_piece("trolley", tint=tint))
+    layout.along_wall(make_piece("stool", Style(GREY, tint, tint)))
     _extras(layout, clutter, rng)
 
 
 def _waiting(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
     tint = CLOTHS[rng.integers(len(CLOTHS))]
-    layout.along_wall(hospital_furniture.reception(_DOOR_TINT))
+    layout.along_wall(make_piece("reception", tint=_DOOR_TINT))
     for _ in range(3):
         layout.along_wall(hospital_furniture.bench(tint, 2))
     layout.along_wall(home_furniture.plant(rng))
-    layout.on_wall(hospital_furniture.lift(tint), 0.0)
+    layout.on_wall(make_piece("lift", tint=tint), 0.0)
     layout.lay(home_furniture.carpet(tint, 2.0, 2.0, Look.CARPET))
     _extras(layout, clutter, rng)
 
@@ -287,7 +279,7 @@ def _waiting(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
 def _extras(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
     if rng.random() < clutter:
         layout.along_wall(home_furniture.plant(rng))
-    layout.along_wall(home_furniture.waste_bin(CLOTHS[rng.integers(len(CLOTHS))]))
+    layout.along_wall(make_piece("bin", tint=CLOTHS[rng.integers(len(CLOTHS))]))
     layout.on_wall(home_furniture.picture(int(rng.integers(16)), 0.8, 0.6), 1.2)
 
 

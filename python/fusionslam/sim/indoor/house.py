@@ -12,8 +12,8 @@ import numpy as np
 
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
-from fusionslam.sim.indoor import appliances, home_furniture
-from fusionslam.sim.indoor.home_furniture import CLOTHS, Style
+from fusionslam.sim.indoor import home_furniture
+from fusionslam.sim.indoor.furniture import CLOTHS, WOODS, Style, make_piece
 from fusionslam.sim.indoor.layout import Layout
 from fusionslam.sim.indoor.objects import Site, Thing
 from fusionslam.sim.indoor.rooms import Opening, Room, build_room, sides, window
@@ -115,7 +115,7 @@ def _room(
         (Look.PLASTER, Look.PLASTER, Look.STRIPES, Look.FLOWERS)[rng.integers(4)],
         _WALLS[rng.integers(len(_WALLS))],
     )
-    wood = home_furniture.WOODS[rng.integers(4)]
+    wood = WOODS[rng.integers(4)]
     floor = paint((Look.PLANKS, Look.PARQUET)[rng.integers(2)], wood)
     if _kind(name) in ("kitchen", "bathroom"):
         floor = paint(Look.TILES, ((0.9, 0.86, 0.8), (0.62, 0.64, 0.68))[rng.integers(2)])
@@ -146,7 +146,7 @@ def _openings(rooms: list[Room], rng: np.random.Generator) -> list[Opening]:
     hall, *others = rooms
     found = []
     for room in others:
-        leaf_tint = home_furniture.WOODS[rng.integers(len(home_furniture.WOODS))]
+        leaf_tint = WOODS[rng.integers(len(WOODS))]
         y = hall.high[1] if room.low[1] >= hall.high[1] else hall.low[1]
         reach = (room.high[0] - room.low[0]) / 2 - 0.75
         x = room.centre[0] + float(rng.uniform(-1, 1)) * min(reach, 1.0)
@@ -177,35 +177,34 @@ def _put_windows(layout: Layout, room: Room, config: HouseConfig, rng: np.random
 
 def _living(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
     layout.along_wall(home_furniture.sofa(style, float(rng.choice((1.9, 2.2)))))
-    layout.along_wall(home_furniture.television(style))
-    special = (home_furniture.fireplace, home_furniture.piano)[rng.integers(2)]
-    layout.along_wall(special(style))
+    layout.along_wall(make_piece("television", style))
+    layout.along_wall(make_piece(("fireplace", "piano")[rng.integers(2)], style))
     layout.along_wall(home_furniture.sofa(style, 0.9, "armchair"))
     layout.along_wall(home_furniture.bookcase(rng, style, 1.2, 1.9))
-    layout.anywhere(home_furniture.coffee_table(style))
+    layout.anywhere(make_piece("coffee_table", style))
     layout.lay(home_furniture.carpet(style.accent, 2.2, 1.5))
     _small_things(layout, style, clutter, rng)
 
 
 def _kitchen(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.along_wall(appliances.counter(style, 4, oven=int(rng.integers(4))))
-    layout.along_wall(appliances.fridge((WHITE, GREY, style.accent)[rng.integers(3)]))
+    layout.along_wall(home_furniture.counter(style, 4, oven=int(rng.integers(4))))
+    layout.along_wall(make_piece("fridge", tint=(WHITE, GREY, style.accent)[rng.integers(3)]))
     _dining(layout, style, rng)
-    layout.along_wall(appliances.counter(style, 2))
+    layout.along_wall(home_furniture.counter(style, 2))
     _small_things(layout, style, clutter, rng, pictures=1)
 
 
 def _dining(layout: Layout, style: Style, rng: np.random.Generator) -> None:
     """Put a table with chairs into the room if they fit, else a small table at a wall."""
     if rng.random() < 0.5:
-        chairs = [(home_furniture.chair(style), x, -0.5, 0.0) for x in (-0.35, 0.35)]
-        chairs += [(home_furniture.chair(style), x, 0.5, np.pi) for x in (-0.35, 0.35)]
+        chairs = [(make_piece("chair", style), x, -0.5, 0.0) for x in (-0.35, 0.35)]
+        chairs += [(make_piece("chair", style), x, 0.5, np.pi) for x in (-0.35, 0.35)]
         base = home_furniture.table(style, 1.5, 0.8)
     else:
         chairs = [
-            (home_furniture.chair(style), 0.0, y, yaw) for y, yaw in ((-0.55, 0.0), (0.55, np.pi))
+            (make_piece("chair", style), 0.0, y, yaw) for y, yaw in ((-0.55, 0.0), (0.55, np.pi))
         ]
-        base = home_furniture.round_table(style)
+        base = make_piece("round_table", style)
     chairs = [(seat, x, y, yaw + np.pi) for seat, x, y, yaw in chairs]
     whole = home_furniture.group("dining_set", [(base, 0.0, 0.0, 0.0), *chairs])
     if not (layout.anywhere(whole) or layout.along_wall(whole)):
@@ -229,8 +228,8 @@ def _study(layout: Layout, style: Style, clutter: float, rng: np.random.Generato
         home_furniture.group(
             "workplace",
             [
-                (home_furniture.desk(style), 0.0, 0.1, 0.0),
-                (home_furniture.chair(style), -0.2, -0.3, np.pi),
+                (make_piece("desk", style), 0.0, 0.1, 0.0),
+                (make_piece("chair", style), -0.2, -0.3, np.pi),
             ],
         )
     )
@@ -241,13 +240,13 @@ def _study(layout: Layout, style: Style, clutter: float, rng: np.random.Generato
 
 
 def _bathroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.along_wall(appliances.bathtub(style.cloth))
-    layout.along_wall(appliances.washbasin())
-    layout.along_wall(appliances.toilet())
-    layout.along_wall(appliances.washing_machine())
+    layout.along_wall(make_piece("bathtub", tint=style.cloth))
+    layout.along_wall(make_piece("washbasin"))
+    layout.along_wall(make_piece("toilet"))
+    layout.along_wall(make_piece("washing_machine"))
     layout.lay(home_furniture.carpet(style.accent, 0.9, 0.6, Look.CARPET))
     if rng.random() < clutter:
-        layout.along_wall(home_furniture.waste_bin(style.accent))
+        layout.along_wall(make_piece("bin", tint=style.accent))
 
 
 def _playroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
@@ -256,7 +255,7 @@ def _playroom(layout: Layout, style: Style, clutter: float, rng: np.random.Gener
     layout.along_wall(home_furniture.cupboard(style, 0.9, 0.45, 0.85, Look.DRAWERS, "chest"))
     for _ in range(3):
         layout.anywhere(home_furniture.toys(rng))
-    layout.anywhere(home_furniture.stool(style))
+    layout.anywhere(make_piece("stool", style))
     layout.lay(home_furniture.carpet(style.cloth, 1.8, 1.8, Look.PLAID))
     _small_things(layout, style, clutter, rng, pictures=3)
 
@@ -275,9 +274,9 @@ def _small_things(
     """Put plants, lamps, bins and pictures, which distinguish rooms of one kind."""
     makers: tuple[Callable[[], Thing], ...] = (
         lambda: home_furniture.plant(rng),
-        lambda: home_furniture.lamp(style),
-        lambda: home_furniture.waste_bin(style.accent),
-        lambda: home_furniture.stool(style),
+        lambda: make_piece("lamp", style),
+        lambda: make_piece("bin", tint=style.accent),
+        lambda: make_piece("stool", style),
     )
     for make in makers:
         if rng.random() < clutter:

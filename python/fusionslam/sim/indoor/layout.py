@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.sim.indoor.objects import Site, Thing
-from fusionslam.sim.indoor.rooms import WALL_M, Opening, Room, Side, openings_of, sides
+from fusionslam.sim.indoor.rooms import WALL_M, Opening, Room, openings_of, sides
+from fusionslam.sim.side import Side
 
 # A robot of 0.22 m radius passes through a lane with room to spare.
 LANE_M = 0.80
@@ -64,10 +65,6 @@ class Layout:
             if self._stand(thing, x, y, float(self._rng.integers(4) * np.pi / 2)):
                 return True
         return False
-
-    def beside(self, thing: Thing, x: float, y: float, yaw: float) -> bool:
-        """Stand a thing at a given place if it is free and within the room."""
-        return self._stand(thing, x, y, yaw)
 
     def lay(self, carpet: Thing) -> None:
         """Lay a carpet in the middle of the room, along its longer side."""

@@ -10,6 +10,7 @@ import numpy as np
 from fusionslam.sim.indoor.objects import Site, Thing, block, flat, front, thing
 from fusionslam.sim.indoor.textures import WHITE, Look, fit
 from fusionslam.sim.mesh import Mesh, Paint, Rgb, box, join_meshes, paint, panels
+from fusionslam.sim.side import Side
 
 WALL_M = 0.16
 DOOR_M = 2.05
@@ -53,28 +54,6 @@ class Opening:
     leaf_in: str = ""
     leaf: Rgb = WHITE
     hinge: int = 1
-
-
-@dataclass(frozen=True)
-class Side:
-    """One wall of a room, running with the room to its left; positions are (along, inward)."""
-
-    start: tuple[float, float]
-    yaw: float
-    length: float
-
-    def at(self, along: float, inward: float) -> tuple[float, float]:
-        """x, y of a position, metres."""
-        c, s = np.cos(self.yaw), np.sin(self.yaw)
-        x = self.start[0] + c * along - s * inward
-        y = self.start[1] + s * along + c * inward
-        return float(x), float(y)
-
-    def along(self, x: float, y: float) -> tuple[float, float]:
-        """(along, inward) of a point, metres."""
-        c, s = np.cos(self.yaw), np.sin(self.yaw)
-        dx, dy = x - self.start[0], y - self.start[1]
-        return float(c * dx + s * dy), float(c * dy - s * dx)
 
 
 def sides(room: Room) -> tuple[Side, ...]:

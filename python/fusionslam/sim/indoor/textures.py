@@ -15,6 +15,7 @@ from fusionslam.storage.arrays import Image
 GREY: Rgb = (0.62, 0.63, 0.65)
 DARK: Rgb = (0.22, 0.22, 0.24)
 WHITE: Rgb = (0.97, 0.97, 0.95)
+STEEL: Rgb = (0.78, 0.80, 0.82)
 
 
 class Look(Texture):

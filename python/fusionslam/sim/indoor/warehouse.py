@@ -12,7 +12,7 @@ import numpy as np
 
 from fusionslam.config import Section, option
 from fusionslam.sim.indoor import warehouse_furniture
-from fusionslam.sim.indoor.home_furniture import CLOTHS
+from fusionslam.sim.indoor.furniture import CLOTHS, make_piece
 from fusionslam.sim.indoor.layout import Layout
 from fusionslam.sim.indoor.objects import Site, Thing
 from fusionslam.sim.indoor.rooms import Room, build_room, window
@@ -120,7 +120,7 @@ def _put_racks(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.
         )
         for y, yaw in ((ends[0], 0.0), (ends[1], np.pi)):
             outward = -np.cos(yaw)
-            site.put(warehouse_furniture.guard_rail(), x, y + 0.2 * outward)
+            site.put(make_piece("guard_rail"), x, y + 0.2 * outward)
             site.put(warehouse_furniture.row_sign(number), x, y, yaw, z=1.6)
 
 
@@ -144,9 +144,9 @@ def _put_yard(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.G
     for number, x in enumerate(plan.row_x):
         if number == parked:
             tint = CLOTHS[rng.integers(len(CLOTHS))]
-            site.put(warehouse_furniture.forklift(tint), x, start - 1.8, -np.pi / 2)
+            site.put(make_piece("forklift", tint=tint), x, start - 1.8, -np.pi / 2)
         elif number % 2:
-            site.put(warehouse_furniture.column(), x, start - 0.7)
+            site.put(make_piece("column"), x, start - 0.7)
 
 
 def _put_goods(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.Generator) -> None:

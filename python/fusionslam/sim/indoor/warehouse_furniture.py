@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fusionslam.sim.indoor.home_furniture import CLOTHS
+from fusionslam.sim.indoor.furniture import CLOTHS
 from fusionslam.sim.indoor.objects import Thing, block, cylinder, flat, front, legs, thing, wheel
 from fusionslam.sim.indoor.textures import DARK, GREY, Look, cut, fit
 from fusionslam.sim.mesh import Mesh, Rgb, box, paint, panels, tube
@@ -157,25 +157,6 @@ def loaded_pallet(rng: np.random.Generator) -> Thing:
     return thing("pallet", seen, hit)
 
 
-def forklift(tint: Rgb) -> Thing:
-    """A fork-lift along x whose forks reach towards +x."""
-    body, dark = paint(Look.PLAIN, tint), paint(Look.PLAIN, DARK)
-    hull = block((-1.0, -0.5, 0.22), (0.5, 0.5, 0.95), body)
-    weight = block((-1.1, -0.45, 0.3), (-0.7, 0.45, 1.2), dark)
-    roof = block((-0.8, -0.45, 2.0), (0.4, 0.45, 2.06), dark)
-    posts = [
-        block((x, y - 0.03, 0.9), (x + 0.06, y + 0.03, 2.0), dark)
-        for x in (-0.8, 0.34)
-        for y in (-0.42, 0.42)
-    ]
-    mast = [block((0.55, y, 0.05), (0.68, y + 0.1, 2.1), dark) for y in (-0.35, 0.25)]
-    forks = [block((0.68, y, 0.06), (1.7, y + 0.12, 0.11), dark) for y in (-0.3, 0.18)]
-    wheels = [wheel(x, y, 0.23, 0.18, dark) for x in (-0.65, 0.3) for y in (-0.45, 0.45)]
-    solid = [hull, weight, roof, *posts, *mast, *forks, *wheels]
-    stripe = front((-1.0, 0.3), (0.5, 0.42), -0.504, paint(Look.HAZARD))
-    return thing("forklift", [*solid, stripe], solid)
-
-
 def workbench(rng: np.random.Generator) -> Thing:
     """A packing bench with a shelf, a roll of film and a few crates."""
     wood, metal = paint(Look.WOOD, _TIMBER), paint(Look.PLAIN, GREY)
@@ -192,13 +173,6 @@ def workbench(rng: np.random.Generator) -> Thing:
     return thing(
         "workbench", [top, board, feet, wall, roll, *crates], [top, board, feet, wall, *crates]
     )
-
-
-def column() -> Thing:
-    """A steel column with a striped foot."""
-    post = box((-0.14, -0.14, 0), (0.14, 0.14, 4.5), paint(Look.PLAIN, GREY))
-    guard = box((-0.18, -0.18, 0), (0.18, 0.18, 0.8), paint(Look.HAZARD))
-    return thing("column", [post, guard], [post, guard])
 
 
 def cage(rng: np.random.Generator) -> Thing:
@@ -245,12 +219,6 @@ def row_sign(number: int) -> Thing:
     plate = block((-0.25, -0.02, 0), (0.25, 0, 0.5), paint(Look.PLAIN, _BLUE))
     face = front((-0.22, 0.03), (0.22, 0.47), -0.023, cut(Look.LABELS, number, 0.44, 0.44, _YELLOW))
     return flat("sign", [plate, face])
-
-
-def guard_rail() -> Thing:
-    """A low striped rail along x, in front of the end of a row of racks."""
-    rail = block((-0.55, -0.05, 0.0), (0.55, 0.05, 0.35), paint(Look.HAZARD))
-    return thing("guard_rail", [rail], [rail])
 
 
 def marking(width: float, depth: float, tint: Rgb) -> Thing:

@@ -7,7 +7,6 @@ An extra ring of blocks surrounds the configured ones, so that every street has 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import cycle
 
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from fusionslam.config import Section, option
 from fusionslam.sim.mesh import Mesh, box, join_meshes, paint, panels
 from fusionslam.sim.scene import Scene
+from fusionslam.sim.side import Side
 from fusionslam.sim.town import street_furniture
 from fusionslam.sim.town.houses import WALL_TINTS, HouseType, house, house_type
 from fusionslam.sim.town.textures import Look, town_textures
@@ -45,26 +45,6 @@ class TownConfig(Section):
     parks: float = option(0.12, "share of blocks that are parks", ge=0, le=1)
     street_trees: float = option(0.5, "share of street sides lined with trees", ge=0, le=1)
     parked_cars: float = option(0.30, "share of parking places taken on each lap", ge=0, le=1)
-
-
-@dataclass(frozen=True)
-class Side:
-    """One side of a block: its street edge runs from ``start`` for ``length`` metres.
-
-    Positions are (along, inward): metres along the edge, with the block to the left, and into the
-    block.
-    """
-
-    start: tuple[float, float]
-    yaw: float
-    length: float
-
-    def place(self, mesh: Mesh, along: float, inward: float, z: float = 0.0) -> Mesh:
-        """Place a mesh that faces -y on this side, facing the street."""
-        c, s = np.cos(self.yaw), np.sin(self.yaw)
-        x = self.start[0] + c * along - s * inward
-        y = self.start[1] + s * along + c * inward
-        return mesh.move((x, y, z), self.yaw)
 
 
 def make_town(config: TownConfig, lap: int = 0) -> Scene:
@@ -108,7 +88,7 @@ def _parked_cars(config: TownConfig, lap: int) -> list[Mesh]:
                 if rng.random() < taken:
                     shift, turn = rng.uniform(-0.4, 0.4), np.pi * rng.integers(2)
                     vehicle = street_furniture.car(rng).move((0, 0, 0), turn + rng.normal(0, 0.02))
-                    cars.append(side.place(vehicle, along + shift, -0.5 * PARKING_M - 0.05))
+                    cars.append(_place(side, vehicle, along + shift, -0.5 * PARKING_M - 0.05))
     return cars
 
 
@@ -131,6 +111,11 @@ def _sides(corner: tuple[float, float], size: float) -> list[Side]:
     x, y = corner
     starts = ((x, y), (x + size, y), (x + size, y + size), (x, y + size))
     return [Side(start, k * np.pi / 2, size) for k, start in enumerate(starts)]
+
+
+def _place(side: Side, mesh: Mesh, along: float, inward: float, z: float = 0.0) -> Mesh:
+    """Place a mesh that faces -y on one side of a block, facing the street."""
+    return mesh.move((*side.at(along, inward), z), side.yaw)
 
 
 def _block(
@@ -176,7 +161,7 @@ def _house_row(
         if along + chosen.width > side.length - margin:
             break
         back = setback + (rng.uniform(0, 2.5) if kind == "villa" else rng.choice((0.0, 0.4)))
-        parts.append(side.place(house(chosen, rng), along, back, _CURB_M))
+        parts.append(_place(side, house(chosen, rng), along, back, _CURB_M))
         if kind != "row":
             parts += _front_garden(side, along, chosen.width, back, rng)
         along += chosen.width + rng.uniform(*gaps) + (3.0 if rng.random() < 0.12 else 0.0)
@@ -196,10 +181,10 @@ def _front_garden(
         for start, end in ((0.0, opening), (opening + 1.6, width + 1.0)):
             if end - start > 0.5:
                 piece = make[border](end - start, height)
-                parts.append(side.place(piece, along + start, PAVEMENT_M + 0.1, _CURB_M))
+                parts.append(_place(side, piece, along + start, PAVEMENT_M + 0.1, _CURB_M))
     if back > PAVEMENT_M + 3 and rng.random() < 0.7:
         plant = street_furniture.bush(rng) if rng.random() < 0.6 else street_furniture.conifer(rng)
-        parts.append(side.place(plant, along + rng.uniform(0, width), PAVEMENT_M + 1.6, _CURB_M))
+        parts.append(_place(side, plant, along + rng.uniform(0, width), PAVEMENT_M + 1.6, _CURB_M))
     return parts
 
 
@@ -208,18 +193,18 @@ def _street_furniture(config: TownConfig, side: Side, rng: np.random.Generator) 
     parts = []
     for along in np.arange(rng.uniform(2, 12), side.length - 2, 22.0):
         parts.append(
-            side.place(street_furniture.lamp(rng), along + rng.uniform(-2, 2), 0.4, _CURB_M)
+            _place(side, street_furniture.lamp(rng), along + rng.uniform(-2, 2), 0.4, _CURB_M)
         )
     for _ in range(int(rng.integers(1, 4))):
         make = street_furniture.sign if rng.random() < 0.6 else street_furniture.litter_bin
         place = rng.uniform(2, side.length - 2)
-        parts.append(side.place(make(rng), place, rng.uniform(0.35, 0.6), _CURB_M))
+        parts.append(_place(side, make(rng), place, rng.uniform(0.35, 0.6), _CURB_M))
     if rng.random() < config.street_trees:
         step = rng.uniform(7, 12)
         for along in np.arange(rng.uniform(4, 9), side.length - 4, step):
             if rng.random() < 0.75:
                 place = along + rng.uniform(-1.5, 1.5)
-                parts.append(side.place(street_furniture.tree(rng), place, 0.8, _CURB_M))
+                parts.append(_place(side, street_furniture.tree(rng), place, 0.8, _CURB_M))
     return parts
 
 
@@ -227,9 +212,9 @@ def _park_edge(side: Side, rng: np.random.Generator) -> list[Mesh]:
     parts = []
     if rng.random() < 0.6:
         border = street_furniture.hedge(side.length - 14, rng.uniform(0.6, 1.1))
-        parts.append(side.place(border, 7.0, PAVEMENT_M + 0.1, _CURB_M))
+        parts.append(_place(side, border, 7.0, PAVEMENT_M + 0.1, _CURB_M))
     for along in rng.uniform(8, side.length - 8, 2):
-        parts.append(side.place(street_furniture.bench(), along, PAVEMENT_M + 1.2, _CURB_M))
+        parts.append(_place(side, street_furniture.bench(), along, PAVEMENT_M + 1.2, _CURB_M))
     return parts
 
 
