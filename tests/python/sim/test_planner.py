@@ -3,7 +3,6 @@
 """Drives: within a robot's limits, within the free space, through all of it and back."""
 
 from itertools import pairwise, permutations
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +16,8 @@ from benchmarks.accuracy.drives import covered, exceeds, revisits
 from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.sim.indoor import INDOOR_WORLDS, make_indoor
 from fusionslam.sim.motion.clearance import check_trajectory
-from fusionslam.sim.motion.map_files import read_map
 from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part
 from fusionslam.sim.motion.path_following import DriveLimits, drive
 from fusionslam.sim.motion.planner import PlanConfig, plan_trajectory
@@ -228,11 +227,10 @@ def test_plans_without_room_or_sense_are_refused() -> None:
         merged(PlanConfig(), {"limits": {"max_speed_m_s": 0.0}})
 
 
-@pytest.mark.parametrize(("name", "shares"), [("small_house", 0.3), ("warehouse", 0.25)])
-def test_drives_through_shared_worlds_keep_clear_and_come_back(
-    test_data: Path, name: str, shares: float
-) -> None:
-    grid = read_map(test_data / "worlds" / f"{name}.map.yaml")
+@pytest.mark.parametrize(("name", "shares"), [("house", 0.3), ("warehouse", 0.25)])
+def test_drives_through_furnished_worlds_keep_clear_and_come_back(name: str, shares: float) -> None:
+    grid = make_indoor(INDOOR_WORLDS[name].config()).map
+    assert grid is not None
     config = PlanConfig(length_m=150.0)
     found = plan_trajectory(grid, config)
     check_trajectory(found, grid, config.clearance_m)

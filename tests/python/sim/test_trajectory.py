@@ -160,11 +160,11 @@ def test_short_times_keep_their_digits() -> None:
         check_trajectory(trajectory((0, 0.55, 1, 0), (0.009, 3.55, 1, 0)), walled(20), 0.0)
 
 
-@pytest.mark.parametrize("name", ["small_house", "warehouse"])
-def test_the_drives_of_shared_worlds_are_read_and_find_room(test_data: Path, name: str) -> None:
-    drive = read_trajectory(test_data / "worlds" / f"{name}.trajectory.csv")
-    check_trajectory(drive, read_map(test_data / "worlds" / f"{name}.map.yaml"), 0.2)
-    forwards, turn = drive.speeds()
-    assert 0.68 < forwards.max() < 0.7
-    assert np.abs(turn).max() < 1.25
-    assert np.abs(np.diff(drive.yaw)).max() < 0.1
+def test_the_drives_of_shared_worlds_are_read_and_find_room(test_data: Path) -> None:
+    for name in ("small_house", "warehouse"):
+        drive = read_trajectory(test_data / "worlds" / f"{name}.trajectory.csv")
+        check_trajectory(drive, read_map(test_data / "worlds" / f"{name}.map.yaml"), 0.2)
+        forwards, turn = drive.speeds()
+        assert 0.68 < forwards.max() < 0.7
+        assert np.abs(turn).max() < 1.25
+        assert np.abs(np.diff(drive.yaw)).max() < 0.1

@@ -1,105 +1,119 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The two worlds of the test data, as glTF and as SDF: the same triangles, ranges and pictures."""
+"""Worlds as glTF and as SDF have the same triangles, objects, ranges and pictures.
 
-from functools import cache
+``test_lidar`` compares the ranges in the glTF files with those of another simulator.
+"""
+
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
+from PIL import Image
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 pytest.importorskip("collada", reason="the simulator is an extra")
 
-from benchmarks.accuracy.worlds import eyes, pictures, same_ranges
-from fusionslam.sim.scene import RayCaster
+from benchmarks.accuracy.worlds import Eye, eyes, pictures, same_ranges
+from fusionslam.sim.scene import RayCaster, Scene
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds import load_world
 
+ROOM = Path(__file__).resolve().parents[2] / "data" / "worlds" / "room"
 COUNTS = {"small_house": (148_404, 6_689), "warehouse": (17_970, 938)}
+KINDS = ("visual", "collision")
 PLACES = 6
 
 
-@pytest.fixture(params=sorted(COUNTS))
-def name(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
-@pytest.fixture
-def pair(test_data: Path, name: str) -> tuple[World, World]:
-    """A world from glTF and from SDF."""
-    return loaded(test_data, name)
-
-
-@cache
-def loaded(test_data: Path, name: str) -> tuple[World, World]:
-    folder = test_data / "worlds_sdf" / name
-    if not folder.is_dir():
-        pytest.skip(f"no {folder}")
-    return load_world(test_data / "worlds" / f"{name}.glb"), load_world(folder)
-
-
-@cache
-def caster(test_data: Path, name: str, form: int, kind: str) -> RayCaster:
-    """Of the visual or collision shapes of the world from glTF (form 0) or SDF (1)."""
-    return RayCaster(getattr(loaded(test_data, name)[form], kind))
-
-
-def test_triangles_are_all_there(pair: tuple[World, World], name: str) -> None:
-    for world in pair:
-        assert (len(world.visual.mesh), len(world.collision.mesh)) == COUNTS[name]
-        assert world.unresolved == ()
-
-
-def test_both_files_name_the_same_objects_and_the_same_ground(pair: tuple[World, World]) -> None:
-    for first, second in ((w.visual, w.collision) for w in pair):
-        assert any(first.ground) and any(second.ground)
-    for kind in ("visual", "collision"):
-        a, b = (getattr(world, kind) for world in pair)
-        assert sorted(zip(a.names, a.ground, strict=True)) == sorted(
-            zip(b.names, b.ground, strict=True)
+def write_glb(path: Path, scene: Scene) -> None:
+    """Write a scene as glTF with trimesh, one node for each texture and tint of an object."""
+    file = trimesh.Scene()
+    mesh = scene.mesh
+    looks = np.column_stack([scene.part, mesh.texture, mesh.tint])
+    for look in np.unique(looks, axis=0):
+        chosen = (looks == look).all(axis=1)
+        image = Image.fromarray(scene.textures[int(look[1])][..., :3])
+        material = trimesh.visual.material.PBRMaterial(
+            baseColorFactor=[*look[2:], 1.0], baseColorTexture=image
         )
+        visual = trimesh.visual.TextureVisuals(mesh.uv[chosen].reshape(-1, 2), material)
+        corners = mesh.triangles[chosen].reshape(-1, 3)
+        faces = np.arange(len(corners)).reshape(-1, 3)
+        node = trimesh.Trimesh(corners, faces, visual=visual, process=False)
+        file.add_geometry(node, node_name=f"{scene.names[int(look[0])]} {look[1:]}")
+    path.write_bytes(file.export(file_type="glb"))
 
 
-@pytest.mark.parametrize("kind", ["visual", "collision"])
-def test_both_files_give_the_same_ranges(
-    pair: tuple[World, World], test_data: Path, name: str, kind: str
-) -> None:
-    first, second = (caster(test_data, name, form, kind) for form in range(2))
-    found = same_ranges(first, second, getattr(pair[0], kind), eyes(pair[0], 0.17, PLACES))
-    assert found.counted.mean() > 0.98
-    assert found.same[found.counted].mean() >= 0.999
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> tuple[World, World]:
+    """The room of the test data from glTF, written by another program, and from SDF."""
+    world = load_world(ROOM)
+    path = tmp_path_factory.mktemp("room") / "room.glb"
+    write_glb(path, world.visual)
+    write_glb(path.with_suffix(".collision.glb"), world.collision)
+    return load_world(path), world
 
 
-def test_both_files_give_pictures_that_look_alike(
-    pair: tuple[World, World], test_data: Path, name: str
-) -> None:
-    casters = [caster(test_data, name, form, "visual") for form in range(2)]
-    for eye in eyes(pair[0], 0.103, PLACES):
+@pytest.fixture(scope="module")
+def shared(test_data: Path) -> dict[str, tuple[World, World]]:
+    """Both worlds of the shared data from glTF and from SDF, by name."""
+    worlds, models = test_data / "worlds", test_data / "worlds_sdf"
+    return {
+        name: (load_world(worlds / f"{name}.glb"), load_world(models / name)) for name in COUNTS
+    }
+
+
+def same_objects(first: Scene, second: Scene) -> bool:
+    """The scenes have the same objects, and the same of them are ground."""
+    a, b = (sorted(zip(s.names, s.ground, strict=True)) for s in (first, second))
+    return a == b and len(first.mesh) == len(second.mesh) and any(first.ground)
+
+
+def check_ranges(pair: tuple[World, World], eyes: list[Eye]) -> None:
+    for kind in KINDS:
+        first, second = (getattr(world, kind) for world in pair)
+        found = same_ranges(RayCaster(first), RayCaster(second), first, eyes)
+        assert found.counted.mean() > 0.98
+        assert found.same[found.counted].mean() >= 0.999
+
+
+def check_pictures(pair: tuple[World, World], eyes: list[Eye], differ: float) -> None:
+    casters = [RayCaster(world.visual) for world in pair]
+    for eye in eyes:
         a, b = pictures(casters, eye)
-        assert np.abs(a - b).mean() < 3  # the glTF files hold JPEG pictures, the models PNG
+        assert np.abs(a - b).mean() < differ
         np.testing.assert_allclose(a.mean(axis=0), b.mean(axis=0), atol=2)
         assert a.std() > 10  # there is something to be seen
 
 
-@pytest.mark.parametrize("kind", ["visual", "collision"])
-def test_ranges_agree_with_those_that_another_simulator_recorded(
-    test_data: Path, name: str, kind: str
+def test_a_room_is_the_same_from_both_files(room: tuple[World, World]) -> None:
+    for kind in KINDS:
+        first, second = (getattr(world, kind) for world in room)
+        assert len(first.mesh) == len(second.mesh)
+        # Triangles of the ground: the files divide the objects differently.
+        assert first.ground[first.part].sum() == second.ground[second.part].sum() > 0
+    # Towards the table and towards the crate.
+    looks = ((0.5, 0.0, 0.2), (1.5, -3.0, np.pi))
+    eyes: list[Eye] = [(np.array([x, y, 0.8], np.float32), yaw) for x, y, yaw in looks]
+    check_ranges(room, eyes)
+    check_pictures(room, eyes, differ=1.0)
+
+
+def test_the_shared_worlds_are_all_there_in_both_files(
+    shared: dict[str, tuple[World, World]],
 ) -> None:
-    recorded = np.load(test_data / "recordings" / f"{name}.npz")
-    offsets = recorded[f"{kind}_offsets"]
-    simulated = caster(test_data, name, 1, kind)
-    gaps = []
-    for scan in range(0, len(offsets) - 1, 100):
-        x, y, yaw = recorded["poses"][scan]
-        turn = np.array([(np.cos(yaw), -np.sin(yaw), 0), (np.sin(yaw), np.cos(yaw), 0), (0, 0, 1)])
-        chosen = slice(offsets[scan], offsets[scan + 1])
-        rays = (recorded["rays"][recorded[f"{kind}_ray"][chosen]] @ turn.T).astype(np.float32)
-        origin = (turn @ recorded["lidar_xyz"] + [x, y, 0]).astype(np.float32)
-        measured = recorded[f"{kind}_range_mm"][chosen] / 1000
-        gaps.append(simulated.cast(origin, rays).distance - measured)
-    gap = np.concatenate(gaps)
-    near = np.abs(gap) < 0.04  # five sigma of its noise, 8 mm
-    assert near.mean() > 0.998
-    assert gap[near].std() == pytest.approx(0.008, abs=0.001)
-    assert abs(gap[near].mean()) < 0.001
+    for name, pair in shared.items():
+        for world in pair:
+            assert (len(world.visual.mesh), len(world.collision.mesh)) == COUNTS[name]
+            assert world.unresolved == ()
+        assert all(same_objects(*(getattr(world, kind) for world in pair)) for kind in KINDS)
+
+
+def test_the_shared_worlds_look_the_same_from_both_files(
+    shared: dict[str, tuple[World, World]],
+) -> None:
+    for pair in shared.values():
+        check_ranges(pair, eyes(pair[0], 0.17, PLACES))
+        # The glTF files hold JPEG pictures, the models PNG.
+        check_pictures(pair, eyes(pair[0], 0.103, PLACES), differ=3.0)

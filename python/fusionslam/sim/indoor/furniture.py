@@ -13,8 +13,8 @@ import numpy as np
 import yaml
 
 from fusionslam.sim.indoor.objects import Thing, block, cylinder, front, legs, thing, wheel
-from fusionslam.sim.indoor.textures import DARK, GREY, STEEL, WHITE, Look, fit
-from fusionslam.sim.mesh import Mesh, Rgb, box, paint, tapered_box, tube
+from fusionslam.sim.indoor.textures import DARK, GREY, STEEL, WHITE, Look
+from fusionslam.sim.mesh import Mesh, Paint, Rgb, box, tapered_box, tube
 
 WOODS: tuple[Rgb, ...] = (
     (0.86, 0.66, 0.42),
@@ -88,7 +88,7 @@ def _make_shape(row: Mapping[str, Any], colors: Mapping[str, Rgb]) -> Iterator[M
     """The shape of one row of the table, and its copies."""
     tint, look = row.get("tint", (1.0, 1.0, 1.0)), Look[row.get("texture", "plain").upper()]
     rgb = colors[tint] if isinstance(tint, str) else tuple(tint)
-    cover = fit(look, *row["fit"], rgb) if "fit" in row else paint(look, rgb)
+    cover = Paint(look, rgb, tuple(row.get("fit", look.extent)))
     options = {key: row[key] for key in ("sides", "along") if key in row}
     shape = next(name for name in _SHAPES if name in row)
     for values in _copies(shape, row[shape], row):
