@@ -5,6 +5,7 @@
 import io
 import math
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import convolve
 
-import fusionslam
-from fusionslam import ConfigError, DataError, FusionSlamError, ShapeError
+from fusionslam import ConfigError, DataError, ShapeError
 from fusionslam._core import PoseSheet
 from fusionslam.ratslam import ActionKind, PoseCells
 
@@ -186,47 +186,39 @@ def _straight_mean(cells: Floats, axis: int) -> float:
 
 @pytest.mark.parametrize("size", [-1, 0, 6, 1001])
 def test_a_sheet_too_small_or_too_large_is_refused(size: int) -> None:
-    with pytest.raises(fusionslam.ConfigError, match=f"size is {size}, expected 7 to 1000"):
+    with pytest.raises(ConfigError, match="size"):
         PoseSheet(size)
 
 
+LAYERS = np.zeros(HEADINGS)
+
+
 @pytest.mark.parametrize(
-    ("change", "error", "words"),
+    ("work", "error"),
     [
-        (lambda cells: cells[:, :, 1:], fusionslam.ShapeError, "13680 cells, expected 14400"),
-        (lambda cells: cells * math.nan, fusionslam.DataError, "activity is nan"),
-        (lambda cells: cells - 1, fusionslam.DataError, "0 or more"),
-        (lambda cells: cells * 0, fusionslam.DataError, "finite number over 0"),
-        (lambda cells: cells * 0 + 1e305, fusionslam.DataError, "of all cells is inf"),
+        (lambda sheet: sheet.assign(noise(20)[:, :, 1:]), ShapeError),
+        (lambda sheet: sheet.assign(noise(20) * math.nan), DataError),
+        (lambda sheet: sheet.assign(noise(20) - 1), DataError),
+        (lambda sheet: sheet.assign(noise(20) * 0), DataError),
+        (lambda sheet: sheet.assign(noise(20) * 0 + 1e305), DataError),
+        (lambda sheet: sheet.move(LAYERS[1:], LAYERS, 0), ShapeError),
+        (lambda sheet: sheet.move(LAYERS + math.inf, LAYERS, 0), DataError),
+        (lambda sheet: sheet.move(LAYERS, LAYERS, math.nan), DataError),
+        (lambda sheet: sheet.inject(math.nan, 0, 0, 1.0), DataError),
+        (lambda sheet: sheet.inject(0, math.inf, 0, 1.0), DataError),
+        (lambda sheet: sheet.inject(0, 0, 0, -1.0), DataError),
+        (lambda sheet: sheet.settle(1.0), ConfigError),
+        (lambda sheet: sheet.settle(math.inf), ConfigError),
+        (lambda sheet: sheet.settle(math.nan), ConfigError),
+        (lambda sheet: sheet.settle(-math.inf), ConfigError),
     ],
 )
-def test_activity_that_cannot_be_is_refused_and_changes_nothing(
-    change: Any, error: type[Exception], words: str
+def test_invalid_input_of_a_sheet_is_refused_and_changes_nothing(
+    work: Callable[[PoseSheet], None], error: type[Exception]
 ) -> None:
     sheet = sheet_of(noise(20))
-    with pytest.raises(error, match=words):
-        sheet.assign(change(noise(20)))
-    np.testing.assert_array_equal(sheet.activity, noise(20))
-
-
-def test_ways_and_energy_that_are_not_finite_change_nothing() -> None:
-    sheet, still = sheet_of(noise(20)), np.zeros(HEADINGS)
-    with pytest.raises(fusionslam.ShapeError, match="35 and 36 layers, expected 36"):
-        sheet.move(still[1:], still, 0)
-    for x, layers in ((np.full(HEADINGS, math.inf), 0.0), (still, math.nan)):
-        with pytest.raises(fusionslam.DataError, match="not finite"):
-            sheet.move(x, still, layers)
-    for place, energy in (((math.nan, 0, 0), 1.0), ((0, math.inf, 0), 1.0), ((0, 0, 0), -1.0)):
-        with pytest.raises(fusionslam.DataError, match="energy of 0 or more"):
-            sheet.inject(*place, energy)
-    np.testing.assert_array_equal(sheet.activity, noise(20))
-
-
-@pytest.mark.parametrize("inhibition", [1.0, math.inf, math.nan, -math.inf])
-def test_inhibition_that_leaves_nothing_is_refused_and_changes_nothing(inhibition: float) -> None:
-    sheet = sheet_of(noise(20))
-    with pytest.raises(fusionslam.ConfigError, match="leaves no cell active"):
-        sheet.settle(inhibition)
+    with pytest.raises(error):
+        work(sheet)
     np.testing.assert_array_equal(sheet.activity, noise(20))
 
 
@@ -285,73 +277,75 @@ def assert_same(found: State, expected: State) -> None:
 
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize(
-    ("odometry", "words"),
+    "odometry",
     [
-        ((math.nan, 0.0, 0.1), "v nan"),
-        ((0.1, math.nan, 0.1), "w nan"),
-        ((0.1, 0.0, math.nan), "dt nan"),
-        ((math.inf, 0.0, 0.0), "finite numbers"),
-        ((0.0, -math.inf, 0.1), "finite numbers"),
-        ((0.0, 0.0, math.inf), "dt inf"),
-        ((0.1, 0.0, -0.1), "dt of 0 or more"),
-        ((1e200, 0.0, 1e200), "expected no more than 1e\\+09"),
-        ((1e10, 0.0, 1.0), "a way of 2.5e\\+10 cells"),
-        ((0.0, 1e10, 1.0), "a turn of 1e\\+10 rad"),
-        ((None, 0.0, 0.1), "v None.*expected numbers"),
-        (("fast", 0.0, 0.1), "v 'fast'.*expected numbers"),
-        ((10**400, 0.0, 0.1), "expected numbers"),
+        (math.nan, 0.0, 0.1),
+        (0.1, math.nan, 0.1),
+        (0.1, 0.0, math.nan),
+        (math.inf, 0.0, 0.0),
+        (0.0, -math.inf, 0.1),
+        (0.0, 0.0, math.inf),
+        (0.1, 0.0, -0.1),
+        (1e200, 0.0, 1e200),
+        (1e10, 0.0, 1.0),
+        (0.0, 1e10, 1.0),
+        (None, 0.0, 0.1),
+        ("fast", 0.0, 0.1),
+        (10**400, 0.0, 0.1),
     ],
+    ids=lambda odometry: str(odometry)[:20],
 )
-def test_odometry_that_cannot_be_changes_nothing(preset: Any, odometry: Any, words: str) -> None:
+def test_invalid_odometry_changes_nothing(preset: Any, odometry: Any) -> None:
     cells = toured(preset, 3)
     before = cells.state()
-    with pytest.raises(DataError, match=words):
+    with pytest.raises(DataError, match="odometry"):
         cells.on_odometry(*odometry)
     assert_same(cells.state(), before)
 
 
-def test_the_reference_says_what_to_do_about_steps_of_a_cell() -> None:
+def test_the_reference_refuses_steps_of_a_cell_and_names_the_other_preset() -> None:
     cells = toured("openratslam", 3)
     before = cells.state()
-    with pytest.raises(DataError, match=r"1\.25 cells.*preset='robust'"):
+    with pytest.raises(DataError, match="robust"):
         cells.on_odometry(-0.5, 0.0, 1.0)
     assert_same(cells.state(), before)
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize(
-    ("view", "words"),
+    "view",
     [
-        ((-1,), "view -1: expected 0 to 12, the next new one"),
-        ((13,), "view 13: expected 0 to 12"),
-        ((10**30,), "expected 0 to 12"),
-        ((1.0,), "view 1.0: expected a whole number"),
-        (("1",), "view '1': expected a whole number"),
-        ((None,), "view None: expected a whole number"),
-        ((1, math.nan), "rotation nan"),
-        ((1, math.inf), "finite numbers"),
-        ((1, 1e200), "no more than"),
-        ((1, "left"), "rotation 'left'"),
-        ((1, 0.0, (math.nan, 0.0)), "place \\(nan"),
-        ((1, 0.0, (0.0, 1e300)), "no more than"),
-        ((1, 0.0, (0.0,)), "a number and x, y"),
-        ((1, 0.0, 3.0), "a number and x, y"),
+        (-1,),
+        (13,),
+        (10**30,),
+        (1.0,),
+        ("1",),
+        (None,),
+        (1, math.nan),
+        (1, math.inf),
+        (1, 1e200),
+        (1, "left"),
+        (1, 0.0, (math.nan, 0.0)),
+        (1, 0.0, (0.0, 1e300)),
+        (1, 0.0, (0.0,)),
+        (1, 0.0, 3.0),
     ],
+    ids=str,
 )
-def test_views_that_cannot_be_change_nothing(preset: Any, view: Any, words: str) -> None:
+def test_invalid_views_change_nothing(preset: Any, view: Any) -> None:
     cells = PoseCells(preset=preset)
     for known in range(12):
         cells.on_view(known)
         cells.on_odometry(0.1, 0.1, 0.5)
         cells.action()
     before = cells.state()
-    with pytest.raises(DataError, match=words):
+    with pytest.raises(DataError, match="relative" if len(view) > 1 else "view"):
         cells.on_view(*view)
     assert_same(cells.state(), before)
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_nothing_is_to_do_before_both_a_view_and_odometry(preset: Any) -> None:
+def test_there_is_no_action_before_both_a_view_and_odometry(preset: Any) -> None:
     for first in ("view", "odometry"):
         cells = PoseCells(preset=preset)
         assert cells.action().kind == ActionKind.NONE
@@ -381,7 +375,7 @@ def test_nothing_is_to_do_before_both_a_view_and_odometry(preset: Any) -> None:
     ],
     ids=str,
 )
-def test_configurations_that_cannot_be_are_refused_by_name(change: Any) -> None:
+def test_invalid_configurations_are_refused_by_name(change: Any) -> None:
     with pytest.raises(ConfigError, match=next(iter(change))):
         PoseCells(**change)
 
@@ -429,26 +423,22 @@ def test_the_state_is_a_copy() -> None:
     assert_same(cells.state(), kept)
 
 
-def refused(preset: Any, change: Any) -> str:
-    """What is said of a changed state, by cells that stay as they were."""
+def check_refused(preset: Any, change: Callable[[State], Any], name: str) -> None:
+    """The changed state is refused by an error that names its array; the cells are unchanged."""
     state, cells = toured(preset).state(), toured(preset, 5, 2)
     before = cells.state()
     change(state)
-    with pytest.raises((DataError, ShapeError)) as found:
+    with pytest.raises((DataError, ShapeError), match=f"{name}|activity"):
         cells.restore(state)
     assert_same(cells.state(), before)
-    return str(found.value)
-
-
-NAMES = sorted(PoseCells().state())
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-@pytest.mark.parametrize("name", NAMES)
-def test_states_with_an_array_missing_or_of_another_shape_or_kind_are_refused(
+@pytest.mark.parametrize("name", sorted(PoseCells().state()))
+def test_states_with_an_array_missing_or_of_another_shape_or_type_are_refused(
     preset: Any, name: str
 ) -> None:
-    assert f"no array {name!r}" in refused(preset, lambda state: state.pop(name))
+    check_refused(preset, lambda state: state.pop(name), name)
     for change in (
         lambda array: array[:-1],
         lambda array: array[None],
@@ -456,37 +446,30 @@ def test_states_with_an_array_missing_or_of_another_shape_or_kind_are_refused(
         lambda array: array.astype("U5"),
         lambda array: array.astype(complex),
     ):
-        said = refused(
-            preset, lambda state, change=change: state.update({name: change(state[name])})
+        check_refused(
+            preset, lambda state, change=change: state.update({name: change(state[name])}), name
         )
-        assert name in said or said.startswith(("the activity has", "network"))
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize(
-    ("name", "value", "words"),
+    ("name", "value"),
     [
-        ("cells", math.nan, "cells holds values that are not finite"),
-        ("cells", -1.0, "0 or more"),
-        ("network", math.nan, "finite"),
-        ("places", math.inf, "places holds values"),
-        ("experiences", math.nan, "experiences holds values"),
-        ("relative", math.nan, "relative holds values"),
-        ("views_of", -1, "views_of holds -1"),
-        ("views_of", 10**9, "views_of holds 1000000000"),
-        ("since", 10**9, "since holds"),
-        ("counts", -1, "counts holds -1"),
-        ("counts", 10**9, "counts holds 1000000000"),
+        ("cells", math.nan),
+        ("cells", -1.0),
+        ("network", math.nan),
+        ("places", math.inf),
+        ("experiences", math.nan),
+        ("relative", math.nan),
+        ("views_of", -1),
+        ("views_of", 10**9),
+        ("since", 10**9),
+        ("counts", -1),
+        ("counts", 10**9),
     ],
 )
-def test_states_with_values_that_cannot_be_are_refused(
-    preset: Any, name: str, value: Any, words: str
-) -> None:
-    def change(state: State) -> None:
-        state[name] = state[name].copy()
-        state[name][...] = value
-
-    assert words in refused(preset, change)
+def test_states_with_impossible_values_are_refused(preset: Any, name: str, value: Any) -> None:
+    check_refused(preset, lambda state: np.copyto(state[name], value), name)
 
 
 @pytest.mark.parametrize(("mine", "theirs"), [PRESETS, PRESETS[::-1]])
@@ -498,5 +481,5 @@ def test_the_state_of_another_preset_is_refused(mine: Any, theirs: Any) -> None:
 
 
 def test_the_state_of_another_size_is_refused() -> None:
-    with pytest.raises(FusionSlamError, match=r"\(36, 20, 20\), expected \(36, 21, 21\)"):
+    with pytest.raises(ShapeError):
         PoseCells(size=21).restore(toured("robust").state())
