@@ -39,7 +39,7 @@ def test_the_original_sees_no_turn_beyond_its_largest_shift() -> None:
     assert all(abs(seen.w - 1.7) > 0.3 for seen in found)
 
 
-def test_a_turn_too_fast_to_be_looked_for_is_told() -> None:
+def test_a_turn_beyond_the_search_range_is_reported() -> None:
     found = drive(VisualOdometry(max_turn=0.5), [room_image(), room_image(yaw=0.12)])
     assert found[0].doubt == "images-differ"
 
@@ -66,17 +66,19 @@ def test_fitting_to_a_metre_and_a_half_finds_how_far_the_walls_are() -> None:
     assert (scaled * changes).sum() / 10 == pytest.approx(ways[-1] - ways[0], rel=0.3)
 
 
-def test_what_cannot_be_fitted_to_is_refused() -> None:
-    config = VisualOdometry().config
+@pytest.mark.parametrize(
+    ("speeds", "error"),
+    [
+        ([1.0, 1.0], ShapeError),
+        ([1.0, 1.0, 1.0, np.nan] + [1.0] * 26, DataError),
+        ([0.1] * 30, DataError),  # 0.3 m
+        ([0.6] * 30, DataError),  # the images do not move
+    ],
+)
+def test_a_fit_to_unusable_speeds_is_refused(speeds: Any, error: type[Exception]) -> None:
     still = [VisualSpeed(0, 0, 0.1, 0, 0)] * 30
-    with pytest.raises(ShapeError, match=r"speeds: \(2,\), expected \(30,\)"):
-        fit_speed(config, still, [1.0, 1.0])
-    with pytest.raises(DataError, match=r"speed 3 is nan"):
-        fit_speed(config, still, [1.0, 1.0, 1.0, np.nan] + [1.0] * 26)
-    with pytest.raises(DataError, match=r"0\.30 m were driven, expected 1\.0 m"):
-        fit_speed(config, still, [0.1] * 30)
-    with pytest.raises(DataError, match="do not move as the speeds say"):
-        fit_speed(config, still, [0.6] * 30)
+    with pytest.raises(error):
+        fit_speed(VisualOdometry().config, still, speeds)
 
 
 def test_the_stamps_count_and_not_a_fixed_rate() -> None:
@@ -118,7 +120,7 @@ def test_the_original_is_its_formula() -> None:
     assert (seen.change, seen.v) == (pytest.approx(least), pytest.approx(min(20 * least, 1.0)))
 
 
-def test_the_camera_says_how_wide_it_sees() -> None:
+def test_the_field_of_view_is_the_cameras() -> None:
     view = 1.5
     focal = ROOM_WIDTH / 2 / np.tan(view / 2)
     matrix = np.array([[focal, 0, (ROOM_WIDTH - 1) / 2, 0], [0, focal, 12, 0], [0, 0, 1, 0]])
@@ -126,13 +128,13 @@ def test_the_camera_says_how_wide_it_sees() -> None:
     seen = drive(VisualOdometry(camera=Camera(matrix, size=(ROOM_WIDTH, ROOM_HEIGHT))), images)[0]
     assert seen.w == pytest.approx(0.8, abs=0.01)
     assert abs(drive(VisualOdometry(), images)[0].w - 0.8) > 0.1
-    with pytest.raises(ShapeError, match="320x24, expected 640x480 of the calibration"):
+    with pytest.raises(ShapeError, match="640x480"):
         VisualOdometry(camera=Camera(matrix, size=(640, 480))).process(images[0], 0)
     with pytest.raises(ConfigError, match="focal length"):
         VisualOdometry(camera=Camera(-matrix))
 
 
-def test_rows_that_nobody_looks_at_may_be_missing_where_the_camera_says_its_size() -> None:
+def test_unused_rows_may_be_missing_if_the_camera_has_its_size() -> None:
     matrix = np.array([[290, 0, (ROOM_WIDTH - 1) / 2, 0], [0, 290, 12, 0], [0, 0, 1, 0]], float)
     camera = Camera(matrix, size=(ROOM_WIDTH, ROOM_HEIGHT))
     images = [room_image(), room_image(x=0.03, yaw=0.05)]
@@ -143,7 +145,7 @@ def test_rows_that_nobody_looks_at_may_be_missing_where_the_camera_says_its_size
         VisualOdometry(camera=camera), images
     )
     for image in (images[0][: used - 1], np.vstack([images[0], images[0]])):
-        with pytest.raises(ShapeError, match="expected 320x24 of the calibration"):
+        with pytest.raises(ShapeError, match="320x24"):
             VisualOdometry(camera=camera).process(image, 0)
 
 
@@ -159,30 +161,30 @@ def test_after_a_gap_the_next_image_is_a_first_one_again(caplog: pytest.LogCaptu
     odometry.process(room_image(), 0)
     with caplog.at_level(logging.WARNING):
         assert odometry.process(room_image(yaw=0.3), 3_000_000_000) is None
-    assert "no image for 3.00 s" in caplog.text
+    assert "3.00 s" in caplog.text
     seen = odometry.process(room_image(yaw=0.32), 3_100_000_000)
     assert seen.w == pytest.approx(0.2, abs=0.02)
 
 
 @pytest.mark.parametrize(
-    ("image", "stamp", "error", "message"),
+    ("image", "stamp", "error"),
     [
-        (room_image(yaw=0.01), TENTH, DataError, "expected a stamp after 100000000 ns"),
-        (room_image(yaw=0.01), 0, DataError, "image at 0 ns"),
-        (room_image()[:, :300], 2 * TENTH, ShapeError, "300x24, expected 320x24 as before"),
-        (room_image().astype(float), 2 * TENTH, ShapeError, "float64"),
-        (np.zeros((24, 320, 4), np.uint8), 2 * TENTH, ShapeError, r"\(24, 320, 4\)"),
-        (np.zeros((0, 320), np.uint8), 2 * TENTH, ShapeError, "320x0"),
-        (np.zeros((24, 8), np.uint8), 2 * TENTH, ShapeError, "16 columns"),
+        (room_image(yaw=0.01), TENTH, DataError),
+        (room_image(yaw=0.01), 0, DataError),
+        (room_image()[:, :300], 2 * TENTH, ShapeError),
+        (room_image().astype(float), 2 * TENTH, ShapeError),
+        (np.zeros((24, 320, 4), np.uint8), 2 * TENTH, ShapeError),
+        (np.zeros((0, 320), np.uint8), 2 * TENTH, ShapeError),
+        (np.zeros((24, 8), np.uint8), 2 * TENTH, ShapeError),
     ],
 )
-def test_bad_input_is_refused_and_changes_nothing(
-    image: Any, stamp: Any, error: Any, message: Any
+def test_invalid_input_is_refused_and_changes_nothing(
+    image: Any, stamp: int, error: type[Exception]
 ) -> None:
     odometry, untouched = VisualOdometry(), VisualOdometry()
     for one in (odometry, untouched):
         drive(one, [room_image(), room_image(yaw=0.02)])
-    with pytest.raises(error, match=message):
+    with pytest.raises(error):
         odometry.process(image, stamp)
     later = room_image(yaw=0.05)
     assert odometry.process(later, 3 * TENTH) == untouched.process(later, 3 * TENTH)
@@ -203,16 +205,15 @@ def test_a_broken_state_is_refused() -> None:
     odometry = VisualOdometry()
     odometry.process(room_image(), 0)
     state = odometry.state()
-    for changed in (
-        {"turn": state["turn"][:-1]},
-        {"speed": state["speed"] * np.nan},
-        {"shape": np.array([1])},
-        {"stamp_ns": np.array("x")},
+    for broken in (
+        state | {"turn": state["turn"][:-1]},
+        state | {"speed": state["speed"] * np.nan},
+        state | {"shape": np.array([1])},
+        state | {"stamp_ns": np.array("x")},
+        {"turn": state["turn"]},
     ):
-        with pytest.raises(DataError, match="visual odometry"):
-            odometry.restore(state | changed)
-    with pytest.raises(DataError, match="no saved state"):
-        odometry.restore({"turn": state["turn"]})
+        with pytest.raises(DataError):
+            odometry.restore(broken)
     np.testing.assert_equal(odometry.state(), state)
 
 
@@ -222,7 +223,7 @@ def test_a_broken_state_is_refused() -> None:
         ({"turn_rows": (0.5, 0.5)}, "turn_rows"),
         ({"speed_rows": (-0.1, 0.5)}, "speed_rows"),
         ({"field_of_view": 3.2}, "field_of_view"),
-        ({"distance": 3.0}, "did you mean 'distance_m'"),
+        ({"distance": 3.0}, "distance_m"),
     ],
 )
 def test_bad_configurations_name_the_key(changes: Any, message: Any) -> None:
