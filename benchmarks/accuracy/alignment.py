@@ -23,7 +23,7 @@ from scipy.special import expit
 
 from benchmarks.accuracy.data import data_folder
 from benchmarks.accuracy.markdown import table, write_between
-from fusionslam.cli.options import build_recording
+from fusionslam.cli.recordings import build_recording
 from fusionslam.datasets.range_recording import RecordingConfig
 from fusionslam.evaluation import judge_views
 from fusionslam.pipelines.drives import Drive, open_drive

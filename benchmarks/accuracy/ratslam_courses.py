@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.cli.options import build_recording
+from fusionslam.cli.recordings import build_recording
 from fusionslam.errors import DataError
 from fusionslam.evaluation import RatSlamRun
 from fusionslam.evaluation.views.rules import view_rule

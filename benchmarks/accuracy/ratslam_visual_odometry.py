@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from benchmarks.accuracy.data import ROOT, world_files
 from benchmarks.accuracy.markdown import table, write_between
-from fusionslam.cli.options import build_recording
+from fusionslam.cli.recordings import build_recording
 from fusionslam.evaluation.maps.judge import judge_map
 from fusionslam.geometry.trajectory import Trajectory, read_trajectory
 from fusionslam.pipelines.drives import open_drive

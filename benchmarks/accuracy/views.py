@@ -14,7 +14,7 @@ from pathlib import Path
 
 from benchmarks.accuracy.markdown import write_between
 from fusionslam.cli.bench_views import default_data
-from fusionslam.cli.options import build_recording
+from fusionslam.cli.recordings import build_recording
 from fusionslam.pipelines.compare_views import bench_views
 from fusionslam.pipelines.drives import FRAMES, open_drive
 from fusionslam.pipelines.methods import METHODS

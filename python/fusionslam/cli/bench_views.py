@@ -12,6 +12,7 @@ import typer
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_figures, progress
 from fusionslam.cli.failures import keep_parts, needs_extra
+from fusionslam.cli.recordings import build_recording
 from fusionslam.storage.progress import Step
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 _WIDTH = 80
 
 
+@opt.options_of()
 def bench_views(
     ctx: typer.Context,
     data: Annotated[
@@ -48,7 +50,6 @@ def bench_views(
         typer.Option("--shapes", help="What rays met, if DATA has both: collision or visual."),
     ] = "collision",
     jobs: opt.Jobs = None,
-    verbose: opt.Verbose = False,
 ) -> None:
     """Compare recognisers of places on DATA: accuracy, loops, bytes, time.
 
@@ -65,15 +66,15 @@ def bench_views(
     if methods == "list":
         print_methods()
         return
-    opt.one_of("--frame", frame, (*FRAMES, "all"))
-    opt.one_of("--shapes", shapes, SHAPES)
+    opt.check_choice("--frame", frame, (*FRAMES, "all"))
+    opt.check_choice("--shapes", shapes, SHAPES)
     wanted = list(METHODS) if methods == "all" else [name.strip() for name in methods.split(",")]
     for name in wanted:
         find_method(name, "--methods")
     # Accuracy alone says little, so every table includes the baselines without a sensor.
     wanted += [name for name in BASELINES if name not in wanted]
     needs_extra("report")
-    recordings = [opt.build_recording(Path(path)) for path in data or default_data()]
+    recordings = [build_recording(Path(path)) for path in data or default_data()]
     keep_parts(ctx, output)
     ranges = merged(RecordingConfig(), {"shapes": shapes})
     with progress() as step:

@@ -2,45 +2,44 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command calib-check: whether LiDAR and camera fit together."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_table, progress
 from fusionslam.cli.failures import keep_parts, needs_extra
+from fusionslam.cli.recordings import build_recording
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
-    from fusionslam.calibration.search import CalibrationCheckConfig
     from fusionslam.pipelines.recording import Recording
 
 
-@opt.reading_options()
+@opt.options_of(build_recording=build_recording, read_config=opt.read_config)
 def calib_check(
     ctx: typer.Context,
-    *,
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Folder for pictures and calib_check.json.")
     ],
     pictures: Annotated[
         int, typer.Option("--pictures", min=0, help="How many frames are drawn.")
     ] = 3,
-    recording: "Recording",
-    settings: opt.Settings = None,
-    config: opt.ConfigFile = None,
-    verbose: opt.Verbose = False,
+    *,
+    build_recording: "Callable[[], Recording]",
+    read_config: "Callable[[], Any]",
 ) -> None:
-    """Say whether scans and images of DATA fit together.
+    """Check that scans and images of DATA fit together.
 
     Tries small turns, shifts and delays of the camera, and draws scans over their images.
     """
     from fusionslam.calibration.check import check_calibration, frames_of, write_overlays
 
     needs_extra("report")
-    chosen = _config(config, settings)
-    dataset = recording.open("lidar")
+    chosen = read_config().calib_check
+    dataset = build_recording().open("lidar")
     keep_parts(ctx, output)
     with progress() as step:
         check = check_calibration(dataset, chosen, label_progress(step, "finding edges"))
@@ -50,13 +49,3 @@ def calib_check(
     print(f"{len(check.frames)} frames, {check.points} depth edges: {check.verdict}")
     for path in (*paths, output / "calib_check.json"):
         print(path)
-
-
-def _config(file: Path | None, settings: list[str] | None) -> "CalibrationCheckConfig":
-    from fusionslam.config import with_file, with_settings
-
-    whole = opt.everything()
-    if file is not None:
-        whole = with_file(whole, file)
-    chosen: CalibrationCheckConfig = with_settings(whole, settings or []).calib_check  # type: ignore[attr-defined]
-    return chosen

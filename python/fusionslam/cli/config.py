@@ -28,11 +28,11 @@ def config(
 
     Each with its unit, range and help.
     """
-    from fusionslam.config import as_yaml, with_file, with_settings
+    from fusionslam.config import as_yaml
 
-    whole = opt.everything()
-    whole = with_settings(whole if file is None else with_file(whole, file), settings or [])
-    stages = _stages(whole, stage)
+    whole = opt.read_config(settings, file)
+    opt.check_choice("stage", stage, tuple(type(whole).model_fields))
+    stages = [stage] if stage else list(type(whole).model_fields)
     if yaml:
         print(as_yaml(whole, stages), end="")
         return
@@ -48,14 +48,6 @@ def list_values(whole: "Section", stages: Collection[str]) -> list[list[str]]:
         for key, value, definition in walk(whole)
         if key.partition(".")[0] in stages
     ]
-
-
-def _stages(whole: "Section", stage: str | None) -> list[str]:
-    names = tuple(type(whole).model_fields)
-    if stage is None:
-        return list(names)
-    opt.one_of("stage", stage, names)
-    return [stage]
 
 
 def _value(value: Any) -> str:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording
 
 
+@opt.options_of()
 def demo(
     ctx: typer.Context,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
@@ -31,7 +32,6 @@ def demo(
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
-    verbose: opt.Verbose = False,
 ) -> None:
     """Compare all descriptors on a simulated drive; needs no data.
 
@@ -46,64 +46,48 @@ def demo(
     )
     from fusionslam.sim.recordings import EMBEDDED
 
-    opt.one_of("--world", world, ("town", *EMBEDDED))
+    opt.check_choice("--world", world, ("town", *EMBEDDED))
     for extra in ("sim", "report") if world == "town" else ("sim", "bags", "report"):
         needs_extra(extra)
-    own, others = _split_settings(settings)
+    own = [setting for setting in settings or [] if setting.strip().startswith("sim.")]
+    others = [setting for setting in settings or [] if setting not in own]
     indoor = world != "town"
     descriptors = INDOOR_DESCRIPTORS if indoor else DEMO_DESCRIPTORS
     configs = {
-        source: opt.pipeline_config(config, others, **(INDOOR if indoor else DEMO.get(source, {})))
+        source: opt.pipeline_config(others, config, **(INDOOR if indoor else DEMO.get(source, {})))
         for source in descriptors
     }
     keep(ctx, output)
     with progress() as step:
-        make = _robot_drive if indoor else _car_drive
-        recording = make(world, config, own, output, opt.cores(jobs), step)
-        # Closer to a wall than its LiDAR's minimum range, a robot has nothing to describe.
-        bad = opt.bad_frames(indoor)
-        compare(
-            recording,
-            output,
-            descriptors,
-            configs,
-            opt.cores(jobs),
-            step,
-            demo=True,
-            bad_frames=bad,
-        )
-
-
-def _split_settings(settings: list[str] | None) -> tuple[list[str], list[str]]:
-    """Split settings into those of the simulator and the others."""
-    own = [setting for setting in settings or [] if setting.strip().startswith("sim.")]
-    return own, [setting for setting in settings or [] if setting not in own]
+        cores = opt.cores(jobs)
+        if indoor:
+            recording = _robot_drive(world, own, output, cores, step)
+        else:
+            recording = _car_drive(config, own, output, cores, step)
+    # Closer to a wall than its LiDAR's minimum range, a robot has nothing to describe.
+    compare(recording, output, descriptors, configs, jobs=jobs, demo=True, skip_bad_frames=indoor)
 
 
 def _car_drive(
-    world: str, file: Path | None, settings: list[str], output: Path, jobs: int, step: Step
+    file: Path | None, settings: list[str], output: Path, jobs: int, step: Step
 ) -> "Recording":
     """Return the drive through the town: the embedded one, or one as configured."""
-    from fusionslam.config import with_file, with_settings
     from fusionslam.pipelines.recording import Recording
     from fusionslam.pipelines.results import forget_demo
     from fusionslam.sim import SimConfig, embedded_folder, record
 
-    whole = opt.everything()
-    whole = with_settings(whole if file is None else with_file(whole, file), settings)
-    simulation: SimConfig = whole.sim  # type: ignore[attr-defined]
+    simulation: SimConfig = opt.read_config(settings, file).sim
     folder = embedded_folder() if simulation == SimConfig() else output / "drive"
     recording = Recording.at(folder)
     forget_demo(output, recording)
     with _cache_can_move(folder == embedded_folder()):
-        record(
-            simulation, folder, jobs=jobs, progress=label_progress(step, "driving through the town")
-        )
+        show = label_progress(step, "driving through the town")
+        record(simulation, folder, jobs=jobs, progress=show)
     return recording
 
 
 def _robot_drive(
-    world: str, file: Path | None, settings: list[str], output: Path, jobs: int, step: Step
+    world: str, settings: list[str], output: Path, jobs: int, step: Step
 ) -> "Recording":
     """Return the drive of a robot through one of the other worlds, kept in the cache."""
     from fusionslam.config import with_settings

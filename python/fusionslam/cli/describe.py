@@ -2,67 +2,42 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command describe: one descriptor vector per frame."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import left_out, progress
 from fusionslam.cli.failures import keep
+from fusionslam.cli.recordings import build_recording
 
 if TYPE_CHECKING:
-    from fusionslam.datasets import Dataset
     from fusionslam.evaluation import DescriptorRun
     from fusionslam.pipelines.describe import PipelineConfig
     from fusionslam.pipelines.recording import Recording
 
 
-@opt.reading_options()
-def describe(
-    ctx: typer.Context,
-    *,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the runs.")],
-    descriptors: opt.Names = "all",
-    source: opt.Source = None,
+def describe_frames(
     recording: "Recording",
-    skip_bad_frames: opt.SkipBad = False,
-    settings: opt.Settings = None,
-    config: opt.ConfigFile = None,
-    jobs: opt.Jobs = None,
-    verbose: opt.Verbose = False,
-) -> None:
-    """Describe every frame of DATA.
-
-    A call that was interrupted goes on where it stopped.
-    """
-    from fusionslam.pipelines.describe import describable, for_source, run_path
-
-    names = opt.names_of(descriptors)
-    chosen = opt.pipeline_config(config, settings)
-    chosen = for_source(chosen, opt.source_of(source, chosen, recording))
-    dataset = recording.open(chosen.fusion.source)
-    bad = opt.bad_frames(skip_bad_frames)
-    if descriptors == "all":
-        names = describable(dataset, names, chosen, bad)
-    keep(ctx, output)
-    for run in describe_missing(recording, dataset, output, names, chosen, jobs, bad, inside="."):
-        path = run_path(output, run.source, run.descriptor)
-        print(f"{path}: {len(run)} frames{left_out(run)}")
-
-
-def describe_missing(
-    recording: "Recording",
-    dataset: "Dataset",
     output: Path,
     names: list[str],
     config: "PipelineConfig",
-    jobs: int | None,
-    bad_frames: str,
+    *,
     inside: str = "descriptors",
+    only_describable: bool = False,
+    skip_bad_frames: opt.SkipBad = False,
+    jobs: opt.Jobs = None,
 ) -> "list[DescriptorRun]":
+    """Describe what is not described yet; ``only_describable`` drops unsuitable descriptors."""
+    from fusionslam.pipelines.describe import describable
     from fusionslam.pipelines.reusable_runs import describe_recording
 
+    dataset = recording.open(config.fusion.source)
+    bad_frames = "skip" if skip_bad_frames else "error"
+    if only_describable:
+        names = describable(dataset, names, config, bad_frames)
     with progress() as step:
         return describe_recording(
             recording,
@@ -76,3 +51,37 @@ def describe_missing(
             step=step,
             inside=inside,
         )
+
+
+@opt.options_of(
+    build_recording=build_recording,
+    pipeline_config=opt.pipeline_config,
+    describe_frames=describe_frames,
+)
+def describe(
+    ctx: typer.Context,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the runs.")],
+    descriptors: opt.Names = "all",
+    source: opt.Source = None,
+    *,
+    build_recording: "Callable[[], Recording]",
+    pipeline_config: "Callable[[], PipelineConfig]",
+    describe_frames: Callable[..., Any],
+) -> None:
+    """Describe every frame of DATA.
+
+    An interrupted call resumes where it stopped.
+    """
+    from fusionslam.pipelines.describe import for_source, run_path
+
+    names = opt.parse_names(descriptors)
+    chosen = pipeline_config()
+    recording = build_recording()
+    chosen = for_source(chosen, opt.choose_source(source, chosen, recording))
+    keep(ctx, output)
+    runs = describe_frames(
+        recording, output, names, chosen, inside=".", only_describable=descriptors == "all"
+    )
+    for run in runs:
+        path = run_path(output, run.source, run.descriptor)
+        print(f"{path}: {len(run)} frames{left_out(run)}")

@@ -6,13 +6,13 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_summary, progress
 
 
+@opt.options_of()
 def evaluate(
     folder: opt.Results,
     gt: opt.Truth = None,
     protocol: opt.Protocol = None,
     radius: opt.Radius = None,
     window: opt.Window = None,
-    verbose: opt.Verbose = False,
 ) -> None:
     """Judge the runs in OUT against true poses.
 
@@ -21,7 +21,6 @@ def evaluate(
     from fusionslam.pipelines.compare_descriptors import evaluate_stored
     from fusionslam.report.loops.stored import write_stored_metrics
 
-    opt.check_protocol(protocol)
     given = {"protocol": protocol, "radius": radius, "window": window}
     changes = {key: value for key, value in given.items() if value is not None}
     with progress() as step:

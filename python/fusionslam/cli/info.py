@@ -2,22 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command info: what is in a recording."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_table
+from fusionslam.cli.recordings import build_recording
 
 if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording
 
 
-@opt.reading_options(skip_gaps=True)
-def info(
-    *,
-    recording: "Recording",
-    verbose: opt.Verbose = False,
-) -> None:
+@opt.options_of(build_recording=partial(build_recording, skip_gaps=True))
+def info(build_recording: "Callable[[], Recording]") -> None:
     """Say what is in DATA: frames, sensors, calibration, poses, gaps."""
     from fusionslam.pipelines.overview import look_at
 
-    print_table(["what", "value"], look_at(recording).rows)
+    print_table(["what", "value"], look_at(build_recording()).rows)

@@ -2,37 +2,41 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command loops: the loops in a recording, frame after frame."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import left_out, progress
-from fusionslam.cli.describe import describe_missing
+from fusionslam.cli.describe import describe_frames
 from fusionslam.cli.failures import keep
+from fusionslam.cli.recordings import build_recording
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
+    from fusionslam.pipelines.describe import PipelineConfig
     from fusionslam.pipelines.recording import Recording
 
 
-@opt.reading_options()
+@opt.options_of(
+    build_recording=build_recording,
+    pipeline_config=opt.pipeline_config,
+    describe_frames=describe_frames,
+)
 def loops(
     ctx: typer.Context,
-    *,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for loops and runs.")],
     descriptor: Annotated[
         str, typer.Option("--descriptor", "-d", help="m2dp, cm2dp, shot or cshot.")
     ] = "cm2dp",
     threshold: opt.Threshold = None,
     source: opt.Source = None,
-    recording: "Recording",
-    skip_bad_frames: opt.SkipBad = False,
-    settings: opt.Settings = None,
-    config: opt.ConfigFile = None,
-    jobs: opt.Jobs = None,
-    verbose: opt.Verbose = False,
+    *,
+    build_recording: "Callable[[], Recording]",
+    pipeline_config: "Callable[[], PipelineConfig]",
+    describe_frames: Callable[..., Any],
 ) -> None:
     """Find the loops in DATA frame after frame, as a robot would."""
     from fusionslam.config import merged
@@ -41,14 +45,13 @@ def loops(
     from fusionslam.pipelines.loops import find_loops
 
     name = descriptor_named(descriptor).name
-    chosen = opt.pipeline_config(config, settings)
+    chosen = pipeline_config()
     if threshold is not None:
         chosen = merged(chosen, {"loop_closure": {"threshold": threshold}})
-    chosen = for_source(chosen, opt.source_of(source, chosen, recording))
-    dataset = recording.open(chosen.fusion.source)
+    recording = build_recording()
+    chosen = for_source(chosen, opt.choose_source(source, chosen, recording))
     keep(ctx, output)
-    bad = opt.bad_frames(skip_bad_frames)
-    (run,) = describe_missing(recording, dataset, output, [name], chosen, jobs, bad)
+    (run,) = describe_frames(recording, output, [name], chosen)
     with progress() as step:
         found = find_loops(run, chosen.loop_closure, label_progress(step, "finding loops"))
     found.save(output / "loops.csv")

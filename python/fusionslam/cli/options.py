@@ -6,9 +6,9 @@ import functools
 import inspect
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_origin
 
 import typer
 
@@ -35,32 +35,40 @@ def _start_logging(verbose: bool) -> bool:
 
     handler = RichHandler(console=stderr(), show_path=False, show_time=False)
     level = logging.INFO if verbose else logging.WARNING
-    handler.addFilter(_said_once())
+    handler.addFilter(_pass_once())
     logging.basicConfig(level=level, format="%(message)s", handlers=[handler], force=True)
     return verbose
 
 
-def _said_once() -> "Callable[[LogRecord], bool]":
+def _pass_once() -> "Callable[[LogRecord], bool]":
     """Return a filter that passes each message once: data are reopened for each source."""
-    said: set[str] = set()
+    passed: set[str] = set()
 
     def is_new(entry: "LogRecord") -> bool:
         message = entry.getMessage()
-        new = message not in said
-        said.add(message)
+        new = message not in passed
+        passed.add(message)
         return new
 
     return is_new
 
 
-Data = Annotated[
-    Path,
-    typer.Argument(
-        metavar="DATA",
-        help="A recording (folder, bag, .npz), a world (.glb, .world, .sdf), or town, warehouse, "
-        "house, hospital; its kind is recognised.",
-    ),
-]
+def _check_source(source: str | None) -> str | None:
+    from fusionslam.fusion import SOURCES
+
+    return check_choice("--source", source, SOURCES)
+
+
+def _check_protocol(protocol: str | None) -> str | None:
+    from fusionslam.evaluation import PROTOCOLS
+
+    return check_choice("--protocol", protocol, tuple(PROTOCOLS))
+
+
+def _check_rule(rule: str) -> str | None:
+    return check_choice("--rule", rule, ("paper", "author"))
+
+
 Results = Annotated[Path, typer.Argument(metavar="OUT", help="Folder with stored runs.")]
 SkipBad = Annotated[
     bool,
@@ -75,10 +83,19 @@ Truth = Annotated[
 ]
 Source = Annotated[
     str | None,
-    typer.Option("--source", help=f"{help_texts.SOURCE}; else the first that the data allow."),
+    typer.Option(
+        "--source",
+        callback=_check_source,
+        help=f"{help_texts.SOURCE}; else the first that the data allow.",
+    ),
 ]
 Sources = Annotated[
-    str | None, typer.Option("--source", help=f"{help_texts.SOURCE}; else all that the data allow.")
+    str | None,
+    typer.Option(
+        "--source",
+        callback=_check_source,
+        help=f"{help_texts.SOURCE}; else all that the data allow.",
+    ),
 ]
 Threshold = Annotated[float | None, typer.Option("--threshold", help=f"{help_texts.THRESHOLD}.")]
 Radius = Annotated[float | None, typer.Option("--radius", help=f"{help_texts.RADIUS}.")]
@@ -96,10 +113,75 @@ ConfigFile = Annotated[
 Jobs = Annotated[
     int | None, typer.Option("--jobs", "-j", min=1, help="Frames at a time; else one a core.")
 ]
-Protocol = Annotated[str | None, typer.Option("--protocol", help=f"{help_texts.PROTOCOL}.")]
+Protocol = Annotated[
+    str | None,
+    typer.Option("--protocol", callback=_check_protocol, help=f"{help_texts.PROTOCOL}."),
+]
+SceneSets = Annotated[
+    list[Path], typer.Argument(metavar="SCENES...", help="Scene sets or .npz recordings.")
+]
+Tuned = Annotated[
+    str | None,
+    typer.Option("--tuned", metavar="NAME", help="Values found by tune that come with fusionslam."),
+]
+Rule = Annotated[
+    str,
+    typer.Option("--rule", callback=_check_rule, help="How views are judged: paper or author."),
+]
+Folder = Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")]
+NoReport = Annotated[bool, typer.Option("--no-report", help="Write no page, which takes a while.")]
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", callback=_start_logging, help="Say more, on stderr.")
 ]
+
+
+def options_of(**functions: Callable[..., Any]) -> Callable[[Command], Command]:
+    """Give a command the options that functions declare, and --verbose.
+
+    Each function stands for the command's parameter of the same name, in whose place its options
+    are listed. The command receives the function with the options filled in, and calls it with the
+    other arguments, after the checks that should come first. Options that ``functools.partial``
+    fixes are not offered.
+    """
+
+    def decorate(command: Command) -> Command:
+        own = inspect.signature(command).parameters
+        options = {name: _options(function) for name, function in functions.items()}
+        added: dict[str, inspect.Parameter] = {}
+        for name, parameter in own.items():
+            added |= options.get(name, {name: parameter})
+        added["verbose"] = _VERBOSE
+        # Keyword-only, as parameters with a default may come before ones without.
+        parameters = [each.replace(kind=each.KEYWORD_ONLY) for each in added.values()]
+
+        @functools.wraps(command)
+        def run(**values: Any) -> None:
+            given: dict[str, Any] = {name: values[name] for name in own if name in values}
+            for name, function in functions.items():
+                filled = {option: values[option] for option in options[name]}
+                given[name] = functools.partial(function, **filled)
+            command(**given)
+
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {each.name: each.annotation for each in parameters}
+        return run
+
+    return decorate
+
+
+def _options(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    """Return the parameters that declare an option, by name."""
+    fixed = getattr(function, "keywords", {})
+    return {
+        name: parameter
+        for name, parameter in inspect.signature(function).parameters.items()
+        if get_origin(parameter.annotation) is Annotated and name not in fixed
+    }
+
+
+_VERBOSE = inspect.Parameter(
+    "verbose", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Verbose
+)
 
 
 def cores(jobs: int | None) -> int:
@@ -108,137 +190,6 @@ def cores(jobs: int | None) -> int:
         return jobs
     # macOS has no CPU affinity.
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def build_recording(
-    data: Data,
-    kind: Annotated[
-        str | None,
-        typer.Option(
-            help="kitti-odometry, kitti-raw, kitti-object, folder, ranges, rosbag1, rosbag2, "
-            "mcap or scenes."
-        ),
-    ] = None,
-    sequence: Annotated[
-        str | None, typer.Option(help="Which one, where DATA holds several.")
-    ] = None,
-    topic: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="WHAT=/NAME",
-            help="Topic of a bag for points, left, camera_info, right, right_camera_info, odometry "
-            "or truth; may be repeated.",
-        ),
-    ] = None,
-    stamps: Annotated[
-        str, typer.Option(help="Times of a bag's messages: header, or bag (their arrival).")
-    ] = "header",
-    sync: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUE",
-            help="How a bag's images go with its scans: policy=last_before, max_difference=0.05, "
-            "...",
-        ),
-    ] = None,
-    calib: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="calib.yaml, of a bag or folder without one."),
-    ] = None,
-    skip_gaps: Annotated[
-        bool, typer.Option("--skip-gaps", help="Leave out frames of which a file is missing.")
-    ] = False,
-    gt: Truth = None,
-) -> "Recording":
-    """Build the recording that the options name."""
-    from fusionslam.cli.worlds import record_if_world
-    from fusionslam.datasets.bags.index import STAMPS
-    from fusionslam.pipelines.recording import Recording
-
-    one_of("--stamps", stamps, STAMPS)
-    topics, changes = _topics(topic or []), _sync_changes(sync or [])
-    path, simulated = record_if_world(data, cores(None))
-    return Recording.at(
-        path,
-        kind=kind,
-        sequence=sequence,
-        gaps="skip" if skip_gaps else "error",
-        poses=gt,
-        topics=topics,
-        stamps=stamps,
-        sync=changes,
-        calibration=calib,
-        simulated=simulated,
-    )
-
-
-def reading_options(**fixed: Any) -> "Callable[[Command], Command]":
-    """Give a command DATA and the options of ``build_recording``.
-
-    They replace the command's parameter ``recording``, which receives the Recording. A command
-    that declares one of them itself, such as ``data``, also receives its value.
-
-    Args:
-        fixed: values of options that this command does not offer.
-    """
-
-    def decorate(command: Command) -> Command:
-        own = inspect.signature(command).parameters
-        reading = {
-            name: parameter
-            for name, parameter in inspect.signature(build_recording).parameters.items()
-            if name not in fixed
-        }
-
-        @functools.wraps(command)
-        def run(**values: Any) -> None:
-            how = {name: values[name] if name in own else values.pop(name) for name in reading}
-            command(recording=build_recording(**fixed, **how), **values)
-
-        added = [parameter for name, parameter in reading.items() if name not in own]
-        place = list(own).index("recording")
-        parameters = [*own.values()]
-        parameters[place : place + 1] = added
-        # Keyword-only, as parameters with a default may come before ones without.
-        parameters = [each.replace(kind=each.KEYWORD_ONLY) for each in parameters]
-        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        run.__annotations__ = {each.name: each.annotation for each in parameters}
-        return run
-
-    return decorate
-
-
-def _topics(texts: list[str]) -> dict[str, str]:
-    """Parse texts such as points=/velodyne_points into a dictionary."""
-    if not texts:
-        return {}
-    from fusionslam.datasets.bags.topics import ROLES
-
-    _check_pairs("--topic", texts, "WHAT=/NAME")
-    for text in texts:
-        one_of(f"--topic {text}: WHAT", text.partition("=")[0], tuple(ROLES))
-    return dict(text.split("=", 1) for text in texts)
-
-
-def _sync_changes(texts: list[str]) -> dict[str, Any]:
-    """Return the values of SyncConfig that differ from its defaults."""
-    from fusionslam.config import with_settings
-    from fusionslam.errors import ConfigError
-    from fusionslam.sensors.synchronizer import SyncConfig
-
-    _check_pairs("--sync", texts, "KEY=VALUE, such as policy=last_before")
-    try:
-        return with_settings(SyncConfig(), texts).model_dump(exclude_defaults=True)
-    except ConfigError as error:
-        raise ConfigError(f"--sync {', '.join(texts)}: {error}") from error
-
-
-def _check_pairs(option: str, texts: list[str], expected: str) -> None:
-    from fusionslam.errors import ConfigError
-
-    for text in texts:
-        if "=" not in text:
-            raise ConfigError(f"{option} {text}: expected {expected}")
 
 
 def everything() -> "Section":
@@ -282,22 +233,42 @@ def everything() -> "Section":
     return whole
 
 
-def pipeline_config(
-    file: Path | None, settings: list[str] | None, **first: Any
-) -> "PipelineConfig":
-    """Return the defaults, changed by ``first``, then by the file, then by the settings.
+def read_config(settings: Settings = None, config: ConfigFile = None, **first: Any) -> Any:
+    """Return the configuration of all stages.
 
-    The file may have a section ``sim``, which only the demo reads.
+    It is the defaults, changed by ``first``, then by the file, then by the settings.
     """
     from fusionslam.config import merged, with_file, with_settings
+
+    whole = merged(everything(), first)
+    if config is not None:
+        whole = with_file(whole, config)
+    return with_settings(whole, settings or [])
+
+
+def pipeline_config(
+    settings: Settings = None, config: ConfigFile = None, **first: Any
+) -> "PipelineConfig":
+    """As ``read_config``, for descriptors: settings of other stages are refused."""
+    from fusionslam.config import with_settings
     from fusionslam.pipelines.describe import PipelineConfig
 
-    config = merged(PipelineConfig(), first)
-    if file is not None:
-        whole = with_file(merged(everything(), first), file)
-        stages = {name: getattr(whole, name) for name in PipelineConfig.model_fields}
-        config = PipelineConfig(**stages)
-    return with_settings(config, settings or [])
+    whole = read_config(None, config, **first)
+    stages = {name: getattr(whole, name) for name in PipelineConfig.model_fields}
+    return with_settings(PipelineConfig(**stages), settings or [])
+
+
+def views_config(
+    tuned: Tuned = None, settings: Settings = None, config: ConfigFile = None, **first: Any
+) -> Any:
+    """As ``read_config``, with clouds in the robot's frame without ground, and tuned values."""
+    from fusionslam.fusion import ROBOT_FUSION
+    from fusionslam.views.presets import tuned_config
+
+    first["fusion"] = ROBOT_FUSION.model_dump(exclude_unset=True)
+    if tuned is not None:
+        first["views"] = tuned_config(tuned).model_dump(exclude_unset=True)
+    return read_config(settings, config, **first)
 
 
 def warn_of_windows(config: "PipelineConfig") -> None:
@@ -314,24 +285,14 @@ def warn_of_windows(config: "PipelineConfig") -> None:
         )
 
 
-def bad_frames(skip: bool) -> str:
-    """Return the value of ``bad_frames`` for the option to skip them."""
-    return "skip" if skip else "error"
-
-
-def source_of(chosen: str | None, config: "PipelineConfig", recording: "Recording") -> str:
+def choose_source(chosen: str | None, config: "PipelineConfig", recording: "Recording") -> str:
     """Return the source given by option, else by configuration, else the first available."""
-    from fusionslam.fusion import SOURCES
-
-    if chosen is not None:
-        one_of("--source", chosen, SOURCES)
-        return chosen
-    if "source" in config.fusion.model_fields_set:
+    if chosen is None and "source" in config.fusion.model_fields_set:
         return config.fusion.source
-    return recording.sources()[0]
+    return chosen or recording.sources()[0]
 
 
-def names_of(text: str) -> list[str]:
+def parse_names(text: str) -> list[str]:
     """Return the named descriptors without repetition. Raises ConfigError for an unknown one."""
     from fusionslam.descriptors import DESCRIPTORS, descriptor_named
 
@@ -339,21 +300,14 @@ def names_of(text: str) -> list[str]:
     return list(dict.fromkeys(descriptor_named(name).name for name in names))
 
 
-def one_of(key: str, value: str, values: tuple[str, ...]) -> None:
-    """Raise ConfigError unless the value is one of these."""
+def check_choice(key: str, value: str | None, values: Sequence[str]) -> str | None:
+    """Return the value. Raises ConfigError unless it is one of these or None."""
     from fusionslam.config import explain_choice
     from fusionslam.errors import ConfigError
 
-    if value not in values:
+    if value is not None and value not in values:
         raise ConfigError(f"{key} is {value!r}, {explain_choice(value, values)}")
-
-
-def check_protocol(protocol: str | None) -> None:
-    """Raise ConfigError for an unknown protocol; None is allowed."""
-    from fusionslam.evaluation import PROTOCOLS
-
-    if protocol is not None:
-        one_of("--protocol", protocol, tuple(PROTOCOLS))
+    return value
 
 
 def command_line() -> str:

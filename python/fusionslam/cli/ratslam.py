@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command ratslam: maps of recordings."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +12,7 @@ import typer
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress
 from fusionslam.cli.failures import INTERRUPTED, needs_extra
-from fusionslam.cli.views.options import build_config
+from fusionslam.cli.recordings import build_recording
 from fusionslam.storage.files import made_folder
 from fusionslam.storage.progress import Step
 
@@ -23,13 +23,12 @@ if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording
     from fusionslam.ratslam.slam import RatSlam
 
-_OF_THE_STATE = ("ratslam.", "views.", "visual_templates.", "fusion.", "descriptors.")
+_OF_THE_STATE = ("--views", "ratslam.", "views.", "visual_templates.", "fusion.", "descriptors.")
 
 
-@opt.reading_options()
+@opt.options_of(build_recording=build_recording)
 def ratslam(
-    *,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")],
+    output: opt.Folder,
     views: Annotated[
         str | None,
         typer.Option(
@@ -71,27 +70,22 @@ def ratslam(
             help='Show the map as it grows, in a file for the viewer of rerun; "viewer" opens it.',
         ),
     ] = None,
-    recording: "Recording",
+    *,
+    build_recording: "Callable[[], Recording]",
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
-    no_report: Annotated[
-        bool, typer.Option("--no-report", help="Write no page, which takes a while.")
-    ] = False,
-    verbose: opt.Verbose = False,
+    no_report: opt.NoReport = False,
 ) -> None:
     """Make a map of where a robot was, of its odometry and the places that it recognises.
 
     Ctrl-C keeps the map so far, and what is needed to go on with it.
     """
-    from contextlib import suppress
-
-    from fusionslam.config import merged
-    from fusionslam.errors import DataError
     from fusionslam.pipelines.drives import open_drive
     from fusionslam.pipelines.map_events import ODOMETRY, events_of, expected_drift
     from fusionslam.pipelines.maps import RunRecorder
     from fusionslam.sim.rendered_images import rendered_images
+    from fusionslam.views.recognisers import find_recogniser
 
     if not no_report:
         needs_extra("report")
@@ -99,15 +93,17 @@ def ratslam(
         needs_extra("live")
     changes = [*([f"ratslam.preset={preset}"] if preset else []), *(settings or [])]
     changes += [f"odometry.seed={seed}"] if seed is not None else []
-    if odometry is not None:
-        opt.one_of("--odometry", odometry, ODOMETRY)
+    opt.check_choice("--odometry", odometry, ODOMETRY)
+    if views is not None:
+        find_recogniser(views, "--views")
     first = {"recording": {"shapes": "collision"}, "ratslam": {"map": expected_drift(odometry)}}
-    whole = build_config(None, config, changes, **first)
-    # A recording of images alone has no clouds; views that need them fail later.
-    with suppress(DataError):
-        whole = merged(whole, {"fusion": {"source": opt.source_of(None, whole, recording)}})
-    slam, earlier = _mapper(whole, views, resume, changes)
+    whole = opt.views_config(None, changes, config, **first)
+    slam, earlier = None, None
+    if resume is not None:
+        slam, earlier = _load_map(resume, ["--views"] * (views is not None) + changes)
     with made_folder(output), ExitStack() as shown:
+        recording = build_recording()
+        slam = slam or _new_map(whole, views, recording)
         with progress() as step:
             drive = open_drive(
                 recording,
@@ -128,7 +124,7 @@ def ratslam(
             )
             recorder = RunRecorder(slam, events, earlier=earlier)
             watch = shown.enter_context(_live(live, events))
-            interrupted = _interrupted(recorder, step, watch)
+            interrupted = _process_events(recorder, step, watch)
         # Before the live view is closed, so that the map is kept even if its file fails.
         _finish(recorder, output, save, interrupted=interrupted, no_report=no_report)
 
@@ -137,10 +133,15 @@ def _finish(
     recorder: "RunRecorder", output: Path, save: Path | None, *, interrupted: bool, no_report: bool
 ) -> None:
     """Write everything and say where; for an interrupted run also how to resume."""
+    from fusionslam.ratslam.map_export import export_run
+
     run = recorder.record()
+    run.save(output / "run.npz")
+    export_run(output, run)
     if interrupted:
         save = save or output / "state.npz"
-    _write(run, recorder.slam, output, save)
+    if save is not None:
+        recorder.slam.save(save, run=run)
     print(_page(run, output, no_report or interrupted))
     if interrupted:
         typer.echo(f"interrupted: --resume {save} goes on from there", err=True)
@@ -160,31 +161,35 @@ def _live(live: str | None, events: "RunEvents") -> "Iterator[Watch | None]":
         yield view.step
 
 
-def _mapper(
-    whole: Any, views: str | None, resume: Path | None, settings: list[str]
-) -> "tuple[RatSlam, RatSlamRun | None]":
-    """Return a new map, or a resumed one with its earlier run."""
+def _load_map(state: Path, options: list[str]) -> "tuple[RatSlam, RatSlamRun | None]":
+    """Return a stored map and its run. Raises ConfigError for options that the map decides."""
     from fusionslam.errors import ConfigError
     from fusionslam.ratslam.slam import RatSlam, load_run
+
+    for text in options:
+        if text.startswith(_OF_THE_STATE):
+            raise ConfigError(f"{text}: {state} says how its map is made; leave the option out")
+    return RatSlam.load(state), load_run(state)
+
+
+def _new_map(whole: Any, views: str | None, recording: "Recording") -> "RatSlam":
+    from contextlib import suppress
+
+    from fusionslam.config import merged
+    from fusionslam.errors import DataError
+    from fusionslam.ratslam.slam import RatSlam
     from fusionslam.ratslam.view_sources import SourceOptions, build_view_source
-    from fusionslam.views.recognisers import find_recogniser, method_of
+    from fusionslam.views.recognisers import method_of
 
-    if views is not None:
-        find_recogniser(views, "--views")
-    if resume is None:
-        options = SourceOptions(
-            whole.views, whole.fusion, whole.descriptors, whole.visual_templates
-        )
-        name = views or method_of(whole.views)
-        return RatSlam(whole.ratslam, views=build_view_source(name, options)), None
-    given = ["--views"] * (views is not None)
-    given += [text for text in settings if text.startswith(_OF_THE_STATE)]
-    if given:
-        raise ConfigError(f"{given[0]}: {resume} says how its map is made; leave the option out")
-    return RatSlam.load(resume), load_run(resume)
+    # A recording of images alone has no clouds; views that need them fail later.
+    with suppress(DataError):
+        whole = merged(whole, {"fusion": {"source": opt.choose_source(None, whole, recording)}})
+    options = SourceOptions(whole.views, whole.fusion, whole.descriptors, whole.visual_templates)
+    name = views or method_of(whole.views)
+    return RatSlam(whole.ratslam, views=build_view_source(name, options))
 
 
-def _interrupted(recorder: "RunRecorder", step: Step, watch: "Watch | None") -> bool:
+def _process_events(recorder: "RunRecorder", step: Step, watch: "Watch | None") -> bool:
     """Process the events until the end or Ctrl-C; tell whether it was interrupted.
 
     KeyboardInterrupt is raised again if nothing was done before.
@@ -198,15 +203,6 @@ def _interrupted(recorder: "RunRecorder", step: Step, watch: "Watch | None") -> 
             raise
         return True
     return False
-
-
-def _write(run: "RatSlamRun", slam: "RatSlam", output: Path, save: Path | None) -> None:
-    from fusionslam.ratslam.map_export import export_run
-
-    run.save(output / "run.npz")
-    export_run(output, run)
-    if save is not None:
-        slam.save(save, run=run)
 
 
 def _page(run: "RatSlamRun", output: Path, no_report: bool) -> Path:

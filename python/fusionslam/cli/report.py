@@ -12,6 +12,7 @@ from fusionslam.cli.console import progress
 from fusionslam.cli.failures import keep_parts, needs_extra
 
 
+@opt.options_of()
 def report(
     ctx: typer.Context,
     folder: opt.Results,
@@ -19,7 +20,6 @@ def report(
         Path | None, typer.Option("--output", "-o", help="Folder for the report; else OUT.")
     ] = None,
     protocol: opt.Protocol = None,
-    verbose: opt.Verbose = False,
 ) -> None:
     """Write report.html for the runs in OUT, and views.html for runs of views.
 
@@ -32,7 +32,6 @@ def report(
     from fusionslam.report.loops.stored import write_stored_report
 
     needs_extra("report")
-    opt.check_protocol(protocol)
     if has_view_runs(folder):
         keep_parts(ctx, output or folder)
         print(write_stored_view_report(folder, output))

@@ -23,6 +23,7 @@ FORMATS = {"bag": "rosbag1", "db3": "rosbag2", "mcap": "mcap", "folder": "folder
 """Values of --format, which are also the suffixes of outputs, and the writers' names for them."""
 
 
+@opt.options_of()
 def sim(
     world: Annotated[
         str,
@@ -79,7 +80,6 @@ def sim(
         typer.Option("--config", metavar="FILE", help="YAML, as --print-config prints."),
     ] = None,
     jobs: opt.Jobs = None,
-    verbose: opt.Verbose = False,
 ) -> None:
     """Drive a robot through WORLD and record what its sensors publish.
 
@@ -145,7 +145,7 @@ def _save(
 def _output(path: Path | None, format: str | None) -> tuple[Path, str]:
     """Return the output path and its kind, from format or suffix; checks for a needed extra."""
     if format is not None:
-        opt.one_of("--format", format, tuple(FORMATS))
+        opt.check_choice("--format", format, tuple(FORMATS))
     if path is None:
         raise ConfigError("--output is missing: expected a bag or a folder to write")
     kind = FORMATS.get(format or path.suffix.lower().lstrip("."), "folder")

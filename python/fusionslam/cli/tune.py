@@ -3,46 +3,48 @@
 """The command tune: tuning of the scene similarity's parameters."""
 
 import logging
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_table, progress
 from fusionslam.cli.failures import keep, needs_extra
-from fusionslam.cli.views import options as view
+from fusionslam.cli.recordings import build_recording, open_scenes
 from fusionslam.cli.views.tables import HEADS, figures, without_sensor
+
+if TYPE_CHECKING:
+    from fusionslam.views.scene_set import SceneSet
 
 logger = logging.getLogger(__name__)
 
 
+@opt.options_of(views_config=opt.views_config, open_scenes=open_scenes)
 def tune(
     ctx: typer.Context,
-    scenes: view.SceneSets,
+    scenes: opt.SceneSets,
     output: Annotated[Path, typer.Option("--output", "-o", help="YAML for --config.")],
-    skip_empty: view.SkipEmpty = False,
-    tuned: view.Tuned = None,
-    settings: opt.Settings = None,
-    config: opt.ConfigFile = None,
+    *,
+    views_config: Callable[[], Any],
+    open_scenes: "Callable[..., SceneSet]",
     jobs: opt.Jobs = None,
-    verbose: opt.Verbose = False,
 ) -> None:
-    """Look for the parameters of the similarity that judge recorded drives best.
+    """Search for the parameters of the similarity that recognise places best.
 
-    A call that was interrupted goes on where it stopped, and comes to the same end.
+    An interrupted call resumes where it stopped, with the same result.
     """
     from fusionslam.pipelines.tuning import tune as find
     from fusionslam.pipelines.tuning import write_tuned
     from fusionslam.pipelines.tuning_state import TuningState
 
     needs_extra("tune")
-    whole = view.build_config(tuned, config, settings)
+    whole = views_config()
     state = output.with_name(f"{output.name}.state")
     keep(ctx, state)
     with progress() as step:
-        sets = [view.open_scenes(opt.build_recording(path), whole, step) for path in scenes]
-        sets = [each.without_empty() for each in sets] if skip_empty else sets
+        sets = [open_scenes(build_recording(path), whole, step) for path in scenes]
 
         def show(done: int, total: int, best: float) -> None:
             step(f"tuning, best {best:.4f}", done, total)

@@ -47,7 +47,7 @@ def write_cloud_bag(
     *,
     jobs: int = 1,
     progress: Progress | None = None,
-) -> Path:
+) -> int:
     """Write a bag of clouds on /rgb_cloud, with the known motion of the robot.
 
     /odom holds the odometry of the frames; /ground_truth their poses in the world, all of them,
@@ -61,6 +61,9 @@ def write_cloud_bag(
         config: how frames become clouds.
         jobs: number of frames processed in parallel.
         progress: called with (frames done, total frames).
+
+    Returns:
+        The number of frames.
 
     Raises:
         DataError: a frame cannot be read or fused, or the bag cannot be written or is the
@@ -82,7 +85,7 @@ def write_cloud_bag(
                 bag.write(event)
             if progress is not None:
                 progress(done, len(dataset))
-    return target
+    return len(dataset)
 
 
 def _refuse_own_input(recording: Recording, target: Path) -> None:

@@ -37,7 +37,7 @@ def write_clouds(
     jobs: int = 1,
     command: str = "",
     progress: Progress | None = None,
-) -> Path:
+) -> int:
     """Write ``clouds/NNNNNN.<format>``, times.txt and, if the data has them, poses of the scans.
 
     Files have the numbers of the dataset's frames. Existing clouds are kept, so that an
@@ -51,6 +51,9 @@ def write_clouds(
         jobs: number of frames processed in parallel.
         command: the command line to store with the results.
         progress: called with (frames done, total frames).
+
+    Returns:
+        The number of frames.
 
     Raises:
         DataError: a frame cannot be read or fused, or the folder cannot be written, holds other
@@ -81,7 +84,7 @@ def write_clouds(
         for done, _ in enumerate(written, start=1):
             if progress is not None:
                 progress(done, len(dataset))
-    return root
+    return len(dataset)
 
 
 def refuse_input(recording: Recording, target: Path) -> None:

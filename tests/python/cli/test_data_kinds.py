@@ -99,3 +99,24 @@ def test_a_world_is_recorded_and_then_read_as_a_recording(
         succeeds("fuse", name, "-o", tmp_path / "out")
     assert set(asked) == {"warehouse", str(world)}
     assert "did you mean 'house'?" in fails(1, "info", "hous")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("describe", "-d", "m3dp"),
+        ("describe", "--set", "fusion.bogus=1"),
+        ("loops", "--source", "sonar"),
+        ("bench", "--stamps", "late"),
+        ("fuse", "--topic", "nose=/x"),
+        ("views", "match", "--rule", "mine"),
+        ("views", "record", "--tuned", "nobody"),
+        ("ratslam", "--views", "nobody"),
+        ("calib-check", "--config", "missing.yaml"),
+    ],
+)
+def test_options_are_checked_before_a_world_is_recorded(
+    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fusionslam.sim.recordings.record_world", pytest.fail)
+    fails(2, *words, "warehouse", "-o", tmp_path / "out")

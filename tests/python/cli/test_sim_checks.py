@@ -16,7 +16,7 @@ from fusionslam.sim import catalogue
 from fusionslam.sim.catalogue import MADE, Entry
 from fusionslam.sim.motion.clearance import check_trajectory
 from fusionslam.sim.motion.map_files import read_map
-from fusionslam.sim.recordings import EMBEDDED, embedded_config, recording_config, resolved
+from fusionslam.sim.recordings import EMBEDDED, embedded_config, recording_config, resolve_config
 from fusionslam.sim.world import World
 from worlds import hall, straight
 
@@ -71,7 +71,7 @@ def test_what_print_config_prints_is_read_by_config(tmp_path: Path, world: str) 
     (tmp_path / "all.yaml").write_text(text)
     plain = recording_config(MADE[world])
     changes = {"seed": 3, "plan": {"seed": 3}, "obstacles": {"number": 2}}
-    expected = resolved(merged(plain, changes | {"robot": {"radius_m": 0.3}}))
+    expected = resolve_config(merged(plain, changes | {"robot": {"radius_m": 0.3}}))
     assert as_yaml(with_file(plain, tmp_path / "all.yaml")) == as_yaml(expected) == text
     printed = yaml.safe_load(text)
     assert printed["plan"]["clearance_m"] == pytest.approx(0.35)

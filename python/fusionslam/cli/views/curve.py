@@ -2,44 +2,43 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command views curve: ids judged at many thresholds."""
 
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_table, progress
-from fusionslam.cli.views import options as view
+from fusionslam.cli.recordings import build_recording, open_scenes
 from fusionslam.cli.views.tables import HEADS, curve_row, without_sensor
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording
+    from fusionslam.views.scene_set import SceneSet
 
 
-@opt.reading_options()
+@opt.options_of(
+    build_recording=build_recording, views_config=opt.views_config, open_scenes=open_scenes
+)
 def curve(
-    *,
-    output: view.Folder,
-    skip_empty: view.SkipEmpty = False,
-    rule: view.Rule = "paper",
+    output: opt.Folder,
+    rule: opt.Rule = "paper",
     loop_precision: Annotated[
         float, typer.Option("--loop-precision", min=0, max=1, help="Demanded of a threshold.")
     ] = 0.97,
-    recording: "Recording",
-    tuned: view.Tuned = None,
-    settings: opt.Settings = None,
-    config: opt.ConfigFile = None,
-    jobs: opt.Jobs = None,
-    verbose: opt.Verbose = False,
+    *,
+    build_recording: "Callable[[], Recording]",
+    views_config: Callable[[], Any],
+    open_scenes: "Callable[..., SceneSet]",
 ) -> None:
     """Judge the ids at many thresholds, and name the best ones."""
     from fusionslam.pipelines.views import sweep_thresholds
 
-    whole = view.build_config(tuned, config, settings)
-    opt.one_of("--rule", rule, ("paper", "author"))
+    whole = views_config()
+    recording = build_recording()
     with progress() as step:
-        scenes = view.open_scenes(recording, whole, step, jobs=opt.cores(jobs))
-        scenes = scenes.without_empty() if skip_empty else scenes
+        scenes = open_scenes(recording, whole, step)
         found = sweep_thresholds(
             scenes,
             whole.views,

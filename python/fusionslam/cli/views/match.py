@@ -2,15 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command views match: the id of each scan's place."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress
 from fusionslam.cli.failures import needs_extra
-from fusionslam.cli.views import options as view
+from fusionslam.cli.recordings import build_recording, open_scenes
 from fusionslam.cli.views.tables import print_run
 from fusionslam.storage.progress import label_progress
 
@@ -18,35 +17,31 @@ if TYPE_CHECKING:
     from fusionslam.evaluation import ViewRun
     from fusionslam.pipelines.recording import Recording
     from fusionslam.pipelines.views import MatchRun
+    from fusionslam.views.scene_set import SceneSet
 
 
-@opt.reading_options()
+@opt.options_of(
+    build_recording=build_recording, views_config=opt.views_config, open_scenes=open_scenes
+)
 def match(
+    output: opt.Folder,
+    rule: opt.Rule = "paper",
     *,
-    output: view.Folder,
-    skip_empty: view.SkipEmpty = False,
-    rule: view.Rule = "paper",
-    recording: "Recording",
-    tuned: view.Tuned = None,
-    settings: opt.Settings = None,
-    config: opt.ConfigFile = None,
-    jobs: opt.Jobs = None,
-    no_report: Annotated[
-        bool, typer.Option("--no-report", help="Write no page, which takes a while.")
-    ] = False,
-    verbose: opt.Verbose = False,
+    build_recording: "Callable[[], Recording]",
+    views_config: Callable[[], Any],
+    open_scenes: "Callable[..., SceneSet]",
+    no_report: opt.NoReport = False,
 ) -> None:
     """Give each scan the id of its place, as on a robot; judge the ids where there is truth."""
     from fusionslam.pipelines.views import run_views
     from fusionslam.views.matcher import ViewMatcher
     from fusionslam.views.recognisers import describe_method
 
-    whole = view.build_config(tuned, config, settings)
-    opt.one_of("--rule", rule, ("paper", "author"))
+    whole = views_config()
     matcher = ViewMatcher(whole.views, fusion=whole.fusion, descriptors=whole.descriptors)
+    recording = build_recording()
     with progress() as step:
-        scenes = view.open_scenes(recording, whole, step, jobs=opt.cores(jobs))
-        scenes = scenes.without_empty() if skip_empty else scenes
+        scenes = open_scenes(recording, whole, step)
         if scenes.poses is not None and not no_report:
             needs_extra("report")
         run = run_views(scenes, matcher, label_progress(step, "matching"))

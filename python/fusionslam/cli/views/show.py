@@ -2,22 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command views show: a picture of a scan as a scene, or of two scenes and their matches."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.failures import needs_extra
-from fusionslam.cli.views import options as view
+from fusionslam.cli.recordings import build_recording, open_data
 
 if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording
 
 
-@opt.reading_options(gt=None)
+@opt.options_of(build_recording=partial(build_recording, gt=None), views_config=opt.views_config)
 def show(
-    *,
     frame: Annotated[
         int, typer.Option("--frame", metavar="N", help="Number of the scan, as in matches.csv.")
     ],
@@ -26,11 +27,9 @@ def show(
         int | None,
         typer.Option("--against", metavar="M", help="Number of a scan to compare it with."),
     ] = None,
-    recording: "Recording",
-    tuned: view.Tuned = None,
-    settings: opt.Settings = None,
-    config: opt.ConfigFile = None,
-    verbose: opt.Verbose = False,
+    *,
+    build_recording: "Callable[[], Recording]",
+    views_config: Callable[[], Any],
 ) -> None:
     """Draw a scan before and after it became objects, or which objects of two scans are alike."""
     from fusionslam.errors import ConfigError
@@ -42,8 +41,7 @@ def show(
     if output.suffix.lower() != ".png":
         raise ConfigError(f"--output is {output}, expected the name of a .png")
     needs_extra("report")
-    whole = view.build_config(tuned, config, settings)
-    dataset, whole = view.open_data(recording, whole)
+    dataset, whole = open_data(build_recording(), views_config())
 
     def scan(number: int) -> ClusteredScan:
         cloud = scenes.record_cloud(dataset, number, fusion=whole.fusion, recording=whole.recording)

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands that train the second stage: views train shapes, comparison, places."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -15,12 +15,11 @@ from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
     from fusionslam.config import Section
-    from fusionslam.learning.train import Origin
     from fusionslam.learning.training_loop import Progress, Trained
     from fusionslam.views.scene_set import SceneSet
 
 app = typer.Typer(
-    help="Train the networks of the second stage; an interrupted training goes on.",
+    help="Train the networks of the second stage; an interrupted training resumes.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -29,12 +28,32 @@ Folder = Annotated[
     Path,
     typer.Option("--output", "-o", help="Folder for weights, ONNX, card, curves and checkpoint."),
 ]
-Print = Annotated[
-    bool, typer.Option("--print-config", help="Print all values as YAML and train nothing.")
-]
+
+
+S = TypeVar("S", bound="Section")
+
+
+def read_config(
+    defaults: S,
+    *,
+    print_config: Annotated[
+        bool, typer.Option("--print-config", help="Print all values as YAML and train nothing.")
+    ] = False,
+    settings: opt.Settings = None,
+    config: opt.ConfigFile = None,
+) -> S:
+    """Return the defaults, changed by the file, then by the settings; print them if requested."""
+    from fusionslam.config import as_yaml, with_file, with_settings
+
+    chosen = with_settings(with_file(defaults, config) if config else defaults, settings or [])
+    if print_config:
+        print(as_yaml(chosen), end="")
+        raise typer.Exit
+    return chosen
 
 
 @app.command()
+@opt.options_of(read_config=read_config)
 def shapes(
     ctx: typer.Context,
     output: Folder,
@@ -49,31 +68,29 @@ def shapes(
     procedural: Annotated[
         bool, typer.Option(help="Whether shapes that need no download are among them.")
     ] = True,
-    print_config: Print = False,
-    settings: opt.Settings = None,
-    config: opt.ConfigFile = None,
-    verbose: opt.Verbose = False,
+    *,
+    read_config: Callable[..., Any],
 ) -> None:
     """Train features on shapes, as the thesis does: writes features.*."""
     _check_extras()
     from fusionslam.learning.classification import ShapesTrainingConfig
-    from fusionslam.learning.train import train_shapes
+    from fusionslam.learning.train import Origin, train_shapes
     from fusionslam.learning.training_data import load_shapes
 
-    chosen = _configured(ShapesTrainingConfig(), config, settings, print_config)
+    chosen = read_config(ShapesTrainingConfig())
     train, test, words = load_shapes(chosen.procedural, modelnet, voxels or (), procedural)
     keep(ctx, output)
     with progress() as step:
-        trained = train_shapes((train, test), chosen, output, _origin(words), _shown(step))
+        origin = Origin(opt.command_line(), words)
+        trained = train_shapes((train, test), chosen, output, origin, _show_epochs(step))
     _report(output, trained)
 
 
 @app.command()
+@opt.options_of(read_config=read_config)
 def comparison(
     ctx: typer.Context,
-    scenes: Annotated[
-        list[Path], typer.Argument(metavar="SCENES...", help="Scene sets or .npz recordings.")
-    ],
+    scenes: opt.SceneSets,
     output: Folder,
     features: Annotated[
         Path, typer.Option("--features", metavar="FILE", help="features.safetensors.")
@@ -82,72 +99,53 @@ def comparison(
         str | None,
         typer.Option("--shapes", help="Of recordings: visual or collision; else what there is."),
     ] = None,
-    print_config: Print = False,
-    settings: opt.Settings = None,
-    config: opt.ConfigFile = None,
-    verbose: opt.Verbose = False,
+    *,
+    read_config: Callable[..., Any],
 ) -> None:
     """Train the comparison of two feature vectors on what was recorded: writes comparison.*."""
     _check_extras()
     from fusionslam.learning.pair_comparison import ComparisonTrainingConfig
-    from fusionslam.learning.train import train_comparison
+    from fusionslam.learning.train import Origin, train_comparison
     from fusionslam.learning.training_data import collect_places
 
-    chosen = _configured(ComparisonTrainingConfig(), config, settings, print_config)
+    chosen = read_config(ComparisonTrainingConfig())
     places = collect_places([_scene_set(path, shapes) for path in scenes])
-    words = ", ".join(path.name for path in scenes)
+    origin = Origin(opt.command_line(), ", ".join(path.name for path in scenes))
     keep(ctx, output)
     with progress() as step:
-        trained = train_comparison(places, features, chosen, output, _origin(words), _shown(step))
+        trained = train_comparison(places, features, chosen, output, origin, _show_epochs(step))
     _report(output, trained)
 
 
 @app.command()
+@opt.options_of(read_config=read_config)
 def places(
     ctx: typer.Context,
     output: Folder,
-    print_config: Print = False,
-    settings: opt.Settings = None,
-    config: opt.ConfigFile = None,
-    verbose: opt.Verbose = False,
+    *,
+    read_config: Callable[..., Any],
 ) -> None:
     """Train features end to end on simulated places, with colours: writes features.*."""
     _check_extras()
     needs_extra("sim")
-    from fusionslam.learning.train import PlacesTrainingConfig, train_places
+    from fusionslam.learning.train import Origin, PlacesTrainingConfig, train_places
     from fusionslam.learning.training_data import load_simulated_places
 
-    chosen = _configured(PlacesTrainingConfig(), config, settings, print_config)
+    chosen = read_config(PlacesTrainingConfig())
     keep(ctx, output)
     with progress() as step:
         made = [
             load_simulated_places(part, output / f"{name}.npz", label_progress(step, "simulating"))
             for name, part in chosen.simulated
         ]
-        origin = _origin("simulated")
-        trained = train_places(made[0], made[1], chosen, output, origin, _shown(step))
+        origin = Origin(opt.command_line(), "simulated")
+        trained = train_places(made[0], made[1], chosen, output, origin, _show_epochs(step))
     _report(output, trained)
 
 
 def _check_extras() -> None:
     needs_extra("learn")
     needs_extra("report")
-
-
-S = TypeVar("S", bound="Section")
-
-
-def _configured(
-    defaults: S, file: Path | None, settings: list[str] | None, print_config: bool
-) -> S:
-    """Return the defaults, changed by the file, then by the settings; print them if requested."""
-    from fusionslam.config import as_yaml, with_file, with_settings
-
-    chosen = with_settings(with_file(defaults, file) if file else defaults, settings or [])
-    if print_config:
-        print(as_yaml(chosen), end="")
-        raise typer.Exit
-    return chosen
 
 
 def _scene_set(path: Path, shapes: str | None) -> "SceneSet":
@@ -157,13 +155,7 @@ def _scene_set(path: Path, shapes: str | None) -> "SceneSet":
     return record_scenes(Recording.at(path, shapes=shapes).open())
 
 
-def _origin(words: str) -> "Origin":
-    from fusionslam.learning.train import Origin
-
-    return Origin(opt.command_line(), words)
-
-
-def _shown(step: Step) -> "Progress":
+def _show_epochs(step: Step) -> "Progress":
     def show(done: int, total: int, row: Mapping[str, float]) -> None:
         figures = ", ".join(f"{name} {row[name]:.3f}" for name in row if name != "epoch")
         step(f"training ({figures})" if done == total else "training", done, total)

@@ -1,0 +1,208 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""DATA of commands as a recording; for a world, of a drive that is simulated first."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.console import progress
+from fusionslam.cli.failures import needs_extra
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.storage.progress import Step, label_progress
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fusionslam.datasets import Dataset
+    from fusionslam.pipelines.recording import Recording
+    from fusionslam.views.scene_set import SceneSet
+
+_WORLD_FILES = (".glb", ".world", ".sdf")
+
+Data = Annotated[
+    Path,
+    typer.Argument(
+        metavar="DATA",
+        help="A recording (folder, bag, .npz), a world (.glb, .world, .sdf), or town, warehouse, "
+        "house, hospital; its kind is recognised.",
+    ),
+]
+
+
+def build_recording(
+    data: Data,
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            help="kitti-odometry, kitti-raw, kitti-object, folder, ranges, rosbag1, rosbag2, "
+            "mcap or scenes."
+        ),
+    ] = None,
+    sequence: Annotated[
+        str | None, typer.Option(help="Which one, where DATA holds several.")
+    ] = None,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="WHAT=/NAME",
+            help="Topic of a bag for points, left, camera_info, right, right_camera_info, odometry "
+            "or truth; may be repeated.",
+        ),
+    ] = None,
+    stamps: Annotated[
+        str, typer.Option(help="Times of a bag's messages: header, or bag (their arrival).")
+    ] = "header",
+    sync: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="How a bag's images go with its scans: policy=last_before, max_difference=0.05, "
+            "...",
+        ),
+    ] = None,
+    calib: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="calib.yaml, of a bag or folder without one."),
+    ] = None,
+    skip_gaps: Annotated[
+        bool, typer.Option("--skip-gaps", help="Leave out frames of which a file is missing.")
+    ] = False,
+    gt: opt.Truth = None,
+) -> "Recording":
+    """Build the recording that the options name; of a simulated world it is made first."""
+    from fusionslam.datasets.bags.index import STAMPS
+    from fusionslam.pipelines.recording import Recording
+
+    opt.check_choice("--stamps", stamps, STAMPS)
+    topics, changes = _parse_topics(topic or []), _parse_sync(sync or [])
+    path, simulated = _record_if_world(data)
+    return Recording.at(
+        path,
+        kind=kind,
+        sequence=sequence,
+        gaps="skip" if skip_gaps else "error",
+        poses=gt,
+        topics=topics,
+        stamps=stamps,
+        sync=changes,
+        calibration=calib,
+        simulated=simulated,
+    )
+
+
+def _parse_topics(texts: list[str]) -> dict[str, str]:
+    """Parse texts such as points=/velodyne_points."""
+    from fusionslam.datasets.bags.topics import ROLES
+
+    _check_pairs("--topic", texts, "WHAT=/NAME")
+    for text in texts:
+        opt.check_choice(f"--topic {text}: WHAT", text.partition("=")[0], tuple(ROLES))
+    return dict(text.split("=", 1) for text in texts)
+
+
+def _parse_sync(texts: list[str]) -> dict[str, Any]:
+    """Return the values of SyncConfig that differ from its defaults."""
+    from fusionslam.config import with_settings
+    from fusionslam.sensors.synchronizer import SyncConfig
+
+    _check_pairs("--sync", texts, "KEY=VALUE, such as policy=last_before")
+    try:
+        return with_settings(SyncConfig(), texts).model_dump(exclude_defaults=True)
+    except ConfigError as error:
+        raise ConfigError(f"--sync {', '.join(texts)}: {error}") from error
+
+
+def _check_pairs(option: str, texts: list[str], expected: str) -> None:
+    for text in texts:
+        if "=" not in text:
+            raise ConfigError(f"{option} {text}: expected {expected}")
+
+
+def _record_if_world(data: Path) -> tuple[Path, str | None]:
+    """Return DATA and None, or the recording made in the world that DATA names, and its name.
+
+    Raises:
+        DataError: there is no such file or world, or the world cannot be read.
+    """
+    path = data.expanduser()
+    if not path.exists():
+        _check_name(path)
+    elif not (path.suffix.lower() in _WORLD_FILES if path.is_file() else _has_world(path)):
+        return path, None
+    for extra in ("sim", "bags"):
+        needs_extra(extra)
+    from fusionslam.sim.recordings import record_world
+
+    with progress() as step:
+        show = label_progress(step, f"driving: {path.name}")
+        return record_world(path, jobs=opt.cores(None), progress=show), path.stem
+
+
+def _has_world(folder: Path) -> bool:
+    """Tell whether a folder is one of Gazebo's, with its world in worlds/."""
+    return any(path.suffix in _WORLD_FILES[1:] for path in folder.glob("worlds/*"))
+
+
+def _check_name(path: Path) -> None:
+    """Raise DataError unless a nonexistent path is the name of a simulated world."""
+    from difflib import get_close_matches
+
+    from fusionslam.sim.catalogue import MADE
+
+    if str(path) in MADE:
+        return
+    near = get_close_matches(str(path), MADE, n=1, cutoff=0.5)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    raise DataError(
+        f"{path} does not exist: expected a recording, a world's file or one of "
+        f"{', '.join(MADE)}{hint}"
+    )
+
+
+def open_data(recording: "Recording", whole: Any) -> "tuple[Dataset, Any]":
+    """Open the recording; return it and the configuration with the source of its clouds."""
+    from dataclasses import replace
+
+    from fusionslam.config import merged
+    from fusionslam.datasets.base import CloudDataset
+
+    recording = replace(recording, shapes=whole.recording.shapes)
+    whole = merged(whole, {"fusion": {"source": opt.choose_source(None, whole, recording)}})
+    dataset = recording.open()
+    if isinstance(dataset, CloudDataset):
+        return dataset, whole
+    return recording.open(whole.fusion.source), whole
+
+
+def open_scenes(
+    recording: "Recording",
+    whole: Any,
+    step: Step,
+    *,
+    features: "Sequence[str]" = (),
+    skip_empty: Annotated[
+        bool, typer.Option("--skip-empty", help="Leave out scans of which nothing is left.")
+    ] = False,
+    jobs: opt.Jobs = None,
+) -> "SceneSet":
+    """Return a stored scene set, or make one from a recording."""
+    from fusionslam.datasets.range_recording import RangeRecording
+    from fusionslam.pipelines.scenes import record_scenes
+
+    dataset, whole = open_data(recording, whole)
+    from_ranges = isinstance(dataset, RangeRecording)
+    settings = whole.recording if from_ranges else whole.fusion
+    scenes = record_scenes(
+        dataset,
+        fusion=whole.fusion,
+        recording=whole.recording,
+        features=features,
+        descriptors=whole.descriptors,
+        jobs=opt.cores(jobs),
+        source={"path": recording.path, "config": settings.model_dump(mode="json")},
+        progress=label_progress(step, "reading" if from_ranges else "fusing"),
+    )
+    return scenes.without_empty() if skip_empty else scenes
