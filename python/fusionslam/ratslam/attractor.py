@@ -3,7 +3,6 @@
 """Attractor networks of pose cells: the reference's, and one independent of message rates."""
 
 import math
-from typing import Protocol
 
 import numpy as np
 
@@ -28,7 +27,7 @@ _QUARTER = np.sin(np.arange(HEADINGS // 4 + 1) * LAYER)
 _HALF = np.concatenate((_QUARTER, _QUARTER[-2:0:-1]))
 _SINES = np.concatenate((_HALF, -_HALF))
 _COSINES = np.roll(_SINES, -HEADINGS // 4)
-# If the decoded packet moved farther than this, another packet has won.
+# If the decoded packet moved farther than this, in cells or layers, another packet has won.
 _JUMP = 1.0
 # Energy injected farther from the packet than this, in cells and layers, does not belong to it.
 _REACH = 3
@@ -38,42 +37,10 @@ _MOST = 100
 _FORMED = 10
 
 
-class Network(Protocol):
-    """A sheet of pose cells with its dynamics."""
-
-    @property
-    def best(self) -> Place:
-        """The decoded pose."""
-
-    @property
-    def activity(self) -> Floats:
-        """A copy of the activity, float64 (36, n, n) by th, y, x."""
-
-    def move(self, way: float, turn: float, dt: float) -> None:
-        """Apply odometry: cells forward, radians, seconds, all finite."""
-
-    def inject(self, place: Place, energy: float) -> None:
-        """Add energy at the place where a view puts the robot."""
-
-    def accept(self) -> None:
-        """Accept the place that the packet jumped to."""
-
-    def go_back(self) -> None:
-        """Undo the jump: return to the place before it, moved on by odometry alone."""
-
-    def numbers(self) -> Floats:
-        """The state besides the cells, float64 (k,)."""
-
-    def remember(self, cells: Floats, numbers: Floats) -> None:
-        """Restore ``cells`` and ``numbers``. Raises DataError, ShapeError."""
-
-    @property
-    def cells(self) -> Floats:
-        """The stored cells, which ``remember`` takes."""
-
-
 class ReferenceNetwork:
     """One attractor step per odometry message, as in the reference run (Ball et al. 2013).
+
+    It accepts every jump of the packet, so ``accept`` and ``go_back`` do nothing.
 
     Args:
         size: cells along x and y.
@@ -86,16 +53,23 @@ class ReferenceNetwork:
 
     @property
     def best(self) -> Place:
+        """The decoded pose."""
         return self._best
 
     @property
     def activity(self) -> Floats:
+        """A copy of the activity, float64 (36, n, n) by th, y, x."""
         return self._sheet.activity
 
     cells = activity
+    """The cells that ``restore`` takes."""
 
     def move(self, way: float, turn: float, dt: float) -> None:
-        """Move the activity; heading 0 is +y here. Raises DataError for steps of a cell or more."""
+        """Apply odometry: cells forward, radians, seconds; heading 0 is +y here.
+
+        Raises:
+            DataError: a step of a cell or more.
+        """
         if abs(way) >= 1:
             raise DataError(
                 f"odometry: a step of {abs(way):.6g} cells, the openratslam preset takes less than "
@@ -106,22 +80,24 @@ class ReferenceNetwork:
         self._best = Place(*self._sheet.decode())
 
     def inject(self, place: Place, energy: float) -> None:
-        """Add energy to one cell: the place rounded down."""
+        """Add a view's energy to one cell: its place rounded down."""
         x, y, th = map(math.floor, place)
         self._sheet.inject(x, y, th, energy)
 
     def accept(self) -> None:
-        """Do nothing: the reference never rejects a jump."""
+        """Accept the place that the packet jumped to."""
 
     def go_back(self) -> None:
-        """Do nothing: the reference never rejects a jump."""
+        """Undo the jump: return to the place before it, moved on by odometry alone."""
 
     def numbers(self) -> Floats:
+        """The state besides the cells, float64 (k,)."""
         return np.array(self._best)
 
-    def remember(self, cells: Floats, numbers: Floats) -> None:
+    def restore(self, cells: Floats, numbers: Floats) -> None:
+        """Restore ``cells`` and ``numbers``. Raises DataError, ShapeError."""
         _check_numbers(numbers, 3, self._sheet.activity.shape[1])
-        _take_over(self._sheet, cells)
+        _assign_cells(self._sheet, cells)
         self._best = Place(*numbers.tolist())
 
 
@@ -179,20 +155,20 @@ class SteadyNetwork:
         if not steps:
             return
         if self._progress + steps > _MOST:
-            self._go(way, turn, 1.0)
+            self._advance(way, turn, 1.0)
             self._restart(self.best)
             self._progress = math.fmod(self._progress + steps, 1.0)
             return
         left = steps
         while self._progress + left >= 1 - 1e-9:
             part = min(max(1 - self._progress, 0.0), left)
-            self._go(way, turn, part / steps)
+            self._advance(way, turn, part / steps)
             self._step()
             left -= part
-        self._go(way, turn, left / steps)
+        self._advance(way, turn, left / steps)
         self._progress += left
 
-    def _go(self, way: float, turn: float, part: float) -> None:
+    def _advance(self, way: float, turn: float, part: float) -> None:
         piece = motion_arc(way * part, turn * part)
         self._way = compose(self._way, piece)
         if self._before is not None:
@@ -253,9 +229,9 @@ class SteadyNetwork:
         before = (math.nan,) * 3 if self._before is None else self._before
         return np.array([*self._base, *self._slip, *self._way, self._progress, *before])
 
-    def remember(self, cells: Floats, numbers: Floats) -> None:
+    def restore(self, cells: Floats, numbers: Floats) -> None:
         _check_numbers(numbers, 13, self._size)
-        _take_over(self._sheet, cells)
+        _assign_cells(self._sheet, cells)
         values = numbers.tolist()
         self._base, self._slip, self._way = (Place(*values[i : i + 3]) for i in (0, 3, 6))
         self._progress = values[9]
@@ -278,7 +254,7 @@ def _check_numbers(numbers: Floats, count: int, size: int) -> None:
         raise DataError(f"network: {numbers[9]} of a step, expected 0 to 1")
 
 
-def _take_over(sheet: PoseSheet, cells: Floats) -> None:
+def _assign_cells(sheet: PoseSheet, cells: Floats) -> None:
     expected = sheet.activity.shape
     if cells.shape != expected:
         raise ShapeError(f"the activity has cells of the shape {cells.shape}, expected {expected}")

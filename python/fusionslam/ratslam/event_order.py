@@ -15,17 +15,17 @@ class OrderConfig(Section):
     """How events of several streams are sorted."""
 
     wait: float = option(
-        0.5, "how much later stamps may be before an event counts as complete", unit="s", ge=0
+        0.5, "how much later the newest stamp must be before an event is released", unit="s", ge=0
     )
     in_order: bool = option(
         False,
-        "odometry comes in the order of its stamps, and so do views: an event is complete once "
-        "both have come as far, and wait is how long one of them may be silent",
+        "odometry arrives in the order of its stamps, and so do views: an event is released once "
+        "both have reached its stamp, and wait is how long one of them may be silent",
     )
     jump: float | None = option(
         None,
-        "a stamp farther behind the newest of its kind means that the clock went back; "
-        "null: that it is late",
+        "a stamp farther than this behind the newest of its kind means that the clock went back; "
+        "null: late events are refused",
         unit="s",
         gt=0,
     )
@@ -39,7 +39,7 @@ _NOTHING = (-1, 0)
 
 
 @dataclass
-class _Heard:
+class _StreamClock:
     """Clock of one kind of event.
 
     It holds how often the clock went back, the first and the newest stamp since then, and how far
@@ -51,7 +51,7 @@ class _Heard:
     newest_ns: int | None = None
     silent_ns: int = 0
 
-    def starts(self, clock: int, stamp_ns: int) -> None:
+    def restart(self, clock: int, stamp_ns: int) -> None:
         self.clock, self.first_ns, self.newest_ns = clock, stamp_ns, stamp_ns
 
 
@@ -86,8 +86,8 @@ class StampOrder:
         self.too_late = 0
         self._waiting: list[tuple[int, int, bool, int, Event]] = []
         self._wait_ns = round(self.config.wait * NANOSECONDS)
-        self._heard = {is_view: _Heard(newest_ns=after_ns) for is_view in (False, True)}
-        self._given = None if after_ns is None else (0, after_ns, False)
+        self._clocks = {is_view: _StreamClock(newest_ns=after_ns) for is_view in (False, True)}
+        self._released = None if after_ns is None else (0, after_ns, False)
         self._count = 0
 
     def add(self, event: Event) -> list[Event]:
@@ -97,64 +97,64 @@ class StampOrder:
             DataError: a stamp that is not a whole number of nanoseconds.
         """
         stamp_ns, is_view = stamp_of(event), is_looking(event)
-        self._hear(stamp_ns, is_view)
-        key = (self._heard[is_view].clock, stamp_ns, is_view)
-        if self._given is not None and key < self._given:
+        self._update_clock(stamp_ns, is_view)
+        key = (self._clocks[is_view].clock, stamp_ns, is_view)
+        if self._released is not None and key < self._released:
             self.too_late += 1
         else:
             self._count += 1
             heapq.heappush(self._waiting, (*key, self._count, event))
-        return self._until(self._complete())
+        return self._release(self._complete())
 
     def flush(self) -> list[Event]:
         """Release all waiting events, in order."""
-        return self._until(None)
+        return self._release(None)
 
-    def _hear(self, stamp_ns: int, is_view: bool) -> None:
-        heard, other = self._heard[is_view], self._heard[not is_view]
-        heard.silent_ns = 0
-        if heard.newest_ns is None or self._left_behind(heard, other):
-            heard.starts(other.clock, stamp_ns)
+    def _update_clock(self, stamp_ns: int, is_view: bool) -> None:
+        own, other = self._clocks[is_view], self._clocks[not is_view]
+        own.silent_ns = 0
+        if own.newest_ns is None or self._missed_jump(own, other):
+            own.restart(other.clock, stamp_ns)
         elif self.config.jump is not None and (
-            heard.newest_ns - stamp_ns > self.config.jump * NANOSECONDS
+            own.newest_ns - stamp_ns > self.config.jump * NANOSECONDS
         ):
-            heard.starts(heard.clock + 1, stamp_ns)
+            own.restart(own.clock + 1, stamp_ns)
         else:
-            on = max(stamp_ns - heard.newest_ns, 0)
-            heard.newest_ns += on
+            on = max(stamp_ns - own.newest_ns, 0)
+            own.newest_ns += on
             # Capped: a forward jump of this clock does not make the other kind silent.
             other.silent_ns += min(on, self._wait_ns // 2 + 1)
 
-    def _left_behind(self, heard: _Heard, other: _Heard) -> bool:
-        """Whether the other kind's clock went back more than ``wait`` ago.
+    def _missed_jump(self, own: _StreamClock, other: _StreamClock) -> bool:
+        """True if the other kind's clock went back more than ``wait`` ago.
 
-        Then this one's did too, unnoticed, because its last stamp was earlier than the time that it
-        went back to.
+        Then this one's did too, unnoticed, because its last stamp is earlier than the time to which
+        the clock went back.
         """
         on = (other.newest_ns or 0) - other.first_ns
-        return heard.clock < other.clock and on > self._wait_ns
+        return own.clock < other.clock and on > self._wait_ns
 
     def _complete(self) -> tuple[int, int]:
         """Clock and stamp before which all events can be released."""
-        heard = [one for one in self._heard.values() if one.newest_ns is not None]
-        marks = [(one.clock, one.newest_ns or 0) for one in heard]
+        clocks = [one for one in self._clocks.values() if one.newest_ns is not None]
+        marks = [(one.clock, one.newest_ns or 0) for one in clocks]
         waited = [(clock, newest_ns - self._wait_ns) for clock, newest_ns in marks]
         if not self.config.in_order:
             return max(waited)
-        if len(heard) < len(self._heard):
+        if len(clocks) < len(self._clocks):
             return _NOTHING
         clock, newest_ns = min(marks)
         # A silent kind is waited for no longer than ``wait`` behind the other.
-        alone = [waited[1 - k] for k in (0, 1) if heard[k].silent_ns > self._wait_ns]
+        alone = [waited[1 - k] for k in (0, 1) if clocks[k].silent_ns > self._wait_ns]
         return max([(clock, newest_ns + 1), *alone])
 
-    def _until(self, end: tuple[int, int] | None) -> list[Event]:
-        given = []
+    def _release(self, end: tuple[int, int] | None) -> list[Event]:
+        released = []
         most = _MOST_WAITING if self.config.in_order else len(self._waiting)
         while self._waiting and (
             end is None or self._waiting[0][:2] < end or len(self._waiting) > most
         ):
             clock, stamp_ns, is_view, _, event = heapq.heappop(self._waiting)
-            self._given = (clock, stamp_ns, is_view)
-            given.append(event)
-        return given
+            self._released = (clock, stamp_ns, is_view)
+            released.append(event)
+        return released

@@ -25,7 +25,7 @@ class GivenView:
 
     Attributes:
         view_id: that process's id; -1 if nothing was recognised.
-        is_new: whether that process sees the view for the first time.
+        is_new: True if that process sees the view for the first time.
         relative_rotation: rotation of the robot relative to the view, radians, counter-clockwise.
         relative_place: position of the robot in the view's frame, metres, x forward and y left.
         reason: the reason for this view, as a sentence.
@@ -78,18 +78,18 @@ class GivenViews:
             return Sighting(stamp_ns, NO_VIEW, turn, place, reason)
         view_id = operator.index(given.view_id)
         if given.is_new:
-            self._lose(view_id)
+            self._forget_from(view_id)
         elif view_id not in self._numbers:
-            self._say_restart(f"view {view_id} is of before this map began")
+            self._log_restart(f"view {view_id} is older than this map")
         number = self._numbers.get(view_id, self._count)
         if number == self._count:
             self._numbers[view_id] = number
             self._count, self._beyond = self._count + 1, max(self._beyond, view_id + 1)
         if number != view_id:
-            reason = f"{reason or f'view {view_id}'}, which is view {number} of this map"
+            reason = f"{reason or f'view {view_id}'}; view {number} of this map"
         return Sighting(stamp_ns, number, turn, place, reason)
 
-    def _lose(self, view_id: int) -> None:
+    def _forget_from(self, view_id: int) -> None:
         """Forget all views from this id on: the process has just reported it as new."""
         if view_id >= self._beyond:
             return
@@ -97,12 +97,12 @@ class GivenViews:
         lost = len(self._numbers) - len(kept)
         self._numbers, self._beyond = kept, view_id
         if lost:
-            self._say_restart(f"view {view_id} is new once more: {lost} views were lost")
+            self._log_restart(f"view {view_id} is new again: {lost} views were lost")
 
-    def _say_restart(self, why: str) -> None:
+    def _log_restart(self, why: str) -> None:
         level = logging.INFO if self.restarts else logging.WARNING
         self.restarts += 1
-        logger.log(level, "%s; the map has it as another view", why)
+        logger.log(level, "%s; the map gives it a new number", why)
 
     def to_bytes(self) -> bytes:
         """See ``ViewSource``."""

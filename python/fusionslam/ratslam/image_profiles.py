@@ -102,7 +102,7 @@ def best_stretch(before: Floats, now: Floats, start: int, lens: Lens, reach: flo
     Driving forward by a fraction k of the distance moves a point at angle a to a + k sin a.
     A parabola refines both between the values tried.
     """
-    before, now = _alike(before, now, start)
+    before, now = _standardise_shared(before, now, start)
     shifts = start + np.arange(-_BESIDE, _BESIDE + 1.0)
     stretches = np.linspace(-reach, reach, _STRETCHES)
     errors = _errors(before, now, shifts[:, None, None], stretches[:, None], lens)
@@ -115,7 +115,7 @@ def best_stretch(before: Floats, now: Floats, start: int, lens: Lens, reach: flo
     )
 
 
-def _alike(before: Floats, now: Floats, shift: int) -> tuple[Floats, Floats]:
+def _standardise_shared(before: Floats, now: Floats, shift: int) -> tuple[Floats, Floats]:
     """Standardise both profiles over the columns that both contain."""
     width, right, left = len(now), max(shift, 0), max(-shift, 0)
     shared = before[left : width - right], now[right : width - left]

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets.pose_files import write_poses_tum
 from fusionslam.errors import ConfigError, DataError
+from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.ratslam.map_snapshot import MapRecord
 from fusionslam.storage.archive import save_json
 from fusionslam.storage.arrays import Floats
@@ -118,12 +119,11 @@ def write_trajectory(path: PathLike, run: MapRecord, which: str = "final") -> No
     """
     poses = _poses(run, which)
     if poses is None:
-        said = {"truth": "true", "dead_reckoning": "reckoned"}.get(which, which)
-        raise DataError(f"{run.name}: no {said} poses to write into {path}")
+        raise DataError(f"{run.name}: the run has no trajectory {which!r} to write to {path}")
     _check(run)
     last = np.append(np.diff(run.stamps_ns) != 0, True)[: len(poses)]
     kept = last & ~_unknown(poses)
-    write_poses_tum(path, run.stamps_ns[kept], _matrices(poses[kept]))
+    write_poses_tum(path, run.stamps_ns[kept], ground_poses(*poses[kept].T))
 
 
 def write_g2o(path: PathLike, run: MapRecord) -> None:
@@ -140,7 +140,7 @@ def write_g2o(path: PathLike, run: MapRecord) -> None:
     _check(run)
     lines = [f"VERTEX_SE2 {node} {_numbers(pose)}" for node, pose in enumerate(run.nodes)]
     lines += ["FIX 0"] if lines else []
-    rows = zip(run.links, measured_ways(run.links), _information(run.links), strict=True)
+    rows = zip(run.links, link_offsets(run.links), _information(run.links), strict=True)
     for link, way, (place, rotation) in rows:
         information = _numbers([place, 0.0, 0.0, place, 0.0, rotation])
         ends = f"{link['source']} {link['target']}"
@@ -149,7 +149,7 @@ def write_g2o(path: PathLike, run: MapRecord) -> None:
         temporary.write_text("".join(line + "\n" for line in lines), encoding="ascii")
 
 
-def measured_ways(links: NDArray[np.void]) -> Floats:
+def link_offsets(links: NDArray[np.void]) -> Floats:
     """float64 (n, 3): x, y and rotation of each link's target in its source's frame."""
     c, s = np.cos(links["heading"]), np.sin(links["heading"])
     return np.stack([links["distance"] * c, links["distance"] * s, links["facing"]], axis=1)
@@ -241,16 +241,6 @@ def _to_lists(poses: Floats | None) -> list[list[float] | None] | None:
 def _unknown(poses: Floats) -> NDArray[np.bool_]:
     """Bool (n,): True for unknown poses, which are NaN three times."""
     return np.asarray(np.isnan(poses).all(axis=1))
-
-
-def _matrices(poses: Floats) -> Floats:
-    """float64 (n, 4, 4) transforms of planar poses."""
-    matrices = np.tile(np.eye(4), (len(poses), 1, 1))
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    matrices[:, 0, 0], matrices[:, 0, 1] = c, -s
-    matrices[:, 1, 0], matrices[:, 1, 1] = s, c
-    matrices[:, :2, 3] = poses[:, :2]
-    return matrices
 
 
 def _information(links: NDArray[np.void]) -> Floats:

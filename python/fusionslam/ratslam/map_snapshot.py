@@ -4,55 +4,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam.slam import RatSlam
 from fusionslam.storage.arrays import Floats, Integers
-
-
-class MapRecord(Protocol):
-    """A map and the trajectory on it: a ``RatSlamRun`` or a ``LiveMap``.
-
-    Attributes as in ``RatSlamRun``; None for trajectories that were not kept.
-    """
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def views(self) -> str: ...
-    @property
-    def odometry(self) -> str: ...
-    @property
-    def preset(self) -> str: ...
-    @property
-    def config(self) -> Mapping[str, Any]: ...
-    @property
-    def nodes(self) -> Floats: ...
-    @property
-    def node_stamps_ns(self) -> Integers: ...
-    @property
-    def node_views(self) -> Integers: ...
-    @property
-    def links(self) -> NDArray[np.void]: ...
-    @property
-    def stamps_ns(self) -> Integers: ...
-    @property
-    def node_ids(self) -> Integers: ...
-    @property
-    def view_ids(self) -> Integers: ...
-    @property
-    def offsets(self) -> Floats: ...
-    @property
-    def final_poses(self) -> Floats: ...
-    @property
-    def poses(self) -> Floats | None: ...
-    @property
-    def dead_reckoning(self) -> Floats | None: ...
-    @property
-    def truth(self) -> Floats | None: ...
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -84,13 +43,7 @@ class LiveMap:
 
     @classmethod
     def of(cls, slam: RatSlam, name: str, odometry: str) -> "LiveMap":
-        """Copy the map of a ``RatSlam``.
-
-        Args:
-            slam: it is not changed.
-            name: human-readable name of the drive.
-            odometry: human-readable name of the odometry.
-        """
+        """Copy the map of a ``RatSlam``; the names of drive and odometry are for people."""
         return cls(
             name=name,
             views="given ids" if slam.views is None else slam.views.title,
@@ -127,3 +80,7 @@ class LiveMap:
     def final_poses(self) -> Floats:
         """float64 (k, 3), poses of the nodes."""
         return self.nodes
+
+
+MapRecord = RatSlamRun | LiveMap
+"""A map and the trajectory on it; a ``LiveMap`` has None for trajectories that were not kept."""

@@ -24,7 +24,7 @@ _AWAY_M, _AWAY_RAD = 0.5, 0.5
 
 
 FORGOTTEN_NS = -(2**62) - 1
-"""Stamp given to odometry whose clock went back, earlier than that of any event."""
+"""Stamp of odometry whose clock went back, earlier than that of any event."""
 
 
 class Limits(NamedTuple):
@@ -79,18 +79,18 @@ def odometry_of(event: Event) -> Odometry2D | None:
         DataError: neither pose nor velocity is finite. ShapeError: wrong shapes.
     """
     if isinstance(event, Motion):
-        said = Odometry2D(int(event.stamp_ns), None, _finite(event.v, event.w))
+        odometry = Odometry2D(int(event.stamp_ns), None, _finite_speed(event.v, event.w))
     elif isinstance(event, Odometry):
         _check_shapes(event)
-        speed = _finite(float(event.linear[0]), float(event.angular[2]))
-        said = Odometry2D(int(event.stamp_ns), _ground(event.pose), speed)
+        speed = _finite_speed(float(event.linear[0]), float(event.angular[2]))
+        odometry = Odometry2D(int(event.stamp_ns), _ground(event.pose), speed)
     elif isinstance(event, Frame) and event.odometry is not None:
-        said = Odometry2D(int(event.stamp_ns), _ground(event.odometry), None)
+        odometry = Odometry2D(int(event.stamp_ns), _ground(event.odometry), None)
     else:
         return None
-    if said.pose is None and said.speed is None:
-        raise DataError(f"odometry at {said.stamp_ns} ns: neither a finite pose nor velocity")
-    return said
+    if odometry.pose is None and odometry.speed is None:
+        raise DataError(f"odometry at {odometry.stamp_ns} ns: neither a finite pose nor velocity")
+    return odometry
 
 
 def step_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -> MotionStep | None:
@@ -101,11 +101,6 @@ def step_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -> 
     ``limits.max_way`` apart are a jump; a pose back at the origin after a gap is a restart of the
     driver, or of the robot where it stood. After either, the velocity counts if there is one, else
     the robot did not move.
-
-    Args:
-        before: the previous message.
-        now: the current message.
-        limits: limits of plausible odometry.
 
     Raises:
         DataError: a stamp that is not later, or neither two poses nor a velocity.
@@ -122,14 +117,12 @@ def step_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -> 
     if before.pose is None or now.pose is None:
         return _step_by_speed(now, dt, limits)
     forward, turn = _displacement_between(before.pose, now.pose)
-    way = float(np.hypot(now.pose[0] - before.pose[0], now.pose[1] - before.pose[1]))
+    way = _distance(before.pose, now.pose)
     known = now._replace(speed=now.speed or (0.0, 0.0))
     if way > min(limits.max_speed * dt, limits.max_way):
-        return _step_by_speed(known, dt, limits, f"odometry jumped {way:.4g} m, which is left out")
-    if dt > limits.gap and _began_anew(before.pose, now.pose):
-        note = (
-            f"odometry began anew after {dt:.2f} s: the {way:.2f} m back to its origin are left out"
-        )
+        return _step_by_speed(known, dt, limits, f"odometry jumped {way:.4g} m, ignored")
+    if dt > limits.gap and _is_reset(before.pose, now.pose):
+        note = f"odometry was reset after {dt:.2f} s: {way:.2f} m back to its origin, ignored"
         return _step_by_speed(known, dt, limits, note)
     if dt <= limits.gap:
         return MotionStep(forward / dt, turn / dt, dt)
@@ -141,18 +134,17 @@ def _step_after_jump(before: Odometry2D, now: Odometry2D, limits: Limits) -> Mot
     """The motion since the clock went back; its unknown duration is chosen to fit the limits."""
     if before.pose is None or now.pose is None:
         return None
-    way = float(np.hypot(now.pose[0] - before.pose[0], now.pose[1] - before.pose[1]))
+    way = _distance(before.pose, now.pose)
     if way > limits.max_way:
         return None
-    note = f"the clock went back, and odometry is {way:.2f} m from where it was"
+    note = f"the clock went back, and odometry is {way:.2f} m from its last position"
     dt = max(limits.gap, 2 * way / limits.max_speed)
     return _straight_step(before.pose, now.pose, dt, note)
 
 
 def _straight_step(before: Ground, now: Ground, dt: float, note: str) -> MotionStep:
     """The step along the straight line from one pose to another."""
-    way = float(np.hypot(now[0] - before[0], now[1] - before[1]))
-    turn = float(wrapped(np.asarray(now[2] - before[2])))
+    way, turn = _distance(before, now), float(wrapped(np.asarray(now[2] - before[2])))
     bearing = float(np.arctan2(now[1] - before[1], now[0] - before[0]))
     ahead = float(wrapped(np.asarray(bearing - before[2])))
     if abs(ahead) > np.pi / 2:  # backwards
@@ -162,17 +154,21 @@ def _straight_step(before: Ground, now: Ground, dt: float, note: str) -> MotionS
 
 def _step_by_speed(now: Odometry2D, dt: float, limits: Limits, note: str = "") -> MotionStep:
     if now.speed is None:
-        raise DataError(f"odometry at {now.stamp_ns} ns: no pose before it, and no velocity")
+        raise DataError(f"odometry at {now.stamp_ns} ns: no previous pose, and no velocity")
     v, w = now.speed
     if abs(v) > limits.max_speed or abs(v) * min(dt, limits.gap) > limits.max_way:
-        return MotionStep(0.0, 0.0, dt, f"odometry says {v:.4g} m/s, which is left out")
+        return MotionStep(0.0, 0.0, dt, f"odometry has a speed of {v:.4g} m/s, ignored")
     if not note and dt > limits.gap:
         note = f"odometry was silent for {dt:.2f} s: its velocity counts for {limits.gap:g} s"
     return MotionStep(v, w, min(dt, limits.gap), note)
 
 
-def _began_anew(before: Ground, now: Ground) -> bool:
-    """Whether odometry is back at its origin and was elsewhere before."""
+def _distance(before: Ground, now: Ground) -> float:
+    return float(np.hypot(now[0] - before[0], now[1] - before[1]))
+
+
+def _is_reset(before: Ground, now: Ground) -> bool:
+    """True if odometry is back at its origin and was elsewhere before."""
     away = np.hypot(*before[:2]) > _AWAY_M or abs(before[2]) > _AWAY_RAD
     return bool(away and np.hypot(*now[:2]) <= _ORIGIN_M and abs(now[2]) <= _ORIGIN_RAD)
 
@@ -200,7 +196,7 @@ def _ground(pose: NDArray[np.float64]) -> Ground | None:
     return float(pose[0, 3]), float(pose[1, 3]), float(np.arctan2(pose[1, 0], pose[0, 0]))
 
 
-def _finite(v: float, w: float) -> tuple[float, float] | None:
+def _finite_speed(v: float, w: float) -> tuple[float, float] | None:
     try:
         speed = float(v), float(w)
     except (TypeError, ValueError, OverflowError):

@@ -21,6 +21,7 @@ import numpy as np
 
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.ratslam.event_order import OrderConfig, StampOrder
 from fusionslam.ratslam.events import Event, Look, Motion, is_looking, stamp_of
 from fusionslam.ratslam.external_views import GivenViews
@@ -34,11 +35,11 @@ from fusionslam.storage.files import uninterrupted
 logger = logging.getLogger(__name__)
 
 
-BAD_EVENT = "no event, or one without a stamp"
-ZERO_STAMP = "a stamp of zero among others"
-TOO_LATE = "later ones were taken before"
-BAD_ODOMETRY = "odometry that RatSLAM refuses"
-BAD_VIEW = "a view that RatSLAM refuses"
+BAD_EVENT = "not an event with a stamp"
+ZERO_STAMP = "stamp 0 among other stamps"
+TOO_LATE = "later events were already processed"
+BAD_ODOMETRY = "invalid odometry"
+BAD_VIEW = "invalid view"
 
 _DAY_NS = 86_400 * NANOSECONDS
 
@@ -50,12 +51,12 @@ class OnlineRatSlamConfig(Section):
     # The wait delays the map only while no views arrive, when there is nothing to map. Busy
     # machines that play a bag at five times its speed exceeded shorter ones.
     order: OrderConfig = option(
-        OrderConfig(wait=10.0, in_order=True, jump=1.0), "in which order what arrives is taken"
+        OrderConfig(wait=10.0, in_order=True, jump=1.0), "order in which events are processed"
     )
 
 
 class OnlineRatSlam:
-    """Maps from odometry and the views of another process as they arrive; never stops on bad ones.
+    """Maps from odometry and the views of another process as they arrive; tolerates bad events.
 
     The steps do not depend on interleaving and rate: they equal those of a recording of the same
     messages. Odometry counts from the last message before the first view. An event is processed
@@ -83,13 +84,13 @@ class OnlineRatSlam:
         self.jumps = 0
         self.last: Step | None = None
         self._lock = threading.Lock()
-        self._said: set[str] = set()
+        self._logged: set[str] = set()
         self._odometry: Odometry | None = None
         self._here: tuple[Ground, Odometry] | None = None
         self._before: Event | None = None
-        self._go_on(RatSlam(self.config.ratslam, views=GivenViews()))
+        self._start(RatSlam(self.config.ratslam, views=GivenViews()))
 
-    def _go_on(self, slam: RatSlam) -> None:
+    def _start(self, slam: RatSlam) -> None:
         newest_ns = slam.memory.newest_ns
         self.slam, self._begun = slam, newest_ns is not None
         self._newest_ns = dict.fromkeys((False, True), newest_ns or 0)
@@ -110,12 +111,12 @@ class OnlineRatSlam:
                 logged once per cause; the map is unchanged.
         """
         with uninterrupted(), self._lock:
-            return self._take(self._order_events(event))
+            return self._process_events(self._order_events(event))
 
     def flush(self) -> list[Step]:
         """Process all waiting events at the end of the input; returns their steps."""
         with uninterrupted(), self._lock:
-            return self._take(self._order.flush())
+            return self._process_events(self._order.flush())
 
     @property
     def map_from_odometry(self) -> Matrix | None:
@@ -161,13 +162,13 @@ class OnlineRatSlam:
         """
         slam = RatSlam.load(path)
         if not isinstance(slam.views, GivenViews):
-            kind = "nothing" if slam.views is None else slam.views.title
-            raise DataError(f"{path}: it recognises by {kind}, expected {GivenViews.kind}")
+            kind = "none" if slam.views is None else slam.views.title
+            raise DataError(f"{path}: the view source is {kind}, expected {GivenViews.kind}")
         online = cls(config, **changes)
         if slam.config != online.config.ratslam:
-            logger.warning("%s: the map keeps the configuration that it was made with", path)
+            logger.warning("%s: the map keeps its stored configuration", path)
         online.config = merged(online.config, {"ratslam": slam.config.model_dump()})
-        online._go_on(slam)
+        online._start(slam)
         return online
 
     def _order_events(self, event: Any) -> list[Event]:
@@ -176,7 +177,7 @@ class OnlineRatSlam:
             if not isinstance(event, Odometry | Motion | Look):
                 raise DataError(f"{type(event).__name__}: expected Odometry, Motion or Look")
             if self._is_unset(stamp_of(event), is_looking(event)):
-                self._refuse(ZERO_STAMP, f"{type(event).__name__}: its sender sets no stamp")
+                self._refuse(ZERO_STAMP, f"{type(event).__name__}: its sender does not set stamps")
                 return []
             ready = self._order.add(event)
         except FusionSlamError as error:
@@ -187,25 +188,25 @@ class OnlineRatSlam:
         return ready
 
     def _is_unset(self, stamp_ns: int, is_view: bool) -> bool:
-        """Whether a stamp is 0 while its kind has other stamps, or the other kind is days later."""
+        """True for a stamp of 0 if its kind has other stamps, or the other kind is days later."""
         own_ns, any_ns = self._newest_ns[is_view], max(self._newest_ns.values())
         if stamp_ns == 0 and (own_ns > NANOSECONDS or any_ns > _DAY_NS):
             return True
         self._newest_ns[is_view] = stamp_ns
         return False
 
-    def _take(self, events: list[Event]) -> list[Step]:
+    def _process_events(self, events: list[Event]) -> list[Step]:
         steps = []
-        for event in (one for ready in events for one in self._counting(ready)):
+        for event in (one for ready in events for one in self._select_events(ready)):
             if self._taken_ns is not None and event.stamp_ns < self._taken_ns:
-                self._turn_back(self._taken_ns, event.stamp_ns)
+                self._reset_clock(self._taken_ns, event.stamp_ns)
             self._taken_ns = event.stamp_ns
             step = self._step(event)
             if step is not None:
                 steps.append(step)
         return steps
 
-    def _counting(self, event: Event) -> Iterable[Event]:
+    def _select_events(self, event: Event) -> Iterable[Event]:
         """The events to process: of those before the first view, only the last odometry."""
         if self._begun:
             return [event]
@@ -215,13 +216,13 @@ class OnlineRatSlam:
         self._begun = True
         return [event] if self._before is None else [self._before, event]
 
-    def _turn_back(self, before_ns: int, now_ns: int) -> None:
+    def _reset_clock(self, before_ns: int, now_ns: int) -> None:
         level = logging.INFO if self.jumps else logging.WARNING
         self.jumps += 1
         self.slam.forget_clock()
         apart = (before_ns - now_ns) / NANOSECONDS
         logger.log(
-            level, "the clock went back by %.3f s: the map goes on from where odometry is", apart
+            level, "the clock went back by %.3f s: the map continues from odometry's pose", apart
         )
 
     def _step(self, event: Event) -> Step | None:
@@ -241,9 +242,9 @@ class OnlineRatSlam:
 
     def _refuse(self, cause: str, why: str) -> None:
         self.refused[cause] += 1
-        level = logging.DEBUG if cause in self._said else logging.WARNING
-        self._said.add(cause)
-        logger.log(level, "left out, %s: %s", cause, why)
+        level = logging.DEBUG if cause in self._logged else logging.WARNING
+        self._logged.add(cause)
+        logger.log(level, "event ignored, %s: %s", cause, why)
 
 
 def map_from_odometry(pose: Ground, odometry: Odometry) -> Matrix | None:
@@ -264,10 +265,5 @@ def map_from_odometry(pose: Ground, odometry: Odometry) -> Matrix | None:
     said = odometry_of(odometry)
     if said is None or said.pose is None:
         return None
-    return _lift_pose(pose) @ np.linalg.inv(_lift_pose(said.pose))
-
-
-def _lift_pose(pose: Ground) -> Matrix:
-    """float64 (4, 4) transform of a pose on the ground."""
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    return np.array([[c, -s, 0, pose[0]], [s, c, 0, pose[1]], [0, 0, 1, 0], [0, 0, 0, 1]])
+    map_from_robot, odometry_from_robot = ground_poses(*np.array([pose, said.pose]).T)
+    return np.asarray(map_from_robot @ np.linalg.inv(odometry_from_robot))

@@ -21,7 +21,7 @@ _DTYPES = {"since": np.int64, "views_of": np.int64, "counts": np.int64, "flags":
 NAMES = ("cells", "network", *_FIXED, *VIEW_TABLES, *EXPERIENCE_TABLES)
 
 
-def checked_state(state: Arrays) -> dict[str, NDArray[Any]]:
+def check_state(state: Arrays) -> dict[str, NDArray[Any]]:
     """Check arrays of a stored state, and return them with the right types.
 
     Raises:

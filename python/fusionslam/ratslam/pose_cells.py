@@ -21,7 +21,7 @@ from fusionslam._core import ActionKind
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.ratslam.actions import Action
-from fusionslam.ratslam.attractor import Network, ReferenceNetwork, SteadyNetwork
+from fusionslam.ratslam.attractor import ReferenceNetwork, SteadyNetwork
 from fusionslam.ratslam.pose_cell_sheet import (
     HEADINGS,
     IDENTITY,
@@ -32,7 +32,7 @@ from fusionslam.ratslam.pose_cell_sheet import (
     inverse,
     wrap,
 )
-from fusionslam.ratslam.pose_cell_state import EXPERIENCE_TABLES, VIEW_TABLES, checked_state
+from fusionslam.ratslam.pose_cell_state import EXPERIENCE_TABLES, VIEW_TABLES, check_state
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.growing_array import Rows
 
@@ -47,7 +47,7 @@ _TABLES = (*VIEW_TABLES, *EXPERIENCE_TABLES)
 # Distances longer than this, in cells, do not resolve the place within a cell any more.
 _FARTHEST = 1e9
 # The decay at which a view has no energy left: 30 - exp(1.2 decay) is 0.
-_WORN = math.log(30) / 1.2
+_EXHAUSTED = math.log(30) / 1.2
 
 
 class PoseCellsConfig(Section):
@@ -60,25 +60,29 @@ class PoseCellsConfig(Section):
     cell_m: float = option(0.4, "side of a cell", unit="m", gt=0, allow_inf_nan=False)
     inject: float | None = option(
         None,
-        "energy that a recognised view adds to the activity, whose sum is 1; null: the preset's, "
-        "0.15 of robust, 0.05 of openratslam",
+        "energy that a recognised view adds to the activity, whose sum is 1; null: 0.15 with "
+        "robust, 0.05 with openratslam",
         ge=0,
         le=10,
     )
     restore: float = option(
-        0.05, "what the decay of a view falls by with each view", ge=0, allow_inf_nan=False
+        0.05, "decay that a view recovers from with each arriving view", ge=0, allow_inf_nan=False
     )
     active_decay: float = option(1.0, "decay of a view at rest", ge=0, allow_inf_nan=False)
     global_inhibition: float = option(
-        2e-5, "taken from every cell in each step of the attractor", ge=0, le=1e-3
+        2e-5, "subtracted from every cell in each step of the attractor", ge=0, le=1e-3
     )
     delta_pc: float = option(
-        2.0, "an experience is another one from here on", unit="cells", gt=0, allow_inf_nan=False
+        2.0,
+        "distance at which a new experience is created",
+        unit="cells",
+        gt=0,
+        allow_inf_nan=False,
     )
     step_s: float = option(
         0.5,
-        "robust: odometry between two steps of the attractor, which also takes one every cell of "
-        "way; openratslam takes one with each odometry",
+        "robust: time between two steps of the attractor, which also takes one after every cell of "
+        "distance; openratslam takes one with each odometry message",
         unit="s",
         ge=1e-3,
         le=3600,
@@ -111,13 +115,14 @@ class PoseCells:
     """
 
     def __init__(self, config: PoseCellsConfig | None = None, **changes: Any) -> None:
-        self._start(merged(config or PoseCellsConfig(), changes))
-
-    def _start(self, config: PoseCellsConfig) -> None:
-        self.config = config
+        config = self.config = merged(config or PoseCellsConfig(), changes)
         self._robust = config.preset == "robust"
         self._energy = INJECT[config.preset] if config.inject is None else config.inject
-        self._network = _network(config)
+        self._network: ReferenceNetwork | SteadyNetwork = (
+            SteadyNetwork(config.size, config.global_inhibition, config.step_s)
+            if self._robust
+            else ReferenceNetwork(config.size, config.global_inhibition)
+        )
         # For each view: its place, its decay, and the count of views when the decay was set.
         self._places, self._decays, self._since = Rows(np.float64, 3), Rows(np.float64), Rows(int)
         self._arrived = self._view = self._previous = 0
@@ -205,10 +210,10 @@ class PoseCells:
         decay = self._decay(view)
         if view == self._view:
             decay += self.config.active_decay
-            self._wear(view, min(decay, _WORN) if self._robust else decay)
+            self._set_decay(view, min(decay, _EXHAUSTED) if self._robust else decay)
         count = len(self._places)
         underflows = not self._robust and count < _OLDER_THAN
-        if decay >= _WORN or not (underflows or view < count - _OLDER_THAN):
+        if decay >= _EXHAUSTED or not (underflows or view < count - _OLDER_THAN):
             return
         energy = self._energy * (30 - math.exp(1.2 * decay)) / 30
         place = Place(*self._places.all[view].tolist())
@@ -223,7 +228,7 @@ class PoseCells:
         fallen = self.config.restore * (self._arrived - int(self._since.all[view]))
         return max(float(self._decays.all[view]) - fallen, self.config.active_decay)
 
-    def _wear(self, view: int, decay: float) -> None:
+    def _set_decay(self, view: int, decay: float) -> None:
         self._decays.all[view], self._since.all[view] = decay, self._arrived
 
     def on_odometry(self, v: float, w: float, dt: float) -> None:
@@ -257,7 +262,7 @@ class PoseCells:
         self._moved = True
 
     def _decide(self) -> None:
-        """Accept the last edge: the caller goes on without having refused it."""
+        """Accept the last edge, which the caller has not refused."""
         if self._in_doubt:
             self._network.accept()
         self._in_doubt = False
@@ -320,7 +325,7 @@ class PoseCells:
         self._in_doubt = False
         self._network.go_back()
         if self._robust:
-            self._wear(self._view, _WORN)
+            self._set_decay(self._view, _EXHAUSTED)
         return self._create_node(action.source)
 
     def _way_from(self, experience: int) -> Place:
@@ -345,7 +350,6 @@ class PoseCells:
     def _predict(self, experiences: Any) -> Floats:
         """The robot's poses by the match of these experiences' view, float64 (k, 3)."""
         places, offsets = self._experiences.all[experiences], self._offsets.all[experiences]
-        # First the view's frame, then the robot's pose in it.
         heading = (places[:, 2] - offsets[:, 2]) * LAYER
         dx, dy = (np.array(self._relative[:2]) - offsets[:, :2]).T
         expected: Floats = np.stack(
@@ -374,26 +378,18 @@ class PoseCells:
         """Resume from the ``state`` of cells with the same configuration.
 
         Raises:
-            DataError: arrays that are missing, or of another shape or configuration; impossible
-                values. ShapeError: another number of cells. Nothing is changed.
+            DataError: a missing array, or one of another shape or configuration; impossible values.
+                Nothing is changed.
+            ShapeError: another number of cells. Nothing is changed.
         """
-        made = PoseCells(self.config)
-        made._take(checked_state(state))
-        vars(self).update(vars(made))
-
-    def _take(self, state: Mapping[str, NDArray[Any]]) -> None:
-        self._network.remember(state["cells"], state["network"])
-        self._relative = Place(*state["relative"].tolist())
-        self._arrived, self._view, self._previous, self._current = state["counts"].tolist()
-        self._moved, self._seen, self._in_doubt = state["flags"].tolist()
+        state, new = check_state(state), PoseCells(self.config)
+        new._network.restore(state["cells"], state["network"])
+        new._relative = Place(*state["relative"].tolist())
+        new._arrived, new._view, new._previous, new._current = state["counts"].tolist()
+        new._moved, new._seen, new._in_doubt = state["flags"].tolist()
         for name in _TABLES:
-            setattr(self, f"_{name}", Rows.of(state[name]))
-        self._known = [Rows(int) for _ in range(len(self._places))]
-        for experience, view in enumerate(self._views_of.all.tolist()):
-            self._known[view].append(experience)
-
-
-def _network(config: PoseCellsConfig) -> Network:
-    if config.preset == "openratslam":
-        return ReferenceNetwork(config.size, config.global_inhibition)
-    return SteadyNetwork(config.size, config.global_inhibition, config.step_s)
+            setattr(new, f"_{name}", Rows.of(state[name]))
+        new._known = [Rows(int) for _ in range(len(new._places))]
+        for experience, view in enumerate(new._views_of.all.tolist()):
+            new._known[view].append(experience)
+        vars(self).update(vars(new))

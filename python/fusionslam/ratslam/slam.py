@@ -7,7 +7,7 @@
 >>> for event in (Motion(0, 0.5, 0.0), Sighting(0, 0), Motion(33_000_000, 0.5, 0.0)):
 ...     step = slam.step(event)
 >>> step.why
-'node 0 made of view 0'
+'node 0 created from view 0'
 """
 
 import io
@@ -67,20 +67,20 @@ class RatSlamConfig(Section):
     map: ExperienceMapConfig = option(ExperienceMapConfig(), "the experience map")
     gap: float = option(
         0.5,
-        "silence of odometry that is noted; a velocity counts no longer than this",
+        "gap of odometry that is noted; a velocity counts no longer than this",
         unit="s",
         gt=0,
         le=3600,
     )
     max_speed: float = option(
         50.0,
-        "odometry that is faster jumped, as when its node starts anew: the jump is left out",
+        "faster odometry is a jump, such as a restart of its node, and is ignored",
         unit="m/s",
         gt=0,
         le=1000,
     )
     ambiguous: int = option(
-        3, "a view that was seen at so many other places does not speak against odometry", ge=1
+        3, "a view seen at this many other places is too ambiguous to override odometry", ge=1
     )
 
 
@@ -101,7 +101,7 @@ class Step:
         why: what happened, as a sentence; empty if nothing did.
         refused: the edge that was not made because its loop did not fit.
         relaxation: how well links fit after relaxation; None if nothing was done.
-        looked: whether the event had a view, recognised or not.
+        looked: True if the event had a view, recognised or not.
         seconds: time spent on view recognition, the cells and the map.
     """
 
@@ -189,13 +189,13 @@ class RatSlam:
                 counts.
         """
         watch = Stopwatch()
-        said, stride = self._check(event)
-        self._move(said, stride, watch)
+        odometry, motion = self._check(event)
+        self._move(odometry, motion, watch)
         sighting = self._look(event, watch)
         if sighting is not None:
-            self._see(event, sighting, watch)
-        done = self._act(stride, sighting, watch)
-        return self._make_step(event, stride, sighting, done, watch)
+            self._apply_view(event, sighting, watch)
+        done = self._act(motion, sighting, watch)
+        return self._make_step(event, motion, sighting, done, watch)
 
     def forget_clock(self) -> None:
         """Accept any stamp for the next event, for example when a bag or a simulation restarts.
@@ -255,15 +255,11 @@ class RatSlam:
                 getattr(slam, part).restore(state)
             if slam.views is not None:
                 slam.views.restore(arrays[_VIEWS].tobytes())
-            slam.memory = Memory.of(about["memory"])
-            slam._check_memory()
+            memory = slam.memory = Memory.of(about["memory"])
+            counts = len(slam.map), len(memory.node_stamps_ns), len(memory.node_views)
+            if len(set(counts)) > 1:
+                raise DataError("{} nodes, {} stamps and {} views of nodes".format(*counts))
         return slam
-
-    def _check_memory(self) -> None:
-        nodes = len(self.map.nodes)
-        found = (len(self.memory.node_stamps_ns), len(self.memory.node_views))
-        if found != (nodes, nodes):
-            raise DataError(f"{nodes} nodes, but stamps and views of {found}")
 
     def _check(self, event: Event) -> tuple[Odometry2D | None, MotionStep | None]:
         stamp_ns, known = stamp_of(event), self.memory
@@ -271,14 +267,18 @@ class RatSlam:
             raise DataError(f"stamp {stamp_ns} ns: expected {known.newest_ns} ns or later")
         if is_looking(event) and stamp_ns == known.looked_ns:
             raise DataError(f"view at {stamp_ns} ns: expected a stamp later than the last view's")
-        said = odometry_of(event)
-        stride = None if said is None else step_between(known.odometry, said, self._limits)
-        return said, stride
+        odometry = odometry_of(event)
+        motion = None if odometry is None else step_between(known.odometry, odometry, self._limits)
+        return odometry, motion
 
-    def _move(self, said: Odometry2D | None, stride: MotionStep | None, watch: Stopwatch) -> None:
-        if stride is not None:
-            for v, w, dt in stride.legs:
-                pieces = self._pieces(v * dt)
+    def _move(
+        self, odometry: Odometry2D | None, motion: MotionStep | None, watch: Stopwatch
+    ) -> None:
+        cells = self.cells.config
+        if motion is not None:
+            for v, w, dt in motion.legs:
+                # openratslam takes less than a cell at a time.
+                pieces = 1 if cells.preset == "robust" else int(abs(v * dt) / cells.cell_m) + 1
                 with watch.of("cells"):
                     for _ in range(pieces):
                         self.cells.on_odometry(v, w, dt / pieces)
@@ -286,13 +286,8 @@ class RatSlam:
                     self.map.on_odometry(v, w, dt)
                 self.alone.on_odometry(v, w, dt)
             self.memory.moved = True
-        if said is not None:
-            self.memory.odometry, self.memory.newest_ns = said, said.stamp_ns
-
-    def _pieces(self, way: float) -> int:
-        """Number of steps for a motion: openratslam takes less than a cell each."""
-        cells = self.cells.config
-        return 1 if cells.preset == "robust" else int(abs(way) / cells.cell_m) + 1
+        if odometry is not None:
+            self.memory.odometry, self.memory.newest_ns = odometry, odometry.stamp_ns
 
     def _look(self, event: Event, watch: Stopwatch) -> Sighting | None:
         if not is_looking(event):
@@ -300,12 +295,12 @@ class RatSlam:
         if isinstance(event, Sighting):
             return event
         if self.views is None:
-            raise DataError(f"view at {event.stamp_ns} ns: nothing to look with: give views=")
+            raise DataError(f"view at {event.stamp_ns} ns: no view source to recognise it (views=)")
         with watch.of("view"):
             item = event.item if isinstance(event, Look) else event
             return self.views.look(item, event.stamp_ns)
 
-    def _see(self, event: Event, sighting: Sighting, watch: Stopwatch) -> None:
+    def _apply_view(self, event: Event, sighting: Sighting, watch: Stopwatch) -> None:
         if sighting.view_id != NO_VIEW:
             with watch.of("cells"):
                 self.cells.on_view(
@@ -315,10 +310,10 @@ class RatSlam:
         self.memory.looked_ns = self.memory.newest_ns = int(event.stamp_ns)
 
     def _act(
-        self, stride: MotionStep | None, sighting: Sighting | None, watch: Stopwatch
+        self, motion: MotionStep | None, sighting: Sighting | None, watch: Stopwatch
     ) -> "_ActionResult":
         # openratslam cells act on odometry only: on a view with the odometry after it.
-        if stride is None and (sighting is None or self.cells.config.preset == "openratslam"):
+        if motion is None and (sighting is None or self.cells.config.preset == "openratslam"):
             return _ActionResult(NOTHING)
         with watch.of("cells"):
             action = self.cells.action()
@@ -338,18 +333,14 @@ class RatSlam:
         if action.kind != ActionKind.CREATE_EDGE or self.preset == "openratslam":
             return _ActionResult(action)
         loop = self.map.check(action)
-        if loop.accepted and not self._fits(loop):
-            loop = self._doubt(action, loop)
+        fits = loop.error_m <= loop.allowed_m and loop.error_rad <= loop.allowed_rad
+        if loop.accepted and not fits:  # accepted because other loops agree
+            loop = self._check_ambiguity(action, loop)
         if loop.accepted:
             return _ActionResult(action, loop)
         return _ActionResult(self.cells.refuse(action), loop, refused=action)
 
-    @staticmethod
-    def _fits(loop: LoopCheck) -> bool:
-        """Whether the loop fits odometry by itself, without the support of other loops."""
-        return loop.error_m <= loop.allowed_m and loop.error_rad <= loop.allowed_rad
-
-    def _doubt(self, action: Action, loop: LoopCheck) -> LoopCheck:
+    def _check_ambiguity(self, action: Action, loop: LoopCheck) -> LoopCheck:
         """Refuse a loop against odometry if its view is seen all over the map.
 
         Where everything looks the same, wrong loops agree with each other.
@@ -360,13 +351,13 @@ class RatSlam:
         elsewhere = int(np.count_nonzero(apart > loop.error_m / 2))
         if elsewhere < self.config.ambiguous:
             return loop
-        reason = f"{loop.reason}; but the view was seen at {elsewhere} other places, too"
+        reason = f"{loop.reason}; but the view was seen at {elsewhere} other places"
         return loop._replace(accepted=False, reason=reason)
 
     def _make_step(
         self,
         event: Event,
-        stride: MotionStep | None,
+        motion: MotionStep | None,
         sighting: Sighting | None,
         done: "_ActionResult",
         watch: Stopwatch,
@@ -382,7 +373,7 @@ class RatSlam:
             dead_reckoning=self.alone.pose,
             cells=self.cells.best,
             loop=done.loop,
-            why="; ".join(filter(None, self._reasons(stride, sighting, done))),
+            why="; ".join(filter(None, self._reasons(motion, sighting, done))),
             refused=done.refused,
             relaxation=done.relaxation,
             looked=sighting is not None,
@@ -390,17 +381,19 @@ class RatSlam:
         )
 
     def _reasons(
-        self, stride: MotionStep | None, sighting: Sighting | None, done: "_ActionResult"
+        self, motion: MotionStep | None, sighting: Sighting | None, done: "_ActionResult"
     ) -> Iterator[str]:
         """Sentences that say what happened."""
-        yield stride.note if stride is not None else ""
+        yield motion.note if motion is not None else ""
         if sighting is not None:
-            yield sighting.reason or _plain(sighting)
-            yield "" if self.memory.moved else "no odometry yet, so there is no map to put it on"
+            known = sighting.view_id != NO_VIEW
+            plain = f"view {sighting.view_id}" if known else "nothing recognised"
+            yield sighting.reason or plain
+            yield "" if self.memory.moved else "no odometry yet, so it is not on the map"
         if done.refused is not None and done.loop is not None:
             yield f"no loop to node {done.refused.target}: {done.loop.reason}"
         if done.action.kind == ActionKind.CREATE_NODE:
-            yield f"node {done.action.target} made of view {self.memory.view}"
+            yield f"node {done.action.target} created from view {self.memory.view}"
         elif done.action.kind == ActionKind.CREATE_EDGE:
             yield f"back at node {done.action.target}, from node {done.action.source}"
 
@@ -419,12 +412,12 @@ def _empty_source(kind: str | None, given: ViewSource | None) -> ViewSource | No
     """An empty view source of a stored kind. Raises DataError for an unknown kind."""
     if given is not None:
         if given.kind != kind:
-            raise DataError(f"it recognises by {kind or 'nothing'}, expected {given.kind}")
+            raise DataError(f"the view source is {kind or 'none'}, expected {given.kind}")
         return given
     if kind is None:
         return None
     if kind not in KINDS:
-        raise DataError(f"it recognises by {kind}: name a source like that (views=...)")
+        raise DataError(f"unknown view source {kind}: pass one of this kind (views=)")
     return KINDS[kind]()
 
 
@@ -437,10 +430,6 @@ class _ActionResult(NamedTuple):
     relaxation: Relaxation | None = None
 
 
-def _plain(sighting: Sighting) -> str:
-    return "nothing recognised" if sighting.view_id == NO_VIEW else f"view {sighting.view_id}"
-
-
 @dataclass
 class Memory:
     """The state of a ``RatSlam`` besides its cells and its map.
@@ -450,7 +439,7 @@ class Memory:
         newest_ns: stamp of the newest event.
         looked_ns: stamp of the last view, recognised or not.
         view: id of the last recognised view; -1 before the first.
-        moved: whether odometry has given a motion yet.
+        moved: True once odometry has given a motion.
         node_stamps_ns, node_views: time of creation and view of each node.
     """
 
@@ -465,8 +454,8 @@ class Memory:
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> "Memory":
         """Rebuild from ``asdict`` values read from JSON."""
-        said = values["odometry"]
-        if said is not None:
-            stamp_ns, pose, speed = said
-            said = Odometry2D(stamp_ns, pose and tuple(pose), speed and tuple(speed))
-        return cls(**{**values, "odometry": said})
+        odometry = values["odometry"]
+        if odometry is not None:
+            stamp_ns, pose, speed = odometry
+            odometry = Odometry2D(stamp_ns, pose and tuple(pose), speed and tuple(speed))
+        return cls(**{**values, "odometry": odometry})

@@ -21,13 +21,13 @@ from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
 from fusionslam.fusion import ROBOT_FUSION, FusionConfig
+from fusionslam.geometry.se2 import compose
 from fusionslam.ratslam.events import Sighting
 from fusionslam.ratslam.external_views import GivenViews
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Picture
 from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.files import PathLike
-from fusionslam.views.match import ViewMatch
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig, describe_method, find_recogniser
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
@@ -36,7 +36,7 @@ FORMAT = "fusionslam.view_source.1"
 
 Pose = tuple[float, float, float]
 
-_NOT_TURNED = (0.0, 0.0, 0.0)
+_IDENTITY = (0.0, 0.0, 0.0)
 
 
 class ViewSource(Protocol):
@@ -106,7 +106,7 @@ class TemplateSource:
         if not match.is_new:
             reason = f"matched view {match.id}: it differs by {match.error:.4f} <= {threshold:g}"
         elif not np.isfinite(match.error):
-            reason = f"new view {match.id}: none is like it"
+            reason = f"new view {match.id}: none is similar"
         return Sighting(stamp_ns, match.id, match.relative_rotation, reason=reason)
 
     def to_bytes(self) -> bytes:
@@ -150,22 +150,17 @@ class MatcherSource:
     def look(self, item: Any, stamp_ns: int) -> Sighting:
         """See ``ViewSource``."""
         if isinstance(item, Picture):
-            raise DataError(f"the image at {stamp_ns} ns: {self.title} looks at clouds or frames")
+            raise DataError(f"image at {stamp_ns} ns: {self.title} needs clouds or frames")
         number = self.matcher.stats.processed
         match = self.matcher.process(item)
-        x, y, turn = self._against_first(match)
+        # The robot's pose in the frame of the first view of its place.
+        x, y, turn = _IDENTITY
+        if match.relative_pose is not None and match.matched is not None:
+            stored = np.array([self._places.get(match.matched, _IDENTITY)])
+            x, y, turn = compose(stored, np.array([match.relative_pose]))[0].tolist()
         if match.stored and not match.is_new:
             self._places[number] = x, y, turn
         return Sighting(stamp_ns, match.id, turn, (x, y), match.reason)
-
-    def _against_first(self, match: ViewMatch) -> Pose:
-        """The robot's pose in the frame of the first view of its place."""
-        if match.relative_pose is None or match.matched is None:
-            return _NOT_TURNED
-        x, y, turn = match.relative_pose
-        at_x, at_y, at_turn = self._places.get(match.matched, _NOT_TURNED)
-        c, s = np.cos(at_turn), np.sin(at_turn)
-        return float(at_x + c * x - s * y), float(at_y + s * x + c * y), at_turn + turn
 
     def to_bytes(self) -> bytes:
         """See ``ViewSource``."""
@@ -240,10 +235,10 @@ def _image_of(item: Any) -> NDArray[Any]:
         return item.image
     if isinstance(item, Frame):
         if "left" not in item.images:
-            raise DataError(f"frame {item.index}: no left image, which visual templates look at")
+            raise DataError(f"frame {item.index}: no left image, which visual templates need")
         return item.images["left"]
     if not isinstance(item, np.ndarray):
-        raise DataError(f"visual templates look at images, got {type(item).__name__}")
+        raise DataError(f"{type(item).__name__}: visual templates need an image")
     return item
 
 

@@ -122,7 +122,7 @@ class Sight(NamedTuple):
     speed: Floats
 
 
-class _Held(NamedTuple):
+class _LastImage(NamedTuple):
     stamp_ns: int
     sight: Sight
 
@@ -149,7 +149,7 @@ class VisualOdometry:
         config = merged(config or VisualOdometryConfig(), changes)
         self.config = config if camera is None else _with_camera(config, camera)
         self._camera_size = None if camera is None else camera.size
-        self._before: _Held | None = None
+        self._before: _LastImage | None = None
 
     def process(self, image: NDArray[np.uint8], stamp_ns: int) -> VisualSpeed | None:
         """Compare an image with the previous one.
@@ -172,7 +172,7 @@ class VisualOdometry:
 
     def compare(self, sight: Sight, stamp_ns: int) -> VisualSpeed | None:
         """``process`` for a result of ``sight``. Returns and raises the same."""
-        now, before = _Held(int(stamp_ns), sight), self._before
+        now, before = _LastImage(int(stamp_ns), sight), self._before
         if before is not None:
             _check_order(before, now)
         self._before = now
@@ -180,11 +180,11 @@ class VisualOdometry:
             return None
         dt = (now.stamp_ns - before.stamp_ns) / NANOSECONDS
         if self.config.preset == "openratslam":
-            return self._as_the_original(before.sight, sight, dt)
+            return self._compare_openratslam(before.sight, sight, dt)
         if dt > self.config.max_gap_s:
             logger.warning("no image for %.2f s before %d ns: no speed", dt, now.stamp_ns)
             return None
-        return self._robust(before.sight, sight, dt)
+        return self._compare_robust(before.sight, sight, dt)
 
     def sight(self, image: NDArray[np.uint8]) -> Sight:
         """Reduce an image to the parts used; changes no state. Raises ShapeError as ``process``."""
@@ -225,7 +225,7 @@ class VisualOdometry:
         centre = (width - 1) / 2 if config.centre_px is None else config.centre_px
         return Lens(width, float(focal), float(centre))
 
-    def _as_the_original(self, before: Sight, now: Sight, dt: float) -> VisualSpeed:
+    def _compare_openratslam(self, before: Sight, now: Sight, dt: float) -> VisualSpeed:
         config, width = self.config, now.shape[1]
         shift, _ = best_shift(before.turn, now.turn, config.max_shift)
         _, difference = best_shift(before.speed, now.speed, config.max_shift)
@@ -237,7 +237,7 @@ class VisualOdometry:
             change=difference,
         )
 
-    def _robust(self, before: Sight, now: Sight, dt: float) -> VisualSpeed:
+    def _compare_robust(self, before: Sight, now: Sight, dt: float) -> VisualSpeed:
         config, lens = self.config, self._lens(now.shape[1])
         turned, turns = (standardise(lens.by_angle(sight.turn)) for sight in (before, now))
         sped, speeds = (standardise(lens.by_angle(sight.speed)) for sight in (before, now))
@@ -277,7 +277,7 @@ class VisualOdometry:
         Raises:
             DataError: an array is missing, of another shape, or not finite; nothing changes.
         """
-        self._before = _held_of(state) if state else None
+        self._before = _read_state(state) if state else None
 
 
 def fit_speed(
@@ -317,7 +317,7 @@ def fit_speed(
     return merged(config, {name: scale})
 
 
-def _check_order(before: _Held, now: _Held) -> None:
+def _check_order(before: _LastImage, now: _LastImage) -> None:
     if before.sight.shape != now.sight.shape:
         sizes = _size(now.sight.shape), _size(before.sight.shape)
         raise ShapeError(f"image: {sizes[0]}, expected {sizes[1]} as before")
@@ -338,7 +338,7 @@ def _with_camera(config: VisualOdometryConfig, camera: Camera) -> VisualOdometry
     return merged(config, changes)
 
 
-def _held_of(state: Mapping[str, NDArray[Any]]) -> _Held:
+def _read_state(state: Mapping[str, NDArray[Any]]) -> _LastImage:
     try:
         stamp, (height, width) = int(state["stamp_ns"]), state["shape"].tolist()
         profiles = [np.array(state[name], np.float64) for name in ("turn", "speed")]
@@ -347,7 +347,7 @@ def _held_of(state: Mapping[str, NDArray[Any]]) -> _Held:
     for name, values in zip(("turn", "speed"), profiles, strict=True):
         if values.shape != (width,) or not np.isfinite(values).all():
             raise DataError(f"visual odometry: {name} {values.shape}, expected {width} numbers")
-    return _Held(stamp, Sight((int(height), int(width)), *profiles))
+    return _LastImage(stamp, Sight((int(height), int(width)), *profiles))
 
 
 def _size(shape: tuple[int, int]) -> str:

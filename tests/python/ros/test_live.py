@@ -14,7 +14,7 @@ from fusionslam.datasets.bags import open_bag
 from fusionslam.datasets.bags.messages import stamp_of, value_of
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.se2 import wrapped
-from fusionslam.ratslam.map_export import measured_ways
+from fusionslam.ratslam.map_export import link_offsets
 from fusionslam.sensors.messages import Scan
 from ros_master import PlayedBag, RosWorld, needs_ros
 
@@ -125,7 +125,7 @@ def assert_same_map(found: Any, run: RatSlamRun) -> None:
     ways = np.array(
         [ground(each.transform.translation, each.transform.rotation) for each in found.edge]
     )
-    wanted = measured_ways(run.links)
+    wanted = link_offsets(run.links)
     np.testing.assert_array_equal(ways[:, :2], wanted[:, :2])
     np.testing.assert_allclose(wrapped(ways[:, 2] - wanted[:, 2]), 0, atol=1e-9)
     durations = [each.duration.to_sec() for each in found.edge]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.ratslam.map_export import measured_ways
+from fusionslam.ratslam.map_export import link_offsets
 from fusionslam.ratslam.slam import RatSlam, Step
 from fusionslam.ros.messages.markers import color, marker, point
 from fusionslam.ros.messages.types import (
@@ -74,7 +74,7 @@ def map_message(top: Any, slam: RatSlam) -> Any:
 
 
 def _edges(links: NDArray[np.void]) -> list[Any]:
-    ways = measured_ways(links).tolist()
+    ways = link_offsets(links).tolist()
     return [
         make(
             "fusionslam_ros/TopologicalEdge",
