@@ -16,7 +16,7 @@ from fusionslam._core import (
     align_scenes,
 )
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.views.comparison import Candidate, Item, SceneComparison, View, in_words
+from fusionslam.views.comparison import Candidate, Item, SceneComparison, View
 from fusionslam.views.scenes import Scene, SceneConfig
 
 __all__ = [
@@ -39,13 +39,14 @@ class AlignmentComparison(SceneComparison):
         scene: how scenes with range images are built from clouds.
         alignment: how scenes are aligned.
         threshold: the lowest probability of a match.
-        threads: number of threads for alignment; 0 means one per core.
+        threads: as in ``SceneComparison``.
 
     Raises:
         ConfigError: the scenes have no range images.
     """
 
     kind = "alignment"
+    measure = "probability"
 
     def __init__(
         self,
@@ -55,21 +56,22 @@ class AlignmentComparison(SceneComparison):
         *,
         threads: int = 1,
     ) -> None:
-        self._alignment, self._threads = alignment, threads
+        self._alignment = alignment
         if not scene.image:
             raise ConfigError(
                 "scene.image is False, and alignment needs range images: preset robust has them, "
                 "others with views.scene.image=true"
             )
-        super().__init__(scene, threshold)
+        super().__init__(scene, threshold, threads)
 
     def _empty_index(self) -> AlignmentIndex:
         return AlignmentIndex(self._alignment)
 
     def view(self, item: Item) -> View:
-        """A scene, or the scene of a cloud. Raises DataError for objects without a range image."""
         scene = super().view(item).content
-        if isinstance(item, Scene) and not len(scene.image) and self._has_objects_in_range(scene):
+        distances = np.linalg.norm(scene.objects["center"], axis=1)
+        in_range = (distances < self._scene.longest_range).any()
+        if isinstance(item, Scene) and not len(scene.image) and in_range:
             raise DataError(
                 "the scene has objects but no range image: build it with image=True, as the "
                 "robust preset does, or compare objects (views.method=objects)"
@@ -79,19 +81,9 @@ class AlignmentComparison(SceneComparison):
     def _recognisable(self, scene: Scene) -> int:
         return len(scene) if len(scene.image) >= FEWEST_CELLS else 0
 
-    def _has_objects_in_range(self, scene: Scene) -> bool:
-        """Whether any object is near enough to appear in a range image."""
-        distances = np.linalg.norm(scene.objects["center"], axis=1)
-        return bool((distances < self._scene.longest_range).any())
-
     def compare(self, view: View, most: int) -> list[Candidate]:
-        """The stored scenes that most probably show the same place."""
         found = self._index.query(view.content, threads=self._threads)[:most]
         return [Candidate(slot, a.probability, (a.x, a.y, a.yaw)) for slot, a in found]
 
     def _encode(self, scene: Scene) -> bytes:
         return Scene(scene.objects[:0], scene.image).to_bytes()
-
-    def explain(self, similarity: float, threshold: float) -> str:
-        """See ``Comparison``."""
-        return in_words("probability", similarity, threshold)

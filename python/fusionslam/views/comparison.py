@@ -67,7 +67,7 @@ class Comparison(Protocol):
     kind: str
     threshold: float
 
-    def made_with(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         """Every setting that views depend on, as JSON values; comparable views share them."""
 
     def view(self, item: Item) -> View:
@@ -116,25 +116,24 @@ class Comparison(Protocol):
         """Number of stored views."""
 
 
-def in_words(what: str, similarity: float, threshold: float) -> str:
-    """The comparison of a similarity with its threshold as text."""
-    sign = ">=" if similarity >= threshold else "<"
-    return f"{what} {similarity:.4g} {sign} {threshold:.4g}"
-
-
 class SceneComparison(ABC):
     """Compares scenes, stored as bytes, so that a saved matcher compares the same data.
 
     Args:
         scene: how scenes are built from clouds.
         threshold: as in ``Comparison``.
+        threads: number of threads for comparison; 0 means one per core.
+
+    Attributes:
+        measure: what the similarity is called in texts.
     """
 
     kind: str
+    measure: str
 
-    def __init__(self, scene: SceneConfig, threshold: float) -> None:
+    def __init__(self, scene: SceneConfig, threshold: float, threads: int) -> None:
         self.threshold = threshold
-        self._scene = scene
+        self._scene, self._threads = scene, threads
         self._bytes: list[bytes] = []
         self._index = self._empty_index()
 
@@ -149,12 +148,10 @@ class SceneComparison(ABC):
     def _encode(self, scene: Scene) -> bytes:
         """The bytes to store for a scene."""
 
-    def made_with(self) -> dict[str, Any]:
-        """The scene configuration by key."""
+    def settings(self) -> dict[str, Any]:
         return {f"scene.{name}": value for name, value in scene_values(self._scene).items()}
 
     def view(self, item: Item) -> View:
-        """The view of a scene, or of the scene built from a cloud."""
         if isinstance(item, Cloud):
             if item.colors is None:
                 raise DataError("scenes need colours and the cloud has none")
@@ -168,21 +165,17 @@ class SceneComparison(ABC):
         return len(scene)
 
     def scene(self, view: View) -> Scene:
-        """The scene, which is the whole view."""
-        made: Scene = view.content
-        return made
+        scene: Scene = view.content
+        return scene
 
     def arrays_of(self, view: View) -> dict[str, NDArray[Any]]:
-        """See ``scene_to_arrays``."""
         return scene_to_arrays(view.content)
 
     def view_of(self, arrays: Arrays) -> View:
-        """See ``Comparison``."""
         scene = scene_from_arrays(arrays)
         return View(scene, self._recognisable(scene))
 
     def add(self, view: View) -> int:
-        """Store the scene."""
         self._append(self._encode(view.content))
         return len(self._bytes[-1])
 
@@ -191,21 +184,21 @@ class SceneComparison(ABC):
         self._bytes.append(stored)
 
     def remove(self, slot: int) -> None:
-        """Remove a scene."""
         self._index.remove(slot)
         del self._bytes[slot]
 
     def size_of(self, slot: int) -> int:
-        """Size of a stored scene, in bytes."""
         return len(self._bytes[slot])
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """The joined bytes of all scenes, and their offsets."""
         joined, offsets = pack_bytes(self._bytes)
         return {"scenes": joined, "offsets": offsets}
 
     def restore(self, state: Arrays) -> None:
-        """See ``Comparison``."""
         self._bytes, self._index = [], self._empty_index()
         for stored in unpack_bytes(state["scenes"], state["offsets"]):
             self._append(stored)
+
+    def explain(self, similarity: float, threshold: float) -> str:
+        sign = ">=" if similarity >= threshold else "<"
+        return f"{self.measure} {similarity:.4g} {sign} {threshold:.4g}"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Views compared by one descriptor vector each."""
+"""Compares views by one descriptor vector each."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -38,8 +38,7 @@ class DescriptorComparison:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def made_with(self) -> dict[str, Any]:
-        """The descriptor's name and configuration."""
+    def settings(self) -> dict[str, Any]:
         values = self._config.model_dump(mode="json", exclude={"threads"})
         return {"descriptor": self._descriptor.name, "descriptors": values}
 
@@ -76,30 +75,24 @@ class DescriptorComparison:
         return {"descriptor": np.empty(0, np.float32) if view.content is None else view.content}
 
     def view_of(self, arrays: Arrays) -> View:
-        """See ``Comparison``."""
         row = arrays["descriptor"]
         if row.dtype != np.float32:
             raise DataError(f"the descriptor is {row.dtype}, expected float32")
         return View(None, 0) if row.shape == (0,) else self.view(row)
 
     def compare(self, view: View, most: int) -> list[Candidate]:
-        """The nearest descriptors."""
         slots, distances = self._index.query(view.content, k=most)
         pairs = zip(slots.tolist(), distances.tolist(), strict=True)
         return [Candidate(slot, similarity_at(distance)) for slot, distance in pairs]
 
     def add(self, view: View) -> int:
-        """Store the descriptor."""
-        self._index.add(view.content)
-        self._rows.append(view.content)
+        self._append(view.content)
         return int(view.content.nbytes)
 
     def remove(self, slot: int) -> None:
-        """Remove a descriptor."""
         self._fill([*self._rows[:slot], *self._rows[slot + 1 :]])
 
     def size_of(self, slot: int) -> int:
-        """Size of a stored descriptor, in bytes."""
         return int(self._rows[slot].nbytes)
 
     def explain(self, similarity: float, threshold: float) -> str:
@@ -108,12 +101,9 @@ class DescriptorComparison:
         return f"distance {distance:.4g} {'<=' if similarity >= threshold else '>'} {most:.4g}"
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """All descriptors, float32 (n, D)."""
-        rows = np.array(self._rows, np.float32).reshape(len(self), self._length)
-        return {"descriptors": rows}
+        return {"descriptors": np.array(self._rows, np.float32).reshape(len(self), self._length)}
 
     def restore(self, state: Arrays) -> None:
-        """See ``Comparison``."""
         rows = state["descriptors"]
         if rows.ndim != 2 or rows.shape[1] != self._length:
             raise DataError(f"descriptors {rows.shape}, expected (n, {self._length})")
@@ -122,8 +112,11 @@ class DescriptorComparison:
     def _fill(self, rows: Sequence[NDArray[np.float32]]) -> None:
         self._rows, self._index = [], DescriptorIndex(self._length)
         for row in rows:
-            self._index.add(row)
-            self._rows.append(row)
+            self._append(row)
+
+    def _append(self, row: NDArray[np.float32]) -> None:
+        self._index.add(row)
+        self._rows.append(row)
 
 
 def similarity_at(distance: float) -> float:

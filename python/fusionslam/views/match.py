@@ -32,7 +32,7 @@ class ViewMatch:
     relative_pose: tuple[float, float, float] | None = None
 
 
-@dataclass(frozen=True)
+@dataclass
 class ViewStats:
     """Counts of what a matcher has done so far.
 

@@ -67,8 +67,8 @@ class ViewMatcher:
 
     @property
     def stats(self) -> ViewStats:
-        """Counts of what has been done so far."""
-        return self._stats
+        """A copy of the counts of what has been done so far."""
+        return replace(self._stats, stored=len(self))
 
     def __len__(self) -> int:
         """Number of views stored now."""
@@ -95,24 +95,19 @@ class ViewMatcher:
         """
         view = self.view(item)
         if view.objects < self.config.min_objects:
-            return self._nothing(view)
-        best = next(iter(self.comparison.compare(view, 1)), None) if self._slots else None
-        if best is not None and not best.rejected and best.similarity >= self.threshold:
-            match = self._match_view(view, best)
+            match = self._skip(view)
         else:
-            match = self._new(view, best)
-        single = self._stats.single + (view.objects == 1)
-        self._stats = replace(self._stats, processed=self._stats.processed + 1, single=single)
+            best = next(iter(self.comparison.compare(view, 1)), None) if self._slots else None
+            if best is not None and not best.rejected and best.similarity >= self.threshold:
+                match = self._match_view(view, best)
+            else:
+                match = self._start_place(view, best)
+        self._stats.processed += 1
+        self._stats.single += view.objects == 1
         return match
 
-    def _nothing(self, view: View) -> ViewMatch:
-        counts = self._stats
-        self._stats = replace(
-            counts,
-            processed=counts.processed + 1,
-            nothing=counts.nothing + 1,
-            single=counts.single + (view.objects == 1),
-        )
+    def _skip(self, view: View) -> ViewMatch:
+        self._stats.nothing += 1
         reason = f"nothing to recognise: {view.objects} objects, min_objects is "
         return ViewMatch(NO_VIEW, 0.0, False, f"{reason}{self.config.min_objects}", False)
 
@@ -122,7 +117,7 @@ class ViewMatcher:
         stored = self._is_another_view_of(slot.id, best)
         if stored:
             self._store(view, slot.id)
-        self._stats = replace(self._stats, matched=self._stats.matched + 1)
+        self._stats.matched += 1
         why = self.comparison.explain(best.similarity, self.threshold)
         return ViewMatch(
             id=slot.id,
@@ -139,7 +134,7 @@ class ViewMatcher:
             return False
         return sum(slot.id == id for slot in self._slots) < self.config.per_place
 
-    def _new(self, view: View, best: Candidate | None) -> ViewMatch:
+    def _start_place(self, view: View, best: Candidate | None) -> ViewMatch:
         id = self._stats.new
         reason = f"new view {id}: nothing is stored yet"
         if best is not None and best.rejected:
@@ -148,25 +143,23 @@ class ViewMatcher:
             why = self.comparison.explain(best.similarity, self.threshold)
             reason = f"new view {id}: the best is view {self._slots[best.slot].id}, {why}"
         self._store(view, id)
-        self._stats = replace(self._stats, new=id + 1)
+        self._stats.new += 1
         return ViewMatch(id, 0.0 if best is None else best.similarity, True, reason, True)
 
     def _store(self, view: View, id: int) -> None:
         if 0 < self.config.max_views <= len(self._slots):
-            self._drop()
-        size = self.comparison.add(view)
+            self._drop_view()
+        self._stats.bytes += self.comparison.add(view)
         number = self._stats.processed
         self._slots.append(Slot(id, number, number))
-        self._stats = replace(self._stats, stored=len(self._slots), bytes=self._stats.bytes + size)
 
-    def _drop(self) -> None:
+    def _drop_view(self) -> None:
         """Make room: drop the least recently used view, the oldest among equals."""
         last = min(range(len(self._slots)), key=lambda slot: self._slots[slot].used)
-        size = self.comparison.size_of(last)
+        self._stats.bytes -= self.comparison.size_of(last)
+        self._stats.dropped += 1
         self.comparison.remove(last)
         del self._slots[last]
-        counts = self._stats
-        self._stats = replace(counts, bytes=counts.bytes - size, dropped=counts.dropped + 1)
 
     def save(self, target: PathLike | BinaryIO) -> None:
         """Save everything that ``load`` needs to resume exactly from here.
@@ -183,7 +176,7 @@ class ViewMatcher:
             "views": self.config.model_dump(mode="json"),
             "fusion": self.fusion_config.model_dump(mode="json"),
             "descriptors": self.descriptor_config.model_dump(mode="json"),
-            "stats": asdict(self._stats),
+            "stats": asdict(self.stats),
         }
         slots = np.array([(s.id, s.number, s.used) for s in self._slots], np.int64).reshape(-1, 3)
         state = {_STATE + name: array for name, array in self.comparison.state().items()}

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Views compared by their objects (Stastny 2022, section 4.5)."""
+"""Compares views by their objects (Stastny 2022, section 4.5)."""
 
 import numpy as np
 
-from fusionslam.views.comparison import Candidate, SceneComparison, View, in_words
+from fusionslam.views.comparison import Candidate, SceneComparison, View
 from fusionslam.views.scenes import (
     Scene,
     SceneConfig,
@@ -17,12 +17,12 @@ class ObjectComparison(SceneComparison):
     """Compares scenes by their objects (Stastny 2022, 4.6).
 
     Args:
-        scene, threshold: as in ``SceneComparison``.
         similarity: how scenes are compared.
-        threads: number of threads for comparison; 0 means one per core.
+        scene, threshold, threads: as in ``SceneComparison``.
     """
 
     kind = "objects"
+    measure = "similarity"
 
     def __init__(
         self,
@@ -32,8 +32,8 @@ class ObjectComparison(SceneComparison):
         *,
         threads: int = 1,
     ) -> None:
-        self._similarity, self._threads = similarity, threads
-        super().__init__(scene, threshold)
+        self._similarity = similarity
+        super().__init__(scene, threshold, threads)
 
     def _empty_index(self) -> SceneIndex:
         return SceneIndex(self._similarity)
@@ -42,14 +42,9 @@ class ObjectComparison(SceneComparison):
         return scene.to_bytes(image=False)
 
     def compare(self, view: View, most: int) -> list[Candidate]:
-        """The most similar scenes."""
         found = self._index.similarities(view.content, threads=self._threads)
         if most == 1 and len(found):
             best = int(found.argmax())
             return [Candidate(best, float(found[best]))]
         order = np.argsort(-found, kind="stable")[:most]
         return [Candidate(int(slot), float(found[slot])) for slot in order]
-
-    def explain(self, similarity: float, threshold: float) -> str:
-        """See ``Comparison``."""
-        return in_words("similarity", similarity, threshold)

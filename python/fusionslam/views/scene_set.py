@@ -196,7 +196,7 @@ class SceneSet:
             "poses": self.poses,
         }
         if self.clouds is not None:
-            arrays |= {name: getattr(self.clouds, name) for name in _CLOUDS}
+            arrays |= vars(self.clouds)
         if self.scenes is not None:
             arrays["scene_bytes"], arrays["scene_offsets"] = pack_bytes(
                 [scene.to_bytes() for scene in self.scenes]
@@ -213,7 +213,7 @@ class SceneSet:
                 message names it.
         """
         with load_archive(path, FORMAT, "a scene set") as (about, arrays):
-            return cls(**about, **_restored(arrays))
+            return cls(**about, **_parse_arrays(arrays))
 
 
 def scene_values(config: SceneConfig) -> dict[str, Any]:
@@ -229,11 +229,14 @@ def pack_bytes(texts: Sequence[bytes]) -> tuple[NDArray[np.uint8], NDArray[np.in
 
 def unpack_bytes(array: NDArray[np.uint8], offsets: NDArray[np.int64]) -> list[bytes]:
     """Split what ``pack_bytes`` joined. Raises DataError if bytes and offsets do not fit."""
-    edges = offsets.tolist()
-    if not edges or edges[0] != 0 or edges[-1] != len(array) or (np.diff(offsets) < 0).any():
-        raise DataError(f"offsets do not fit the {len(array)} bytes they divide")
+    _check_offsets(offsets, len(array))
     whole = array.tobytes()
-    return [whole[begin:end] for begin, end in pairwise(edges)]
+    return [whole[begin:end] for begin, end in pairwise(offsets.tolist())]
+
+
+def _check_offsets(offsets: NDArray[np.int64], count: int) -> None:
+    if not len(offsets) or offsets[0] != 0 or offsets[-1] != count or (np.diff(offsets) < 0).any():
+        raise DataError(f"offsets do not fit the {count} entries they divide")
 
 
 def is_scene_set(path: str | os.PathLike[str]) -> bool:
@@ -241,7 +244,7 @@ def is_scene_set(path: str | os.PathLike[str]) -> bool:
     return (format_of(path) or "").startswith("fusionslam.scene_set.")
 
 
-def _restored(arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
+def _parse_arrays(arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     """The arguments of a set from its arrays. Raises DataError if they do not fit together."""
     clouds = CloudArray(*(arrays.pop(name) for name in _CLOUDS)) if "points" in arrays else None
     if clouds is not None:
@@ -256,9 +259,8 @@ def _restored(arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
 
 
 def _check_clouds(clouds: CloudArray) -> None:
-    offsets, count = clouds.offsets, len(clouds.points)
-    if not len(offsets) or offsets[0] != 0 or offsets[-1] != count or (np.diff(offsets) < 0).any():
-        raise DataError(f"offsets do not fit the {count} points they divide")
+    count = len(clouds.points)
+    _check_offsets(clouds.offsets, count)
     for name in ("points", "colors"):
         shape = getattr(clouds, name).shape
         if shape != (count, 3):

@@ -48,7 +48,13 @@ def view_from_bytes(comparison: Comparison, data: bytes) -> View:
         DataError: the bytes are truncated, damaged, of another version, not a view, or a view of
             another comparison or configuration; the message says what was found and expected.
     """
-    content = _content(data)
+    if not data.startswith(FORMAT):
+        expected = FORMAT.decode().strip()
+        raise DataError(f"view: begins with {bytes(data[: len(FORMAT)])!r}, expected {expected}")
+    start = len(FORMAT) + _SUM
+    content = data[start:]
+    if zlib.crc32(content) != int.from_bytes(data[len(FORMAT) : start], "little"):
+        raise DataError(f"view: {len(data)} bytes that are cut short or damaged")
     try:
         with load_arrays(io.BytesIO(content), "a view") as arrays:
             _check_about(arrays[_ABOUT], _about(comparison))
@@ -58,7 +64,7 @@ def view_from_bytes(comparison: Comparison, data: bytes) -> View:
 
 
 def _about(comparison: Comparison) -> dict[str, Any]:
-    return {"comparison": comparison.kind, **comparison.made_with()}
+    return {"comparison": comparison.kind, **comparison.settings()}
 
 
 def _check_about(text: NDArray[Any], expected: dict[str, Any]) -> None:
@@ -75,15 +81,3 @@ def _check_about(text: NDArray[Any], expected: dict[str, Any]) -> None:
     for name, value in expected.items():
         if found.get(name) != value:
             raise DataError(f"was made with {name} {found.get(name)!r}, expected {value!r}")
-
-
-def _content(data: bytes) -> bytes:
-    """The bytes after the check sum. Raises DataError if they do not match it."""
-    if not data.startswith(FORMAT):
-        expected = FORMAT.decode().strip()
-        raise DataError(f"view: begins with {bytes(data[: len(FORMAT)])!r}, expected {expected}")
-    start = len(FORMAT) + _SUM
-    content = data[start:]
-    if zlib.crc32(content) != int.from_bytes(data[len(FORMAT) : start], "little"):
-        raise DataError(f"view: {len(data)} bytes that are cut short or damaged")
-    return content

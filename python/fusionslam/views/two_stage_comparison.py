@@ -74,9 +74,8 @@ class TwoStageComparison:
     def __len__(self) -> int:
         return len(self._features)
 
-    def made_with(self) -> dict[str, Any]:
-        """The settings of the first stage, and the digest of the features."""
-        return {**self._first.made_with(), "second_stage": self._second.digest}
+    def settings(self) -> dict[str, Any]:
+        return {**self._first.settings(), "second_stage": self._second.digest}
 
     def view(self, item: Item) -> View:
         """The view of a cloud for both stages."""
@@ -87,7 +86,6 @@ class TwoStageComparison:
         return View((first, features), first.objects)
 
     def scene(self, view: View) -> Scene | None:
-        """The scene of the first stage."""
         return self._first.scene(view.content[0])
 
     def arrays_of(self, view: View) -> dict[str, NDArray[Any]]:
@@ -97,7 +95,6 @@ class TwoStageComparison:
         return {**self._first.arrays_of(first), "features": row}
 
     def view_of(self, arrays: Arrays) -> View:
-        """See ``Comparison``."""
         first, features = self._first.view_of(arrays), arrays["features"]
         if not first.objects:
             if features.size:
@@ -111,7 +108,7 @@ class TwoStageComparison:
         first, features = view.content
         passed, rejected = [], []
         for candidate in self._first.compare(first, max(self._most, most)):
-            if candidate.similarity >= self._start and not self._agrees(features, candidate.slot):
+            if candidate.similarity >= self._start and not self._accepts(features, candidate.slot):
                 rejected.append(Candidate(candidate.slot, 0.0, rejected=True))
             else:
                 passed.append(candidate)
@@ -119,7 +116,7 @@ class TwoStageComparison:
                 break
         return [*passed, *rejected][:most]
 
-    def _agrees(self, features: NDArray[np.float32], slot: int) -> bool:
+    def _accepts(self, features: NDArray[np.float32], slot: int) -> bool:
         return self._second.probability(features, self._features[slot]) >= self._needed
 
     def add(self, view: View) -> int:
@@ -131,24 +128,19 @@ class TwoStageComparison:
         return self._first.add(first) + int(self._features[-1].nbytes)
 
     def remove(self, slot: int) -> None:
-        """Remove a view."""
         self._first.remove(slot)
         del self._features[slot]
 
     def size_of(self, slot: int) -> int:
-        """Size of a stored view in both stages, in bytes."""
         return self._first.size_of(slot) + int(self._features[slot].nbytes)
 
     def explain(self, similarity: float, threshold: float) -> str:
-        """As the first stage."""
         return self._first.explain(similarity, threshold)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """The first stage's state and the features."""
         return {**self._first.state(), "features": np.array(self._features, np.float32)}
 
     def restore(self, state: Arrays) -> None:
-        """See ``Comparison``."""
         self._first.restore(state)
         features = np.asarray(state["features"], np.float32)
         if len(features) != len(self._first):

@@ -16,7 +16,7 @@ from cli import fails, last_line, run, succeeds
 from fusionslam.evaluation import ViewCurve
 from fusionslam.pipelines import tuning
 from fusionslam.views.matcher import ViewMatcher
-from fusionslam.views.presets import tuned_names
+from fusionslam.views.presets import preset_names
 from fusionslam.views.scene_set import SceneSet
 from scenes import LAPS, drive, place, write_recording
 
@@ -172,7 +172,7 @@ def test_an_interrupted_tuning_says_where_it_goes_on_and_ends_alike(
 
 def test_values_that_come_along_are_used_by_name(scenes: Path, tmp_path: Path) -> None:
     words = ("views", "match", scenes, "-o", tmp_path, "--no-report", "--tuned")
-    succeeds(*words, tuned_names()[0])
+    succeeds(*words, preset_names()[0])
     assert "unknown tuned values 'none'" in fails(2, *words, "none")
 
 

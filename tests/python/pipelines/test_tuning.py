@@ -24,7 +24,7 @@ from fusionslam.pipelines.tuning import (
 from fusionslam.pipelines.tuning_state import TuningState
 from fusionslam.pipelines.views import run_views
 from fusionslam.views.matcher import ViewMatcher
-from fusionslam.views.presets import tuned_config, tuned_names, tuned_path
+from fusionslam.views.presets import preset_names, preset_path
 from fusionslam.views.recognisers import ViewMatcherConfig, similarity_config
 from scenes import LAPS, drive
 
@@ -217,13 +217,15 @@ def test_what_was_found_is_written_with_all_values_and_read_again(tmp_path: Path
 
 
 def test_the_values_that_come_along_are_read_and_say_how_they_were_made() -> None:
-    assert tuned_names()
-    for name in tuned_names():
-        config = tuned_config(name)
+    from fusionslam.cli.options import everything
+
+    assert preset_names()
+    for name in preset_names():
+        config = with_file(everything(), preset_path(name)).views
         assert config.threshold is not None and ViewMatcher(config).threshold == config.threshold
-        assert tuned_path(name).read_text().startswith("# fusionslam tune ")
+        assert preset_path(name).read_text().startswith("# fusionslam tune ")
     with pytest.raises(ConfigError, match="unknown tuned values 'mine'; known: "):
-        tuned_path("mine")
+        preset_path("mine")
 
 
 def test_numbers_are_rounded_as_they_are_written() -> None:

@@ -154,7 +154,7 @@ class Sends:
     def __init__(self, kind: str, arrays: dict[str, Any], about: dict[str, Any]) -> None:
         self.kind, self.arrays, self.about = kind, arrays, about
 
-    def made_with(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         return self.about
 
     def arrays_of(self, view: View) -> dict[str, Any]:
@@ -166,7 +166,7 @@ def refusal(kind: str, change: dict[str, Any]) -> str:
     compares = matcher(kind).comparison
     arrays = {**compares.arrays_of(compares.view(place(0))), **change}
     left = {name: array for name, array in arrays.items() if array is not None}
-    sender: Any = Sends(compares.kind, left, compares.made_with())
+    sender: Any = Sends(compares.kind, left, compares.settings())
     with pytest.raises(DataError) as caught:
         view_from_bytes(compares, view_to_bytes(sender, View(None, 0)))
     assert "need the same configuration of views" in str(caught.value)
