@@ -263,11 +263,11 @@ def views_config(
 ) -> Any:
     """As ``read_config``, with clouds in the robot's frame without ground, and tuned values."""
     from fusionslam.fusion import ROBOT_FUSION
-    from fusionslam.views.presets import tuned_config
+    from fusionslam.views.presets import load_preset
 
     first["fusion"] = ROBOT_FUSION.model_dump(exclude_unset=True)
     if tuned is not None:
-        first["views"] = tuned_config(tuned).model_dump(exclude_unset=True)
+        first["views"] = load_preset(tuned).model_dump(exclude_unset=True)
     return read_config(settings, config, **first)
 
 

@@ -24,7 +24,7 @@ from fusionslam.pipelines.tuning import (
 from fusionslam.pipelines.tuning_state import TuningState
 from fusionslam.pipelines.views import run_views
 from fusionslam.views.matcher import ViewMatcher
-from fusionslam.views.presets import preset_names, preset_path
+from fusionslam.views.presets import load_preset, preset_names, preset_path
 from fusionslam.views.recognisers import ViewMatcherConfig, similarity_config
 from scenes import LAPS, drive
 
@@ -217,11 +217,9 @@ def test_what_was_found_is_written_with_all_values_and_read_again(tmp_path: Path
 
 
 def test_the_values_that_come_along_are_read_and_say_how_they_were_made() -> None:
-    from fusionslam.cli.options import everything
-
     assert preset_names()
     for name in preset_names():
-        config = with_file(everything(), preset_path(name)).views
+        config = load_preset(name)
         assert config.threshold is not None and ViewMatcher(config).threshold == config.threshold
         assert preset_path(name).read_text().startswith("# fusionslam tune ")
     with pytest.raises(ConfigError, match="unknown tuned values 'mine'; known: "):

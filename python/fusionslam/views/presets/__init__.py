@@ -6,8 +6,12 @@ Each file names the command, data and seed that it was made with.
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fusionslam.errors import ConfigError
+
+if TYPE_CHECKING:
+    from fusionslam.views.recognisers import ViewMatcherConfig
 
 FOLDER = Path(__file__).parent
 
@@ -23,3 +27,14 @@ def preset_path(name: str) -> Path:
         known = ", ".join(preset_names()) or "none"
         raise ConfigError(f"unknown tuned values {name!r}; known: {known}")
     return FOLDER / f"{name}.yaml"
+
+
+def load_preset(name: str) -> "ViewMatcherConfig":
+    """The matcher configuration with the values of a preset. Raises ConfigError if unknown."""
+    import yaml
+
+    from fusionslam.config import merged
+    from fusionslam.views.recognisers import ViewMatcherConfig
+
+    values = yaml.safe_load(preset_path(name).read_text(encoding="utf-8"))
+    return merged(ViewMatcherConfig(), values["views"], "views.")
