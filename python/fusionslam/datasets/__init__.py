@@ -133,7 +133,8 @@ def open_dataset(
             )
         return found.open(root, request)
     except PermissionError as error:
-        raise DataError(f"{error.filename} cannot be read: {error.strerror}") from error
+        message = f"{error.filename} cannot be read: {error.strerror}"
+        raise DataError(message, code="unreadable", fields=(str(error.filename),)) from error
 
 
 def _root(path: str | os.PathLike[str]) -> Path:
@@ -141,13 +142,16 @@ def _root(path: str | os.PathLike[str]) -> Path:
     try:
         mode = root.stat().st_mode
     except FileNotFoundError as error:
-        raise DataError(f"{root} does not exist: expected a recording") from error
+        message = f"{root} does not exist: expected a recording"
+        raise DataError(message, code="missing-file", fields=(str(root),)) from error
     except OSError as error:
-        raise DataError(f"{root} cannot be read: {error.strerror}") from error
+        message = f"{root} cannot be read: {error.strerror}"
+        raise DataError(message, code="unreadable", fields=(str(root),)) from error
     if not stat.S_ISDIR(mode) and bag_kind(root) is None and not is_recording(root):
+        message = f"{root} is a file: expected the folder of a recording, or a bag"
         if root.suffix == ".npz":
-            raise DataError(f"{root} is no scene set and no range recording, or it is cut short")
-        raise DataError(f"{root} is a file: expected the folder of a recording, or a bag")
+            message = f"{root} is no scene set and no range recording, or it is cut short"
+        raise DataError(message, code="no-recording", fields=(str(root),))
     return root
 
 
@@ -160,7 +164,8 @@ def _kind(root: Path, name: str | None) -> Kind:
     recognised = next((kind for kind in KINDS.values() if kind.recognises(root)), None)
     if recognised is None:
         looked_for = "; ".join(f"{kind.name}: {kind.layout}" for kind in KINDS.values())
-        raise DataError(f"{root} is no recording that is known here; looked for {looked_for}")
+        message = f"{root} is no recording that is known here; looked for {looked_for}"
+        raise DataError(message, code="no-recording", fields=(str(root),))
     return recognised
 
 

@@ -278,5 +278,7 @@ class CloudDataset(Dataset):
 def _same_size(path: Path, size: tuple[int, int], wanted: tuple[int, int], source: str) -> None:
     if size != tuple(wanted):
         raise DataError(
-            f"image {path} is {size[0]}x{size[1]}, {source} says {wanted[0]}x{wanted[1]}"
+            f"image {path} is {size[0]}x{size[1]}, {source} says {wanted[0]}x{wanted[1]}",
+            code="image-size",
+            fields=(str(path),),
         )

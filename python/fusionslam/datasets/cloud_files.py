@@ -96,11 +96,13 @@ def _check_header(path: Path, last: bytes, first: bytes) -> None:
     """Raise DataError unless a header begins and ends as expected: the readers trust it."""
     with path.open("rb") as file:
         lines = list(islice(file, _LONGEST_HEADER))
+    message = None
     if not lines or not lines[0].startswith(first):
-        raise DataError(f"does not begin like a {path.suffix[1:].upper()} file")
-    if not any(line.startswith(last) for line in lines):
-        name = last.decode().strip()
-        raise DataError(f"is cut short in its header: there is no line {name}")
+        message = f"does not begin like a {path.suffix[1:].upper()} file"
+    elif not any(line.startswith(last) for line in lines):
+        message = f"is cut short in its header: there is no line {last.decode().strip()}"
+    if message:
+        raise DataError(message, code="bad-header", fields=(str(path),))
 
 
 def write_cloud(path: PathLike, cloud: Cloud) -> None:

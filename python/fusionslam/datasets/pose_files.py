@@ -155,7 +155,9 @@ def match_poses(
     if (far := np.flatnonzero(distance > POSE_TOLERANCE_NS)).size:
         raise DataError(
             f"{path} has no pose within 10 ms of {far.size} of {len(numbers)} frames; the first "
-            f"is frame {numbers[far[0]]} at {stamps_ns[far[0]] / 1e9:.9f} s"
+            f"is frame {numbers[far[0]]} at {stamps_ns[far[0]] / 1e9:.9f} s",
+            code="no-pose",
+            fields=(str(path), str(numbers[far[0]])),
         )
     return poses[nearest]
 
@@ -168,7 +170,8 @@ def pick(values: NDArray[Scalar], numbers: NDArray[np.int64], path: Path) -> NDA
     """
     needed = int(numbers[-1]) + 1
     if len(values) < needed:
-        raise DataError(f"{path} has {len(values)} lines, frame {numbers[-1]} needs {needed}")
+        message = f"{path} has {len(values)} lines, frame {numbers[-1]} needs {needed}"
+        raise DataError(message, code="too-short", fields=(str(path), str(needed)))
     return values[numbers]
 
 

@@ -147,7 +147,8 @@ class RangeRecording(CloudDataset):
         if config.frame == "robot":
             return None
         if self.places is None:
-            raise DataError(f"{self.name} has no poses, which the frame of odometry needs")
+            message = f"{self.name} has no poses, which the frame of odometry needs"
+            raise DataError(message, code="no-poses")
         return measured_places(self.places, self.seconds, config.odometry)
 
 

@@ -30,9 +30,13 @@ Key = TypeVar("Key", int, str)
 class MissingSensorError(DataError):
     """The recording has no data of a requested sensor."""
 
+    code = "missing-sensor"
+
 
 class GapsError(DataError):
     """Frames between the first and the last lack a file, and gaps are not to be skipped."""
+
+    code = "gaps"
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,8 @@ def check_scans(root: Path, what: str, sensors: Sequence[str] | None) -> None:
     """
     if missing := [name for name in sensors or () if name != "points"]:
         raise MissingSensorError(
-            f"{root} is {what}: it has coloured clouds, but no {' and '.join(missing)} images"
+            f"{root} is {what}: it has coloured clouds, but no {' and '.join(missing)} images",
+            fields=missing,
         )
 
 
@@ -154,7 +159,8 @@ def unique(paths: Sequence[Path], key: Callable[[Path], Key]) -> dict[Key, Path]
     files: dict[Key, Path] = {}
     for path in paths:
         if (other := files.setdefault(key(path), path)) is not path:
-            raise DataError(f"{other} and {path} are both frame {key(path)}: expected one file")
+            message = f"{other} and {path} are both frame {key(path)}: expected one file"
+            raise DataError(message, code="two-files", fields=(str(other), str(path)))
     return files
 
 
@@ -167,11 +173,12 @@ def choose(streams: Mapping[str, Stream | None], request: Request, root: Path) -
     found = {sensor: stream for sensor, stream in streams.items() if stream is not None}
     wanted = found if request.sensors is None else request.sensors
     if not wanted:
-        raise DataError(f"{root} has no frames: expected scans or images in it")
+        raise DataError(f"{root} has no frames: expected scans or images in it", code="no-frames")
     for sensor in wanted:
         if sensor not in found:
             others = f", only of {', '.join(found)}" if found else ""
-            raise MissingSensorError(f"{root} has no files of sensor '{sensor}'{others}")
+            message = f"{root} has no files of sensor '{sensor}'{others}"
+            raise MissingSensorError(message, fields=(sensor,))
     return {sensor: found[sensor] for sensor in SENSORS if sensor in wanted}
 
 
@@ -195,7 +202,8 @@ def frame_numbers(
     if gaps:
         _report(streams, gaps, len(complete), request.gaps)
     if not complete:
-        raise DataError(f"no frame has a file from each of {', '.join(streams)}")
+        message = f"no frame has a file from each of {', '.join(streams)}"
+        raise DataError(message, code="no-frames", fields=tuple(streams))
     return np.array(sorted(complete), dtype=np.int64), gaps
 
 
@@ -203,7 +211,8 @@ def _span(streams: Mapping[str, Stream], seen: set[int]) -> set[int]:
     first, last = min(seen), max(seen)
     if last - first > MAX_SPAN:
         folder = next(iter(streams.values())).expected(first).parent
-        raise DataError(f"{folder}: file names {first} to {last} do not count frames")
+        message = f"{folder}: file names {first} to {last} do not count frames"
+        raise DataError(message, code="no-frame-numbers", fields=(str(folder),))
     return set(range(first, last + 1))
 
 
@@ -213,7 +222,8 @@ def _report(streams: Mapping[str, Stream], gaps: list[int], complete: int, polic
     message = f"{path} is missing; {len(gaps)} of {len(gaps) + complete} frames lack a file"
     if policy == "error":
         kind = GapsError if complete else DataError
-        raise kind(f'{message}: gaps="skip" (command line: --skip-gaps) leaves them out')
+        advice = 'gaps="skip" (command line: --skip-gaps) leaves them out'
+        raise kind(f"{message}: {advice}", fields=(str(path), str(len(gaps))))
     logger.warning("%s and are left out", message)
 
 
@@ -238,7 +248,9 @@ def one_of(root: Path, available: Mapping[str, Path], name: str | None) -> Path:
     wish = f"{len(available)} sequences" if name is None else f"no sequence {name}"
     raise DataError(
         f"{root} has {wish}: choose with sequence= (command line: --sequence) "
-        f"one of {', '.join(available) or 'none'}"
+        f"one of {', '.join(available) or 'none'}",
+        code="no-sequence",
+        fields=tuple(available),
     )
 
 
@@ -254,5 +266,6 @@ def itself(root: Path, name: str | None) -> Path:
         DataError: another sequence was requested.
     """
     if name is not None and not same_number(name, root.name):
-        raise DataError(f"{root} is a single sequence: there is no sequence {name} in it")
+        message = f"{root} is a single sequence: there is no sequence {name} in it"
+        raise DataError(message, code="no-sequence", fields=(root.name,))
     return root

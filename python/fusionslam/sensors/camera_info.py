@@ -114,7 +114,9 @@ def check_size(picture: Picture, info: CameraInfo, name: str) -> None:
     if size != tuple(info.size):
         raise DataError(
             f"the image of {name} is {size[0]}x{size[1]}, its CameraInfo says "
-            f"{info.size[0]}x{info.size[1]}"
+            f"{info.size[0]}x{info.size[1]}",
+            code="image-size",
+            fields=(name,),
         )
 
 

@@ -29,12 +29,15 @@ def reading(path: PathLike | None, expected: str) -> Iterator[None]:
     except FusionSlamError:
         raise
     except FileNotFoundError as error:
-        raise DataError(f"{path} is missing: expected {expected}") from error
+        message = f"{path} is missing: expected {expected}"
+        raise DataError(message, code="missing-file", fields=(str(path),)) from error
     except Exception as error:  # damaged files make numpy, zipfile and others raise anything
         subject = "" if path is None else f"{path} cannot be read: "
         why = f"no {error}" if isinstance(error, KeyError) else error
         why = getattr(error, "strerror", None) or why
-        raise DataError(f"{subject}expected {expected} ({why})") from error
+        raise DataError(
+            f"{subject}expected {expected} ({why})", code="damaged-file", fields=(str(path),)
+        ) from error
 
 
 @contextmanager
@@ -47,20 +50,20 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     """
     target = Path(path)
     if os.path.exists(target) and not (os.path.isfile(target) or os.path.isdir(target)):
-        raise DataError(f"cannot write {target}: it is a device, expected a file")
+        raise _cannot_write(target, "it is a device, expected a file")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
         os.close(handle)
     except OSError as error:
-        raise DataError(f"cannot write {target}: {why_not(target, error)}") from error
+        raise _cannot_write(target, why_not(target, error)) from error
     temporary = Path(name)
     try:
         yield temporary
         temporary.chmod(0o644)
         temporary.replace(target)
     except OSError as error:
-        raise DataError(f"cannot write {target}: {error.strerror}") from error
+        raise _cannot_write(target, error.strerror) from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -79,12 +82,16 @@ def made_folder(folder: Path) -> Iterator[None]:
             folder.mkdir(parents=True, exist_ok=True)
             tempfile.TemporaryFile(dir=folder).close()
         except OSError as error:
-            raise DataError(f"cannot write {folder}: {why_not(folder / 'x', error)}") from error
+            raise _cannot_write(folder, why_not(folder / "x", error)) from error
         yield
     finally:
         with suppress(OSError):
             for one in new:
                 one.rmdir()
+
+
+def _cannot_write(target: Path, why: str) -> DataError:
+    return DataError(f"cannot write {target}: {why}", code="cannot-write", fields=(str(target),))
 
 
 def why_not(target: Path, error: OSError) -> str:

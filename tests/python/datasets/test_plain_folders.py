@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from error_codes import has_code
 from fusionslam.datasets import (
     open_dataset,
     read_calib_yaml,
@@ -39,7 +40,7 @@ def test_clouds_and_images_belong_together_by_the_number_in_their_names(tmp_path
         put_image(tmp_path / f"right/right_{number}.jpg")
     assert open_dataset(tmp_path).sensors == ("points", "left", "right")
     (tmp_path / "clouds/cloud_001.bin").unlink()
-    with pytest.raises(DataError, match=r"clouds/cloud_001.bin is missing"):
+    with pytest.raises(DataError, check=has_code("gaps", tmp_path / "clouds/cloud_001.bin")):
         open_dataset(tmp_path)
 
 
@@ -49,7 +50,7 @@ def test_names_that_are_nanoseconds_are_times(tmp_path: Path) -> None:
     assert dataset.stamps_ns.tolist() == [int(stem) for stem in stems]
     assert dataset.numbers.tolist() == [0, 1]
     (tmp_path / f"images/{stems[1]}.png").unlink()
-    with pytest.raises(DataError, match=rf"images/{stems[1]}.png is missing"):
+    with pytest.raises(DataError, check=has_code("gaps", tmp_path / f"images/{stems[1]}.png")):
         open_dataset(tmp_path)
 
 
@@ -57,9 +58,10 @@ def test_images_at_other_times_are_no_gaps_between_the_scans(tmp_path: Path) -> 
     folder(tmp_path, ("1317354879000000000", "1317354879200000000"))
     put_image(tmp_path / "images/1317354879100000000.png")
     assert open_dataset(tmp_path, sensors=("points",)).numbers.tolist() == [0, 1]
-    with pytest.raises(DataError, match=r"clouds/1317354879100000000.ply is missing"):
+    missing = tmp_path / "clouds/1317354879100000000.ply"
+    with pytest.raises(DataError, check=has_code("gaps", missing)):
         open_dataset(tmp_path)
-    with pytest.raises(DataError, match="has no files of sensor 'right'"):
+    with pytest.raises(DataError, check=has_code("missing-sensor", "right")):
         open_dataset(tmp_path, sensors=("right",))
 
 
@@ -71,7 +73,8 @@ def test_names_without_numbers_are_taken_in_their_order(tmp_path: Path) -> None:
 def test_two_files_of_one_frame_are_refused(tmp_path: Path) -> None:
     folder(tmp_path)
     put_scan(tmp_path / "clouds/001.bin")
-    with pytest.raises(DataError, match=r"001.bin and .*001.ply are both frame 1"):
+    files = (tmp_path / "clouds/001.bin", tmp_path / "clouds/001.ply")
+    with pytest.raises(DataError, check=has_code("two-files", *files)):
         open_dataset(tmp_path)
 
 
@@ -92,7 +95,7 @@ def test_tum_poses_are_matched_to_times_and_must_be_near(tmp_path: Path) -> None
     dataset = open_dataset(folder(tmp_path))
     assert dataset.poses[:, 0, 3].tolist() == [0, 1, 2]
     put_text(tmp_path / "poses.txt", "".join(map(line.format, (10, 10.15, 10.2), "012")))
-    with pytest.raises(DataError, match=r"within 10 ms of 1 of 3 frames.*frame 1 at 10.1"):
+    with pytest.raises(DataError, check=has_code("no-pose", tmp_path / "poses.txt", 1)):
         open_dataset(tmp_path)
 
 
@@ -116,14 +119,14 @@ def test_calib_yaml_describes_the_cameras_of_a_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("left: {projection: [1, 2]}", "left.projection to be 3 x 4 numbers"),
-        ("left: {projektion: [1, 2]}", "left has unknown key projektion, expected projection"),
-        ("left: {size: [4, 3]}", "left lacks projection"),
-        ("front: {}", "unknown key front, expected left, right"),
-        ("left: [", "expected YAML"),
-        ("just text", "no mapping"),
-        ("right: {projection: [7, 0, 2, 0, 0, 7, 1, 0, 0, 0, 1, 0]}", "lacks camera 'left'"),
-        ("left: {projection: [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]}", "singular"),
+        ("left: {projection: [1, 2]}", "left.projection"),
+        ("left: {projektion: [1, 2]}", "left .*projektion"),
+        ("left: {size: [4, 3]}", "left .*projection"),
+        ("front: {}", "front.* left, right"),
+        ("left: [", "YAML"),
+        ("just text", "left, right"),
+        ("right: {projection: [7, 0, 2, 0, 0, 7, 1, 0, 0, 0, 1, 0]}", "'left'"),
+        ("left: {projection: [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]}", "projection"),
     ],
 )
 def test_a_wrong_calib_yaml_is_named_with_what_was_expected(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from error_codes import has_code
 from fusionslam.datasets.range_recording import RangeRecording, RecordingConfig, is_recording
 from fusionslam.errors import DataError
 from fusionslam.geometry.odometry_noise import OdometryConfig, measured_places, simulate_odometry
@@ -65,7 +66,7 @@ def test_a_recording_without_poses_has_scenes_but_no_odometry(tmp_path: Path) ->
     write_recording(tmp_path / "r.npz", LAPS, poses=False)
     data = RangeRecording.open(tmp_path / "r.npz")
     assert record_scenes(data).poses is None
-    with pytest.raises(DataError, match="r has no poses, which the frame of odometry needs"):
+    with pytest.raises(DataError, check=has_code("no-poses")):
         record_scenes(data, recording=RecordingConfig(frame="odometry"))
 
 
@@ -80,17 +81,17 @@ def test_recordings_are_recognised(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"rays": None}, "no array rays"),
-        ({"visual_offsets": None}, "expected visual_offsets or collision_offsets"),
-        ({"stamps": np.zeros(len(LAPS))}, "stamps must increase"),
-        ({"stamps": np.full(len(LAPS), np.nan)}, "stamps must be finite"),
-        ({"poses": np.zeros((2, 3))}, r"poses has shape \(2, 3\)"),
-        ({"poses": np.full((len(LAPS), 3), np.inf)}, "poses must be finite"),
-        ({"visual_offsets": np.arange(len(LAPS) + 1)[::-1]}, "must begin with 0"),
-        ({"visual_offsets": np.arange(3)}, "visual_offsets has shape"),
-        ({"visual_ray": np.zeros(4, np.uint16)}, "visual_ray has shape"),
-        ({"rays": np.zeros((2, 3))}, "must be below 2, the number of rays"),
-        ({"visual_rgb": "float"}, "visual_rgb is float64, expected uint8"),
+        ({"rays": None}, "rays"),
+        ({"visual_offsets": None}, "visual_offsets or collision_offsets"),
+        ({"stamps": np.zeros(len(LAPS))}, "stamps"),
+        ({"stamps": np.full(len(LAPS), np.nan)}, "stamps"),
+        ({"poses": np.zeros((2, 3))}, r"poses .*\(2, 3\)"),
+        ({"poses": np.full((len(LAPS), 3), np.inf)}, "poses"),
+        ({"visual_offsets": np.arange(len(LAPS) + 1)[::-1]}, "visual_offsets"),
+        ({"visual_offsets": np.arange(3)}, "visual_offsets"),
+        ({"visual_ray": np.zeros(4, np.uint16)}, "visual_ray"),
+        ({"rays": np.zeros((2, 3))}, "visual_ray"),
+        ({"visual_rgb": "float"}, "visual_rgb.*float64"),
     ],
 )
 def test_arrays_that_are_wrong_are_named(
@@ -113,10 +114,10 @@ def test_arrays_that_are_wrong_are_named(
 def test_files_that_are_cut_or_missing_and_shapes_that_it_lacks_are_named(tmp_path: Path) -> None:
     path = tmp_path / "r.npz"
     write_recording(path, LAPS)
-    with pytest.raises(DataError, match=r"r\.npz has no collision shapes; it has visual"):
+    with pytest.raises(DataError, match=r"r\.npz .*collision.* visual"):
         RangeRecording.open(path, "collision")
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(DataError, match=r"r\.npz cannot be read: expected a recording of ranges"):
+    with pytest.raises(DataError, check=has_code("damaged-file", path)):
         RangeRecording.open(path)
-    with pytest.raises(DataError, match=r"none\.npz is missing"):
+    with pytest.raises(DataError, check=has_code("missing-file", tmp_path / "none.npz")):
         RangeRecording.open(tmp_path / "none.npz")

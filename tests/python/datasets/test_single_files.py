@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from error_codes import has_code
 from fusionslam.datasets import (
     match_poses,
     read_bin,
@@ -51,7 +52,7 @@ def test_truncated_clouds_are_named(tmp_path: Path, suffix: str, kept: float) ->
     write_cloud(path, Cloud(POINTS, COLORS))
     data = path.read_bytes()
     path.write_bytes(data[: min(int(len(data) * kept) | 1, len(data) - 1)])
-    with pytest.raises(DataError, match=rf"cloud{suffix}.* (expected|in its header)"):
+    with pytest.raises(DataError, match=rf"cloud{suffix}"):
         read_cloud(path)
 
 
@@ -87,10 +88,10 @@ def test_ascii_ply_is_read_and_must_be_complete(tmp_path: Path) -> None:
     assert cloud.points.tolist() == [[1, 2, 3], [4, 5, 6]]
     assert cloud.colors.tolist() == [[255, 0, 7], [1, 2, 3]]
     put_text(tmp_path / "a.ply", header + "1 2 3 255 0 7\n")
-    with pytest.raises(DataError, match="holds 1 points, its header says 2"):
+    with pytest.raises(DataError, match=r"a\.ply .*\b1\b.*\b2\b"):
         read_cloud(tmp_path / "a.ply")
     put_text(tmp_path / "a.ply", header.replace("uchar", "float") + "1 2 3 1 0 0\n" * 2)
-    with pytest.raises(DataError, match="colours of type float32, expected uchar"):
+    with pytest.raises(DataError, match=r"a\.ply .*float32"):
         read_cloud(tmp_path / "a.ply")
 
 
@@ -100,11 +101,11 @@ def test_an_empty_scan_is_a_cloud_without_points(tmp_path: Path) -> None:
 
 
 def test_a_cloud_of_another_shape_or_suffix_is_not_written(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"a.las is no cloud file: expected one of .bin, .pcd"):
+    with pytest.raises(DataError, match=r"a\.las "):
         write_cloud(tmp_path / "a.las", Cloud(POINTS))
-    with pytest.raises(ShapeError, match=r"points have shape \(20, 2\)"):
+    with pytest.raises(ShapeError, match=r"points .*\(20, 2\)"):
         write_cloud(tmp_path / "a.ply", Cloud(POINTS[:, :2]))
-    with pytest.raises(ShapeError, match=r"colors have shape \(19, 3\)"):
+    with pytest.raises(ShapeError, match=r"colors .*\(19, 3\)"):
         write_cloud(tmp_path / "a.ply", Cloud(POINTS, COLORS[1:]))
     assert not list(tmp_path.iterdir())
 
@@ -115,7 +116,7 @@ def test_images_are_grey_or_rgb_and_8_bit(tmp_path: Path) -> None:
         image = read_image(tmp_path / "a.png")
         assert image.shape == shape and image.dtype == np.uint8
     Image.new("I;16", (4, 3)).save(tmp_path / "a.png")
-    with pytest.raises(DataError, match=r"a.png: pixels of mode I;16, expected 8 bits"):
+    with pytest.raises(DataError, match=r"a\.png: .*I;16"):
         read_image(tmp_path / "a.png")
 
 
@@ -125,7 +126,7 @@ def test_a_truncated_image_is_named(tmp_path: Path) -> None:
         Image.fromarray(noise).save(tmp_path / name)
         data = (tmp_path / name).read_bytes()
         (tmp_path / name).write_bytes(data[: len(data) // 2])
-        with pytest.raises(DataError, match=rf"{name} cannot be read: expected an 8-bit .*trunc"):
+        with pytest.raises(DataError, check=has_code("damaged-file", tmp_path / name)):
             read_image(tmp_path / name)
 
 
@@ -139,7 +140,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
         (read_times, "a.txt"),
         (read_timestamps, "a.txt"),
     ):
-        with pytest.raises(DataError, match=rf"{name} is missing: expected"):
+        with pytest.raises(DataError, check=has_code("missing-file", tmp_path / name)):
             read(tmp_path / name)
 
 
@@ -151,7 +152,7 @@ def test_times_are_exact_nanoseconds(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["2011-09-26 13:02\n\n2011-09-26 13:03\n", "noon\n", ""])
 def test_wrong_timestamps_are_named(tmp_path: Path, text: str) -> None:
     put_text(tmp_path / "timestamps.txt", text)
-    with pytest.raises(DataError, match=r"timestamps.txt.* expected"):
+    with pytest.raises(DataError, match=r"timestamps\.txt"):
         read_timestamps(tmp_path / "timestamps.txt")
 
 
@@ -187,7 +188,7 @@ def test_tum_quaternions_have_their_real_part_last(tmp_path: Path) -> None:
 
 
 def test_poses_need_one_stamp_each(tmp_path: Path) -> None:
-    with pytest.raises(ShapeError, match=r"expected \(2, 4, 4\)"):
+    with pytest.raises(ShapeError, match=r"\(2, 4, 4\)"):
         write_poses_tum(tmp_path / "poses.txt", np.zeros(2, dtype=np.int64), np.eye(4)[None])
 
 
@@ -210,7 +211,7 @@ def test_the_nearest_pose_is_found_whatever_the_order_of_the_file(tmp_path: Path
 def test_poses_that_are_no_rotation_are_named_with_their_line(tmp_path: Path, row: str) -> None:
     path = tmp_path / "poses.txt"
     path.write_text(f"1 0 0 0 0 1 0 0 0 0 1 0\n# comment\n{row}\n")
-    with pytest.raises(DataError, match=r"poses\.txt, line 3: .* no rotation"):
+    with pytest.raises(DataError, match=r"poses\.txt, line 3: "):
         read_poses(path)
 
 
@@ -222,8 +223,6 @@ def test_a_header_that_is_cut_is_named_in_plain_words(
     path = tmp_path / f"cloud{suffix}"
     write_cloud(path, Cloud(POINTS, COLORS))
     path.write_bytes(path.read_bytes()[:kept])
-    with pytest.raises(
-        DataError, match=r"does not begin like|is cut short in its header"
-    ) as caught:
+    with pytest.raises(DataError, check=has_code("bad-header", path)) as caught:
         read_cloud(path)
-    assert "pydantic" not in str(caught.value) and "index out of range" not in str(caught.value)
+    assert type(caught.value.__cause__) is DataError  # not one of the library that reads it

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from error_codes import has_code
 from fusionslam.datasets import (
     open_dataset,
     read_times,
@@ -33,21 +34,21 @@ def test_opening_reads_no_scan_and_no_image(tmp_path: Path) -> None:
     (sequence / "image_2/000005.png").write_bytes(b"")
     frames = list(open_dataset(sequence))
     assert len(frames[4].points) == 20
-    with pytest.raises(DataError, match=r"000005.bin has 3 bytes, expected a multiple of 16"):
+    with pytest.raises(DataError, match=r"000005\.bin .*\b3\b.*\b16\b"):
         _ = frames[5].points
-    with pytest.raises(DataError, match=r"000005.png cannot be read: expected an 8-bit"):
+    with pytest.raises(DataError, check=has_code("damaged-file", sequence / "image_2/000005.png")):
         _ = frames[5].images["left"]
 
 
 @pytest.mark.parametrize(
     ("key", "text", "message"),
     [
-        ("P2", None, "lacks P2"),
-        ("Tr", None, "lacks Tr"),
-        ("P2", "1 2 3", "P2 has 3 numbers, expected 12"),
-        ("P3", P3.replace("700", "seven"), "12 numbers behind P3"),
-        ("P2", P2.replace("700", "nan"), "projection is not finite"),
-        ("Tr", " ".join(["0"] * 12), "rectified_from_points is singular"),
+        ("P2", None, "P2"),
+        ("Tr", None, "Tr"),
+        ("P2", "1 2 3", "P2 .*3.*12"),
+        ("P3", P3.replace("700", "seven"), "P3"),
+        ("P2", P2.replace("700", "nan"), "projection"),
+        ("Tr", " ".join(["0"] * 12), "rectified_from_points"),
     ],
 )
 def test_a_wrong_calib_txt_is_named_with_the_key(
@@ -64,16 +65,16 @@ def test_a_wrong_calib_txt_is_named_with_the_key(
 @pytest.mark.parametrize(
     ("file", "text", "message"),
     [
-        ("poses.txt", POSE_LINE * 5, "has 5 lines, frame 5 needs 6"),
-        ("poses.txt", "1 2 3\n" * 6, "has 3 columns: expected poses"),
-        ("poses.txt", "1 0 0 x 0 1 0 0 0 0 1 0\n" * 6, "expected poses.*row 0, column 4"),
-        ("poses.txt", "1 0 0 nan 0 1 0 0 0 0 1 0\n" * 6, "line 1: NaN or infinity"),
-        ("poses.txt", "0 0 0 0 0 0 0 0\n" * 6, "line 1: a quaternion of zeros"),
-        ("poses.txt", "", "is empty: expected poses"),
-        ("times.txt", "0.0\n0.1\n", "has 2 lines, frame 5 needs 6"),
-        ("times.txt", "0.0\nlate\n", "expected times in seconds"),
-        ("times.txt", "0 1\n0 1\n", "has 2 columns: expected times in seconds"),
-        ("times.txt", "1e99\n" * 6, "fit 64 bits"),
+        ("poses.txt", POSE_LINE * 5, "5 .*frame 5 .*6"),
+        ("poses.txt", "1 2 3\n" * 6, "3 columns"),
+        ("poses.txt", "1 0 0 x 0 1 0 0 0 0 1 0\n" * 6, "row 0, column 4"),
+        ("poses.txt", "1 0 0 nan 0 1 0 0 0 0 1 0\n" * 6, "line 1: "),
+        ("poses.txt", "0 0 0 0 0 0 0 0\n" * 6, "line 1: .*quaternion"),
+        ("poses.txt", "", "empty"),
+        ("times.txt", "0.0\n0.1\n", "2 .*frame 5 .*6"),
+        ("times.txt", "0.0\nlate\n", "seconds"),
+        ("times.txt", "0 1\n0 1\n", "2 columns"),
+        ("times.txt", "1e99\n" * 6, "64 bits"),
     ],
 )
 def test_a_wrong_file_of_poses_or_times_is_named(
@@ -91,48 +92,50 @@ def test_images_of_another_size_than_the_calibration_or_the_left_are_refused(
 ) -> None:
     drive = raw_drive(tmp_path / "raw")
     put_image(drive / "image_02/data/0000000001.png", (5, 3))
-    with pytest.raises(DataError, match=r"0000000001.png is 5x3, the calibration says 4x3"):
+    with pytest.raises(
+        DataError, check=has_code("image-size", drive / "image_02/data/0000000001.png")
+    ):
         _ = open_dataset(drive)[1].images["left"]
     sequence = odometry(tmp_path)
     put_image(sequence / "image_3/000002.png", (4, 4))
-    with pytest.raises(DataError, match=r"image_3/000002.png is 4x4, the left image .* says 4x3"):
+    with pytest.raises(DataError, check=has_code("image-size", sequence / "image_3/000002.png")):
         _ = open_dataset(sequence)[2].images["right"]
 
 
 def test_what_is_no_dataset_is_named_with_what_was_looked_for(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="nowhere does not exist"):
+    with pytest.raises(DataError, check=has_code("missing-file", tmp_path / "nowhere")):
         open_dataset(tmp_path / "nowhere")
     put_text(tmp_path / "notes.txt", "nothing")
-    with pytest.raises(DataError, match=r"notes.txt is a file: expected the folder"):
+    with pytest.raises(DataError, check=has_code("no-recording", tmp_path / "notes.txt")):
         open_dataset(tmp_path / "notes.txt")
-    with pytest.raises(DataError, match=r"(?s)kitti-object: .*kitti-odometry: .*velodyne/.*clouds"):
+    with pytest.raises(DataError, check=has_code("no-recording", tmp_path)):
         open_dataset(tmp_path)
 
 
 def test_an_empty_dataset_is_refused(tmp_path: Path) -> None:
     (tmp_path / "velodyne").mkdir()
-    with pytest.raises(DataError, match="has no frames: expected scans or images"):
+    with pytest.raises(DataError, check=has_code("no-frames")):
         open_dataset(tmp_path)
-    with pytest.raises(DataError, match="has no frames: expected scans or images"):
+    with pytest.raises(DataError, check=has_code("no-frames")):
         open_dataset(tmp_path, kind="folder")
 
 
 def test_wrong_arguments_are_named(tmp_path: Path) -> None:
     sequence = odometry(tmp_path)
     for arguments, message in (
-        ({"kind": "kiti"}, "kind is 'kiti', expected one of kitti-object"),
-        ({"gaps": "ignore"}, "gaps is 'ignore', expected one of error, skip"),
-        ({"sensors": ()}, "sensors is '', expected one of points, left, right"),
-        ({"sensors": ("radar",)}, "sensors is 'radar', expected one of points, left, right"),
+        ({"kind": "kiti"}, "kind .*'kiti'.* kitti-object"),
+        ({"gaps": "ignore"}, "gaps .*'ignore'.* error, skip"),
+        ({"sensors": ()}, "sensors .*''.* points, left, right"),
+        ({"sensors": ("radar",)}, "sensors .*'radar'.* points, left, right"),
     ):
         with pytest.raises(ConfigError, match=message):
             open_dataset(sequence, **arguments)
     assert open_dataset(sequence, sensors="left").sensors == ("left",)
-    with pytest.raises(DataError, match="there is no sequence 05"):
+    with pytest.raises(DataError, check=has_code("no-sequence", "03")):
         open_dataset(sequence, sequence="05")
     (tmp_path / "other/velodyne").mkdir(parents=True)
     put_scan(tmp_path / "other/velodyne/000000.bin")
-    with pytest.raises(DataError, match="no files of sensor 'left', only of points"):
+    with pytest.raises(DataError, check=has_code("missing-sensor", "left")):
         open_dataset(tmp_path / "other", sensors=("left",))
 
 
@@ -150,7 +153,7 @@ def test_a_folder_that_may_not_be_read_is_named(
 
     monkeypatch.setattr(Path, "iterdir", iterdir)  # the tests may run as root
     kind = "folder" if folder == "." else None
-    with pytest.raises(DataError, match=rf"{hidden} cannot be read: Permission denied"):
+    with pytest.raises(DataError, check=has_code("unreadable", hidden)):
         open_dataset(root, kind=kind)
 
 
@@ -161,17 +164,17 @@ def test_a_sequence_may_be_named_by_its_number(tmp_path: Path, sequence: int | s
     wanted = str(sequence).replace("3", str(number)) if isinstance(sequence, str) else number
     assert open_dataset(root.parent.parent, sequence=wanted).root == root
     assert open_dataset(root, sequence=wanted).root == root
-    with pytest.raises(DataError, match="sequence 77"):
+    with pytest.raises(DataError, check=has_code("no-sequence", root.name)):
         open_dataset(root.parent.parent, sequence=77)
 
 
 def test_times_that_run_backwards_are_named_with_their_line(tmp_path: Path) -> None:
     path = tmp_path / "times.txt"
     path.write_text("# seconds\n0.0\n0.1\n0.1\n\n0.05\n")
-    with pytest.raises(DataError, match=r"times\.txt, line 6: earlier than the line before"):
+    with pytest.raises(DataError, match=r"times\.txt, line 6: "):
         read_times(path)
     path.write_text("2011-09-26 13:02:25.9\n2011-09-26 13:02:25.8\n")
-    with pytest.raises(DataError, match=r"times\.txt, line 2: earlier"):
+    with pytest.raises(DataError, match=r"times\.txt, line 2: "):
         read_timestamps(path)
 
 
@@ -181,7 +184,7 @@ def test_a_recording_that_belongs_to_somebody_else_is_named(tmp_path: Path) -> N
     try:
         if user == 0:
             os.seteuid(65534)  # nobody: root may read everything
-        with pytest.raises(DataError, match="cannot be read: Permission denied"):
+        with pytest.raises(DataError, check=has_code("unreadable")):
             open_dataset(root)
     finally:
         os.seteuid(user)

@@ -63,9 +63,11 @@ def put_scan(path: Path) -> None:
     write_cloud(path, Cloud(POINTS))
 
 
-def put_image(path: Path, size: tuple[int, int] = (4, 3)) -> None:
+def put_image(
+    path: Path, size: tuple[int, int] = (4, 3), color: tuple[int, int, int] = (10, 20, 30)
+) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    Image.new("RGB", size, (10, 20, 30)).save(path)
+    Image.new("RGB", size, color).save(path)
 
 
 def put_text(path: Path, text: str) -> None:

@@ -23,7 +23,7 @@ from fusionslam.errors import DataError, naming
 from fusionslam.sensors.camera_info import cameras_from, check_pair, rectified
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.images import Images
-from fusionslam.sensors.messages import Odometry, Picture, Scan
+from fusionslam.sensors.messages import CameraInfo, Odometry, Picture, Scan
 
 logger = logging.getLogger(__name__)
 
@@ -210,18 +210,21 @@ def _sensors(source: IndexedBag, wanted: Sequence[str] | None) -> tuple[str, ...
     if wanted is None:
         found = tuple(sensor for sensor in SENSORS if sensor in roles and sensor != "right")
         if not found:
-            raise DataError(f"{path} has neither PointCloud2 nor Image messages: {_topics(source)}")
+            message = f"{path} has neither PointCloud2 nor Image messages: {_topics(source)}"
+            raise DataError(message, code="no-frames")
         return _usable(source, found)
     for sensor in wanted:
         if sensor not in roles:
             raise MissingSensorError(
                 f"{path} has no messages for '{sensor}' with which to make frames: "
-                f"{_topics(source)}"
+                f"{_topics(source)}",
+                fields=(sensor,),
             )
     if "right" in wanted and "left" not in wanted:
-        raise DataError(f"{path}: 'right' images are read as part of a stereo pair, with 'left'")
-    if {*wanted} >= _FUSED and source.info_at(0) is None:
-        raise DataError(f"{path} has no CameraInfo of {roles['left']}: {_topics(source)}")
+        message = f"{path}: 'right' images are read as part of a stereo pair, with 'left'"
+        raise DataError(message, code="no-pair")
+    if {*wanted} >= _FUSED:
+        _check_calibrated(source, "left")
     if "right" in wanted:
         _check_stereo(source)
     return tuple(sensor for sensor in SENSORS if sensor in wanted)
@@ -245,14 +248,19 @@ def _check_stereo(source: IndexedBag) -> None:
     """Raise DataError unless both cameras are calibrated and form a stereo pair."""
     infos, names = {}, {}
     for camera in ("left", "right"):
-        info = source.info_at(0, camera)
-        if info is None:
-            raise DataError(
-                f"{source.bag.path} has no CameraInfo of {source.roles[camera]}: {_topics(source)}"
-            )
-        infos[camera], names[camera] = info, source.roles[INFO_ROLES[camera]]
+        infos[camera] = _check_calibrated(source, camera)
+        names[camera] = source.roles[INFO_ROLES[camera]]
     with naming(source.bag.path):
         check_pair(infos["left"], infos["right"], names)
+
+
+def _check_calibrated(source: IndexedBag, camera: str) -> CameraInfo:
+    """Return a camera's first calibration. Raises DataError if there is none."""
+    info, topic = source.info_at(0, camera), source.roles[camera]
+    if info is None:
+        message = f"{source.bag.path} has no CameraInfo of {topic}: {_topics(source)}"
+        raise DataError(message, code="no-camera-info", fields=(topic,))
+    return info
 
 
 def can_fuse(source: IndexedBag) -> bool:

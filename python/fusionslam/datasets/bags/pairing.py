@@ -125,14 +125,18 @@ def _check_clock(source: IndexedBag, role: str, config: SyncConfig) -> None:
     if len(stamps) > 1 and stamps.min() == stamps.max():
         raise DataError(
             f"{source.bag.path}: all {len(stamps)} messages of {topic} have the stamp "
-            f"{stamps[0]} ns, expected rising ones; {advice}"
+            f"{stamps[0]} ns, expected rising ones; {advice}",
+            code="equal-stamps",
+            fields=(topic,),
         )
     back = np.maximum.accumulate(stamps) - stamps
     if len(jumps := np.flatnonzero(back > config.jump * NANOSECONDS)):
         row = int(jumps[0])
         raise DataError(
             f"{source.bag.path}: the clock of {topic} jumps back by {back[row] / 1e9:.3f} s at "
-            f"message {row} of {len(stamps)}, expected rising stamps; {advice}"
+            f"message {row} of {len(stamps)}, expected rising stamps; {advice}",
+            code="clock",
+            fields=(topic, str(row)),
         )
 
 
@@ -172,6 +176,7 @@ def _rows(
             f"{source.bag.path}: no messages of {what} lie within {reach:g} s of "
             "each other; the clock offsets are in the output of info",
             code=NO_PAIRS,
+            fields=tuple(source.roles[sensor] for sensor in sensors),
         )
     rows = {first: [pair.item for pair in pairs]}
     rows |= {name: [pair.images[name].item for pair in pairs] for name in others}

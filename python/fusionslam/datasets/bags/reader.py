@@ -180,7 +180,8 @@ class Bag:
             found = self._messages(self._reader, names, time_ns, time_ns + 1)
             raw = next((raw for k, raw in enumerate(found) if k == occurrence), None)
         if raw is None:
-            raise DataError(f"{self.path}: {topic} has no message at {time_ns} ns")
+            message = f"{self.path}: {topic} has no message at {time_ns} ns"
+            raise DataError(message, code="no-message", fields=(topic, str(time_ns)))
         with naming(self.path):
             return raw.value()
 
@@ -204,13 +205,11 @@ class Bag:
             return [topic.name for topic in self.topics.values() if topic.is_known]
         for name in topics:
             if name not in self.topics:
-                raise DataError(
-                    f"{self.path} has no topic {name}, expected one of {', '.join(self.topics)}"
-                )
+                message = f"{self.path} has no topic {name}: expected {', '.join(self.topics)}"
+                raise DataError(message, code="no-topic", fields=(name,))
             if not self.topics[name].is_known:
-                raise DataError(
-                    f"{self.path}: {name} is of type {self.topics[name].type}, which is not read"
-                )
+                message = f"{self.path}: {name} is of type {self.topics[name].type}, not supported"
+                raise DataError(message, code="topic-type", fields=(name,))
         return list(topics)
 
     def _messages(

@@ -21,7 +21,8 @@ def need_rosbags() -> None:
     try:
         import rosbags.rosbag1  # noqa: F401
     except ImportError as error:
-        raise DataError("bags need rosbags: pip install 'fusionslam[bags]'") from error
+        message = "bags need rosbags: pip install 'fusionslam[bags]'"
+        raise DataError(message, code="missing-extra", fields=("bags",)) from error
 
 
 @functools.cache

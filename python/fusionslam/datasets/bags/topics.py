@@ -69,7 +69,8 @@ def choose_topics(
                 )
     used = {role: chosen[role] for role in ROLES if chosen.get(role)}
     if "right" in used and used["right"] == used.get("left"):
-        raise DataError(f"{bag}: {used['right']} is left and right: expected two topics of a pair")
+        message = f"{bag}: {used['right']} is left and right: expected two topics of a pair"
+        raise DataError(message, code="no-pair", fields=(used["right"],))
     return used
 
 
@@ -80,11 +81,14 @@ def _check(topics: Mapping[str, Topic], role: str, name: str, bag: str) -> None:
         return
     fitting = ", ".join(_of_type(topics, role)) or "none has that type"
     if name not in topics:
-        raise DataError(f"{bag} has no topic {name} for {role}; that could be: {fitting}")
+        message = f"{bag} has no topic {name} for {role}; that could be: {fitting}"
+        raise DataError(message, code="no-topic", fields=(name, role))
     if topics[name].type not in ROLES[role]:
         raise DataError(
             f"{bag}: {name} is of type {topics[name].type}, expected {' or '.join(ROLES[role])} "
-            f"for {role}; that could be: {fitting}"
+            f"for {role}; that could be: {fitting}",
+            code="topic-type",
+            fields=(name, role),
         )
 
 
