@@ -160,12 +160,15 @@ def frame_from_points(frame: Frame, name: CloudFrame) -> NDArray[np.float64]:
     if frame.robot_from_points is None:
         raise DataError(
             f"frame {frame.index} does not say where its scan is on the robot "
-            f"(robot_from_points: TF or a calibration), {needs}"
+            f"(robot_from_points: TF or a calibration), {needs}",
+            code="no-transform",
+            fields=(name,),
         )
     if name == "robot":
         return frame.robot_from_points
     if frame.odometry is None:
-        raise DataError(f"frame {frame.index} has no odometry, {needs}")
+        message = f"frame {frame.index} has no odometry, {needs}"
+        raise DataError(message, code="no-odometry", fields=(name,))
     return np.asarray(frame.odometry @ frame.robot_from_points, dtype=np.float64)
 
 
@@ -207,7 +210,8 @@ def _plain_cloud(frame: Frame, config: FusionConfig) -> Cloud:
 def _scan(frame: Frame) -> Cloud:
     """The frame's scan without invalid points."""
     if frame.points is None:
-        raise DataError(f"frame {frame.index} has no scan, which this source needs")
+        message = f"frame {frame.index} has no scan, which this source needs"
+        raise DataError(message, code="missing-sensor", fields=("points",))
     scan = Cloud(frame.points, frame.colors)
     valid = drop_invalid(scan.points)
     if len(valid) < len(scan):
@@ -218,18 +222,22 @@ def _scan(frame: Frame) -> Cloud:
 
 def _camera(frame: Frame, name: str) -> Camera:
     if name not in frame.cameras:
-        raise DataError(f"frame {frame.index} has no calibration of the {name} camera")
+        message = f"frame {frame.index} has no calibration of the {name} camera"
+        raise DataError(message, code="no-calibration", fields=(name,))
     return frame.cameras[name]
 
 
 def _image(frame: Frame, name: str) -> NDArray[np.uint8]:
     if name not in frame.images:
-        raise DataError(f"frame {frame.index} has no {name} image, which this source needs")
+        message = f"frame {frame.index} has no {name} image, which this source needs"
+        raise DataError(message, code="missing-sensor", fields=(name,))
     image, size = frame.images[name], _camera(frame, name).size
     if size is not None and size != (image.shape[1], image.shape[0]):
         raise DataError(
             f"frame {frame.index}: the {name} image is {image.shape[1]}x{image.shape[0]}, "
-            f"its calibration is for {size[0]}x{size[1]}"
+            f"its calibration is for {size[0]}x{size[1]}",
+            code="image-size",
+            fields=(name,),
         )
     return image
 

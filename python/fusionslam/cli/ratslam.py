@@ -13,7 +13,7 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress
 from fusionslam.cli.failures import INTERRUPTED, needs_extra
 from fusionslam.cli.recordings import build_recording
-from fusionslam.storage.files import made_folder
+from fusionslam.storage.files import make_folder
 from fusionslam.storage.progress import Step
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def ratslam(
     slam, earlier = None, None
     if resume is not None:
         slam, earlier = _load_map(resume, ["--views"] * (views is not None) + changes)
-    with made_folder(output), ExitStack() as shown:
+    with make_folder(output), ExitStack() as shown:
         recording = build_recording()
         slam = slam or _new_map(whole, views, recording)
         with progress() as step:

@@ -53,7 +53,8 @@ class PosesInTime:
             frame, robot = self._names or names
             raise DataError(
                 f"odometry of '{names[1]}' in '{names[0]}', expected that of '{robot}' in "
-                f"'{frame}' as before: do two nodes publish it?"
+                f"'{frame}' as before: do two nodes publish it?",
+                code="two-robots",
             )
         newest = self._tree.newest(names[1])
         if newest is not None and newest - odometry.stamp_ns > self._jump_ns:

@@ -112,9 +112,8 @@ class TransformTree:
             self._refuse_loop(parent, child)
             link = self._links[child] = _Link(parent)
         elif link.parent != parent:
-            raise DataError(
-                f"frame '{child}' has two parents, '{link.parent}' and '{parent}': expected one"
-            )
+            message = f"frame '{child}' has two parents, '{link.parent}' and '{parent}'"
+            raise DataError(message, code="two-parents", fields=(child, link.parent, parent))
         if not transform.static:
             self._put(link, transform.stamp_ns, matrix)
         elif not link.stamps:
@@ -181,8 +180,9 @@ class TransformTree:
     def _refuse_loop(self, parent: str, child: str) -> None:
         way = [child, parent, *self._ancestors(parent)]
         if child in way[1:]:
-            loop = " -> ".join(way[: way.index(child, 1) + 1])
-            raise DataError(f"transforms form a loop: {loop}")
+            loop = way[: way.index(child, 1) + 1]
+            message = f"transforms form a loop: {' -> '.join(loop)}"
+            raise DataError(message, code="frame-loop", fields=loop)
 
     def _ancestors(self, name: str) -> Iterator[str]:
         while link := self._links.get(name):
@@ -256,14 +256,18 @@ def _name(frame: str) -> str:
 
 def _rigid(value: Matrix, parent: str, child: str) -> Matrix:
     matrix = np.asarray(value, dtype=np.float64)
-    place = f"transform of '{child}' in '{parent}'"
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise DataError(f"{place} is no finite 4x4 matrix: {matrix.tolist()}")
-    rotation = matrix[:3, :3]
-    skew = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if skew > _ORTHOGONAL or np.linalg.det(rotation) < 0 or (matrix[3] != (0, 0, 0, 1)).any():
-        raise DataError(f"{place} is no rotation and translation: {matrix.tolist()}")
-    return matrix
+    if matrix.shape == (4, 4) and np.isfinite(matrix).all():
+        rotation = matrix[:3, :3]
+        skew = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        is_rotation = skew <= _ORTHOGONAL and np.linalg.det(rotation) > 0
+        if is_rotation and (matrix[3] == (0, 0, 0, 1)).all():
+            return matrix
+    raise DataError(
+        f"transform of '{child}' in '{parent}' is no rotation and translation, finite and 4x4: "
+        f"{matrix.tolist()}",
+        code="no-transform",
+        fields=(parent, child),
+    )
 
 
 def _between(first: Matrix, second: Matrix, share: float) -> Matrix:

@@ -147,4 +147,5 @@ def _check_format(about: dict[str, Any], expected: str) -> None:
     """Remove the format from the metadata. Raises DataError unless it is the expected one."""
     found = about.pop("format", None)
     if found != expected:
-        raise DataError(f"is of format {found}, expected {expected}")
+        message = f"is of format {found}, expected {expected}"
+        raise DataError(message, code="format", fields=(str(found), expected))

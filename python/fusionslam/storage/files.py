@@ -50,26 +50,26 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     """
     target = Path(path)
     if os.path.exists(target) and not (os.path.isfile(target) or os.path.isdir(target)):
-        raise _cannot_write(target, "it is a device, expected a file")
+        raise cannot_write(target, "it is a device, expected a file")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
         os.close(handle)
     except OSError as error:
-        raise _cannot_write(target, why_not(target, error)) from error
+        raise cannot_write(target, why_not(target, error)) from error
     temporary = Path(name)
     try:
         yield temporary
         temporary.chmod(0o644)
         temporary.replace(target)
     except OSError as error:
-        raise _cannot_write(target, error.strerror) from error
+        raise cannot_write(target, error.strerror) from error
     finally:
         temporary.unlink(missing_ok=True)
 
 
 @contextmanager
-def made_folder(folder: Path) -> Iterator[None]:
+def make_folder(folder: Path) -> Iterator[None]:
     """Make a folder for the results of the block; it is removed again if it stays empty.
 
     Raises:
@@ -82,7 +82,7 @@ def made_folder(folder: Path) -> Iterator[None]:
             folder.mkdir(parents=True, exist_ok=True)
             tempfile.TemporaryFile(dir=folder).close()
         except OSError as error:
-            raise _cannot_write(folder, why_not(folder / "x", error)) from error
+            raise cannot_write(folder, why_not(folder / "x", error)) from error
         yield
     finally:
         with suppress(OSError):
@@ -90,7 +90,8 @@ def made_folder(folder: Path) -> Iterator[None]:
                 one.rmdir()
 
 
-def _cannot_write(target: Path, why: str) -> DataError:
+def cannot_write(target: Path, why: str) -> DataError:
+    """Make the error of a file or folder that cannot be written."""
     return DataError(f"cannot write {target}: {why}", code="cannot-write", fields=(str(target),))
 
 

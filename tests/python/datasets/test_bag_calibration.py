@@ -12,6 +12,7 @@ pytest.importorskip("rosbags", reason="bags are an extra")
 
 from bags import drive, without, write_bag
 from cli import fails, succeeds
+from error_codes import has_code
 from fusionslam.datasets import open_dataset
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.pipelines.overview import look_at
@@ -77,9 +78,9 @@ def test_info_says_that_the_place_of_the_camera_is_from_the_calibration(
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"size": None}, "left lacks size"),
+        ({"size": None}, "left .*size"),
         ({"size": [640, 480]}, "640x480"),
-        ({"projection": [0.0] * 12}, "singular"),
+        ({"projection": [0.0] * 12}, "projection"),
     ],
 )
 def test_a_calibration_that_does_not_fit_is_named(
@@ -91,13 +92,13 @@ def test_a_calibration_that_does_not_fit_is_named(
 
 
 def test_a_calibration_that_is_not_there_is_named(tmp_path: Path, camera: Camera) -> None:
-    with pytest.raises(DataError, match=r"gone\.yaml is missing"):
+    with pytest.raises(DataError, check=has_code("missing-file", tmp_path / "gone.yaml")):
         open_dataset(tmp_path / "whole.bag", calibration=tmp_path / "gone.yaml")
 
 
 def test_kitti_has_its_own_calibration(kitti: Path, tmp_path: Path, camera: Camera) -> None:
     file = calib_yaml(tmp_path / "calib.yaml", camera)
-    with pytest.raises(ConfigError, match="kitti-odometry, which has its own"):
+    with pytest.raises(ConfigError, match="kitti-odometry"):
         open_dataset(kitti, calibration=file)
 
 
@@ -105,6 +106,6 @@ def test_commands_take_a_calibration(tmp_path: Path, camera: Camera) -> None:
     bag = write_bag(tmp_path / "poor.bag", without(drive(), "/tf_static"))
     file = calib_yaml(tmp_path / "calib.yaml", camera)
     words = ("fuse", bag, "--source", "lidar", "-o")
-    assert "no frame" in fails(1, *words, tmp_path / "without")
+    assert "velodyne" in fails(1, *words, tmp_path / "without")
     succeeds(*words, tmp_path / "with", "--calib", file)
     assert open_dataset(tmp_path / "with")[0].colors is not None

@@ -3,7 +3,6 @@
 """Bags that are cut, damaged, or written to disks that are full."""
 
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -20,6 +19,7 @@ from bags import (
     same,
     write_bag,
 )
+from error_codes import has_code
 from fusionslam.datasets import open_bag
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import Event
@@ -38,37 +38,36 @@ def test_a_bag_cut_in_half_gives_what_is_whole(
         assert bag.is_cut and 4 <= len(found) <= 6 and len(found) == bag.topics["/image"].count
         assert all(same(a, b.message) for a, b in zip(found, big, strict=False))
         assert same(bag.message("/image", START + 3), big[3].message)
-    assert "was cut or not closed" in caplog.text
+    assert [record.args[0] for record in caplog.records] == [path]
 
 
 def test_a_database_cut_in_half_is_refused(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "drive.db3", drive(10)) / "drive.db3"
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.raises(DataError, match=r"drive\.db3 cannot be read as a bag"):
+    with pytest.raises(DataError, match=r"drive\.db3"):
         open_bag(path)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_bag_below_a_file_is_refused_with_the_files_name(tmp_path: Path, suffix: str) -> None:
     (tmp_path / "file").write_text("kept")
-    with pytest.raises(DataError, match="file is a file, expected a folder"):
+    with pytest.raises(DataError, check=has_code("cannot-write")):
         write_bag(tmp_path / "file" / f"drive.{suffix}", drive(0.1))
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_files_that_are_no_bags_are_refused_by_name(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"drive.{suffix}"
-    with pytest.raises(DataError, match="does not exist"):
+    with pytest.raises(DataError, match=str(path)):
         open_bag(path)
     path.write_bytes(b"")
-    with pytest.raises(DataError, match=r"drive\.\w+ is empty: expected a bag"):
+    with pytest.raises(DataError, match=rf"{path}"):
         open_bag(path)
     path.write_bytes(b"what is this?" * 100)
-    begins = re.escape("it begins with b'what is this?wha', expected b'")
-    with pytest.raises(DataError, match=f"drive.{suffix} cannot be read as a bag: {begins}"):
+    with pytest.raises(DataError, match=rf"{path}.*b'what is this\?wha'"):
         open_bag(path)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(DataError, match=r"empty is no bag: expected a \.db3 or \.mcap"):
+    with pytest.raises(DataError, match=r"empty .*\.db3 or \.mcap"):
         open_bag(tmp_path / "empty")
 
 
@@ -76,7 +75,7 @@ def test_a_broken_message_names_topic_and_time(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "drive.bag", [Event("/odom", START, odometry(START))])
     content = path.read_bytes()
     path.write_bytes(content.replace(b"\x04\x00\x00\x00odom", b"\xff\xff\xff\x00odom"))
-    with open_bag(path) as bag, pytest.raises(DataError, match=f"/odom, arrived at {START} ns"):
+    with open_bag(path) as bag, pytest.raises(DataError, match=f"/odom.*{START} ns"):
         list(bag.events())
 
 
@@ -95,7 +94,7 @@ def test_an_error_while_writing_keeps_what_was_written_and_the_bag_before(
     with open_bag(path) as bag, open_bag(tmp_path / f"drive.partial.{suffix}") as rest:
         assert bag.topics["/points"].count == 1 and rest.topics["/points"].count == 3
         assert not rest.is_cut
-    assert f"kept in {tmp_path}/drive.partial.{suffix}" in caplog.text
+    assert f"{tmp_path}/drive.partial.{suffix}" in caplog.text
 
 
 FILL = """
@@ -121,7 +120,7 @@ def fill(path: Path, limit: int = 0) -> str:
         tests=str(Path(__file__).parents[1] / "support"), path=str(path), limit=limit
     )
     result = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=300
     )
     assert result.returncode == 0, result.stderr
     return result.stdout
@@ -129,7 +128,7 @@ def fill(path: Path, limit: int = 0) -> str:
 
 def check_partial(path: Path, message: str) -> None:
     partial = path.with_name(f"{path.stem}.partial{path.suffix}")
-    assert f"cannot write {path}: " in message and f"kept in {partial}" in message
+    assert str(path) in message and str(partial) in message
     assert not path.exists() and not list(path.parent.glob(".*"))
     with open_bag(partial) as bag:
         found = [event.message for event in bag.events()]
@@ -163,7 +162,7 @@ def test_a_type_of_another_definition_is_refused(tmp_path: Path) -> None:
     right = b"md5sum=cd5e73d190d741a2f92e81eda573aca7"
     assert right in path.read_bytes()
     path.write_bytes(path.read_bytes().replace(right, b"md5sum=" + b"0" * 32))
-    with open_bag(path) as bag, pytest.raises(DataError, match="/odom has nav_msgs/Odometry of"):
+    with open_bag(path) as bag, pytest.raises(DataError, match=r"/odom .*nav_msgs/Odometry"):
         list(bag.events())
 
 
@@ -172,5 +171,5 @@ def test_without_rosbags_it_is_said_what_to_install(
 ) -> None:
     path = write_bag(tmp_path / "drive.bag", drive(0.1))
     monkeypatch.setitem(sys.modules, "rosbags.rosbag1", None)
-    with pytest.raises(DataError, match=r"pip install 'fusionslam\[bags\]'"):
+    with pytest.raises(DataError, check=has_code("missing-extra", "bags")):
         open_bag(path)

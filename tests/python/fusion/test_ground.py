@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fusionslam
+from clouds import read_scan
 from fusionslam import GroundSegmentsConfig
 from fusionslam.errors import ConfigError, DataError, ShapeError
 
@@ -78,16 +79,18 @@ def test_more_ghosts_than_the_published_twenty_do_no_harm() -> None:
     assert np.array_equal(kept, np.flatnonzero(things))
 
 
-def test_the_ground_of_a_kitti_scan_passes_under_the_car(test_data: Path) -> None:
+def test_the_ground_of_kitti_scans_lies_level_under_the_car(test_data: Path) -> None:
     for scan in ("00/velodyne/000000.bin", "00/velodyne/000198.bin", "08/velodyne/000720.bin"):
-        path = test_data / "kitti/sequences" / scan
-        points = np.fromfile(path, np.float32).reshape(-1, 4)[:, :3].copy()
-        kept, planes, borders = fusionslam.remove_ground_segments(points)
-        here = planes[np.searchsorted(borders, 0) - 1]
-        assert -here[3] / here[2] == pytest.approx(-1.73, abs=0.1)
-        assert 0.3 < len(kept) / len(points) < 0.75
-        again = fusionslam.remove_ground_segments(points)
-        assert np.array_equal(kept, again[0]) and np.array_equal(planes, again[1])
+        points = read_scan(test_data / "kitti/sequences" / scan)
+        kept, plane = fusionslam.remove_ground_plane(points)
+        assert np.degrees(np.arccos(plane[2] / np.linalg.norm(plane[:3]))) < 3
+        by_segments, planes, borders = fusionslam.remove_ground_segments(points)
+        for found in (plane, planes[np.searchsorted(borders, 0) - 1]):
+            assert -found[3] / found[2] == pytest.approx(-1.73, abs=0.1)
+        for above in (kept, by_segments):
+            assert 0.3 < len(above) / len(points) < 0.75
+        assert np.array_equal(kept, fusionslam.remove_ground_plane(points)[0])
+        assert np.array_equal(planes, fusionslam.remove_ground_segments(points)[1])
 
 
 def test_a_cloud_without_ground_keeps_its_points() -> None:
@@ -100,16 +103,16 @@ def test_a_cloud_without_ground_keeps_its_points() -> None:
 
 def test_what_cannot_be_cut_into_segments_is_refused() -> None:
     points, _ = road(7)
-    with pytest.raises(ConfigError, match=r"segments\.driving is 'x', which is the axis that"):
+    with pytest.raises(ConfigError, match=r"segments\.driving"):
         fusionslam.remove_ground_segments(points, up="x")
-    with pytest.raises(ConfigError, match=r"up is 'w', expected one of"):
+    with pytest.raises(ConfigError, match="'w'"):
         fusionslam.remove_ground_segments(points, up="w")
-    with pytest.raises(ConfigError, match=r"segments\.iterations is 0"):
+    with pytest.raises(ConfigError, match=r"segments\.iterations"):
         GroundSegmentsConfig(iterations=0)
-    with pytest.raises(ConfigError, match=r"segments\.driving is 'up', expected one of x, y, z"):
+    with pytest.raises(ConfigError, match=r"segments\.driving .*x, y, z"):
         GroundSegmentsConfig(driving="up")
     points[3, 1] = np.nan
-    with pytest.raises(DataError, match="point 3 is not finite"):
+    with pytest.raises(DataError, match="point 3"):
         fusionslam.remove_ground_segments(points)
     with pytest.raises(ShapeError, match=r"\(N, 3\)"):
         fusionslam.remove_ground_segments(points[:, :2])

@@ -102,15 +102,15 @@ def test_a_dot_appears_where_its_point_projects() -> None:
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"camera_matrix": np.zeros((3, 3))}, DataError, "camera matrix has focal lengths 0.0"),
-        ({"camera_matrix": np.full((3, 3), np.nan)}, DataError, "camera matrix is not finite"),
-        ({"projection": np.zeros((3, 4))}, DataError, "projection matrix is singular"),
-        ({"rectification": np.zeros((3, 3))}, DataError, "rectification is no rotation"),
-        ({"distortion": np.ones(3)}, DataError, "3 coefficients, plumb_bob has 4 or 5"),
-        ({"distortion": np.array([np.inf] * 4)}, DataError, "distortion is not finite"),
-        ({"model": "fov"}, ConfigError, "model is 'fov', expected one of none, plumb_bob"),
-        ({"size": (640, 480)}, ShapeError, "image is 160x120, its calibration is for 640x480"),
-        ({"size": (0, 0)}, ShapeError, "its calibration is for 0x0"),
+        ({"camera_matrix": np.zeros((3, 3))}, DataError, "camera matrix"),
+        ({"camera_matrix": np.full((3, 3), np.nan)}, DataError, "camera matrix"),
+        ({"projection": np.zeros((3, 4))}, DataError, "projection"),
+        ({"rectification": np.zeros((3, 3))}, DataError, "rectification"),
+        ({"distortion": np.ones(3)}, DataError, "plumb_bob"),
+        ({"distortion": np.array([np.inf] * 4)}, DataError, "distortion"),
+        ({"model": "fov"}, ConfigError, "'fov'.* none, plumb_bob"),
+        ({"size": (640, 480)}, ShapeError, "160x120.*640x480"),
+        ({"size": (0, 0)}, ShapeError, "0x0"),
         ({"camera_matrix": np.eye(4)}, ShapeError, r"camera_matrix has shape \(4, 4\)"),
         ({"rectification": np.eye(2)}, ShapeError, r"rectification has shape \(2, 2\)"),
         ({"projection": np.eye(3)}, ShapeError, r"projection has shape \(3, 3\)"),
@@ -155,7 +155,7 @@ def test_demosaiced_colours_are_means_of_the_nearest_pixels(pattern: str) -> Non
 
 
 def test_demosaicing_refuses_what_is_no_mosaic() -> None:
-    with pytest.raises(ConfigError, match="pattern is 'xyzw', expected one of rggb"):
+    with pytest.raises(ConfigError, match=r"'xyzw'.* rggb"):
         fusionslam.demosaic(picture(1), "xyzw")
     with pytest.raises(ShapeError, match="3 channels"):
         fusionslam.demosaic(picture(3), "rggb")

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stereo against LiDAR, and clouds from disparity against the projection they invert."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -69,36 +70,25 @@ class Predicted:
         return float(np.mean(np.abs(measured - self.disparity)[compared] <= 1))
 
 
-@pytest.fixture(scope="module")
-def predicted(test_data: Path) -> Predicted:
-    return Predicted(test_data)
+def test_stereo_agrees_with_the_scan_of_the_same_kitti_frame(test_data: Path) -> None:
+    predicted = Predicted(test_data)
+    # SGBM is measured with the block of BM, too, which is too large for it.
+    for config, fewest, fewest_of_all in (
+        (StereoConfig(), 0.70, 0.68),
+        (StereoConfig(**SGBM), 0.70, 0.68),
+        (StereoConfig(method="sgbm"), 0.60, 0.0),
+    ):
+        disparity = fusionslam.stereo_disparity(predicted.left, predicted.right, config=config)
+        everywhere = predicted.agreement(disparity, np.ones(len(predicted.row), bool))
+        assert predicted.agreement(disparity, predicted.unhidden()) >= fewest
+        assert everywhere >= fewest_of_all
 
 
-@pytest.mark.parametrize("method", ["bm", "sgbm"])
-def test_stereo_agrees_with_the_scan_of_the_same_frame(predicted: Predicted, method: str) -> None:
-    config = StereoConfig() if method == "bm" else StereoConfig(**SGBM)
-    disparity = fusionslam.stereo_disparity(predicted.left, predicted.right, config=config)
-    everywhere = predicted.agreement(disparity, np.ones(len(predicted.row), bool))
-    unhidden = predicted.agreement(disparity, predicted.unhidden())
-    print(f"{method}: within 1 px: {unhidden:.3f} of unhidden points, {everywhere:.3f} of all")
-    assert unhidden >= 0.70
-    assert everywhere >= 0.68
-
-
-def test_sgbm_with_the_block_of_bm_still_agrees_mostly(predicted: Predicted) -> None:
-    config = StereoConfig(method="sgbm")
-    disparity = fusionslam.stereo_disparity(predicted.left, predicted.right, config=config)
-    share = predicted.agreement(disparity, predicted.unhidden())
-    print(f"sgbm, defaults of bm: within 1 px: {share:.3f} of unhidden points")
-    assert share >= 0.60
-
-
-@pytest.mark.parametrize("method", ["bm", "sgbm"])
-def test_colour_pairs_of_kitti_02_give_plausible_clouds(test_data: Path, method: str) -> None:
+def test_colour_pairs_of_kitti_02_give_plausible_clouds(test_data: Path) -> None:
     folder = test_data / "kitti/sequences/02"
     matrices = calibration(folder / "calib.txt")
-    config = StereoConfig() if method == "bm" else StereoConfig(**SGBM)
-    for number in (0, 3, 5):
+    configs = (StereoConfig(), StereoConfig(**SGBM))
+    for config, number in itertools.product(configs, (0, 3, 5)):
         left, right = (grey(folder / f"image_{camera}/{number:06d}.png") for camera in (2, 3))
         disparity = fusionslam.stereo_disparity(left, right, config=config)
         assert disparity.shape == left.shape[:2] and disparity.dtype == np.float32
@@ -260,20 +250,20 @@ def test_fuse_makes_the_same_cloud_in_the_frame_of_the_scan() -> None:
 
 def test_images_of_different_size_are_refused() -> None:
     left, right = shifted_pair(5)
-    with pytest.raises(fusionslam.ShapeError, match=r"left image is 160x120, the right 150x120"):
+    with pytest.raises(fusionslam.ShapeError, match=r"160x120.*150x120"):
         fusionslam.stereo_disparity(left, right[:, :150])
 
 
 @pytest.mark.parametrize(
     ("config", "message"),
     [
-        ({"num_disparities": 40}, "num_disparities is 40, expected a multiple of 16"),
-        ({"block_size": 8}, "block_size is 8, expected odd"),
-        ({"block_size": 3}, "for bm at least 5"),
-        ({"block_size": 201}, "larger than the image"),
-        ({"pre_filter_size": 6}, "pre_filter_size is 6"),
-        ({"method": "sgbm", "p1": 300, "p2": 200}, "p1 must be below p2"),
-        ({"min_range": 9.0, "max_range": 3.0}, "min_range must be below max_range"),
+        ({"num_disparities": 40}, "num_disparities"),
+        ({"block_size": 8}, "block_size"),
+        ({"block_size": 3}, "block_size"),
+        ({"block_size": 201}, "block_size"),
+        ({"pre_filter_size": 6}, "pre_filter_size"),
+        ({"method": "sgbm", "p1": 300, "p2": 200}, "p1 .*p2"),
+        ({"min_range": 9.0, "max_range": 3.0}, "min_range .*max_range"),
     ],
 )
 def test_sizes_that_opencv_refuses_are_named(config: dict[str, object], message: str) -> None:

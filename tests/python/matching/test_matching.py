@@ -26,23 +26,23 @@ def test_a_descriptor_that_is_not_finite_is_refused_and_not_added(value: float) 
     spoilt = np.zeros(7, np.float32)
     spoilt[3] = value
     for call in (index.add, lambda row: index.query(row, stamp_ns=0)):
-        with pytest.raises(DataError, match="descriptor 20 is not finite at position 3"):
+        with pytest.raises(DataError, match=r"descriptor 20 .*position 3"):
             call(spoilt)
     assert len(index) == 20
-    with pytest.raises(DataError, match="descriptor 1 is not finite"):
+    with pytest.raises(DataError, match="descriptor 1 "):
         nearest_causal(np.stack([np.zeros(7, np.float32), spoilt]), window=0)
 
 
 def test_a_descriptor_of_another_length_is_refused_and_not_added() -> None:
     index = filled()
     for call in (index.add, lambda row: index.query(row, stamp_ns=0)):
-        with pytest.raises(ShapeError, match="descriptor has 8 values, this index holds 7"):
+        with pytest.raises(ShapeError, match=r"\b8\b.*\b7\b"):
             call(np.zeros(8, np.float32))
     assert len(index) == 20
 
 
 def test_a_window_in_seconds_needs_a_stamp() -> None:
-    with pytest.raises(ConfigError, match="stamp_ns is missing"):
+    with pytest.raises(ConfigError, match="stamp_ns"):
         filled().query(np.zeros(7, np.float32))
 
 
@@ -64,9 +64,9 @@ def test_options_out_of_range_are_refused(options: dict[str, float], message: st
 def test_k_must_be_positive_and_an_index_within_range() -> None:
     index = filled()
     for k in (0, -1):
-        with pytest.raises(ConfigError, match=f"k is {k}"):
+        with pytest.raises(ConfigError, match=f"k .*{k}"):
             index.query(np.zeros(7, np.float32), k=k, stamp_ns=0)
-        with pytest.raises(ConfigError, match=f"k is {k}"):
+        with pytest.raises(ConfigError, match=f"k .*{k}"):
             nearest_causal(np.zeros((3, 7), np.float32), window=0, k=k)
     with pytest.raises(ShapeError, match="descriptor 20 of 20"):
         index.descriptor(20)
@@ -102,7 +102,7 @@ def test_an_index_may_be_shared_by_threads_that_add_and_query() -> None:
 
 def test_a_window_in_seconds_needs_the_stamp_of_what_is_added() -> None:
     index = DescriptorIndex(3, window_seconds=5.0)
-    with pytest.raises(ConfigError, match="stamp_ns is missing"):
+    with pytest.raises(ConfigError, match="stamp_ns"):
         index.add(np.ones(3, np.float32))
     assert len(index) == 0
 

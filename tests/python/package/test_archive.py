@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from error_codes import has_code
 from fusionslam.errors import DataError
 from fusionslam.storage.archive import format_of, load_archive, load_json, save_archive, save_json
 
@@ -46,19 +47,21 @@ def test_what_is_no_archive_of_the_format_is_refused_by_name(tmp_path: Path) -> 
     for content in (b"", b"text", whole[:50], whole[:-1]):
         path.write_bytes(content)
         with (
-            pytest.raises(DataError, match=r"a\.npz cannot be read: expected a test"),
+            pytest.raises(DataError, check=has_code("damaged-file", path)),
             load_archive(path, FORMAT, "a test"),
         ):
             pass
         assert format_of(path) is None
     path.write_bytes(whole)
     with (
-        pytest.raises(DataError, match=rf"a\.npz: is of format {FORMAT}, expected .*test\.2"),
+        pytest.raises(
+            DataError, match=path.name, check=has_code("format", FORMAT, "fusionslam.test.2")
+        ),
         load_archive(path, "fusionslam.test.2", "a test"),
     ):
         pass
     with (
-        pytest.raises(DataError, match=r"b\.npz is missing: expected a test"),
+        pytest.raises(DataError, check=has_code("missing-file", tmp_path / "b.npz")),
         load_archive(tmp_path / "b.npz", FORMAT, "a test"),
     ):
         pass
@@ -68,7 +71,7 @@ def test_what_cannot_be_made_of_an_archive_is_an_error_of_its_file(tmp_path: Pat
     path = tmp_path / "a.npz"
     save_archive(path, FORMAT, {}, {"rows": ROWS})
     with (
-        pytest.raises(DataError, match=r"a\.npz cannot be read: expected a test .no 'columns'"),
+        pytest.raises(DataError, match="'columns'", check=has_code("damaged-file", path)),
         load_archive(path, FORMAT, "a test") as (_, arrays),
     ):
         arrays["columns"]
@@ -83,7 +86,7 @@ def test_an_archive_inside_another_names_the_file_around_it(tmp_path: Path) -> N
     inner = io.BytesIO(b"text")
     save_archive(tmp_path / "a.npz", FORMAT, {}, {})
     with (
-        pytest.raises(DataError, match=r"a\.npz: expected another .it is no \.npz"),
+        pytest.raises(DataError, match="another", check=has_code("damaged-file")),
         load_archive(tmp_path / "a.npz", FORMAT, "a test"),
         load_archive(inner, FORMAT, "another"),
     ):
@@ -98,7 +101,7 @@ def test_json_is_refused_by_name_as_archives_are(tmp_path: Path) -> None:
     for text in ("", "[]", '{"format": 1}', "{}", path.read_text()[:-4]):
         path.write_text(text)
         with (
-            pytest.raises(DataError, match=r"a\.json.*expected"),
+            pytest.raises(DataError, match=r"a\.json"),
             load_json(path, FORMAT, "a test"),
         ):
             pass

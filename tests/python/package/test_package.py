@@ -80,9 +80,9 @@ def test_the_default_presets_are_robust_and_rgb() -> None:
     assert np.array_equal(
         given, fusionslam.cm2dp(POINTS, COLORS, color_space="rgb", preset="robust")
     )
-    for bad in ({"preset": "best"}, {"color_space": "cmyk"}):
-        with pytest.raises(fusionslam.ConfigError, match="expected one of"):
-            fusionslam.cm2dp(POINTS, COLORS, **bad)
+    for key, value in (("preset", "best"), ("color_space", "cmyk")):
+        with pytest.raises(fusionslam.ConfigError, match=value):
+            fusionslam.cm2dp(POINTS, COLORS, **{key: value})
 
 
 def test_precision_recall_has_the_promised_signature_and_fields() -> None:
@@ -139,7 +139,7 @@ def modules_after(program: str) -> set[str]:
     """Top-level modules that a fresh Python has loaded after a program."""
     code = f"import sys\n{program}\nprint(*{{name.partition('.')[0] for name in sys.modules}})"
     run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300
     )
     return set(run.stdout.split())
 

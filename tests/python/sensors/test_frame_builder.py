@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import bags
 import fusionslam
 from fusionslam.datasets.bags import open_bag
 from fusionslam.errors import DataError
@@ -141,8 +142,8 @@ def test_a_recording_played_again_goes_on_from_its_start() -> None:
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (info(camera_matrix=np.zeros((3, 3))), "left has a camera matrix K of zeros"),
-        (info(size=(640, 480)), "image of left is 64x48, its CameraInfo says 640x480"),
+        (info(camera_matrix=np.zeros((3, 3))), "CameraInfo of left"),
+        (info(size=(640, 480)), "640x480"),
     ],
 )
 def test_a_wrong_calibration_is_counted_and_said_once(
@@ -176,9 +177,9 @@ def test_memory_is_bounded_when_everything_stalls() -> None:
 def test_a_projection_of_zeros_means_the_camera_matrix_itself() -> None:
     camera = camera_from(info(projection=np.zeros((3, 4))), np.eye(4))
     np.testing.assert_array_equal(camera.projection, np.c_[CAMERA_MATRIX, np.zeros(3)])
-    with pytest.raises(DataError, match=r"^CameraInfo of /image has a camera matrix K of zeros"):
+    with pytest.raises(DataError, match=r"/image .*K"):
         camera_from(info(camera_matrix=np.zeros((3, 3))), np.eye(4), "/image")
-    with pytest.raises(DataError, match="CameraInfo of /image: camera projection is not finite"):
+    with pytest.raises(DataError, match=r"/image: .*projection"):
         camera_from(info(projection=np.full((3, 4), np.nan)), np.eye(4), "/image")
 
 
@@ -200,15 +201,15 @@ def test_only_distorted_images_are_changed() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"distortion_model": "fov"}, "distortion model is 'fov', expected one of none"),
-        ({"distortion": np.ones(2)}, "2 coefficients, plumb_bob has 4 or 5"),
+        ({"distortion_model": "fov"}, "'fov'"),
+        ({"distortion": np.ones(2)}, "plumb_bob"),
     ],
 )
 def test_a_lens_that_nobody_knows_is_an_error_of_the_data(
     changes: dict[str, object], message: str
 ) -> None:
     unknown = info(**{"distortion": np.full(5, 0.1), **changes})
-    with pytest.raises(DataError, match=f"CameraInfo of /image: .*{message}"):
+    with pytest.raises(DataError, match=f"/image: .*{message}"):
         rectified(picture(0), unknown, "/image")
 
 
@@ -221,16 +222,14 @@ def test_a_wrong_transform_does_not_take_the_others_along() -> None:
     assert len(run(builder, messages)) == 4 and builder.refused == {"FrameTransforms": 1}
 
 
-def test_a_robot_sees_the_same_frames_as_those_who_read_its_bag(test_data: Path) -> None:
+def test_a_robot_sees_the_same_frames_as_those_who_read_its_bag(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
-    path = test_data / "bags" / "small_house_20s.bag"
+    path = bags.write_bag(tmp_path / "drive.bag", bags.drive(10))
     builder = FrameBuilder()
-    unused = "/velodyne_points_360"
     with open_bag(path) as bag:
-        topics = [name for name in bag.topics if name != unused]
-        frames = run(builder, (event.message for event in bag.events(topics)))
-    dataset = fusionslam.open_dataset(path, sensors=["points", "left"])
-    assert len(frames) == len(dataset) == 40 and not builder.dropped and not builder.still
+        frames = run(builder, (event.message for event in bag.events()))
+    dataset = fusionslam.open_dataset(path)
+    assert len(frames) == len(dataset) == 21 and not builder.dropped and not builder.still
     for frame, read in zip(frames, dataset, strict=True):
         assert frame.stamp_ns == read.stamp_ns
         np.testing.assert_array_equal(frame.points, read.points)

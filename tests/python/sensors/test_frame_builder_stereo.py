@@ -126,8 +126,8 @@ def test_memory_is_bounded_while_one_side_is_silent() -> None:
 @pytest.mark.parametrize(
     ("topic", "changes", "reason", "word"),
     [
-        (INFOS["right"], None, NO_CAMERA_INFO, "none arrived for right"),
-        (INFOS["right"], {"projection": np.eye(3, 4)}, BAD_CALIBRATION, "projections P of left"),
+        (INFOS["right"], None, NO_CAMERA_INFO, "right"),
+        (INFOS["right"], {"projection": np.eye(3, 4)}, BAD_CALIBRATION, "left and right"),
         (TOPICS["right"], {"image": np.zeros((9, 9), np.uint8)}, BAD_CALIBRATION, "9x9"),
     ],
 )
@@ -151,11 +151,11 @@ def test_a_right_camera_that_cannot_be_used_is_counted_and_named(
 
 
 def test_what_the_builder_was_not_made_for_is_refused() -> None:
-    with pytest.raises(ConfigError, match="expected left and right where scans is False"):
+    with pytest.raises(ConfigError, match="cameras"):
         FrameBuilder(scans=False)
     builder = FrameBuilder(cameras=PAIR, scans=False)
     (scan, *_) = (e.message for e in stereo_drive() if isinstance(e.message, Scan))
-    with pytest.raises(ConfigError, match="sensor is 'points', expected one of left, right"):
+    with pytest.raises(ConfigError, match=r"'points'.* left, right"):
         builder.process(scan)
     (odometry, *_) = (e.message for e in stereo_drive() if isinstance(e.message, Odometry))
     assert builder.process(odometry) == []

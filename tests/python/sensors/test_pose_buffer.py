@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bags import drive, write_bag
+from error_codes import has_code
 from fusionslam import open_dataset
 from fusionslam.datasets.bags.reader import open_bag
 from fusionslam.errors import ClockError, DataError
@@ -52,11 +54,11 @@ def test_between_two_messages_the_pose_is_interpolated() -> None:
 
 def test_what_is_not_known_yet_may_come_and_what_was_before_never_will() -> None:
     poses = PosesInTime()
-    assert why_not(poses, 100).may_come and "no odometry yet" in str(why_not(poses, 100))
+    assert why_not(poses, 100).may_come and why_not(poses, 100).code == "no-odometry"
     poses = driven(5)
     late, early = why_not(poses, 105.02), why_not(poses, 99.9)
-    assert late.may_come and "0.020 s later" in str(late)
-    assert not early.may_come and "0.100 s earlier" in str(early)
+    assert late.may_come and late.code == "too-late"
+    assert not early.may_come and early.code == "too-early"
     poses.add(odometry(105.1, 10.2, -4.1, 1.53))
     assert poses.at(round(105.02 * S))[0] == pytest.approx(10.04)
 
@@ -72,7 +74,7 @@ def test_messages_that_changed_places_are_taken_and_a_clock_that_went_back_is_no
     poses.add(odometry(104.95, 9.95, -3.95, 0))
     assert poses.at(round(104.95 * S))[0] == pytest.approx(9.95)
     before = poses.at(105 * S)
-    with pytest.raises(ClockError, match=r"lies 102\.5 s before the newest"):
+    with pytest.raises(ClockError, match=r"102\.5 s"):
         poses.add(odometry(2.5, 0, 0, 0))
     assert poses.at(105 * S) == before and not why_not(poses, 2.5).may_come
 
@@ -81,17 +83,17 @@ def test_odometry_of_two_robots_or_that_is_no_pose_is_refused() -> None:
     poses = driven(5)
     before = poses.at(105 * S)
     for other in ({"frame_id": "map"}, {"child_frame_id": "other"}):
-        with pytest.raises(DataError, match="expected that of 'base' in 'odom' as before: do two"):
+        with pytest.raises(DataError, check=has_code("two-robots")):
             poses.add(odometry(105, 0, 0, 0, **other))
     bad = odometry(105, 0, 0, 0)
     bad.pose[0, 3] = np.nan
-    with pytest.raises(DataError, match="no finite 4x4 matrix"):
+    with pytest.raises(DataError, check=has_code("no-transform", "odom", "base")):
         poses.add(bad)
     assert poses.at(105 * S) == before
     fresh = PosesInTime()
-    with pytest.raises(DataError, match="finite"):
+    with pytest.raises(DataError, check=has_code("no-transform")):
         fresh.add(bad)
-    assert "no odometry yet" in str(why_not(fresh, 105))
+    assert why_not(fresh, 105).code == "no-odometry"
 
 
 def test_drivers_that_leave_the_names_empty_are_understood() -> None:
@@ -100,19 +102,18 @@ def test_drivers_that_leave_the_names_empty_are_understood() -> None:
     assert poses.at(S) == pytest.approx((3, 4, 0.5))
 
 
-def test_in_a_bag_it_says_where_the_frames_truly_were(test_data: Path) -> None:
+def test_in_a_bag_it_says_where_the_frames_truly_were(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
-    path = test_data / "bags" / "small_house_20s.bag"
+    path = write_bag(tmp_path / "drive.bag", drive(10))
     poses = PosesInTime()
     with open_bag(path) as bag:
         for event in bag.events(["/odom"]):
             assert isinstance(event.message, Odometry)
             poses.add(event.message)
-    dataset = open_dataset(path, sensors=["points"], topics={"points": "/velodyne_points"})
-    assert dataset.poses is not None
-    expected = places_of(dataset.poses)
+    dataset = open_dataset(path)
+    assert dataset.poses is not None and len(dataset) == 21
     found = np.array([poses.at(stamp) for stamp in dataset.stamps_ns.tolist()])
-    np.testing.assert_allclose(found, expected, atol=1e-9)
+    np.testing.assert_allclose(found, places_of(dataset.poses), atol=1e-9)
 
 
 def waiting(**options: Any) -> PosedInTime[str]:
@@ -177,7 +178,7 @@ def test_a_clock_that_goes_back_is_noticed_although_nothing_waits() -> None:
 def test_bad_odometry_is_refused_and_what_waits_goes_on_waiting() -> None:
     posed = waiting()
     assert posed.add(round(101.05 * S), "late") == []
-    with pytest.raises(DataError, match="as before: do two"):
+    with pytest.raises(DataError, check=has_code("two-robots")):
         posed.move(odometry(101.1, 0, 0, 0, frame_id="map"))
     assert told(posed.move(odometry(101.1, 11, 0, 0))) == [(101.05, "late", 10.5)]
 
@@ -185,7 +186,7 @@ def test_bad_odometry_is_refused_and_what_waits_goes_on_waiting() -> None:
 def test_odometry_of_nan_from_long_ago_is_no_clock_that_went_back() -> None:
     posed = waiting()
     assert posed.add(round(101.05 * S), "late") == []
-    with pytest.raises(DataError, match="finite"):
+    with pytest.raises(DataError, check=has_code("no-transform")):
         posed.move(odometry(3, np.nan, 0, 0))
     assert posed.jumps == 0
     assert told(posed.move(odometry(101.1, 11, 0, 0))) == [(101.05, "late", 10.5)]

@@ -213,10 +213,10 @@ def test_without_a_lidar_one_camera_leads() -> None:
 
 
 def test_a_sensor_that_was_not_named_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"'lidar', expected one of points, left"):
+    with pytest.raises(ConfigError, match=r"'lidar'.* points, left"):
         Synchronizer().add("lidar", 0, None)
 
 
 def test_a_jump_within_the_lateness_makes_no_sense() -> None:
-    with pytest.raises(ValueError, match=r"jump \(1 s\) must exceed lateness \(2 s\)"):
+    with pytest.raises(ValueError, match=r"jump .*lateness"):
         SyncConfig(lateness=2.0)

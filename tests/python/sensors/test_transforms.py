@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
+from error_codes import has_code
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import FrameTransform
 from fusionslam.sensors.transforms import TransformError, TransformTree
@@ -110,19 +111,18 @@ def test_one_sample_holds_for_its_own_time() -> None:
 def test_a_time_before_or_after_what_is_known_is_refused_with_both() -> None:
     with pytest.raises(TransformError) as late:
         robot().lookup("camera", "odom", round(2.25 * S))
-    assert str(late.value) == (
-        "'base' in 'odom' is known from 0.000 s to 2.000 s, needed at 2.250 s, 0.250 s later"
-    )
-    assert late.value.may_come
-    with pytest.raises(TransformError, match=r"needed at -1.000 s, 1.000 s earlier") as early:
+    assert late.value.may_come and has_code("too-late", "odom", "base")(late.value)
+    assert all(text in str(late.value) for text in ("0.000 s", "2.000 s", "2.250 s", "0.250 s"))
+    with pytest.raises(TransformError, check=has_code("too-early", "odom", "base")) as early:
         robot().lookup("odom", "base", -S)
     assert not early.value.may_come
 
 
 def test_an_unknown_frame_is_named_with_the_nearest_one() -> None:
-    with pytest.raises(TransformError, match=r"no frame 'lidr'; did you mean 'lidar'\? known: ba"):
+    with pytest.raises(TransformError, check=has_code("no-frame", "lidr")) as error:
         robot().lookup("base", "lidr", 0)
-    with pytest.raises(TransformError, match="no frame 'base'; known: none"):
+    assert "'lidar'" in str(error.value)
+    with pytest.raises(TransformError, check=has_code("no-frame", "base")):
         TransformTree().lookup("lidar", "base", 0)
 
 
@@ -131,8 +131,8 @@ def test_frames_that_nothing_links_are_shown_with_their_trees() -> None:
     tree.add(link("map", "tag", np.eye(4), static=True))
     with pytest.raises(TransformError) as caught:
         tree.lookup("map", "lidar", 0)
-    assert str(caught.value).splitlines() == [
-        "no transform links 'map' and 'lidar'; the trees are",
+    assert has_code("frames-not-linked", "map", "lidar")(caught.value)
+    assert str(caught.value).splitlines()[1:] == [
         "map",
         "  tag (static)",
         "odom",
@@ -143,16 +143,18 @@ def test_frames_that_nothing_links_are_shown_with_their_trees() -> None:
 
 
 @pytest.mark.parametrize(
-    ("parent", "child", "message"),
+    ("parent", "child", "code", "frames"),
     [
-        ("lidar", "odom", "transforms form a loop: odom -> lidar -> base -> odom"),
-        ("odom", "odom", "transforms form a loop: odom -> odom"),
-        ("map", "base", "frame 'base' has two parents, 'odom' and 'map': expected one"),
+        ("lidar", "odom", "frame-loop", ("odom", "lidar", "base", "odom")),
+        ("odom", "odom", "frame-loop", ("odom", "odom")),
+        ("map", "base", "two-parents", ("base", "odom", "map")),
     ],
 )
-def test_loops_and_second_parents_are_refused(parent: str, child: str, message: str) -> None:
+def test_loops_and_second_parents_are_refused(
+    parent: str, child: str, code: str, frames: tuple[str, ...]
+) -> None:
     tree = robot()
-    with pytest.raises(DataError, match=message):
+    with pytest.raises(DataError, check=has_code(code, *frames)):
         tree.add(link(parent, child, np.eye(4)))
     assert tree.drawn() == robot().drawn()
 
@@ -161,7 +163,7 @@ def test_loops_and_second_parents_are_refused(parent: str, child: str, message: 
     "pose", [np.full((4, 4), np.nan), np.eye(3), 2 * np.eye(4), np.diag([1.0, 1, -1, 1])]
 )
 def test_what_is_no_rotation_and_translation_is_refused(pose: NDArray[np.float64]) -> None:
-    with pytest.raises(DataError, match="transform of 'base' in 'odom' is no"):
+    with pytest.raises(DataError, check=has_code("no-transform", "odom", "base")):
         TransformTree().add(link("odom", "base", pose))
 
 
@@ -169,7 +171,7 @@ def test_history_is_bounded_where_it_is_asked_for() -> None:
     stamps = np.arange(0, 100, 0.1)
     tree = tree_of(*(link("odom", "base", yaw_at(0), t) for t in stamps), history_s=5.0)
     tree.lookup("odom", "base", 95 * S)
-    with pytest.raises(TransformError, match=r"known from 94\.900 s"):
+    with pytest.raises(TransformError, match=r"94\.900 s"):
         tree.lookup("odom", "base", 94 * S)
 
 

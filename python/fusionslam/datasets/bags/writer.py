@@ -17,7 +17,7 @@ from fusionslam.datasets.bags.messages import MessageBuilder, is_static, ros_typ
 from fusionslam.datasets.bags.stores import KINDS, make_in, need_rosbags, type_store
 from fusionslam.errors import ConfigError, DataError, naming
 from fusionslam.sensors.messages import NANOSECONDS, Event, FrameTransforms
-from fusionslam.storage.files import uninterrupted, why_not
+from fusionslam.storage.files import cannot_write, uninterrupted, why_not
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos
@@ -176,7 +176,7 @@ class BagWriter:
         except (OSError, sqlite3.Error) as error:
             self.broken = True
             reason = getattr(error, "strerror", None) or str(error)
-            raise DataError(f"cannot write {self._target}: {reason}") from error
+            raise cannot_write(self._target, reason) from error
 
     def _keep(self) -> str:
         """Keep the partial bag under another name; returns a note that says where."""
@@ -215,7 +215,7 @@ class BagWriter:
                 target.rename(self._path.with_name("replaced"))
             made.replace(target)
         except OSError as error:
-            raise DataError(f"cannot write {target}: {error.strerror}") from error
+            raise cannot_write(target, error.strerror) from error
 
 
 def _kind(path: Path, name: str | None) -> str:
@@ -271,7 +271,7 @@ def _scratch_beside(target: Path) -> Iterator[Path]:
         target.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
     except OSError as error:
-        raise DataError(f"cannot write {target}: {why_not(target, error)}") from error
+        raise cannot_write(target, why_not(target, error)) from error
     try:
         yield scratch
     finally:

@@ -12,7 +12,7 @@ from pathlib import Path
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.ros.runtime.problem_log import ProblemLog
-from fusionslam.storage.files import made_folder
+from fusionslam.storage.files import make_folder
 
 logger = logging.getLogger(__name__)
 
@@ -115,7 +115,7 @@ class Saver:
     def _try(self, path: Path) -> None:
         """Check that the file's folder can be made, before the robot drives off."""
         try:
-            with made_folder(path.parent):
+            with make_folder(path.parent):
                 pass
         except DataError as error:
             self._complain(path, error)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fusionslam.errors import DataError
 from fusionslam.ros.runtime.problem_log import ProblemLog
-from fusionslam.storage.files import made_folder
+from fusionslam.storage.files import make_folder
 
 _NO_FOLDER = os.path.join(os.devnull, "none")
 
@@ -57,7 +57,7 @@ def init_node(name: str, arguments: list[str] | None = None) -> None:
     logging.raiseExceptions = False
     folder = Path(rospkg.get_log_dir())
     try:
-        with made_folder(folder):
+        with make_folder(folder):
             pass
     except DataError:
         # With this folder rospy does without log files.
