@@ -90,7 +90,7 @@ def make_folder(folder: Path) -> Iterator[None]:
                 one.rmdir()
 
 
-def cannot_write(target: Path, why: str) -> DataError:
+def cannot_write(target: Path, why: object) -> DataError:
     """Make the error of a file or folder that cannot be written."""
     return DataError(f"cannot write {target}: {why}", code="cannot-write", fields=(str(target),))
 
