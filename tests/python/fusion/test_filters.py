@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ground, voxels and invalid points against NumPy."""
 
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
