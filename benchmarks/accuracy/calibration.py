@@ -22,7 +22,7 @@ import fusionslam
 from benchmarks.accuracy.data import ROOT, data_folder
 from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.calibration.check import CalibrationCheck, check_calibration
-from fusionslam.calibration.search import DELAY, CalibrationCheckConfig, Recording, turned
+from fusionslam.calibration.search import DELAY, CalibrationCheckConfig, Recording, camera_turns
 from fusionslam.datasets import open_bag, open_writer
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import CameraInfo, Picture
@@ -57,6 +57,10 @@ class Turned:
         return self.recording.name
 
     @property
+    def numbers(self) -> NDArray[np.int64]:
+        return self.recording.numbers
+
+    @property
     def body_from_points(self) -> NDArray[np.float64] | None:
         return self.recording.body_from_points
 
@@ -65,7 +69,7 @@ class Turned:
 
     def __getitem__(self, index: int) -> Frame:
         frame = self.recording[index]
-        wrong = np.linalg.inv(turned(np.array([self.degrees]))[0])
+        wrong = np.linalg.inv(camera_turns(np.array([self.degrees]))[0])
         left = frame.cameras["left"]
         moved = replace(left, rectified_from_points=wrong @ left.rectified_from_points)
         frame.cameras = {"left": moved}

@@ -22,7 +22,7 @@ from fusionslam.calibration.search import (
     Search,
     Site,
     Trial,
-    sensed,
+    sensor_data,
 )
 from fusionslam.errors import DataError
 from fusionslam.storage.archive import save_json
@@ -93,7 +93,7 @@ class CalibrationCheck:
     """Result of a calibration check.
 
     Attributes:
-        frames: indices of the frames used.
+        frames: numbers of the frames used.
         points: number of depth edges used.
         present: score of the present calibration, -1 to 1.
         turn: the best rotation of the camera.
@@ -142,16 +142,18 @@ def check_calibration(
         DataError: there are no scans, images or calibration, or too few depth edges in view.
     """
     config = config or CalibrationCheckConfig()
-    numbers = frames_of(recording, config.frames)
+    indices = frames_of(recording, config.frames)
     sites = []
-    for done, number in enumerate(numbers, 1):
-        sites.append(Site(recording, number, config))
-        progress(done, len(numbers))
+    for done, index in enumerate(indices, 1):
+        sites.append(Site(recording, index, config))
+        progress(done, len(indices))
     points = sum(len(site.view.points) for site in sites)
     if points < _FEWEST_POINTS:
         raise DataError(
             f"{recording.name}: {points} depth edges lie in the images of {len(sites)} frames, "
-            f"expected {_FEWEST_POINTS} or more: nothing can be said about the calibration"
+            f"expected {_FEWEST_POINTS} or more: nothing can be said about the calibration",
+            code="few-edges",
+            fields=(str(points),),
         )
     search = Search(sites, config)
     turn = _turn(search)
@@ -159,15 +161,16 @@ def check_calibration(
     curves = {name: _curve(name, trial) for name, trial in trials.items() if trial is not None}
     present = float(search.present.scores[0])
     verdict, fits = _verdict(present, turn, curves, config)
+    numbers = recording.numbers[indices].tolist()
     return CalibrationCheck(numbers, points, present, turn, curves, verdict, fits)
 
 
-def write_overlays(recording: Recording, numbers: Sequence[int], folder: Path) -> list[Path]:
-    """Write a picture of each of these frames with the scan drawn over the image."""
+def write_overlays(recording: Recording, indices: Sequence[int], folder: Path) -> list[Path]:
+    """Write a picture ``overlay_NUMBER.png`` of each of these frames: its scan over its image."""
     paths = []
-    for number in numbers:
-        points, image, camera = sensed(recording[number])
-        paths.append(folder / f"overlay_{number:06d}.png")
+    for index in indices:
+        points, image, camera = sensor_data(recording, index, recording[index])
+        paths.append(folder / f"overlay_{recording.numbers[index]:06d}.png")
         draw_overlay(paths[-1], points, image, camera, size=3.0)
     return paths
 
@@ -226,14 +229,14 @@ def _verdict(
     present: float, turn: Turn, curves: dict[str, Curve], config: CalibrationCheckConfig
 ) -> tuple[str, bool | None]:
     """The verdict, best explanation first, and whether the calibration fits."""
-    better = sorted(_better(turn, curves, config), key=lambda each: -each.score)
+    better = sorted(_improvements(turn, curves, config), key=lambda each: -each.score)
     if any(each.errors > config.sure for each in better):
         first = better[0]
         gain = _NEAR * (first.score - present)
         near = [each.words for each in better[1:] if each.score - present > gain]
         also = f"; nearly as well: {'; '.join(near)}" if near else ""
         return f"{first.words}{also}", False
-    wide = _undetermined(turn, config)
+    wide = _flat_turns(turn, config)
     # Roll moves little in the middle of an image and may stay undetermined.
     if {"pitch", "yaw"} & {*wide}:
         return f"cannot say: too little to tell {' and '.join(wide)} by; try more frames", None
@@ -266,7 +269,7 @@ def _doubt(
     scores += [
         (float(curve.scores.max()), words)
         for curve in curves.values()
-        if curve.name not in TURNS and not curve.flat and (words := _moved(curve, config))
+        if curve.name not in TURNS and not curve.flat and (words := _describe(curve, config))
     ]
     score, words = max((each for each in scores if each[1]), default=(present, ""))
     if not words or score - present <= _MUCH * abs(present):
@@ -274,13 +277,13 @@ def _doubt(
     return f"{words} scores {score:.4f} against {present:.4f}, or that is chance; try more frames"
 
 
-def _undetermined(turn: Turn, config: CalibrationCheckConfig) -> list[str]:
+def _flat_turns(turn: Turn, config: CalibrationCheckConfig) -> list[str]:
     """Names of the angles for which nearly every value is plausible."""
     ranges = zip(TURNS, turn.ranges, strict=True)
     return [name for name, (low, high) in ranges if high - low > _FLAT * 2 * config.turn]
 
 
-def _better(
+def _improvements(
     turn: Turn, curves: dict[str, Curve], config: CalibrationCheckConfig
 ) -> Iterator[_Better]:
     """Yield each kind of change whose best value exceeds its tolerance."""
@@ -294,12 +297,12 @@ def _better(
         more = _or_more(max(abs(angle) for _, angle in angles), config.turn)
         yield _Better(turn.score, turn.errors, f"turn the camera by {words}{more}")
     for curve in curves.values():
-        if curve.name not in TURNS and not curve.flat and (words := _moved(curve, config)):
+        if curve.name not in TURNS and not curve.flat and (words := _describe(curve, config)):
             words += _or_more(abs(curve.best), float(curve.values[-1]))
             yield _Better(float(curve.scores.max()), curve.errors, words)
 
 
-def _moved(curve: Curve, config: CalibrationCheckConfig) -> str:
+def _describe(curve: Curve, config: CalibrationCheckConfig) -> str:
     """Describe a shift or a delay; empty if it is small."""
     if curve.name == DELAY:
         side = "late" if curve.best > 0 else "early"

@@ -23,6 +23,7 @@ CAMERA = "left"
 TURNS = ("roll", "pitch", "yaw")
 SHIFTS = ("right", "down", "forward")
 DELAY = "delay"
+_WORLD, _BODY = "world", "body"
 _FINER = 5
 _STEPS = 10
 
@@ -33,6 +34,10 @@ class Recording(Protocol):
     @property
     def name(self) -> str:
         """Name for display."""
+
+    @property
+    def numbers(self) -> NDArray[np.int64]:
+        """Frame numbers as in the recording."""
 
     @property
     def body_from_points(self) -> Floats | None:
@@ -63,10 +68,10 @@ class CalibrationCheckConfig(Section):
 class Site:
     """One frame, prepared for scoring with other calibrations and delays."""
 
-    def __init__(self, recording: Recording, number: int, config: CalibrationCheckConfig) -> None:
-        self._recording, self._number, self._config = recording, number, config
-        self._frame = recording[number]
-        points, image, self.camera = sensed(self._frame)
+    def __init__(self, recording: Recording, index: int, config: CalibrationCheckConfig) -> None:
+        self._recording, self._index, self._config = recording, index, config
+        self._frame = recording[index]
+        points, image, self.camera = sensor_data(recording, index, self._frame)
         self._edges = depth_edges(in_view(points, self.camera, image.shape), config.jump)
         self.view = self._view(image)
         self.stamp_ns = self._frame.stamp_ns
@@ -77,9 +82,9 @@ class Site:
 
     def other_image(self, steps: int) -> Floats | None:
         """(STRIPS,) scores on the image ``steps`` frames later; None if there is none."""
-        if not 0 <= self._number + steps < len(self._recording):
+        if not 0 <= self._index + steps < len(self._recording):
             return None
-        image = self._recording[self._number + steps].images[CAMERA]
+        image = self._recording[self._index + steps].images[CAMERA]
         edges = edge_map(image, self._config.reach)
         view = EdgeView(self.view.points, self.view.weights, self.view.strips, edges, self.camera)
         return np.asarray(view.scores(self.camera.rectified_from_points[None])[0])
@@ -89,7 +94,7 @@ class Site:
         """Seconds between neighbouring frames here; 0 if there is only one."""
         stamps = [
             self._recording[n].stamp_ns
-            for n in (self._number - 1, self._number, self._number + 1)
+            for n in (self._index - 1, self._index, self._index + 1)
             if 0 <= n < len(self._recording)
         ]
         return float(stamps[-1] - stamps[0]) / max(len(stamps) - 1, 1) / NANOSECONDS
@@ -99,30 +104,30 @@ class Site:
         """Poses of the body around this frame, and body_from_points; None if unknown."""
         tree = TransformTree(history_s=None, extrapolation_s=self._config.delay)
         place = None
-        for number in range(self._number - 1, self._number + 2):
-            if not 0 <= number < len(self._recording):
+        for index in range(self._index - 1, self._index + 2):
+            if not 0 <= index < len(self._recording):
                 continue
-            frame = self._frame if number == self._number else self._recording[number]
+            frame = self._frame if index == self._index else self._recording[index]
             if (known := _pose_of(self._recording, frame)) is None:
                 return None
-            tree.add(_moved(frame.stamp_ns, known[0]))
-            place = known[1] if number == self._number else place
+            tree.add(
+                FrameTransform(
+                    stamp_ns=frame.stamp_ns,
+                    parent=_WORLD,
+                    child=_BODY,
+                    parent_from_child=known[0],
+                )
+            )
+            place = known[1] if index == self._index else place
         return None if place is None else (tree, place)
 
-    def delayed(self, delay_ns: int) -> Floats:
+    def calibration_at(self, delay_ns: int) -> Floats:
         """rectified_from_points if the image was taken ``delay_ns`` before its stamp."""
         assert self.motion is not None  # checked by the caller
         tree, body_from_points = self.motion
         then, now = (tree.lookup(_WORLD, _BODY, self.stamp_ns - d) for d in (delay_ns, 0))
         moved = np.linalg.inv(then @ body_from_points) @ now @ body_from_points
         return np.asarray(self.camera.rectified_from_points @ moved)
-
-
-_WORLD, _BODY = "world", "body"
-
-
-def _moved(stamp_ns: int, pose: Floats) -> FrameTransform:
-    return FrameTransform(stamp_ns=stamp_ns, parent=_WORLD, child=_BODY, parent_from_child=pose)
 
 
 def _pose_of(recording: Recording, frame: Frame) -> tuple[Floats, Floats] | None:
@@ -134,13 +139,18 @@ def _pose_of(recording: Recording, frame: Frame) -> tuple[Floats, Floats] | None
     return None
 
 
-def sensed(frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.uint8], Camera]:
+def sensor_data(
+    recording: Recording, index: int, frame: Frame
+) -> tuple[NDArray[np.float32], NDArray[np.uint8], Camera]:
+    """Points, image and camera of a frame. Raises DataError if one of them is missing."""
     if frame.points is None or CAMERA not in frame.images or CAMERA not in frame.cameras:
         have = [*(["points"] if frame.has_points else []), *frame.images]
         raise DataError(
-            f"frame {frame.index} has {', '.join(have) or 'nothing'}"
+            f"frame {recording.numbers[index]} has {', '.join(have) or 'nothing'}"
             f"{'' if frame.cameras else ' and no calibration'}: "
-            f"expected points, the image '{CAMERA}' and its calibration"
+            f"expected points, the image '{CAMERA}' and its calibration",
+            code="missing-sensor",
+            fields=(str(recording.numbers[index]),),
         )
     return frame.points, frame.images[CAMERA], frame.cameras[CAMERA]
 
@@ -182,7 +192,7 @@ class Trial:
         return np.asarray(self.errors(self.parts[self.best]) <= 2)
 
 
-def turned(degrees: Floats) -> Floats:
+def camera_turns(degrees: Floats) -> Floats:
     """float64 (K, 4, 4): changes of rectified_from_points that rotate the camera.
 
     Args:
@@ -196,7 +206,7 @@ def turned(degrees: Floats) -> Floats:
     return changes
 
 
-def shifted(metres: Floats) -> Floats:
+def camera_shifts(metres: Floats) -> Floats:
     """float64 (K, 4, 4): changes of rectified_from_points that move the camera.
 
     Args:
@@ -212,14 +222,15 @@ class Search:
 
     def __init__(self, sites: Sequence[Site], config: CalibrationCheckConfig) -> None:
         self._sites, self._config = sites, config
-        self.present = self._tried(np.zeros((1, 3)), np.eye(4)[None])
+        self.present = self._score(np.zeros((1, 3)), np.eye(4)[None])
 
     def turns(self) -> Trial:
         """Try all three angles together, on a grid, then on a finer grid around its best."""
         step = self._config.turn_step
-        coarse = self._tried_turns(_grid(self._config.turn, step))
-        fine = coarse.values[coarse.best] + _grid(step, step / _FINER)
-        finer = self._tried_turns(fine)
+        degrees = _grid(self._config.turn, step)
+        coarse = self._score(degrees, camera_turns(degrees))
+        degrees = coarse.values[coarse.best] + _grid(step, step / _FINER)
+        finer = self._score(degrees, camera_turns(degrees))
         return Trial(
             np.concatenate([coarse.values, finer.values]),
             np.concatenate([coarse.parts, finer.parts]),
@@ -230,17 +241,14 @@ class Search:
         """Try one angle (deg), shift (m) or the delay (s) alone; None for an unknown delay."""
         if name == DELAY:
             return self._delays()
-        kinds, change = (TURNS, turned) if name in TURNS else (SHIFTS, shifted)
+        kinds, change = (TURNS, camera_turns) if name in TURNS else (SHIFTS, camera_shifts)
         largest = self._config.turn if name in TURNS else self._config.shift
         step = self._config.turn_step / _FINER if name in TURNS else largest / _STEPS
         values = _line(largest, step)
         changes = change(values[:, None] * np.eye(3)[kinds.index(name)])
-        return self._tried(values, changes)
+        return self._score(values, changes)
 
-    def _tried_turns(self, degrees: Floats) -> Trial:
-        return self._tried(degrees, turned(degrees))
-
-    def _tried(self, values: Floats, changes: Floats) -> Trial:
+    def _score(self, values: Floats, changes: Floats) -> Trial:
         parts = [s.view.scores(changes @ s.camera.rectified_from_points) for s in self._sites]
         return _trial(values, parts, self._sites)
 
@@ -250,7 +258,9 @@ class Search:
             return self._delays_by_images()
         values = _line(self._config.delay, self._config.delay / _STEPS)
         parts = [
-            site.view.scores(np.stack([site.delayed(round(v * NANOSECONDS)) for v in values]))
+            site.view.scores(
+                np.stack([site.calibration_at(round(v * NANOSECONDS)) for v in values])
+            )
             for site in self._sites
         ]
         return _trial(values, parts, self._sites)

@@ -189,6 +189,11 @@ class Drive:
     name: str = "among boxes"
     body_from_points: Floats | None = None
 
+    @property
+    def numbers(self) -> NDArray[np.int64]:
+        """As of a recording that begins with frame 100."""
+        return np.arange(100, 100 + len(self.frames))
+
     def __len__(self) -> int:
         return len(self.frames)
 
