@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the package hangs together: import graph, and the files that one recording passes through.
 
-python -m benchmarks.structure                # modules, lines, circles
+python -m benchmarks.structure                # modules, lines, cycles
 python -m benchmarks.structure --walk BAG     # files that commands run through on a short recording
 
 It looks at the package that Python finds first, so PYTHONPATH compares two checkouts. A walk runs
@@ -49,8 +49,8 @@ def measure_graph() -> list[tuple[str, int]]:
         ("modules at the root", len(root)),
         ("lines of Python", lines),
         ("imports between modules", graph.count_imports()),
-        ("circles among siblings", len(circles)),
-        ("modules or packages in such circles", sum(circles)),
+        ("import cycles among siblings", len(circles)),
+        ("modules or packages in such cycles", sum(circles)),
     ]
 
 

@@ -5,7 +5,7 @@
 python -m benchmarks.accuracy.checks            # needs the folder named by FUSIONSLAM_TEST_DATA
 python -m benchmarks.accuracy.checks --write    # and put the table into docs/results/checks.md
 
-Exits with 1 if a check came out beyond its bound. What lies in the folder: docs/results/checks.md.
+Exits with 1 if a check exceeds its bound. What lies in the folder: docs/results/checks.md.
 """
 
 import argparse
@@ -272,7 +272,7 @@ def main() -> None:
     parser.add_argument("--write", action="store_true")
     arguments = parser.parse_args()
     rows = list(checks(data_folder()))
-    text = table(["check", "bound", "came out", ""], [[*row[:3], row.verdict] for row in rows])
+    text = table(["check", "bound", "result", ""], [[*row[:3], row.verdict] for row in rows])
     print(text)
     if arguments.write:
         write_between(PAGE, "checks", text)

@@ -31,7 +31,7 @@ WAYS: Mapping[str, RatSlamConfig] = {
     "robust, loops unchecked": merged(RatSlamConfig(preset="robust"), {"map": {"sigmas": 1e6}}),
     "openratslam": RatSlamConfig(preset="openratslam"),
 }
-HEADER = ["world", "views told wrongly", *(f"{way}: RMSE" for way in WAYS)]
+HEADER = ["world", "false views", *(f"{way}: RMSE" for way in WAYS)]
 HEADER += [f"{way}: false arrivals" for way in WAYS] + ["robust: refused", "true ones among them"]
 
 
@@ -108,7 +108,7 @@ def draw(found: Sequence[Outcome]) -> None:
                 axis.fill_between(shares, *ends, color=color, alpha=0.2, lw=0)
             reckoned = rows[0].dead_reckoning
             axis.axhline(reckoned, color="#333333", lw=1, ls="--", label="dead reckoning")
-            axis.set(title=world, xlabel="views told wrongly (%)", yscale="log")
+            axis.set(title=world, xlabel="false views (%)", yscale="log")
         panels[0].set_ylabel("RMSE of nodes (m)")
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
         figure.savefig(PICTURES / "ratslam_false_loops.png", format="png", dpi=80)

@@ -85,7 +85,7 @@ def page(run: Run) -> str:
         parts=", ".join(PARTS),
         facts=_list(run.facts),
         inputs=_list(run.inputs),
-        bounds=by_title["To reach"],
+        bounds=by_title["Bounds"],
         times=by_title["Times: minimum / median / p95"],
         curves=by_title["Cost by size"],
         memory=by_title["Peak memory"],

@@ -98,12 +98,12 @@ _SORTED = (
 )
 REASONS: dict[str, str] = {
     "colouring 124,668 points, image 1242x375 / NumPy": (
-        "the peer divides only what is in front of the camera; a twentieth of its time is less "
+        "the peer divides only points in front of the camera; a twentieth of its time is less "
         "than reading the scan and the image and writing the cloud take. Of ours 40 % goes into "
         "finding the points in view, 24 % into projecting them, 36 % into pixels and output"
     ),
     "colouring 124,668 points, image 1242x375 / a loop over PCL's and Eigen's types": (
-        "0.52 ms in the machine's quiet moments, 0.45 at least; "
+        "0.52 ms without other load on the machine, 0.45 at least; "
         "all times here vary by half from minute to minute"
     ),
     "describe (c-M2DP) over 350 frames of simulated drive, 2 jobs / 1 job": (
@@ -112,8 +112,8 @@ REASONS: dict[str, str] = {
         "to 1.95"
     ),
     "first singular vectors of 64 x 512, robust, one call after the other": (
-        "0.043 ms in the machine's quiet moments, two thirds of it for products with the matrix; "
-        "all times here vary by half from minute to minute"
+        "0.043 ms without other load on the machine, two thirds of it for products with the "
+        "matrix; all times here vary by half from minute to minute"
     ),
     "first singular vectors of 64 x 512, paper, one call after the other": (
         "as with `robust`, and its second singular value is nearer to the first, so that it takes "
@@ -122,8 +122,8 @@ REASONS: dict[str, str] = {
     "view of 2,000 points: clusters, hulls, colours / "
     "scikit-learn DBSCAN, SciPy ConvexHull, NumPy": (
         "half of it is DBSCAN, most of the rest Qhull, 0.1 ms a hull of nine boxes full of points; "
-        "1.8 ms in the machine's quiet moments; scans of a robot, seen from one side, take 0.8 to "
-        "1.9 ms (docs/results/views.md)"
+        "1.8 ms without other load on the machine; scans of a robot, seen from one side, take 0.8 "
+        "to 1.9 ms (docs/results/views.md)"
     ),
     "action on a map of 136 nodes, openratslam / the same sweeps in NumPy": (
         "0.061 ms at least: 20 sweeps that take one link after the other, as the reference does, "

@@ -56,7 +56,7 @@ def bounds(run: Run) -> Table:
     if not run.quick:
         rows += [_linear(c) for c in run.curves if c.who == OURS and "M2DP" in c.work]
         rows += [_memory_bound(memory) for memory in run.memories if memory.who == OURS]
-    return Table("To reach", ["what", "peer", "bound", "measured", "met"], rows)
+    return Table("Bounds", ["what", "peer", "bound", "measured", "met"], rows)
 
 
 def _verdict(result: Result, verdict: Verdict) -> list[str]:

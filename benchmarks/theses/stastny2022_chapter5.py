@@ -28,12 +28,12 @@ TITLES = {
 }
 """Column headings of methods; other methods use their title."""
 SETUPS: dict[FrameName, str] = {
-    "odometry": "the thesis's set-up: clouds in world coordinates, odometry that never errs, "
+    "odometry": "the thesis's set-up: clouds in world coordinates, perfect odometry, "
     "angles as its program compares them (72 and 7.2 degrees)",
-    "robot": "strictly: clouds in the robot's frame, which no odometry can change, and the limits "
-    "that the text names (22.9 and 12 degrees)",
-    "drift": "what the thesis did not try: clouds in the frame of odometry that is off by 2 % of "
-    "the way and 1 % of the turns, limits as the text names them",
+    "robot": "strictly: clouds in the robot's frame, which do not depend on odometry, and the "
+    "limits of the text (22.9 and 12 degrees)",
+    "drift": "not tried in the thesis: clouds in the frame of odometry that is off by 2 % of the "
+    "distance and 1 % of the turns, limits of the text",
 }
 """Descriptions of the set-ups, by frame; the templates and our method use no odometry."""
 _FIGURES = {"warehouse": ("5.7", "5.10"), "house": ("5.8", "5.11"), "hospital": ("5.9", "5.12")}

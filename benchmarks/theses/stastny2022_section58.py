@@ -24,8 +24,8 @@ SAID = {
 }
 """Section 5.8 in a word, by the thesis's name of a method and by world; it has no figures."""
 SETUPS = {
-    "truth": "the thesis's set-up: odometry that never errs",
-    "truth+noise": "what the thesis did not try: odometry off by 2 % of the way and 1 % of the "
+    "truth": "the thesis's set-up: perfect odometry",
+    "truth+noise": "not tried in the thesis: odometry off by 2 % of the distance and 1 % of the "
     "turns",
 }
 _MAPS = {
@@ -73,8 +73,8 @@ def _tables(chapter: Chapter, study: MapStudy, odometry: str, words: str) -> Non
         chapter.show(title, _errors(study, odometry, preset), "world")
     if odometry == "truth":
         chapter.say(
-            "Where odometry never errs, odometry alone is off only by what adding up its steps "
-            "loses: there is next to nothing for a map to mend, and wrong matches can fold it."
+            "Perfect odometry has only the rounding errors of its summed steps: a map can hardly "
+            "improve it, and wrong matches can fold it."
         )
     chapter.show(
         f"Arrivals at a known node while the robot was elsewhere, of all arrivals, {words}",
