@@ -7,7 +7,7 @@ Metres, z up. Texture coordinates are in images: (0, 0) is the lower left corner
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 
 import numpy as np
@@ -84,34 +84,24 @@ class Mesh:
 
     def move(self, position: ArrayLike, yaw: float = 0.0) -> "Mesh":
         """The mesh rotated by ``yaw`` (radians, about z), then translated by ``position``."""
-        turn = _turn(yaw)
-        return Mesh(
-            self.triangles @ turn.T + np.asarray(position, np.float32),
-            self.uv,
-            self.texture,
-            self.tint,
-            self.normals @ turn.T,
-        )
+        c, s = np.cos(yaw), np.sin(yaw)
+        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]], np.float32)
+        triangles = self.triangles @ turn.T + np.asarray(position, np.float32)
+        return replace(self, triangles=triangles, normals=self.normals @ turn.T)
 
     def multiply_tint(self, tint: ArrayLike) -> "Mesh":
         """The mesh with its tint multiplied by ``tint`` (RGB)."""
-        return Mesh(
-            self.triangles,
-            self.uv,
-            self.texture,
-            self.tint * np.asarray(tint, np.float32),
-            self.normals,
-        )
+        return replace(self, tint=self.tint * np.asarray(tint, np.float32))
+
+    def select(self, chosen: NDArray[np.bool_]) -> "Mesh":
+        """The mesh of the chosen triangles, bool (T,)."""
+        return Mesh(*(getattr(self, part.name)[chosen] for part in fields(self)))
 
 
 def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
     """Concatenate meshes into one, in order."""
     return Mesh(
-        np.concatenate([mesh.triangles for mesh in meshes]),
-        np.concatenate([mesh.uv for mesh in meshes]),
-        np.concatenate([mesh.texture for mesh in meshes]),
-        np.concatenate([mesh.tint for mesh in meshes]),
-        np.concatenate([mesh.normals for mesh in meshes]),
+        *(np.concatenate([getattr(mesh, part.name) for mesh in meshes]) for part in fields(Mesh))
     )
 
 
@@ -212,8 +202,3 @@ def _split(quads: Floats32) -> Floats32:
 def _dot(a: Floats32, b: Floats32) -> Floats32:
     product: Floats32 = (a * b).sum(axis=-1, keepdims=True)
     return product
-
-
-def _turn(yaw: float) -> Floats32:
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]], np.float32)

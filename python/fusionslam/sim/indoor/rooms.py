@@ -80,8 +80,11 @@ def openings_of(side: Side, openings: Sequence[Opening]) -> list[tuple[float, Op
 
 def build_room(site: Site, room: Room, openings: Sequence[Opening], height: float) -> None:
     """Add floor, ceiling, walls and open door leaves of a room to the site."""
-    site.put(_floor(room), *room.centre)
-    site.put(_ceiling(room), *room.centre, z=height)
+    extent = room.high[0] - room.low[0], room.high[1] - room.low[1]
+    floor = _slab(extent, room.floor, upward=True)
+    ceiling = _slab(extent, paint(Look.PANELS, (1.7, 1.7, 1.7)), upward=False)
+    site.put(Thing(f"floor_{room.name}", floor, floor, extent, is_ground=True), *room.centre)
+    site.put(Thing(f"ceiling_{room.name}", ceiling, ceiling, extent), *room.centre, z=height)
     visual: list[Mesh] = []
     solid: list[Mesh] = []
     for side in sides(room):
@@ -101,30 +104,14 @@ def build_room(site: Site, room: Room, openings: Sequence[Opening], height: floa
 def window(width: float, height: float, frame: Rgb = WHITE) -> Thing:
     """A window with its sill; its back is at y = 0, its lower edge at z = 0."""
     pane = front((-width / 2, 0), (width / 2, height), -0.006, fit(Look.WINDOW, width, height))
-    sill = block((-width / 2 - 0.05, -0.06, -0.04), (width / 2 + 0.05, 0, 0), _plain(frame))
+    sill = block(
+        (-width / 2 - 0.05, -0.06, -0.04), (width / 2 + 0.05, 0, 0), paint(Look.PLAIN, frame)
+    )
     return flat("window", [pane, sill])
 
 
-def _plain(tint: Rgb) -> Paint:
-    return paint(Look.PLAIN, tint)
-
-
-def _floor(room: Room) -> Thing:
-    mesh = _slab(room, room.floor, upward=True)
-    return Thing(f"floor_{room.name}", mesh, mesh, _extent(room), is_ground=True)
-
-
-def _ceiling(room: Room) -> Thing:
-    mesh = _slab(room, paint(Look.PANELS, (1.7, 1.7, 1.7)), upward=False)
-    return Thing(f"ceiling_{room.name}", mesh, mesh, _extent(room))
-
-
-def _extent(room: Room) -> tuple[float, float]:
-    return room.high[0] - room.low[0], room.high[1] - room.low[1]
-
-
-def _slab(room: Room, cover: Paint, *, upward: bool) -> Mesh:
-    x, y = (length / 2 for length in _extent(room))
+def _slab(extent: tuple[float, float], cover: Paint, *, upward: bool) -> Mesh:
+    x, y = extent[0] / 2, extent[1] / 2
     corners = [(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)]
     return panels([corners if upward else corners[::-1]], cover)
 
@@ -181,7 +168,7 @@ def _put_leaf(site: Site, side: Side, along: float, opening: Opening) -> None:
         block(
             (width / 2 - 0.16, y - 0.01, 1.0),
             (width / 2 - 0.05, y + 0.01, 1.03),
-            _plain((0.5,) * 3),
+            paint(Look.PLAIN, (0.5, 0.5, 0.5)),
         )
         for y in (-0.05, 0.05)
     ]

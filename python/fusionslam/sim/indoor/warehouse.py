@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fusionslam.config import Section, option
-from fusionslam.sim.indoor import warehouse_furniture
+from fusionslam.sim.indoor import warehouse_furniture as furniture
 from fusionslam.sim.indoor.furniture import CLOTHS, make_piece
 from fusionslam.sim.indoor.layout import Layout
 from fusionslam.sim.indoor.objects import Site, Thing
@@ -57,19 +57,18 @@ class _Plan:
 
 
 def _plan(config: WarehouseConfig) -> _Plan:
-    pitch = warehouse_furniture.DEPTH_M + config.aisle_m
+    pitch = furniture.DEPTH_M + config.aisle_m
     width = config.rows * pitch + config.aisle_m + 0.4
     first = -width / 2 + 0.2
     rows = tuple(
-        first + config.aisle_m + warehouse_furniture.DEPTH_M / 2 + k * pitch
-        for k in range(config.rows)
+        first + config.aisle_m + furniture.DEPTH_M / 2 + k * pitch for k in range(config.rows)
     )
     aisles = tuple(first + config.aisle_m / 2 + k * pitch for k in range(config.rows + 1))
-    depth = _YARD_M + config.bays * warehouse_furniture.BAY_M + 2 * _CROSS_M
+    depth = _YARD_M + config.bays * furniture.BAY_M + 2 * _CROSS_M
     start, half = -depth / 2 + _YARD_M, config.bays // 2
     gaps = [0.0 if k < half else _CROSS_M for k in range(config.bays)]
-    bays = tuple(start + (k + 0.5) * warehouse_furniture.BAY_M + gap for k, gap in enumerate(gaps))
-    cross = (start + half * warehouse_furniture.BAY_M + _CROSS_M / 2, depth / 2 - _CROSS_M / 2)
+    bays = tuple(start + (k + 0.5) * furniture.BAY_M + gap for k, gap in enumerate(gaps))
+    cross = (start + half * furniture.BAY_M + _CROSS_M / 2, depth / 2 - _CROSS_M / 2)
     return _Plan(width, depth, rows, aisles, bays, cross, -depth / 2 + _LANE_M)
 
 
@@ -109,19 +108,16 @@ def _hall(plan: _Plan) -> Room:
 
 def _put_racks(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.Generator) -> None:
     """Put rows of racks that repeat a few patterns of a few types of bay."""
-    types = [warehouse_furniture.rack_bay(rng, config.fill) for _ in range(config.bay_types)]
+    types = [furniture.rack_bay(rng, config.fill) for _ in range(config.bay_types)]
     patterns = rng.integers(len(types), size=((config.rows + 1) // 2, config.bays))
     for number, x in enumerate(plan.row_x):
         for kind, y in zip(patterns[rng.integers(len(patterns))], plan.bay_y, strict=True):
             site.put(types[kind], x, y, np.pi / 2)
-        ends = (
-            plan.bay_y[0] - warehouse_furniture.BAY_M / 2,
-            plan.bay_y[-1] + warehouse_furniture.BAY_M / 2,
-        )
+        ends = (plan.bay_y[0] - furniture.BAY_M / 2, plan.bay_y[-1] + furniture.BAY_M / 2)
         for y, yaw in ((ends[0], 0.0), (ends[1], np.pi)):
             outward = -np.cos(yaw)
             site.put(make_piece("guard_rail"), x, y + 0.2 * outward)
-            site.put(warehouse_furniture.row_sign(number), x, y, yaw, z=1.6)
+            site.put(furniture.row_sign(number), x, y, yaw, z=1.6)
 
 
 def _put_yard(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.Generator) -> None:
@@ -130,16 +126,16 @@ def _put_yard(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.G
     count = max(1, int(plan.width // 4.6))
     for number in range(count):
         x = (number + 0.5) * plan.width / count - plan.width / 2
-        site.put(warehouse_furniture.gate(number, _GATE_M, 3.2), x, south + 0.08, np.pi)
+        site.put(furniture.gate(number, _GATE_M, 3.2), x, south + 0.08, np.pi)
         tint = _YELLOW if number % 2 else (0.92, 0.92, 0.92)
-        site.put(warehouse_furniture.marking(3.0, 2.2, tint), x, south + 1.45)
+        site.put(furniture.marking(3.0, 2.2, tint), x, south + 1.45)
         for u, v in ((-0.7, 0.9), (0.7, 0.9), (-0.7, 1.95), (0.7, 1.95)):
             if rng.random() < config.clutter:
-                _put_turned(site, warehouse_furniture.loaded_pallet(rng), x + u, south + v, rng)
+                _put_turned(site, furniture.loaded_pallet(rng), x + u, south + v, rng)
         if number and rng.random() < config.clutter:
             between = x - plan.width / count / 2
-            site.put(warehouse_furniture.pallet_stack(rng), between, south + 1.0, np.pi / 2)
-    start = plan.bay_y[0] - warehouse_furniture.BAY_M / 2
+            site.put(furniture.pallet_stack(rng), between, south + 1.0, np.pi / 2)
+    start = plan.bay_y[0] - furniture.BAY_M / 2
     parked = int(rng.integers(len(plan.row_x)))
     for number, x in enumerate(plan.row_x):
         if number == parked:
@@ -155,18 +151,16 @@ def _put_goods(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.
         for x in plan.aisle_x:
             for y in plan.bay_y:
                 if rng.random() < 0.35 * config.clutter:
-                    make = (
-                        warehouse_furniture.cage,
-                        warehouse_furniture.loaded_pallet,
-                        warehouse_furniture.pallet_stack,
-                    )[rng.integers(3)]
+                    make = (furniture.cage, furniture.loaded_pallet, furniture.pallet_stack)[
+                        rng.integers(3)
+                    ]
                     goods = make(rng)
                     shift = config.aisle_m / 2 - goods.size[1] / 2 - 0.06
                     side = float(rng.choice((-1, 1)))
                     site.put(goods, x + side * shift, y + rng.uniform(-0.6, 0.6), np.pi / 2)
     for x in plan.row_x:
         if rng.random() < config.clutter:
-            site.put(warehouse_furniture.workbench(rng), x, plan.depth / 2 - 0.52)
+            site.put(furniture.workbench(rng), x, plan.depth / 2 - 0.52)
 
 
 def _put_turned(site: Site, goods: Thing, x: float, y: float, rng: np.random.Generator) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.sim.motion.smoothing import lengths
 from fusionslam.storage.arrays import Floats
 
 Places = Callable[[Floats], Floats]
@@ -130,7 +131,7 @@ def _curve(path: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Sample a path densely: metres along it (M,), points (M, 2), yaw (M,), curvature (M,)."""
     from scipy.interpolate import CubicSpline
 
-    chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    chord = lengths(path)
     # Straight ends: the robot starts and stops without turning.
     spline = CubicSpline(chord, path, bc_type="natural")
     steps = max(_FEWEST_STEPS, int(np.ceil(chord[-1] / _STEP_M)))
@@ -140,7 +141,7 @@ def _curve(path: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         yaw = _yaw(spline, chord[-1], steps)
     where = np.linspace(0, chord[-1], steps + 1)
     points, slope, bend = spline(where), spline(where, 1), spline(where, 2)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    along = lengths(points)
     cross = slope[:, 0] * bend[:, 1] - slope[:, 1] * bend[:, 0]
     return along, points, yaw, cross / np.maximum(np.linalg.norm(slope, axis=1) ** 3, 1e-9)
 

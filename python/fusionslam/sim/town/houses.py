@@ -36,6 +36,7 @@ DOOR_TINTS: tuple[Rgb, ...] = (
     (0.42, 0.28, 0.16),
     (0.85, 0.85, 0.82),
 )
+_BASE = paint(Look.PLASTER, (0.55, 0.54, 0.52))
 
 
 @dataclass(frozen=True)
@@ -89,18 +90,15 @@ def _walls(kind: HouseType, rng: np.random.Generator) -> Mesh:
     offset = (rng.integers(4) * bay / 12.0, rng.integers(4) / 4.0)
     cover = Paint(Look.FACADE + kind.facade, kind.wall, Look.FACADE.extent, offset)
     sides = box((0, 0, 0), (kind.width, kind.depth, kind.floors * FLOOR_M), cover)
-    base = box((-0.06, -0.06, 0), (kind.width + 0.06, kind.depth + 0.06, 0.5), _base_paint())
+    base = box((-0.06, -0.06, 0), (kind.width + 0.06, kind.depth + 0.06, 0.5), _BASE)
     return join_meshes([sides, base])
-
-
-def _base_paint() -> Paint:
-    return paint(Look.PLASTER, (0.55, 0.54, 0.52))
 
 
 def _roof(kind: HouseType) -> Mesh:
     w, d, z = kind.width, kind.depth, kind.floors * FLOOR_M
     if kind.roof == "flat":
-        return _parapet(w, d, z)
+        rim = paint(Look.PLASTER, (0.62, 0.62, 0.62))
+        return box((-0.12, -0.12, z - 0.3), (w + 0.12, d + 0.12, z + 0.5), rim)
     top, eave = z + kind.roof_height, 0.45
     if kind.roof == "side gable":
         return _gable(np.array([[0, 0], [w, 0], [w, d], [0, d]]), z, top, eave, kind)
@@ -143,16 +141,11 @@ def _gable(
     return join_meshes([panels(np.array(slopes), paint(Look.ROOF, kind.roof_tint)), gables])
 
 
-def _parapet(w: float, d: float, z: float) -> Mesh:
-    rim = paint(Look.PLASTER, (0.62, 0.62, 0.62))
-    return box((-0.12, -0.12, z - 0.3), (w + 0.12, d + 0.12, z + 0.5), rim)
-
-
 def _door(kind: HouseType, rng: np.random.Generator) -> Mesh:
     bay = FACADES[kind.facade].bay_m
     place = bay * int(rng.integers(max(1, round(kind.width / bay))))
     left = place + bay / 2 - 0.6
-    step = box((left - 0.3, -0.9, 0), (left + 1.5, 0, 0.18), _base_paint())
+    step = box((left - 0.3, -0.9, 0), (left + 1.5, 0, 0.18), _BASE)
     leaf = box((left, -0.12, 0.18), (left + 1.2, 0, 2.4), paint(Look.DOOR, kind.door))
     canopy = box((left - 0.3, -0.9, 2.6), (left + 1.5, 0, 2.75), paint(Look.ROOF, kind.roof_tint))
     return join_meshes([step, leaf, canopy])
@@ -169,8 +162,5 @@ def _chimney(kind: HouseType, rng: np.random.Generator) -> Mesh:
 
 def _lift_house(kind: HouseType) -> Mesh:
     z = kind.floors * FLOOR_M
-    low, high = (
-        (kind.width * 0.4, kind.depth * 0.4, z),
-        (kind.width * 0.4 + 3, kind.depth * 0.8, z + 3),
-    )
-    return box(low, high, paint(Look.PLASTER, (0.7, 0.7, 0.7)))
+    x, y = kind.width * 0.4, kind.depth * 0.4
+    return box((x, y, z), (x + 3, kind.depth * 0.8, z + 3), paint(Look.PLASTER, (0.7, 0.7, 0.7)))

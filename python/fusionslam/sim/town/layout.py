@@ -17,7 +17,7 @@ from fusionslam.config import Section, option
 from fusionslam.sim.mesh import Mesh, box, join_meshes, paint, panels
 from fusionslam.sim.scene import Scene
 from fusionslam.sim.side import Side
-from fusionslam.sim.town import street_furniture
+from fusionslam.sim.town import street_furniture as street
 from fusionslam.sim.town.houses import WALL_TINTS, HouseType, house, house_type
 from fusionslam.sim.town.textures import Look, town_textures
 from fusionslam.sim.world import Part, scene_of
@@ -87,7 +87,7 @@ def _parked_cars(config: TownConfig, lap: int) -> list[Mesh]:
             for along in np.arange(7.0, side.length - 6.0, 6.0):
                 if rng.random() < taken:
                     shift, turn = rng.uniform(-0.4, 0.4), np.pi * rng.integers(2)
-                    vehicle = street_furniture.car(rng).move((0, 0, 0), turn + rng.normal(0, 0.02))
+                    vehicle = street.car(rng).move((0, 0, 0), turn + rng.normal(0, 0.02))
                     cars.append(_place(side, vehicle, along + shift, -0.5 * PARKING_M - 0.05))
     return cars
 
@@ -97,10 +97,7 @@ def _blocks(config: TownConfig) -> Iterator[tuple[float, float]]:
     columns, rows = config.blocks
     for column in range(-1, columns + 1):
         for row in range(-1, rows + 1):
-            yield (
-                column * config.block_m + ROAD_M / 2,
-                row * config.block_m + ROAD_M / 2,
-            )
+            yield (column * config.block_m + ROAD_M / 2, row * config.block_m + ROAD_M / 2)
 
 
 def _inside(config: TownConfig) -> float:
@@ -176,14 +173,14 @@ def _front_garden(
     border = int(rng.integers(4))
     opening = rng.uniform(0.3, 0.6) * width
     height = rng.uniform(0.7, 1.3)
-    make = (street_furniture.hedge, street_furniture.fence, street_furniture.wall)
+    make = (street.hedge, street.fence, street.wall)
     if border < 3:
         for start, end in ((0.0, opening), (opening + 1.6, width + 1.0)):
             if end - start > 0.5:
                 piece = make[border](end - start, height)
                 parts.append(_place(side, piece, along + start, PAVEMENT_M + 0.1, _CURB_M))
     if back > PAVEMENT_M + 3 and rng.random() < 0.7:
-        plant = street_furniture.bush(rng) if rng.random() < 0.6 else street_furniture.conifer(rng)
+        plant = street.bush(rng) if rng.random() < 0.6 else street.conifer(rng)
         parts.append(_place(side, plant, along + rng.uniform(0, width), PAVEMENT_M + 1.6, _CURB_M))
     return parts
 
@@ -192,11 +189,9 @@ def _street_furniture(config: TownConfig, side: Side, rng: np.random.Generator) 
     """Lamps, signs and bins at the kerb, and on some sides a line of trees."""
     parts = []
     for along in np.arange(rng.uniform(2, 12), side.length - 2, 22.0):
-        parts.append(
-            _place(side, street_furniture.lamp(rng), along + rng.uniform(-2, 2), 0.4, _CURB_M)
-        )
+        parts.append(_place(side, street.lamp(rng), along + rng.uniform(-2, 2), 0.4, _CURB_M))
     for _ in range(int(rng.integers(1, 4))):
-        make = street_furniture.sign if rng.random() < 0.6 else street_furniture.litter_bin
+        make = street.sign if rng.random() < 0.6 else street.litter_bin
         place = rng.uniform(2, side.length - 2)
         parts.append(_place(side, make(rng), place, rng.uniform(0.35, 0.6), _CURB_M))
     if rng.random() < config.street_trees:
@@ -204,17 +199,17 @@ def _street_furniture(config: TownConfig, side: Side, rng: np.random.Generator) 
         for along in np.arange(rng.uniform(4, 9), side.length - 4, step):
             if rng.random() < 0.75:
                 place = along + rng.uniform(-1.5, 1.5)
-                parts.append(_place(side, street_furniture.tree(rng), place, 0.8, _CURB_M))
+                parts.append(_place(side, street.tree(rng), place, 0.8, _CURB_M))
     return parts
 
 
 def _park_edge(side: Side, rng: np.random.Generator) -> list[Mesh]:
     parts = []
     if rng.random() < 0.6:
-        border = street_furniture.hedge(side.length - 14, rng.uniform(0.6, 1.1))
+        border = street.hedge(side.length - 14, rng.uniform(0.6, 1.1))
         parts.append(_place(side, border, 7.0, PAVEMENT_M + 0.1, _CURB_M))
     for along in rng.uniform(8, side.length - 8, 2):
-        parts.append(_place(side, street_furniture.bench(), along, PAVEMENT_M + 1.2, _CURB_M))
+        parts.append(_place(side, street.bench(), along, PAVEMENT_M + 1.2, _CURB_M))
     return parts
 
 
@@ -224,12 +219,7 @@ def _green(
     """Trees and bushes inside a block: many in a park, a few in a courtyard."""
     spread = size / 2 - (PAVEMENT_M + 1.5 if count > 10 else 15.0)
     middle = np.asarray(corner) + size / 2
-    make = (
-        street_furniture.tree,
-        street_furniture.tree,
-        street_furniture.conifer,
-        street_furniture.bush,
-    )
+    make = (street.tree, street.tree, street.conifer, street.bush)
     parts = []
     for _ in range(count):
         x, y = middle + rng.uniform(-1, 1, 2) * max(spread, 2.0)

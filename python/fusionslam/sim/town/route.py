@@ -14,6 +14,7 @@ from pydantic import model_validator
 
 from fusionslam.config import Section, option
 from fusionslam.geometry.rigid import rotation
+from fusionslam.sim.motion.smoothing import lengths
 from fusionslam.storage.arrays import Floats
 
 Crossing = tuple[int, int]
@@ -93,7 +94,7 @@ def make_drive(config: DriveConfig, block_m: float, seed: int) -> Drive:
     rng = np.random.default_rng([seed, 0xD21])
     middle, lap = _middle_line(config, block_m)
     path = _in_lane(config, middle, lap, rng)
-    length = _length_along(path)
+    length = lengths(path)
     stops = np.arange(0.0, length[-1], config.spacing_m)
     where = np.stack([np.interp(stops, length, path[:, k]) for k in (0, 1)], axis=1)
     heading = np.unwrap(_heading(path))
@@ -108,7 +109,7 @@ def _middle_line(config: DriveConfig, block_m: float) -> tuple[Floats, NDArray[n
     nodes = np.asarray(config.crossings(), np.float64) * block_m
     pieces = [nodes[:1], *_corners(nodes, config.corner_radius_m), nodes[-1:]]
     line = np.concatenate(pieces)
-    length = _length_along(line)
+    length = lengths(line)
     steps = np.arange(0.0, length[-1], _STEP_M)
     points = np.stack([np.interp(steps, length, line[:, k]) for k in (0, 1)], axis=1)
     ends = np.cumsum([len(lap) - 1 for lap in config.laps])[:-1]
@@ -184,7 +185,3 @@ def _poses(
 def _heading(line: Floats) -> Floats:
     slope = np.gradient(line, axis=0)
     return np.arctan2(slope[:, 1], slope[:, 0])
-
-
-def _length_along(line: Floats) -> Floats:
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])

@@ -3,8 +3,9 @@
 """Convert SDF geometry elements into pieces in the frame of their visual or collision."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,14 @@ from fusionslam.sim.worlds.poses import numbers_of
 from fusionslam.sim.worlds.resource_paths import Library
 from fusionslam.sim.worlds.surfaces import Look, Piece
 from fusionslam.storage.arrays import Floats
+
+# Function of each primitive, and its values: key, count of numbers, default if it may be missing.
+_PRIMITIVES: Mapping[str, tuple[Callable[..., shapes.Triangles], tuple[Any, ...]]] = {
+    "box": (shapes.box, (("size", 3),)),
+    "cylinder": (shapes.cylinder, (("radius", 1), ("length", 1))),
+    "sphere": (shapes.sphere, (("radius", 1),)),
+    "plane": (shapes.plane, (("normal", 3, "0 0 1"), ("size", 2, "1 1"))),
+}
 
 
 class GeometryReader:
@@ -29,12 +38,6 @@ class GeometryReader:
         self._library = library
         self._looks = looks
         self._meshes: dict[Path, list[Piece]] = {}
-        self._shapes: dict[str, Callable[[ET.Element, str], shapes.Triangles | None]] = {
-            "box": self._box,
-            "cylinder": self._cylinder,
-            "sphere": self._sphere,
-            "plane": self._plane,
-        }
 
     def read(
         self, holder: ET.Element, folder: Path, owner: str, color: Color | None
@@ -51,20 +54,18 @@ class GeometryReader:
             if shape.tag == "empty":
                 return []
             if shape.tag == "mesh":
-                return self._recolor(self._mesh(shape, folder, owner), color)
-            if shape.tag in self._shapes:
-                corners = self._shapes[shape.tag](shape, f"{shape.tag} of {owner}")
+                pieces = self._mesh(shape, folder, owner)
+                if color is None:
+                    return pieces
+                return [Piece(piece.triangles, None, Look(color)) for piece in pieces]
+            if shape.tag in _PRIMITIVES:
+                corners = self._primitive(shape, f"{shape.tag} of {owner}")
                 look = Look() if color is None else Look(color)
                 return [] if corners is None else [Piece(corners, None, look)]
             self._note("geometry", f"<{shape.tag}> of {owner}", "not supported")
             return []
         self._note("geometry", f"of {owner}", "there is none in the file")
         return []
-
-    def _recolor(self, pieces: list[Piece], color: Color | None) -> list[Piece]:
-        if color is None:
-            return pieces
-        return [Piece(piece.triangles, None, Look(color)) for piece in pieces]
 
     def _mesh(self, mesh: ET.Element, folder: Path, owner: str) -> list[Piece]:
         uri = (mesh.findtext("uri") or "").strip()
@@ -81,29 +82,16 @@ class GeometryReader:
             return []
         return [piece.move(np.diag([*scale, 1.0])) for piece in self._meshes[path]]
 
-    def _box(self, shape: ET.Element, owner: str) -> shapes.Triangles | None:
-        size = self._numbers(shape, "size", 3, owner)
-        return None if size is None else shapes.box(size)
-
-    def _cylinder(self, shape: ET.Element, owner: str) -> shapes.Triangles | None:
-        radius, length = (self._numbers(shape, key, 1, owner) for key in ("radius", "length"))
-        if radius is None or length is None:
+    def _primitive(self, shape: ET.Element, owner: str) -> shapes.Triangles | None:
+        """Triangles of one of ``_PRIMITIVES``; None, and recorded, if a value is wrong."""
+        make, keys = _PRIMITIVES[shape.tag]
+        values = [self._numbers(shape, key, count, owner, *rest) for key, count, *rest in keys]
+        if any(numbers is None for numbers in values):
             return None
-        return shapes.cylinder(float(radius[0]), float(length[0]))
-
-    def _sphere(self, shape: ET.Element, owner: str) -> shapes.Triangles | None:
-        radius = self._numbers(shape, "radius", 1, owner)
-        return None if radius is None else shapes.sphere(float(radius[0]))
-
-    def _plane(self, shape: ET.Element, owner: str) -> shapes.Triangles | None:
-        normal = self._numbers(shape, "normal", 3, owner, default="0 0 1")
-        size = self._numbers(shape, "size", 2, owner, default="1 1")
-        if normal is None or size is None:
-            return None
-        if not np.linalg.norm(normal):
+        if shape.tag == "plane" and not np.any(values[0]):
             self._note("number", f"normal of {owner}", "expected a direction, found zeros")
             return None
-        return shapes.plane(normal, size)
+        return make(*values)
 
     def _numbers(
         self, shape: ET.Element, key: str, count: int, owner: str, default: str | None = None

@@ -58,8 +58,8 @@ def _parts(name: str, mesh: Mesh) -> Sequence[Part]:
     if floor.all():
         return [Part(name, mesh, is_ground=True)]
     return [
-        Part(name, _chosen(mesh, ~floor)),
-        Part(f"{name} ground", _chosen(mesh, floor), is_ground=True),
+        Part(name, mesh.select(~floor)),
+        Part(f"{name} ground", mesh.select(floor), is_ground=True),
     ]
 
 
@@ -67,13 +67,3 @@ def _is_ground_name(name: str) -> bool:
     """True if a word in a name like "aws_FloorB_01" or "ground_plane" means ground."""
     words = re.findall(r"[A-Z]?[a-z]+", name)
     return any(word.lower() in GROUND_WORDS for word in words)
-
-
-def _chosen(mesh: Mesh, chosen: NDArray[np.bool_]) -> Mesh:
-    return Mesh(
-        mesh.triangles[chosen],
-        mesh.uv[chosen],
-        mesh.texture[chosen],
-        mesh.tint[chosen],
-        mesh.normals[chosen],
-    )

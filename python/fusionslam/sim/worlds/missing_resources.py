@@ -3,7 +3,6 @@
 """Collect the resources that a world refers to and that are missing or not supported."""
 
 import logging
-from collections.abc import Iterable
 from pathlib import Path
 
 from fusionslam.errors import DataError
@@ -38,12 +37,8 @@ class Unresolved:
         if self.items and not lenient:
             raise DataError(
                 f"{path}: {len(self.items)} missing or not supported, which lenient loading "
-                f"(--lenient) skips\n{_listed(self.items)}"
+                f"(--lenient) skips\n" + "\n".join(f"  {item}" for item in self.items)
             )
         for item in self.items:
             log.warning("%s: skipped %s", path, item)
         return tuple(self.items)
-
-
-def _listed(items: Iterable[str]) -> str:
-    return "\n".join(f"  {item}" for item in items)

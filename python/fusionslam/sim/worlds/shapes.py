@@ -22,20 +22,22 @@ def box(size: NDArray[np.float64]) -> Triangles:
     return triangles_of(trimesh.creation.box(extents=size))
 
 
-def cylinder(radius: float, length: float) -> Triangles:
-    """A closed cylinder along z; metres."""
+def cylinder(radius: NDArray[np.float64], length: NDArray[np.float64]) -> Triangles:
+    """A closed cylinder along z; radius and length (1,) in metres."""
     import trimesh
 
+    (width,), (height,) = radius.tolist(), length.tolist()
     return triangles_of(
-        trimesh.creation.cylinder(radius=radius, height=length, sections=_COLUMN_SIDES)
+        trimesh.creation.cylinder(radius=width, height=height, sections=_COLUMN_SIDES)
     )
 
 
-def sphere(radius: float) -> Triangles:
-    """A sphere of nearly equal triangles whose corners lie on it; radius in metres."""
+def sphere(radius: NDArray[np.float64]) -> Triangles:
+    """A sphere of nearly equal triangles whose corners lie on it; radius (1,) in metres."""
     import trimesh
 
-    return triangles_of(trimesh.creation.icosphere(subdivisions=_BALL_SUBDIVISIONS, radius=radius))
+    ball = trimesh.creation.icosphere(subdivisions=_BALL_SUBDIVISIONS, radius=float(radius[0]))
+    return triangles_of(ball)
 
 
 def plane(normal: NDArray[np.float64], size: NDArray[np.float64]) -> Triangles:

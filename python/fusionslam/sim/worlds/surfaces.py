@@ -94,11 +94,14 @@ class TexturePool:
 def mesh_of(pieces: Sequence[Piece], pool: TexturePool) -> Mesh:
     """One mesh of all pieces' triangles, in order, including those without area."""
     corners = np.concatenate([piece.triangles for piece in pieces])
+    counts = [len(piece.triangles) for piece in pieces]
+    textures = np.array([pool.index(piece.look.image) for piece in pieces], np.int32)
+    tints = [np.broadcast_to(p.look.tint, (n, 3)) for p, n in zip(pieces, counts, strict=True)]
     return Mesh(
         corners.astype(np.float32),
         np.concatenate([_coordinates(piece) for piece in pieces]),
-        np.concatenate([_full(piece, pool.index(piece.look.image)) for piece in pieces]),
-        np.concatenate([_tints(piece) for piece in pieces]),
+        np.repeat(textures, counts),
+        np.concatenate(tints).astype(np.float32),
         _normals(corners),
     )
 
@@ -128,15 +131,6 @@ def _coordinates(piece: Piece) -> NDArray[np.float32]:
     if piece.uv is None:
         return np.zeros((len(piece.triangles), 3, 2), np.float32)
     return np.asarray(piece.uv, np.float32)
-
-
-def _full(piece: Piece, texture: int) -> NDArray[np.int32]:
-    return np.full(len(piece.triangles), texture, np.int32)
-
-
-def _tints(piece: Piece) -> NDArray[np.float32]:
-    tint = np.asarray(piece.look.tint, np.float32)
-    return np.broadcast_to(tint, (len(piece.triangles), 3))
 
 
 def _normals(corners: NDArray[np.float64]) -> NDArray[np.float32]:
