@@ -107,15 +107,15 @@ def test_between_paths_the_robot_turns_on_the_spot_the_shorter_way() -> None:
 
 
 def test_paths_that_cannot_be_driven_are_refused() -> None:
-    with pytest.raises(ShapeError, match="no paths"):
+    with pytest.raises(ShapeError, match="paths"):
         drive([], DriveLimits())
-    with pytest.raises(ShapeError, match=r"path 0 has shape \(2, 3\)"):
+    with pytest.raises(ShapeError, match="path 0"):
         drive([np.zeros((2, 3))], DriveLimits())
-    with pytest.raises(DataError, match="path 0 has no length"):
+    with pytest.raises(DataError, match="path 0"):
         drive([np.zeros((4, 2))], DriveLimits())
-    with pytest.raises(DataError, match=r"path 0 .* not finite"):
+    with pytest.raises(DataError, match="path 0"):
         drive([[(0, 0), (np.nan, 1)]], DriveLimits())
-    with pytest.raises(DataError, match="path 1 starts at"):
+    with pytest.raises(DataError, match="path 1"):
         drive([[(0, 0), (1, 0)], [(2, 0), (3, 0)]], DriveLimits())
 
 
@@ -156,12 +156,15 @@ def test_a_route_goes_through_the_middle_of_a_door() -> None:
 
 
 def test_routes_to_where_no_robot_can_be_are_refused() -> None:
-    with pytest.raises(DataError, match=r"\(5.05, 5.00\) m is not reachable"):
-        way_between(two_rooms(), [(1.0, 5.0), (5.05, 5.0)], 0.3)
-    with pytest.raises(DataError, match=r"\(9.00, 5.00\) m is not reachable"):
-        way_between(two_rooms(), [(1.0, 5.0), (9.0, 5.0)], 0.7)  # the door is too narrow
-    with pytest.raises(DataError, match=r"no reachable cell 4\.00 m from"):
+    # In the wall, and behind a door that is too narrow.
+    for end, clearance in (((5.05, 5.0), 0.3), ((9.0, 5.0), 0.7)):
+        with pytest.raises(DataError) as error:
+            way_between(two_rooms(), [(1.0, 5.0), end], clearance)
+        assert error.value.code == "unreachable"
+        assert tuple(map(float, error.value.fields)) == end
+    with pytest.raises(DataError) as error:
         way_between(two_rooms(), [(1.0, 5.0), (2.0, 5.0)], 4.0)
+    assert error.value.code == "no-room"
 
 
 @pytest.mark.parametrize("widths", [(0, 0), (2, 4)])
@@ -217,11 +220,11 @@ def test_a_seed_decides_a_drive_to_the_last_bit() -> None:
 
 
 def test_plans_without_room_or_sense_are_refused() -> None:
-    with pytest.raises(DataError, match=r"no reachable cell 3\.20 m"):
-        plan_trajectory(two_rooms(), PlanConfig(clearance_m=3.0))
-    with pytest.raises(DataError, match=r"within 50\.0 m of one place"):
-        plan_trajectory(two_rooms(), PlanConfig(spacing_m=50.0))
-    with pytest.raises(ConfigError, match=r"again . back is 1\.4"):
+    for values, code in (({"clearance_m": 3.0}, "no-room"), ({"spacing_m": 50.0}, "no-tour")):
+        with pytest.raises(DataError) as error:
+            plan_trajectory(two_rooms(), PlanConfig(**values))
+        assert error.value.code == code
+    with pytest.raises(ConfigError, match="again"):
         merged(PlanConfig(), {"again": 0.7, "back": 0.7})
     with pytest.raises(ConfigError, match=r"limits\.max_speed_m_s"):
         merged(PlanConfig(), {"limits": {"max_speed_m_s": 0.0}})

@@ -66,7 +66,7 @@ def matrices(calib: Path) -> dict[str, np.ndarray]:
     return {name: np.array(values.split(), float).reshape(3, 4) for name, values in rows}
 
 
-def changed(section: SimConfig, **values: object) -> SimConfig:
+def change(section: SimConfig, **values: object) -> SimConfig:
     return section.model_copy(update=values)
 
 
@@ -77,7 +77,7 @@ def test_the_same_seed_writes_the_same_bytes_with_any_number_of_jobs(
 
 
 def test_another_seed_writes_other_bytes(recorded: Path, tmp_path: Path) -> None:
-    other = contents(record(changed(TINY, seed=1), tmp_path / "other", jobs=2))
+    other = contents(record(change(TINY, seed=1), tmp_path / "other", jobs=2))
     same = [name for name, data in contents(recorded).items() if other[name] == data]
     assert sorted(Path(name).name for name in same) == ["calib.txt", "times.txt"]
 
@@ -124,19 +124,21 @@ def test_the_embedded_drive_is_made_once_in_the_cache(
 
 def test_an_unwritable_folder_is_a_data_error_that_names_it(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("not a folder")
-    with pytest.raises(DataError, match=r"cannot write .*file"):
+    with pytest.raises(DataError, match="file"):
         record(TINY, tmp_path / "file" / "out")
 
 
 def test_a_folder_with_another_recording_is_left_alone(recorded: Path) -> None:
-    with pytest.raises(DataError, match="another recording"):
-        record(changed(TINY, seed=99), recorded)
+    with pytest.raises(DataError) as error:
+        record(change(TINY, seed=99), recorded)
+    assert error.value.code == "other-recording"
 
 
 def test_a_folder_with_other_data_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "sequences").mkdir()
-    with pytest.raises(DataError, match="not written by the simulator"):
+    with pytest.raises(DataError) as error:
         record(TINY, tmp_path)
+    assert error.value.code == "other-data"
 
 
 def test_an_unknown_key_is_an_error_that_names_it() -> None:
@@ -295,7 +297,7 @@ def test_shots_are_lost_at_the_configured_rate(caster: RayCaster, poses: np.ndar
 def test_a_later_lap_is_photographed_with_its_own_exposure(recorded: Path, tmp_path: Path) -> None:
     gains = ((1.0, 1.0, 1.0), (0.35, 0.36, 0.39))
     camera = CAMERA.model_copy(update={"exposure": gains})
-    dark = record(changed(TINY, car=CarConfig(lidar=LIDAR, camera=camera)), tmp_path, jobs=2)
+    dark = record(change(TINY, car=CarConfig(lidar=LIDAR, camera=camera)), tmp_path, jobs=2)
     laps = [frame["lap"] for frame in json.loads((dark / "sim.json").read_text())["frames"]]
     for frame, lap in enumerate(laps):
         name = f"sequences/00/image_2/{frame:06d}.png"

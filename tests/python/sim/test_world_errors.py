@@ -35,9 +35,9 @@ def expect_missing(folder: Path, *words: str) -> None:
     with pytest.raises(DataError) as error:
         load_world(folder)
     world = load_world(folder, lenient=True)
-    listed = "\n".join(world.unresolved)
+    assert (error.value.code, error.value.fields) == ("unresolved", world.unresolved)
     for word in words:
-        assert word in str(error.value) and word in listed
+        assert any(word in item for item in world.unresolved)
     assert len(set(world.unresolved)) == len(world.unresolved) > 0
     assert len(world.visual.mesh) > 0
 
@@ -86,49 +86,51 @@ def test_lenient_loading_logs_what_it_skips(room: Path, caplog: pytest.LogCaptur
 def test_a_world_that_is_no_xml_is_refused_whatever_one_asks(room: Path) -> None:
     (room / "worlds/room.world").write_text("not <xml")
     for lenient in (False, True):
-        with pytest.raises(DataError, match=r"room\.world: no XML, expected SDF"):
+        with pytest.raises(DataError, match=r"room\.world") as error:
             load_world(room, lenient=lenient)
+        assert error.value.code == "not-xml"
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "code"),
     [
-        ("<urdf/>", "its root is <urdf>, expected <sdf>"),
-        ("<sdf/>", "expected <world> or <model>"),
-        ('<sdf><world name="w"/></sdf>', "nothing to be seen or hit"),
+        ("<urdf/>", "not-sdf"),
+        ("<sdf/>", "not-sdf"),
+        ('<sdf><world name="w"/></sdf>', "empty-world"),
     ],
 )
-def test_xml_that_is_no_world_is_refused(room: Path, text: str, message: str) -> None:
+def test_xml_that_is_no_world_is_refused(room: Path, text: str, code: str) -> None:
     (room / "worlds/room.world").write_text(text)
-    with pytest.raises(DataError, match=message):
+    with pytest.raises(DataError, match=r"room\.world") as error:
         load_world(room)
+    assert error.value.code == code
 
 
 def test_a_model_or_mesh_that_is_no_xml_is_listed(room: Path) -> None:
     (room / TABLE).write_text("hello")
     (room / "models/stack/model.sdf").write_text("hello")
-    expect_missing(room, "table.dae: cannot be read", "model.sdf: no XML")
+    expect_missing(room, "table.dae", "model.sdf")
 
 
 def test_a_mesh_cut_in_half_is_listed(room: Path) -> None:
     data = (room / TABLE).read_bytes()
     (room / TABLE).write_bytes(data[: len(data) // 2])
-    expect_missing(room, "table.dae: cannot be read")
+    expect_missing(room, "table.dae")
 
 
 def test_geometry_that_collada_loses_is_listed(room: Path) -> None:
     damage(room, TABLE, 'url="#top-mesh"', 'url="#other"')
-    expect_missing(room, "part of", "table.dae")
+    expect_missing(room, "table.dae")
 
 
 def test_a_picture_that_is_none_is_listed(room: Path) -> None:
     (room / "models/table/materials/textures/top.png").write_bytes(b"no picture")
-    expect_missing(room, "top.png: cannot be read")
+    expect_missing(room, "top.png")
 
 
 def test_corners_that_are_no_numbers_are_listed(room: Path) -> None:
     damage(room, "models/lamp/meshes/lamp.obj", "v 1 0 -1", "v nan 0 -1")
-    expect_missing(room, "lamp.obj", "finite number")
+    expect_missing(room, "lamp.obj")
 
 
 def test_a_corner_that_a_face_names_and_nobody_gives_is_listed(room: Path) -> None:
@@ -141,10 +143,10 @@ def test_a_corner_that_a_face_names_and_nobody_gives_is_listed(room: Path) -> No
     [
         ("Gazebo/Grey", "My/Marble", "material My/Marble"),
         ("<size>2 1 1</size>", "<size>2 one 1</size>", "size of box of crate/link/visual"),
-        ("<size>2 1 1</size>", "<size>2 -1 1</size>", "expected 3 above 0, found 2 -1 1"),
-        ("<size>2 1 1</size>", "<size>2 1</size>", "expected 3 above 0, found 2 1"),
+        ("<size>2 1 1</size>", "<size>2 -1 1</size>", "size of box of crate/link/visual"),
+        ("<size>2 1 1</size>", "<size>2 1</size>", "size of box of crate/link/visual"),
         ("0 0 0.5 0 0 0", "0 0 nan 0 0 0", "pose of crate/link"),
-        ("0 0 0.5 0 0 0", "0 0 0.5", "expected x y z roll pitch yaw, found 3 numbers"),
+        ("0 0 0.5 0 0 0", "0 0 0.5", "pose crate/link"),
         ("<pose>0 0 0.5", "<pose relative_to='hall'>0 0 0.5", "crate/link relative to hall"),
         ("<scale>1 1 1</scale>", "<scale>2 1 1</scale>", "scale of crate"),
         ("<diffuse>1 0.5 0.25 1</diffuse>", "<diffuse>red</diffuse>", "diffuse of crate"),
@@ -188,19 +190,22 @@ def test_a_model_that_includes_itself_is_listed(room: Path) -> None:
 
 
 def test_a_path_without_a_world_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"none\.glb: no such world"):
-        load_world(tmp_path / "none.glb")
-    with pytest.raises(DataError, match=r"expected one \.world or \.sdf file, found none"):
-        load_world(tmp_path)
     (tmp_path / "map.png").write_bytes(b"")
-    with pytest.raises(DataError, match=r"expected a world as \.glb"):
-        load_world(tmp_path / "map.png")
+    for name, code in (
+        ("none.glb", "no-world"),
+        (".", "not-one-world"),
+        ("map.png", "not-a-world"),
+    ):
+        with pytest.raises(DataError) as error:
+            load_world(tmp_path / name)
+        assert error.value.code == code
 
 
 def test_a_folder_of_several_worlds_wants_one_to_be_chosen(room: Path) -> None:
     shutil.copy(room / "worlds/room.world", room / "worlds/other.world")
-    with pytest.raises(DataError, match=r"found other\.world, room\.world"):
+    with pytest.raises(DataError) as error:
         load_world(room)
+    assert error.value.fields == ("other.world", "room.world")
 
 
 def test_without_pycollada_the_message_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -195,34 +195,37 @@ def test_a_file_cut_short_is_refused(tmp_path: Path, kept: float) -> None:
     path = square_world(tmp_path / "cut.glb")
     data = path.read_bytes()
     path.write_bytes(data[: int(kept * len(data))])
-    with pytest.raises(DataError, match=r"cut\.glb: (no binary glTF|cut short)"):
+    with pytest.raises(DataError, match=r"cut\.glb") as error:
         load_world(path)
+    assert error.value.code in ("not-gltf", "truncated")
 
 
 def test_other_files_are_refused_with_what_was_expected(tmp_path: Path) -> None:
     path = square_world(tmp_path / "other.glb")
     data = path.read_bytes()
-    for content, message in (
-        (b"PK" + data[2:], "no binary glTF"),
-        (data[:4] + struct.pack("<I", 1) + data[8:], "glTF version 1, expected 2"),
-        (data[:20] + b"#" + data[21:], "its JSON part cannot be read"),
-        (data.replace(b'"bufferView": 1', b'"bufferView": 9'), "damaged binary glTF"),
+    for content, code in (
+        (b"PK" + data[2:], "not-gltf"),
+        (data[:4] + struct.pack("<I", 1) + data[8:], "gltf-version"),
+        (data[:20] + b"#" + data[21:], "gltf-header"),
+        (data.replace(b'"bufferView": 1', b'"bufferView": 9'), "damaged"),
     ):
         path.write_bytes(content)
-        with pytest.raises(DataError, match=message):
+        with pytest.raises(DataError, match=r"other\.glb") as error:
             load_world(path)
+        assert error.value.code == code
 
 
 def test_a_file_without_triangles_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"empty\.glb: holds no triangles"):
+    with pytest.raises(DataError, match=r"empty\.glb") as error:
         load_world(Glb().write(tmp_path / "empty.glb"))
+    assert error.value.code == "empty-world"
 
 
 def test_required_extensions_are_named(tmp_path: Path) -> None:
     glb = Glb()
     glb.node("square", glb.square(None))
     glb.header["extensionsRequired"] = ["KHR_materials_unlit", "KHR_texture_basisu"]
-    with pytest.raises(DataError, match="requires KHR_texture_basisu, expected"):
+    with pytest.raises(DataError, match="KHR_texture_basisu"):
         load_world(glb.write(tmp_path / "packed.glb"))
 
 
@@ -230,7 +233,7 @@ def test_a_picture_outside_the_file_that_is_missing_is_named(tmp_path: Path) -> 
     glb = Glb()
     glb.node("poster", glb.square(glb.image({"uri": "gone.png"}), TEXCOORD_0=glb.uv()))
     path = glb.write(tmp_path / "poster.glb")
-    with pytest.raises(DataError, match=r"texture gone\.png: no such file"):
+    with pytest.raises(DataError, match=r"texture gone\.png"):
         load_world(path)
     world = load_world(path, lenient=True)
     assert len(world.visual.mesh) == 2 and "gone.png" in world.unresolved[0]
@@ -240,5 +243,5 @@ def test_corners_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
     path = square_world(tmp_path / "nan.glb")
     nan = np.array([0, np.nan, 0.5], np.float32).tobytes()
     path.write_bytes(path.read_bytes().replace(SQUARE[0].tobytes(), nan))
-    with pytest.raises(DataError, match=r"nan\.glb: .*finite number"):
+    with pytest.raises(DataError, match=r"nan\.glb"):
         load_world(path)

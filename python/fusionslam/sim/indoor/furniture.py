@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from fusionslam.sim.indoor.objects import Thing, block, cylinder, front, legs, thing, wheel
-from fusionslam.sim.indoor.textures import DARK, GREY, STEEL, WHITE, Look
+from fusionslam.sim.indoor.textures import BLUE, DARK, GREY, STEEL, TIMBER, WHITE, Look
 from fusionslam.sim.mesh import Mesh, Paint, Rgb, box, tapered_box, tube
 
 WOODS: tuple[Rgb, ...] = (
@@ -36,7 +36,14 @@ CLOTHS: tuple[Rgb, ...] = (
     (0.46, 0.46, 0.48),
     (0.60, 0.44, 0.30),
 )
-_PALETTE: Mapping[str, Rgb] = {"DARK": DARK, "GREY": GREY, "STEEL": STEEL, "WHITE": WHITE}
+_PALETTE: Mapping[str, Rgb] = {
+    "BLUE": BLUE,
+    "DARK": DARK,
+    "GREY": GREY,
+    "STEEL": STEEL,
+    "TIMBER": TIMBER,
+    "WHITE": WHITE,
+}
 _SHAPES: Mapping[str, Callable[..., Mesh]] = {
     "box": box,
     "block": block,

@@ -16,6 +16,8 @@ GREY: Rgb = (0.62, 0.63, 0.65)
 DARK: Rgb = (0.22, 0.22, 0.24)
 WHITE: Rgb = (0.97, 0.97, 0.95)
 STEEL: Rgb = (0.78, 0.80, 0.82)
+BLUE: Rgb = (0.16, 0.30, 0.62)
+TIMBER: Rgb = (0.86, 0.70, 0.48)
 
 
 class Look(Texture):

@@ -160,7 +160,11 @@ def _put_goods(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.
                     site.put(goods, x + side * shift, y + rng.uniform(-0.6, 0.6), np.pi / 2)
     for x in plan.row_x:
         if rng.random() < config.clutter:
-            site.put(furniture.workbench(rng), x, plan.depth / 2 - 0.52)
+            site.put(
+                make_piece("workbench", tint=CLOTHS[rng.integers(len(CLOTHS))]),
+                x,
+                plan.depth / 2 - 0.52,
+            )
 
 
 def _put_turned(site: Site, goods: Thing, x: float, y: float, rng: np.random.Generator) -> None:

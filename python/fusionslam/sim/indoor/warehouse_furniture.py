@@ -6,17 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fusionslam.sim.indoor.furniture import CLOTHS
-from fusionslam.sim.indoor.objects import Thing, block, cylinder, flat, front, legs, thing, wheel
-from fusionslam.sim.indoor.textures import DARK, GREY, Look, cut, fit
+from fusionslam.sim.indoor.furniture import CLOTHS, make_piece
+from fusionslam.sim.indoor.objects import Thing, block, cylinder, flat, front, thing, wheel
+from fusionslam.sim.indoor.textures import BLUE, DARK, GREY, TIMBER, Look, cut, fit
 from fusionslam.sim.mesh import Mesh, Rgb, box, paint, panels, tube
 
 BAY_M = 2.7
 DEPTH_M = 1.1
 _LEVELS_M = (0.12, 1.35, 2.45)
-_BLUE: Rgb = (0.16, 0.30, 0.62)
-_ORANGE: Rgb = (0.92, 0.42, 0.10)
-_TIMBER: Rgb = (0.86, 0.70, 0.48)
 _CARDBOARD: tuple[Rgb, ...] = ((1.0, 1.0, 1.0), (0.9, 0.86, 0.8), (1.15, 1.12, 1.05))
 
 Shapes = tuple[list[Mesh], list[Mesh]]
@@ -24,7 +21,9 @@ Shapes = tuple[list[Mesh], list[Mesh]]
 
 def rack_bay(rng: np.random.Generator, fill: float) -> Thing:
     """One bay of a pallet rack along x, open to both sides, with loads on three levels."""
-    visual, solid = _rack_frame()
+    frame = make_piece("rack_frame")
+    assert frame.collision is not None
+    visual, solid = [frame.visual], [frame.collision]
     for z in _LEVELS_M:
         for x in (-0.86, 0.0, 0.86):
             if rng.random() < fill:
@@ -32,37 +31,6 @@ def rack_bay(rng: np.random.Generator, fill: float) -> Thing:
                 visual += [mesh.move((x, 0, z)) for mesh in seen]
                 solid += [mesh.move((x, 0, z)) for mesh in hit]
     return thing("shelf", visual, solid)
-
-
-def _rack_frame() -> Shapes:
-    """A frame: posts with feet and braces at both ends, beams front and back, boards between."""
-    blue, orange = paint(Look.PLAIN, _BLUE), paint(Look.PLAIN, _ORANGE)
-    x, y = BAY_M / 2, DEPTH_M / 2
-    posts = [
-        box((u - 0.045, v - 0.045, 0), (u + 0.045, v + 0.045, 3.3), blue)
-        for u in (-x + 0.045, x - 0.045)
-        for v in (-y + 0.045, y - 0.045)
-    ]
-    feet = [
-        box((u - 0.09, v - 0.07, 0), (u + 0.09, v + 0.07, 0.012), blue)
-        for u in (-x + 0.09, x - 0.09)
-        for v in (-y + 0.07, y - 0.07)
-    ]
-    braces = [
-        tube((u, -y + 0.05, z), (u, y - 0.05, z + rise), (0.018, 0.018), blue, 4)
-        for u in (-x + 0.045, x - 0.045)
-        for z, rise in ((0.25, 0.0), (0.25, 1.0), (1.25, 1.0), (2.25, 0.9))
-    ]
-    beams = [
-        block((-x + 0.09, v, z - 0.11), (x - 0.09, v + 0.05, z), orange)
-        for z in _LEVELS_M
-        for v in (-y, y - 0.05)
-    ]
-    boards = [
-        block((-x + 0.09, -y + 0.05, z - 0.03), (x - 0.09, y - 0.05, z), paint(Look.WOOD, _TIMBER))
-        for z in _LEVELS_M
-    ]
-    return [*posts, *feet, *braces, *beams, *boards], [*posts, *beams, *boards]
 
 
 def _load(rng: np.random.Generator, width: float, depth: float, height: float) -> Shapes:
@@ -78,7 +46,7 @@ def _load(rng: np.random.Generator, width: float, depth: float, height: float) -
 
 def _pallet(width: float, depth: float) -> Shapes:
     """A pallet: three runners with blocks under a deck of boards."""
-    wood, x, y = paint(Look.WOOD, _TIMBER), width / 2, depth / 2
+    wood, x, y = paint(Look.WOOD, TIMBER), width / 2, depth / 2
     runners = [
         block((u - 0.05, -y, 0.0), (u + 0.05, y, 0.115), wood) for u in (-x + 0.05, 0.0, x - 0.05)
     ]
@@ -157,24 +125,6 @@ def loaded_pallet(rng: np.random.Generator) -> Thing:
     return thing("pallet", seen, hit)
 
 
-def workbench(rng: np.random.Generator) -> Thing:
-    """A packing bench with a shelf, a roll of film and a few crates."""
-    wood, metal = paint(Look.WOOD, _TIMBER), paint(Look.PLAIN, GREY)
-    top = block((-0.9, -0.4, 0.84), (0.9, 0.4, 0.89), wood)
-    board = block((-0.88, -0.38, 0.25), (0.88, 0.38, 0.28), wood)
-    feet = legs(1.8, 0.8, 0.84, 0.06, metal)
-    wall = block((-0.9, 0.37, 0.89), (0.9, 0.4, 1.6), metal)
-    roll = tube((-0.7, 0.2, 1.0), (-0.2, 0.2, 1.0), (0.1, 0.1), paint(Look.PLAIN, (0.9,) * 3), 10)
-    tint = CLOTHS[rng.integers(len(CLOTHS))]
-    crates = [
-        box((x, -0.25, z), (x + 0.4, 0.15, z + 0.25), fit(Look.CRATE, 0.4, 0.25, tint))
-        for x, z in ((0.1, 0.89), (-0.6, 0.28), (0.2, 0.28))
-    ]
-    return thing(
-        "workbench", [top, board, feet, wall, roll, *crates], [top, board, feet, wall, *crates]
-    )
-
-
 def cage(rng: np.random.Generator) -> Thing:
     """A roll cage of thin bars with boxes inside."""
     steel = paint(Look.PLAIN, GREY)
@@ -216,7 +166,7 @@ def gate(number: int, width: float, height: float) -> Thing:
 
 def row_sign(number: int) -> Thing:
     """A plate with a row's number, to hang at the end of a row of racks; faces -y."""
-    plate = block((-0.25, -0.02, 0), (0.25, 0, 0.5), paint(Look.PLAIN, _BLUE))
+    plate = block((-0.25, -0.02, 0), (0.25, 0, 0.5), paint(Look.PLAIN, BLUE))
     face = front((-0.22, 0.03), (0.22, 0.47), -0.023, cut(Look.LABELS, number, 0.44, 0.44, _YELLOW))
     return flat("sign", [plate, face])
 

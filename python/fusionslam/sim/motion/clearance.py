@@ -21,8 +21,8 @@ def check_trajectory(trajectory: Trajectory, grid: OccupancyMap, radius_m: float
         radius_m: of the robot.
 
     Raises:
-        DataError: the robot meets an obstacle; the message gives the first time and position, and
-            the total time blocked.
+        DataError: the robot meets an obstacle (code "blocked") or leaves the map ("off-map");
+            message and fields give the first time, its x and y, and the total time blocked.
         ConfigError: the radius is negative or not finite.
     """
     times = _dense_times(trajectory, grid.resolution_m / 2)
@@ -36,10 +36,12 @@ def check_trajectory(trajectory: Trajectory, grid: OccupancyMap, radius_m: float
         why = (
             f"a robot of radius {radius_m} m has no room there" if inside[first] else _extent(grid)
         )
+        at = (_digits(times[first]), f"{x[first]:.2f}", f"{y[first]:.2f}", _digits(seconds))
         raise DataError(
-            f"the trajectory {what} at {_digits(times[first])} s at ({x[first]:.2f}, "
-            f"{y[first]:.2f}) m: {why}; {_digits(seconds)} s of "
-            f"{_digits(trajectory.duration_s)} s are blocked"
+            f"the trajectory {what} at {at[0]} s at ({at[1]}, {at[2]}) m: {why}; {at[3]} s of "
+            f"{_digits(trajectory.duration_s)} s are blocked",
+            code="blocked" if inside[first] else "off-map",
+            fields=at,
         )
 
 

@@ -91,7 +91,8 @@ def _tour(
         raise DataError(
             f"all that can be reached {config.clearance_m:.2f} m from obstacles is within "
             f"{config.spacing_m} m of one place: expected a smaller robot, a smaller spacing or "
-            "more room"
+            "more room",
+            code="no-tour",
         )
     share = 1 - config.again - config.back
     most = np.inf if config.length_m is None else share * config.length_m

@@ -37,7 +37,8 @@ class RouteFinder:
         if not len(cells):
             raise DataError(
                 f"the map has no reachable cell {clearance_m:.2f} m from obstacles: "
-                "expected a smaller clearance or a map with more room"
+                "expected a smaller clearance or a map with more room",
+                code="no-room",
             )
         self._number = np.full(self.room.reachable.shape, -1)
         self._number[tuple(cells.T)] = np.arange(len(cells))
@@ -50,7 +51,9 @@ class RouteFinder:
         """The number of the cell that contains a point. Raises DataError if it is not reachable."""
         if not self.room.is_free(*place):
             raise DataError(
-                f"({place[0]:.2f}, {place[1]:.2f}) m is not reachable with the clearance asked for"
+                f"({place[0]:.2f}, {place[1]:.2f}) m is not reachable with the clearance asked for",
+                code="unreachable",
+                fields=(f"{place[0]:.2f}", f"{place[1]:.2f}"),
             )
         row, column, _ = self.room.cells(*place)
         return int(self._number[row, column])

@@ -176,12 +176,15 @@ def _claim(root: Path, config: SimConfig) -> bool:
     for name in (_DONE, _STARTED):
         if (root / name).exists():
             if _read_identity(root / name) != _identity(config):
-                raise DataError(f"{root} holds another recording: choose another folder")
+                raise DataError(
+                    f"{root} holds another recording: choose another folder", code="other-recording"
+                )
             return name == _DONE
     for name in ("sequences", "poses"):
         if (root / name).exists():
             raise DataError(
-                f"{root / name} was not written by the simulator: choose another folder"
+                f"{root / name} was not written by the simulator: choose another folder",
+                code="other-data",
             )
     _write_json(root / _STARTED, _identity(config))
     return False

@@ -33,7 +33,9 @@ def load_world(path: str | os.PathLike[str], *, lenient: bool = False) -> World:
     """
     file = world_file(path)
     if not file.is_file():
-        raise DataError(f"{file}: no such world, expected .glb, .world, .sdf or a folder")
+        raise DataError(
+            f"{file}: no such world, expected .glb, .world, .sdf or a folder", code="no-world"
+        )
     missing = Unresolved()
     if file.suffix == ".glb":
         beside = file.with_suffix(".collision.glb")
@@ -42,7 +44,9 @@ def load_world(path: str | os.PathLike[str], *, lenient: bool = False) -> World:
     elif file.suffix in (".world", ".sdf"):
         visual, collision = read_sdf(file, missing)
     else:
-        raise DataError(f"{file}: expected a world as .glb, .world, .sdf or a folder")
+        raise DataError(
+            f"{file}: expected a world as .glb, .world, .sdf or a folder", code="not-a-world"
+        )
     grid, drive = file.with_suffix(".map.yaml"), file.with_suffix(".trajectory.csv")
     return World(
         name=file.stem,
@@ -63,4 +67,8 @@ def world_file(path: str | os.PathLike[str]) -> Path:
     if len(found) == 1:
         return found[0]
     names = ", ".join(p.name for p in found) or "none"
-    raise DataError(f"{folder / 'worlds'}: expected one .world or .sdf file, found {names}")
+    raise DataError(
+        f"{folder / 'worlds'}: expected one .world or .sdf file, found {names}",
+        code="not-one-world",
+        fields=tuple(p.name for p in found),
+    )

@@ -46,7 +46,9 @@ def read_glb(path: Path, missing: Unresolved) -> Scene:
     objects = _objects(path)
     pool = TexturePool()
     if not objects:
-        raise DataError(f"{path}: holds no triangles, expected at least one mesh")
+        raise DataError(
+            f"{path}: holds no triangles, expected at least one mesh", code="empty-world"
+        )
     meshes = {name: mesh_of(pieces, pool) for name, pieces in objects.items()}
     return scene_of(parts_of(meshes), pool.textures, INDOOR_LIGHT)
 
@@ -69,20 +71,27 @@ def _read_header(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise DataError(f"{path}: {error.strerror}, expected a binary glTF file") from error
     if len(data) < _HEADER.size + _CHUNK.size or data[:4] != b"glTF":
-        raise DataError(f"{path}: no binary glTF: expected it to begin with glTF and its length")
+        raise DataError(
+            f"{path}: no binary glTF: expected it to begin with glTF and its length",
+            code="not-gltf",
+        )
     _, version, length = _HEADER.unpack_from(data)
     if version != 2:
-        raise DataError(f"{path}: glTF version {version}, expected 2")
+        raise DataError(f"{path}: glTF version {version}, expected 2", code="gltf-version")
     if len(data) < length:
-        raise DataError(f"{path}: cut short: {len(data)} bytes, its header says {length}")
+        raise DataError(
+            f"{path}: cut short: {len(data)} bytes, its header says {length}", code="truncated"
+        )
     size, _ = _CHUNK.unpack_from(data, _HEADER.size)
     start = _HEADER.size + _CHUNK.size
     try:
         header = json.loads(data[start : start + size])
     except ValueError as error:
-        raise DataError(f"{path}: its JSON part cannot be read: {error}") from error
+        raise DataError(
+            f"{path}: its JSON part cannot be read: {error}", code="gltf-header"
+        ) from error
     if not isinstance(header, dict):
-        raise DataError(f"{path}: its JSON part is no object")
+        raise DataError(f"{path}: its JSON part is no object", code="gltf-header")
     return header
 
 
@@ -93,7 +102,9 @@ def _objects(path: Path) -> dict[str, list[Piece]]:
     try:
         return _pieces(trimesh.load_scene(path, file_type="glb", process=False))
     except Exception as error:  # a damaged file can raise almost any exception in the reader
-        raise DataError(f"{path}: damaged binary glTF: {type(error).__name__}: {error}") from error
+        raise DataError(
+            f"{path}: damaged binary glTF: {type(error).__name__}: {error}", code="damaged"
+        ) from error
 
 
 def _pieces(scene: Any) -> dict[str, list[Piece]]:

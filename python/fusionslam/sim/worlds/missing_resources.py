@@ -37,7 +37,9 @@ class Unresolved:
         if self.items and not lenient:
             raise DataError(
                 f"{path}: {len(self.items)} missing or not supported, which lenient loading "
-                f"(--lenient) skips\n" + "\n".join(f"  {item}" for item in self.items)
+                f"(--lenient) skips\n" + "\n".join(f"  {item}" for item in self.items),
+                code="unresolved",
+                fields=tuple(self.items),
             )
         for item in self.items:
             log.warning("%s: skipped %s", path, item)

@@ -140,16 +140,18 @@ def _world(path: Path) -> ET.Element:
         return world
     if root.find("model") is not None:
         return root
-    raise DataError(f"{path}: expected <world> or <model> inside <sdf>, found neither")
+    raise DataError(
+        f"{path}: expected <world> or <model> inside <sdf>, found neither", code="not-sdf"
+    )
 
 
 def _root(path: Path) -> ET.Element:
     try:
         root = ET.parse(path).getroot()
     except ET.ParseError as error:
-        raise DataError(f"{path}: no XML, expected SDF: {error}") from error
+        raise DataError(f"{path}: no XML, expected SDF: {error}", code="not-xml") from error
     except OSError as error:
         raise DataError(f"{path}: {error.strerror}, expected SDF") from error
     if root.tag not in ("sdf", "gazebo"):
-        raise DataError(f"{path}: its root is <{root.tag}>, expected <sdf>")
+        raise DataError(f"{path}: its root is <{root.tag}>, expected <sdf>", code="not-sdf")
     return root

@@ -39,7 +39,7 @@ def read_sdf(path: Path, missing: Unresolved) -> tuple[Scene, Scene]:
     seen, hit = visual or collision, collision or visual
     if seen is None or hit is None:
         listed = "".join(f"\n  {item}" for item in missing.items)
-        raise DataError(f"{path}: nothing to be seen or hit in it{listed}")
+        raise DataError(f"{path}: nothing to be seen or hit in it{listed}", code="empty-world")
     return seen, hit
 
 
