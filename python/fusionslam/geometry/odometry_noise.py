@@ -21,13 +21,17 @@ class OdometryConfig(Section):
     distance forwards and ``turn_noise * sqrt(T)`` radians for the heading.
     """
 
-    scale: float = option(1.0, "factor on every metre", gt=0, le=10)
+    scale: float = option(1.0, "factor on every distance", gt=0, le=10)
     rotation_scale: float = option(1.0, "factor on every turn", gt=0, le=10)
     speed_noise: float = option(
-        0.0, "deviation of the way forwards after one second", unit="m/sqrt(s)", ge=0, le=10
+        0.0,
+        "standard deviation of the forward distance after one second",
+        unit="m/sqrt(s)",
+        ge=0,
+        le=10,
     )
     turn_noise: float = option(
-        0.0, "deviation of the heading after one second", unit="rad/sqrt(s)", ge=0, le=10
+        0.0, "standard deviation of the heading after one second", unit="rad/sqrt(s)", ge=0, le=10
     )
     seed: int = option(0, "decides the noise", ge=0)
 

@@ -33,10 +33,12 @@ class LensConfig(Section):
     centre_px: tuple[float, float] = option((303.0, 92.0), "principal point", unit="px")
     baseline_m: float = option(0.54, "distance of the right camera", unit="m", gt=0)
     position_m: Vector = option(
-        (0.27, 0.0, 1.65), "place of the (left) camera in the frame it is fixed to", unit="m"
+        (0.27, 0.0, 1.65), "position of the (left) camera in its parent frame", unit="m"
     )
-    tilt_deg: Vector = option((0.3, 0.6, -0.4), "roll, pitch and yaw in that frame", unit="deg")
-    noise: float = option(1.2, "deviation of a pixel's value", unit="of 255", ge=0)
+    tilt_deg: Vector = option(
+        (0.3, 0.6, -0.4), "roll, pitch and yaw in the parent frame", unit="deg"
+    )
+    noise: float = option(1.2, "standard deviation of a pixel's value", unit="of 255", ge=0)
 
     def matrix(self) -> Floats:
         """K, float64 (3, 3)."""
@@ -51,15 +53,17 @@ class CameraMount(LensConfig):
     """A camera mounted on a robot, and how it publishes its images."""
 
     topic: str = option(
-        "/camera/image_raw", "where pictures are published; compressed ones below it", min_length=1
+        "/camera/image_raw", "topic of the images; compressed ones use a subtopic", min_length=1
     )
-    info_topic: str = option("/camera/camera_info", "where its model is published", min_length=1)
-    frame_id: str = option("camera_optical", "frame of the pictures", min_length=1)
-    parent: str = option("base_footprint", "frame it is fixed to", min_length=1)
-    side: Literal["left", "right"] = option("left", "which camera of a pair; one alone is left")
+    info_topic: str = option("/camera/camera_info", "topic of the camera model", min_length=1)
+    frame_id: str = option("camera_optical", "frame of the images", min_length=1)
+    parent: str = option("base_footprint", "parent frame", min_length=1)
+    side: Literal["left", "right"] = option(
+        "left", "side in a stereo pair; left for a single camera"
+    )
     view_rad: float | None = option(
         None,
-        "horizontal field of view in place of focal_px, around the middle",
+        "horizontal field of view, centred; replaces focal_px and centre_px",
         unit="rad",
         gt=0,
         lt=float(np.pi),
@@ -67,12 +71,12 @@ class CameraMount(LensConfig):
     distortion: tuple[float, ...] = option(
         (), "k1, k2, p1, p2, k3 (plumb bob), or none", min_length=0, max_length=5
     )
-    rate_hz: float = option(10.0, "pictures a second", unit="Hz", gt=0, le=1000)
-    stored: Literal["jpeg", "png", "raw"] = option("jpeg", "how bags keep the pictures")
+    rate_hz: float = option(10.0, "images per second", unit="Hz", gt=0, le=1000)
+    stored: Literal["jpeg", "png", "raw"] = option("jpeg", "encoding of the images in bags")
     gain_drift: Vector = option(
-        (0.0, 0.0, 0.0), "slow changes of exposure in red, green and blue, deviation"
+        (0.0, 0.0, 0.0), "standard deviation of slow changes of exposure in red, green and blue"
     )
-    gain_period_s: float = option(20.0, "typical time of such a change", unit="s", gt=0)
+    gain_period_s: float = option(20.0, "typical period of these changes", unit="s", gt=0)
 
     @model_validator(mode="after")
     def _model_is_complete(self) -> "CameraMount":

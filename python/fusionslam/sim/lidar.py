@@ -25,21 +25,23 @@ class LidarConfig(Section):
     """Rays, mounting position and errors of a LiDAR. The defaults are those of the town's car."""
 
     rings: int = option(64, "laser beams", ge=1, le=256)
-    azimuths: int = option(800, "shots per turn and beam", ge=1, le=8192)
+    azimuths: int = option(800, "measurements per turn and beam", ge=1, le=8192)
     top_deg: float = option(2.0, "elevation of the highest beam", unit="deg", ge=-90, le=90)
     bottom_deg: float = option(-24.8, "elevation of the lowest beam", unit="deg", ge=-90, le=90)
     sector_rad: tuple[float, float] | None = option(
-        None, "first and last azimuth, to the left positive; none: full circle to the right"
+        None, "first and last azimuth, positive to the left; none: full circle to the right"
     )
     range_m: float = option(80.0, "longest range", unit="m", gt=0)
-    min_range_m: float = option(0.0, "what is nearer returns nothing", unit="m", ge=0)
-    noise_m: float = option(0.02, "deviation of the range", unit="m", ge=0)
-    dropout: float = option(0.04, "share of shots lost anywhere", ge=0, le=1)
+    min_range_m: float = option(
+        0.0, "shortest range; nearer surfaces return nothing", unit="m", ge=0
+    )
+    noise_m: float = option(0.02, "standard deviation of the range", unit="m", ge=0)
+    dropout: float = option(0.04, "share of measurements lost at any range and angle", ge=0, le=1)
     grazing_dropout: float = option(
         0.30, "further share lost as the beam becomes parallel to the surface", ge=0, le=1
     )
     far_dropout: float = option(0.30, "further share lost towards the longest range", ge=0, le=1)
-    position_m: Vector = option((0.0, 0.0, 1.73), "place in the frame it is fixed to", unit="m")
+    position_m: Vector = option((0.0, 0.0, 1.73), "position in the parent frame", unit="m")
 
     @model_validator(mode="after")
     def _limits_are_in_order(self) -> "LidarConfig":
@@ -55,16 +57,16 @@ class LidarConfig(Section):
 class LidarMount(LidarConfig):
     """A LiDAR mounted on a robot, and how it publishes its scans."""
 
-    topic: str = option("/points", "where clouds are published", min_length=1)
+    topic: str = option("/points", "topic of the clouds", min_length=1)
     frame_id: str = option("lidar", "frame of the points", min_length=1)
-    parent: str = option("base_footprint", "frame it is fixed to", min_length=1)
-    tilt_deg: Vector = option((0.0, 0.0, 0.0), "roll, pitch, yaw in that frame", unit="deg")
-    rate_hz: float = option(10.0, "clouds a second", unit="Hz", gt=0, le=1000)
-    shapes: Literal["collision", "visual"] = option("visual", "what the rays hit")
-    scan_motion: bool = option(False, "each column is shot when and where its turn comes")
+    parent: str = option("base_footprint", "parent frame", min_length=1)
+    tilt_deg: Vector = option((0.0, 0.0, 0.0), "roll, pitch, yaw in the parent frame", unit="deg")
+    rate_hz: float = option(10.0, "clouds per second", unit="Hz", gt=0, le=1000)
+    shapes: Literal["collision", "visual"] = option("visual", "shapes that the rays hit")
+    scan_motion: bool = option(False, "measure each column at its own time and pose")
     fields: tuple[Field, ...] = option(
         ("intensity", "ring", "time"),
-        "values of each point; object: number of what was hit, from 1 on (simulated truth)",
+        "values of each point; object: number of the object hit, from 1 (ground truth)",
     )
 
 

@@ -29,11 +29,13 @@ class ObstacleConfig(Section):
     """Boxes that move on straight paths over free ground, and wait for the robot or back off."""
 
     number: int = option(0, "moving boxes", ge=0, le=100)
-    size_m: Vector = option((0.5, 0.4, 1.2), "length, width, height; each box is a bit different")
+    size_m: Vector = option((0.5, 0.4, 1.2), "length, width, height; each box varies by a quarter")
     speed_m_s: float = option(0.5, "speed", unit="m/s", gt=0, le=10)
-    path_m: float = option(5.0, "longest way before it turns back", unit="m", ge=_SHORTEST_M)
-    near_m: float = option(4.0, "paths begin so near the robot's way", unit="m", gt=0)
-    distance_m: float = option(0.3, "room kept between box and robot", unit="m", ge=0)
+    path_m: float = option(5.0, "longest path before it turns back", unit="m", ge=_SHORTEST_M)
+    near_m: float = option(
+        4.0, "largest distance of a path's start from the robot's path", unit="m", gt=0
+    )
+    distance_m: float = option(0.3, "least distance between box and robot", unit="m", ge=0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,8 +59,10 @@ class RecordingConfig(SimulationConfig):
     """A drive through a world and how it is recorded."""
 
     robot: RobotConfig = option(robot_named(ROBOT), "the robot")
-    plan: PlanConfig = option(PlanConfig(length_m=_LENGTH_M), "the drive, where it is planned")
-    world: Section = option(Section(), "the world, if it is made")
+    plan: PlanConfig = option(
+        PlanConfig(length_m=_LENGTH_M), "the planned drive, if the world has none of its own"
+    )
+    world: Section = option(Section(), "the world, if it is procedural")
 
 
 def recording_config(entry: Entry | None = None, robot: str | None = None) -> RecordingConfig:
@@ -79,7 +81,7 @@ def recording_config(entry: Entry | None = None, robot: str | None = None) -> Re
 
     class WorldRecordingConfig(RecordingConfig):
         robot: RobotConfig = option(own, "the robot")
-        world: kind = option(settings, "the world, if it is made")
+        world: kind = option(settings, "the world, if it is procedural")
 
     return WorldRecordingConfig()
 

@@ -27,31 +27,33 @@ _ROBOTS = Path(__file__).with_name("robots")
 class FrameConfig(Section):
     """A frame fixed to the robot."""
 
-    parent: str = option("base_footprint", "frame it is fixed to", min_length=1)
-    position_m: Vector = option((0.0, 0.0, 0.0), "place in that frame", unit="m")
-    tilt_deg: Vector = option((0.0, 0.0, 0.0), "roll, pitch, yaw in that frame", unit="deg")
+    parent: str = option("base_footprint", "parent frame", min_length=1)
+    position_m: Vector = option((0.0, 0.0, 0.0), "position in the parent frame", unit="m")
+    tilt_deg: Vector = option((0.0, 0.0, 0.0), "roll, pitch, yaw in the parent frame", unit="deg")
 
 
 class OdometryMount(Section):
     """The odometry that the robot publishes."""
 
-    topic: str = option("/odom", "where odometry is published", min_length=1)
-    frame_id: str = option("odom", "frame it starts from: the world's, but for errors")
-    rate_hz: float = option(30.0, "poses a second, as odometry and as TF", unit="Hz", gt=0)
-    errors: OdometryConfig = option(OdometryConfig(), "how it differs from the truth")
+    topic: str = option("/odom", "topic of the odometry", min_length=1)
+    frame_id: str = option("odom", "frame of the odometry; equal to the world's at the start")
+    rate_hz: float = option(30.0, "poses per second, as odometry and as TF", unit="Hz", gt=0)
+    errors: OdometryConfig = option(OdometryConfig(), "errors of the odometry")
 
 
 class RobotConfig(Section):
     """A wheeled robot with LiDARs and cameras."""
 
-    base_frame: str = option("base_footprint", "frame on the ground that is driven", min_length=1)
+    base_frame: str = option(
+        "base_footprint", "frame on the ground that follows the drive", min_length=1
+    )
     radius_m: float = option(0.22, "radius of the footprint", unit="m", gt=0, le=10)
-    height_m: float = option(0.4, "what stands higher is no obstacle", unit="m", gt=0, le=10)
-    drive: DriveLimits = option(DriveLimits(), "how fast it drives and turns")
-    frames: dict[str, FrameConfig] = option({}, "frames at rest on the robot, by name")
+    height_m: float = option(0.4, "height; higher surfaces are no obstacles", unit="m", gt=0, le=10)
+    drive: DriveLimits = option(DriveLimits(), "limits of its speed and turn rate")
+    frames: dict[str, FrameConfig] = option({}, "frames fixed to the robot, by name")
     lidars: dict[str, LidarMount] = option({}, "LiDARs, by name")
     cameras: dict[str, CameraMount] = option({}, "cameras, by name")
-    odometry: OdometryMount = option(OdometryMount(), "what it says of its own movement")
+    odometry: OdometryMount = option(OdometryMount(), "the odometry that it publishes")
 
     @model_validator(mode="after")
     def _sensors_fit_together(self) -> "RobotConfig":

@@ -53,7 +53,7 @@ class SimulationConfig(Section):
 
     seed: int = option(0, "decides noise, drop-outs, odometry and moving boxes", ge=0)
     start_s: int = option(1000, "time of the first message", unit="s", ge=0, lt=2**32 - 2**20)
-    seconds: float | None = option(None, "how long; none: the whole drive", unit="s", gt=0)
+    seconds: float | None = option(None, "duration; none: the whole drive", unit="s", gt=0)
     obstacles: ObstacleConfig = option(ObstacleConfig(), "moving boxes")
 
 

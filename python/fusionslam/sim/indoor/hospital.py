@@ -52,9 +52,9 @@ _CORE_KINDS = ("office", "store", "treatment", "office", "treatment", "store")
 class HospitalConfig(Section):
     """Settings of the hospital."""
 
-    seed: int = option(3, "decides what the core rooms are and what stands around", ge=0)
+    seed: int = option(3, "decides the kinds of the core rooms and the movable objects", ge=0)
     wards: int = option(7, "wards along each corridor, 5 m each", ge=4, le=24)
-    clutter: float = option(0.5, "share of movable things that are there", ge=0, le=1)
+    clutter: float = option(0.5, "share of the movable objects that are present", ge=0, le=1)
 
 
 def hospital_rooms(config: HospitalConfig) -> tuple[list[Room], list[Opening]]:

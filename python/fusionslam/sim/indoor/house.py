@@ -45,7 +45,7 @@ class HouseConfig(Section):
     seed: int = option(3, "decides rooms, colours and furniture", ge=0)
     size_m: tuple[float, float] = option((16.0, 11.0), "extent along x and y", unit="m")
     rooms: int = option(7, "number of rooms beside the hall", ge=2, le=12)
-    clutter: float = option(0.7, "share of the small things that are there", ge=0, le=1)
+    clutter: float = option(0.7, "share of the small objects that are present", ge=0, le=1)
 
 
 def house_rooms(config: HouseConfig) -> tuple[list[Room], list[Opening]]:

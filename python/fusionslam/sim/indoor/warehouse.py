@@ -34,7 +34,7 @@ _YELLOW = (0.95, 0.80, 0.15)
 class WarehouseConfig(Section):
     """Settings of the warehouse."""
 
-    seed: int = option(3, "decides loads, signs and what stands around", ge=0)
+    seed: int = option(3, "decides loads, signs and movable objects", ge=0)
     rows: int = option(5, "rows of racks; one aisle more than rows", ge=1, le=12)
     bays: int = option(4, "bays of 2.7 m in a row", ge=2, le=12)
     aisle_m: float = option(2.4, "width of an aisle", unit="m", ge=1.2, le=5.0)

@@ -33,15 +33,15 @@ _ROUNDING = 0.9999
 class DriveLimits(Section):
     """Limits of a differential-drive robot. The defaults suit a TurtleBot3 Waffle Pi."""
 
-    max_speed_m_s: float = option(0.69, "highest speed forwards", unit="m/s", gt=0, le=50)
+    max_speed_m_s: float = option(0.69, "highest forward speed", unit="m/s", gt=0, le=50)
     max_turn_rad_s: float = option(1.2, "highest turn rate", unit="rad/s", gt=0, le=50)
     max_acceleration_m_s2: float = option(
-        0.5, "highest change of speed, both ways", unit="m/s^2", gt=0, le=100
+        0.5, "highest acceleration and deceleration", unit="m/s^2", gt=0, le=100
     )
     max_turn_acceleration_rad_s2: float = option(
-        2.0, "highest change of turn rate, both ways", unit="rad/s^2", gt=0, le=100
+        2.0, "highest change of turn rate, up or down", unit="rad/s^2", gt=0, le=100
     )
-    rate_hz: float = option(30.0, "places a second", unit="1/s", ge=1, le=1000)
+    rate_hz: float = option(30.0, "poses per second", unit="1/s", ge=1, le=1000)
 
 
 @dataclass(frozen=True)

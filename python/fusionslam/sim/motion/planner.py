@@ -32,7 +32,7 @@ class PlanConfig(Section):
     seed: int = option(0, "decides way-points and drift", ge=0)
     length_m: float | None = option(
         None,
-        "length of the drive; none for as long as the whole tour needs",
+        "length of the drive; none: long enough for the whole tour",
         unit="m",
         ge=2,
         le=1e5,
@@ -41,18 +41,22 @@ class PlanConfig(Section):
         3.0, "the tour passes every reachable place at about this distance", unit="m", ge=1, le=100
     )
     again: float = option(
-        0.3, "share of the length on which the tour is driven again the same way", ge=0, le=0.8
+        0.3, "share of the length that repeats the tour in the same direction", ge=0, le=0.8
     )
     back: float = option(
-        0.3, "share of the length on which it is driven in the opposite direction", ge=0, le=0.8
+        0.3, "share of the length that repeats it in the opposite direction", ge=0, le=0.8
     )
     clearance_m: float = option(
-        0.25, "least distance of the robot's middle from obstacles", unit="m", gt=0, le=10
+        0.25, "least distance of the robot's centre from obstacles", unit="m", gt=0, le=10
     )
     wander_m: float = option(
-        0.1, "slow drift to the sides, deviation, where there is room", unit="m", ge=0, le=2
+        0.1,
+        "standard deviation of a slow sideways drift; less in narrow places",
+        unit="m",
+        ge=0,
+        le=2,
     )
-    limits: DriveLimits = option(DriveLimits(), "what the robot can do")
+    limits: DriveLimits = option(DriveLimits(), "limits of the robot")
 
     @model_validator(mode="after")
     def _some_is_left_for_the_tour(self) -> "PlanConfig":

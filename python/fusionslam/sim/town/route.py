@@ -36,7 +36,7 @@ class DriveConfig(Section):
     )
     spacing_m: float = option(2.0, "distance between frames", unit="m", gt=0, le=50)
     speed_m_s: float = option(8.0, "speed, constant", unit="m/s", gt=0)
-    lane_m: float = option(1.75, "distance to the right of the middle line", unit="m", ge=0, le=3)
+    lane_m: float = option(1.75, "distance to the right of the centre line", unit="m", ge=0, le=3)
     lap_shift_m: tuple[float, ...] = option(
         (0.0, -1.2, 0.2),
         "further distance to the right on each lap (the last value serves later laps)",
@@ -44,11 +44,17 @@ class DriveConfig(Section):
         min_length=1,
     )
     corner_radius_m: float = option(
-        8.0, "radius of the middle line in corners", unit="m", ge=4, le=18
+        8.0, "radius of the centre line in corners", unit="m", ge=4, le=18
     )
-    wander_m: float = option(0.15, "slow drift across the lane, deviation", unit="m", ge=0, le=1)
+    wander_m: float = option(
+        0.15, "standard deviation of a slow drift across the lane", unit="m", ge=0, le=1
+    )
     wobble_deg: float = option(
-        0.5, "roll, pitch and yaw of the car on its springs, deviation", unit="deg", ge=0, le=5
+        0.5,
+        "standard deviation of the car's roll, pitch and yaw on its springs",
+        unit="deg",
+        ge=0,
+        le=5,
     )
 
     @model_validator(mode="after")
