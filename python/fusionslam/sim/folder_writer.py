@@ -68,7 +68,7 @@ def check_folder(root: Path) -> None:
             "another folder"
         )
     if root.exists() and (not root.is_dir() or any(root.iterdir())):
-        raise DataError(f"{root} exists and is no empty folder: choose another one")
+        raise DataError(f"{root} exists and is not an empty folder: choose another one")
 
 
 class FolderWriter:
@@ -145,7 +145,7 @@ class FolderWriter:
             DataError: there are no frames, or the folder cannot be written.
         """
         if not self._stamps:
-            raise DataError(f"{self._root}: no scan with a picture before it was recorded")
+            raise DataError(f"{self._root}: no frame was recorded: no scan follows an image")
         seconds = [f"{Decimal(stamp).scaleb(-9):f}\n" for stamp in self._stamps]
         _write(self._root / "times.txt", "".join(seconds).encode())
         stamps = np.array(self._stamps, dtype=np.int64)
@@ -200,7 +200,7 @@ def _chosen(robot: RobotConfig) -> Mapping[str, CameraMount]:
     for side, camera in chosen.items():
         if camera.coefficients():
             raise ConfigError(
-                f"the {side} camera has distortion {camera.distortion}, but a folder's pictures "
+                f"the {side} camera has distortion {camera.distortion}, but a folder's images "
                 "are rectified: set it to [], or record a bag"
             )
     return chosen

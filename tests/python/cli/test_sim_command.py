@@ -211,7 +211,7 @@ def test_a_folder_with_other_things_in_it_is_left_alone(tmp_path: Path, way: Pat
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "precious").write_text("")
     line = fails(1, "sim", "warehouse", "-o", tmp_path / "out", "--trajectory", way, *QUICK)
-    assert "is no empty folder" in line
+    assert "not an empty folder" in line
 
 
 def test_a_folder_cannot_hold_distorted_pictures(tmp_path: Path, way: Path) -> None:

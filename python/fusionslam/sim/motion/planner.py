@@ -93,8 +93,8 @@ def _tour(
     cells, costs = spread_cells(finder, config.spacing_m, rng)
     if len(cells) < 2:
         raise DataError(
-            f"all that can be reached {config.clearance_m:.2f} m from obstacles is within "
-            f"{config.spacing_m} m of one place: expected a smaller robot, a smaller spacing or "
+            f"every place {config.clearance_m:.2f} m from obstacles lies within "
+            f"{config.spacing_m} m of one of them: expected a smaller robot, a smaller spacing or "
             "more room",
             code="no-tour",
         )

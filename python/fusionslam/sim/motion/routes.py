@@ -51,7 +51,7 @@ class RouteFinder:
         """The number of the cell that contains a point. Raises DataError if it is not reachable."""
         if not self.room.is_free(*place):
             raise DataError(
-                f"({place[0]:.2f}, {place[1]:.2f}) m is not reachable with the clearance asked for",
+                f"({place[0]:.2f}, {place[1]:.2f}) m is not reachable with the requested clearance",
                 code="unreachable",
                 fields=(f"{place[0]:.2f}", f"{place[1]:.2f}"),
             )

@@ -46,9 +46,7 @@ def read_glb(path: Path, missing: Unresolved) -> Scene:
     objects = _objects(path)
     pool = TexturePool()
     if not objects:
-        raise DataError(
-            f"{path}: holds no triangles, expected at least one mesh", code="empty-world"
-        )
+        raise DataError(f"{path}: has no triangles, expected at least one mesh", code="empty-world")
     meshes = {name: mesh_of(pieces, pool) for name, pieces in objects.items()}
     return scene_of(parts_of(meshes), pool.textures, INDOOR_LIGHT)
 
@@ -72,7 +70,7 @@ def _read_header(path: Path) -> dict[str, Any]:
         raise DataError(f"{path}: {error.strerror}, expected a binary glTF file") from error
     if len(data) < _HEADER.size + _CHUNK.size or data[:4] != b"glTF":
         raise DataError(
-            f"{path}: no binary glTF: expected it to begin with glTF and its length",
+            f"{path}: not binary glTF: expected it to begin with glTF and its length",
             code="not-gltf",
         )
     _, version, length = _HEADER.unpack_from(data)
@@ -80,7 +78,7 @@ def _read_header(path: Path) -> dict[str, Any]:
         raise DataError(f"{path}: glTF version {version}, expected 2", code="gltf-version")
     if len(data) < length:
         raise DataError(
-            f"{path}: cut short: {len(data)} bytes, its header says {length}", code="truncated"
+            f"{path}: truncated: {len(data)} bytes, its header says {length}", code="truncated"
         )
     size, _ = _CHUNK.unpack_from(data, _HEADER.size)
     start = _HEADER.size + _CHUNK.size
@@ -91,7 +89,7 @@ def _read_header(path: Path) -> dict[str, Any]:
             f"{path}: its JSON part cannot be read: {error}", code="gltf-header"
         ) from error
     if not isinstance(header, dict):
-        raise DataError(f"{path}: its JSON part is no object", code="gltf-header")
+        raise DataError(f"{path}: its JSON part is not an object", code="gltf-header")
     return header
 
 

@@ -49,7 +49,7 @@ def _read_collada(path: Path, library: Library, looks: bool) -> list[Piece]:
         raise FusionSlamError("worlds in SDF need: pip install 'fusionslam[sim]'") from error
     document = collada.Collada(str(path), ignore=[collada.common.DaeError])
     if document.scene is None:
-        raise ValueError("no scene in it")
+        raise ValueError("it has no scene")
     for lost in (str(error) for error in document.errors if not _HARMLESS.search(str(error))):
         library.missing.add("mesh", f"part of {path}", lost)
     if document.controllers:
@@ -103,7 +103,7 @@ def _read_trimesh(path: Path, library: Library, looks: bool) -> list[Piece]:
     scene = trimesh.load_scene(path, resolver=folder, process=False, skip_materials=not looks)
     meshes = [m for m in scene.dump() if isinstance(m, trimesh.Trimesh) and len(m.faces)]
     if not meshes:
-        raise ValueError("no triangles in it")
+        raise ValueError("it has no triangles")
     return [_trimesh_piece(mesh, looks) for mesh in meshes]
 
 

@@ -35,9 +35,10 @@ class Unresolved:
             DataError: not lenient and something is missing; the message lists all of it.
         """
         if self.items and not lenient:
+            listed = "".join(f"\n  {item}" for item in self.items)
             raise DataError(
-                f"{path}: {len(self.items)} missing or not supported, which lenient loading "
-                f"(--lenient) skips\n" + "\n".join(f"  {item}" for item in self.items),
+                f"{path}: {len(self.items)} resources are missing or not supported, lenient "
+                f"loading (--lenient) skips them{listed}",
                 code="unresolved",
                 fields=tuple(self.items),
             )

@@ -123,7 +123,7 @@ class _Walk:
             self._missing.add("model", uri, str(error))
             return None
         if model is None:
-            self._missing.add("model", uri, f"{file} holds no <model>")
+            self._missing.add("model", uri, f"{file} has no <model>")
             return None
         return model, file.parent
 
@@ -149,7 +149,7 @@ def _root(path: Path) -> ET.Element:
     try:
         root = ET.parse(path).getroot()
     except ET.ParseError as error:
-        raise DataError(f"{path}: no XML, expected SDF: {error}", code="not-xml") from error
+        raise DataError(f"{path}: not XML, expected SDF: {error}", code="not-xml") from error
     except OSError as error:
         raise DataError(f"{path}: {error.strerror}, expected SDF") from error
     if root.tag not in ("sdf", "gazebo"):

@@ -39,7 +39,9 @@ def read_sdf(path: Path, missing: Unresolved) -> tuple[Scene, Scene]:
     seen, hit = visual or collision, collision or visual
     if seen is None or hit is None:
         listed = "".join(f"\n  {item}" for item in missing.items)
-        raise DataError(f"{path}: nothing to be seen or hit in it{listed}", code="empty-world")
+        raise DataError(
+            f"{path}: it has no visual and no collision shapes{listed}", code="empty-world"
+        )
     return seen, hit
 
 

@@ -63,9 +63,9 @@ def check_piece(piece: Piece) -> Piece:
         ValueError: a corner or a texture coordinate is not finite.
     """
     if not np.isfinite(piece.triangles).all():
-        raise ValueError("a corner is no finite number")
+        raise ValueError("a corner is not finite")
     if piece.uv is not None and not np.isfinite(piece.uv).all():
-        raise ValueError("a texture coordinate is no finite number")
+        raise ValueError("a texture coordinate is not finite")
     return piece
 
 
