@@ -63,7 +63,7 @@ def describe(
     """
     kind = descriptor_named(name)
     if kind.needs_colors and cloud.colors is None:
-        raise DataError(f"{name} needs colours and the cloud has none")
+        raise DataError(f"{name} needs colours and the cloud has none", code="no-colors")
     return kind.compute(cloud, config or DescriptorConfig())
 
 

@@ -91,7 +91,7 @@ def _read_arrays(path: Path) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         data = np.asarray(stored["data"], np.float32)
         label = np.asarray(stored["label"], np.int64).reshape(-1)
         if not np.isfinite(data).all():
-            raise DataError("data has values that are not finite")
+            raise DataError("data has values that are not finite", code="not-finite")
     return data, label
 
 

@@ -91,13 +91,15 @@ class Places:
 
 def _check_poses(name: str, clouds: Sequence[Cloud], poses: Floats | None) -> Floats:
     if poses is None:
-        raise DataError(f"{name} has no true poses: nobody knows which sights are the same place")
+        raise DataError(
+            f"{name} has no true poses: they tell which sights are the same place", code="no-poses"
+        )
     if poses.shape != (len(clouds), 3):
         raise ShapeError(
             f"{name}: poses have shape {poses.shape}, expected ({len(clouds)}, 3): x, y, yaw"
         )
     if any(cloud.colors is None for cloud in clouds):
-        raise DataError(f"{name} has clouds without colours")
+        raise DataError(f"{name} has clouds without colours", code="no-colors")
     return poses
 
 
@@ -176,7 +178,8 @@ def make_pairs(places: Places, config: PairConfig, rng: np.random.Generator) -> 
     if not len(alike) or not len(unlike):
         raise DataError(
             f"{', '.join(places.names)}: {len(alike)} pairs of the same place and {len(unlike)} of "
-            "different ones, expected some of both"
+            "different ones, expected some of both",
+            code="no-pairs",
         )
     alike = rng.permutation(alike)[: config.most]
     distance, _ = measure_gaps(places.poses[first[unlike]], places.poses[second[unlike]])

@@ -144,7 +144,8 @@ class _Run:
         if not math.isfinite(total):
             raise DataError(
                 f"epoch {number + 1}: the loss is not finite; expected a lower learning rate than "
-                f"{self.config.learning_rate:g}"
+                f"{self.config.learning_rate:g}",
+                code="not-finite",
             )
         return {"epoch": number + 1.0, "loss": total / max(count, 1), **scores}
 

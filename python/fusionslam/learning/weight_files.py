@@ -55,7 +55,7 @@ def load_pointnet(path: str | os.PathLike[str]) -> tuple[PointNet, About]:
         about = read_about(Path(path), metadata, "pointnet")
         for name, tensor in tensors.items():
             if not bool(torch.isfinite(tensor).all()):
-                raise DataError(f"{name} has values that are not finite")
+                raise DataError(f"{name} has values that are not finite", code="not-finite")
         assert isinstance(about.architecture, PointNetConfig)
         network = PointNet(about.architecture)
         network.load_state_dict(tensors)  # names missing, extra and misshapen tensors

@@ -77,7 +77,9 @@ class AlignedLoopDetector:
             DataError: a cloud that cannot be described or has no colours; nothing is stored.
         """
         if cloud.colors is None:
-            raise DataError("loops are aligned by coloured clouds and this one has no colours")
+            raise DataError(
+                "loops are aligned by coloured clouds and this one has no colours", code="no-colors"
+            )
         scene = build_scene(cloud.points, cloud.colors, config=self._scene)
         loop = self.detector.add(cloud, stamp_ns=stamp_ns)
         self._stored.append(Scene(scene.objects[:0], scene.image).to_bytes())

@@ -172,7 +172,7 @@ class LoopDetector:
             DataError: nothing was added yet, or the folder cannot be written.
         """
         if self._index is None:
-            raise DataError("the loop detector is empty: there is nothing to save")
+            raise DataError("the loop detector is empty: there is nothing to save", code="empty")
         target = Path(folder)
         descriptors = f"descriptors-{uuid.uuid4().hex[:12]}.index"
         about = {

@@ -60,7 +60,8 @@ class AlignmentComparison(SceneComparison):
         if not scene.image:
             raise ConfigError(
                 "scene.image is False, and alignment needs range images: preset robust has them, "
-                "others with views.scene.image=true"
+                "others with views.scene.image=true",
+                code="no-range-image",
             )
         super().__init__(scene, threshold, threads)
 
@@ -74,7 +75,8 @@ class AlignmentComparison(SceneComparison):
         if isinstance(item, Scene) and not len(scene.image) and in_range:
             raise DataError(
                 "the scene has objects but no range image: build it with image=True, as the "
-                "robust preset does, or compare objects (views.method=objects)"
+                "robust preset does, or compare objects (views.method=objects)",
+                code="no-range-image",
             )
         return View(scene, self._recognisable(scene))
 

@@ -53,7 +53,7 @@ def cluster_scan(number: int, cloud: Cloud, config: SceneConfig) -> ClusteredSca
         DataError: NaN, or a cloud without colours.
     """
     if cloud.colors is None:
-        raise DataError(f"scan {number} has no colours, which scenes need")
+        raise DataError(f"scan {number} has no colours, which scenes need", code="no-colors")
     points, colors = cloud.points, cloud.colors
     scene = build_scene(points, colors, config=config)
     # The core drops points near the floor in the same way; 0 keeps all.

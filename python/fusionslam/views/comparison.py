@@ -154,7 +154,7 @@ class SceneComparison(ABC):
     def view(self, item: Item) -> View:
         if isinstance(item, Cloud):
             if item.colors is None:
-                raise DataError("scenes need colours and the cloud has none")
+                raise DataError("scenes need colours and the cloud has none", code="no-colors")
             item = build_scene(item.points, item.colors, config=self._scene)
         if not isinstance(item, Scene):
             raise ShapeError(f"expected a Scene or a Cloud, got {type(item).__name__}")

@@ -53,15 +53,15 @@ class DescriptorComparison:
                 f"({self._length},), got {found}"
             )
         if not np.isfinite(item).all():
-            raise DataError("the descriptor is not finite")
+            raise DataError("the descriptor is not finite", code="not-finite")
         return View(item.astype(np.float32), 1)
 
     def _describe(self, cloud: Cloud) -> View:
         name = self._descriptor.name
         if not np.isfinite(cloud.points).all():
-            raise DataError(f"{name}: the cloud holds NaN or infinity")
+            raise DataError(f"{name}: the cloud holds NaN or infinity", code="not-finite")
         if self._descriptor.needs_colors and cloud.colors is None:
-            raise DataError(f"{name} needs colours and the cloud has none")
+            raise DataError(f"{name} needs colours and the cloud has none", code="no-colors")
         try:
             return View(describe(cloud, name, self._config), 1)
         except DataError:

@@ -211,7 +211,9 @@ class ViewMatcher:
         if kind != self.comparison.kind:
             raise DataError(
                 f"it compares {kind}, expected {self.comparison.kind}: name the "
-                "comparison it was made with (comparison=...)"
+                "comparison it was made with (comparison=...)",
+                code="other-kind",
+                fields=[kind, self.comparison.kind],
             )
         slots = arrays.pop("slots")
         self.comparison.restore({name.removeprefix(_STATE): rows for name, rows in arrays.items()})

@@ -117,7 +117,7 @@ def _copy_cloud(item: Cloud | Scene) -> Cloud:
     if not isinstance(item, Cloud):
         raise ShapeError(f"expected a Cloud, got {type(item).__name__}")
     if item.colors is None:
-        raise DataError("the cloud has no colours, which scenes need")
+        raise DataError("the cloud has no colours, which scenes need", code="no-colors")
     for name, array, dtype in (
         ("points", item.points, np.float32),
         ("colors", item.colors, np.uint8),
@@ -126,7 +126,7 @@ def _copy_cloud(item: Cloud | Scene) -> Cloud:
             expected = f"{np.dtype(dtype)} ({len(item.points)}, 3)"
             raise ShapeError(f"{name} are {array.dtype} {array.shape}, expected {expected}")
     if not np.isfinite(item.points).all():
-        raise DataError("the cloud holds NaN or infinity")
+        raise DataError("the cloud holds NaN or infinity", code="not-finite")
     return Cloud(item.points.copy(), item.colors.copy())
 
 

@@ -52,7 +52,11 @@ class CloudArray:
         """Concatenate copies of the clouds. Raises DataError if one has no colours."""
         for index, cloud in enumerate(clouds):
             if cloud.colors is None:
-                raise DataError(f"cloud {index} has no colours, which scenes need")
+                raise DataError(
+                    f"cloud {index} has no colours, which scenes need",
+                    code="no-colors",
+                    fields=[str(index)],
+                )
         offsets = np.cumsum([0, *map(len, clouds)]).astype(np.int64)
         points = [np.empty((0, 3), np.float32), *(cloud.points for cloud in clouds)]
         colors = [np.empty((0, 3), np.uint8), *(c.colors for c in clouds if c.colors is not None)]
@@ -100,10 +104,14 @@ class SceneSet:
     def __post_init__(self) -> None:
         _check_lengths(self)
         if (np.diff(self.stamps_ns) < 0).any():
-            raise DataError(f"{self.name}: stamps go back in time")
+            raise DataError(f"{self.name}: stamps go back in time", code="stamps-decrease")
         if self.poses is not None and not np.isfinite(self.poses).all():
             row = int(np.flatnonzero(~np.isfinite(self.poses).all(axis=1))[0])
-            raise DataError(f"{self.name}: pose {row} is not finite")
+            raise DataError(
+                f"{self.name}: pose {row} is not finite",
+                code="not-finite",
+                fields=["poses", str(row)],
+            )
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -118,7 +126,8 @@ class SceneSet:
         if self.poses is None:
             raise DataError(
                 f"{self.name} has no true poses: it can be matched, but not judged or tuned on; "
-                "record data with poses, or name a file of poses when recording (--gt)"
+                "record data with poses, or name a file of poses when recording (--gt)",
+                code="no-poses",
             )
         return self.poses
 
@@ -136,7 +145,9 @@ class SceneSet:
             return list(self.scenes)
         if self.clouds is None:
             kept = "scenes of another configuration" if self.scenes else "no scenes"
-            raise DataError(f"{self.name} holds {kept} and no clouds to build others from")
+            raise DataError(
+                f"{self.name} holds {kept} and no clouds to build others from", code="no-clouds"
+            )
         scenes = []
         for index in range(len(self)):
             cloud = self.clouds[index]
@@ -236,7 +247,7 @@ def unpack_bytes(array: NDArray[np.uint8], offsets: NDArray[np.int64]) -> list[b
 
 def _check_offsets(offsets: NDArray[np.int64], count: int) -> None:
     if not len(offsets) or offsets[0] != 0 or offsets[-1] != count or (np.diff(offsets) < 0).any():
-        raise DataError(f"offsets do not fit the {count} entries they divide")
+        raise DataError(f"offsets do not fit the {count} entries they divide", code="wrong-offsets")
 
 
 def is_scene_set(path: str | os.PathLike[str]) -> bool:

@@ -60,7 +60,9 @@ def view_from_bytes(comparison: Comparison, data: bytes) -> View:
             _check_about(arrays[_ABOUT], _about(comparison))
             return comparison.view_of(arrays)
     except FusionSlamError as error:
-        raise DataError(f"view: {error}; {_ADVICE}") from error
+        raise DataError(
+            f"view: {error}; {_ADVICE}", code=error.code, fields=error.fields
+        ) from error
 
 
 def _about(comparison: Comparison) -> dict[str, Any]:
@@ -80,4 +82,8 @@ def _check_about(text: NDArray[Any], expected: dict[str, Any]) -> None:
         found["comparison"] = update_stored_kind(kind, descriptor)
     for name, value in expected.items():
         if found.get(name) != value:
-            raise DataError(f"was made with {name} {found.get(name)!r}, expected {value!r}")
+            raise DataError(
+                f"was made with {name} {found.get(name)!r}, expected {value!r}",
+                code="other-settings",
+                fields=[name],
+            )

@@ -148,7 +148,7 @@ class TwoStageComparison:
         for row in features[:1]:  # all have the same length
             self._check_features(row)
         if not np.isfinite(features).all():
-            raise DataError("the features are not finite")
+            raise DataError("the features are not finite", code="not-finite")
         self._features = list(features)
 
     def _check_features(self, row: NDArray[np.float32]) -> None:
@@ -156,5 +156,5 @@ class TwoStageComparison:
         if row.dtype != np.float32 or row.ndim != 1:
             raise DataError(f"features are {row.dtype} {row.shape}, expected float32 (F,)")
         if not np.isfinite(row).all():
-            raise DataError("the features are not finite")
+            raise DataError("the features are not finite", code="not-finite")
         self._second.probability(row, row)  # raises for another network's length

@@ -188,7 +188,7 @@ class VisualTemplates:
                 f"templates {stored.dtype} {stored.shape}, expected float32 (n, {self._size})"
             )
         if not np.isfinite(stored).all():
-            raise DataError("a template is not finite")
+            raise DataError("a template is not finite", code="not-finite")
         for view in stored:
             self._append(view)
 

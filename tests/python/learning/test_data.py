@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from trimesh import Trimesh
 
-from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.learning.modelnet import read_modelnet, read_voxels
 from fusionslam.learning.procedural_shapes import SHAPES, box, ellipsoid, sample_points, torus
 from fusionslam.learning.shape_sets import ProceduralConfig, generate_shapes, join_sets
@@ -22,6 +22,7 @@ from fusionslam.views.second_stage.inputs import (
     resample,
     scale_to_sphere,
 )
+from refusals import refuses
 
 CUBE = """{header}8 6 0
 0 0 0
@@ -100,7 +101,7 @@ def test_turned_bodies_lie_on_their_profile() -> None:
 
 
 def test_a_surface_without_area_is_refused() -> None:
-    with pytest.raises(DataError, match="surface"):
+    with pytest.raises(DataError):
         sample_points(Trimesh(np.zeros((3, 3)), [[0, 1, 2]], process=False), 5, rng())
 
 
@@ -125,7 +126,7 @@ def test_hdf5_files_of_modelnet40_are_read_and_stand_upright(tmp_path: Path) -> 
 
 def test_hdf5_files_that_are_cut_short_or_too_small_are_named(tmp_path: Path) -> None:
     write_hdf5(tmp_path, "train", [0, 1])
-    with pytest.raises(DataError, match=r"ply_data_train0\.h5.*at least 41"):
+    with pytest.raises(DataError, match=r"ply_data_train0\.h5.*41"):
         read_modelnet(tmp_path, "train", 41, rng())
     file = tmp_path / "ply_data_train0.h5"
     file.write_bytes(file.read_bytes()[:300])
@@ -197,7 +198,7 @@ def test_classes_of_the_same_name_are_one(tmp_path: Path) -> None:
 
 
 def test_no_shapes_at_all_are_refused() -> None:
-    with pytest.raises(ConfigError, match="no shapes"):
+    with pytest.raises(ConfigError):
         load_shapes(ProceduralConfig(), procedural=False)
 
 
@@ -224,20 +225,20 @@ def test_networks_are_given_metres_over_a_range_or_a_unit_sphere() -> None:
 
 
 @pytest.mark.parametrize(
-    ("points", "colors", "error", "words"),
+    ("points", "colors", "error", "code"),
     [
-        (np.zeros((0, 3), np.float32), None, DataError, "no points"),
-        (np.zeros((4, 2), np.float32), None, ShapeError, r"\(4, 2\)"),
-        (np.array([[0, 0, 0], [0, np.nan, 0]], np.float32), None, DataError, "point 1"),
-        (np.zeros((4, 3), np.float32), None, DataError, "colours"),
-        (np.zeros((4, 3), np.float32), np.zeros((3, 3), np.uint8), ShapeError, r"\(3, 3\)"),
-        (np.zeros((4, 3), np.float32), np.zeros((4, 3)), ShapeError, "float64"),
+        (np.zeros((0, 3), np.float32), None, DataError, "no-points"),
+        (np.zeros((4, 2), np.float32), None, ShapeError, "shape"),
+        (np.array([[0, 0, 0], [0, np.nan, 0]], np.float32), None, DataError, "not-finite"),
+        (np.zeros((4, 3), np.float32), None, DataError, "no-colors"),
+        (np.zeros((4, 3), np.float32), np.zeros((3, 3), np.uint8), ShapeError, "shape"),
+        (np.zeros((4, 3), np.float32), np.zeros((4, 3)), ShapeError, "shape"),
     ],
 )
 def test_clouds_that_no_network_can_take_are_refused(
-    points: np.ndarray, colors: np.ndarray | None, error: type[Exception], words: str
+    points: np.ndarray, colors: np.ndarray | None, error: type[FusionSlamError], code: str
 ) -> None:
-    with pytest.raises(error, match=words):
+    with refuses(code, error=error):
         network_input(points, colors, ROBOT)
 
 

@@ -15,6 +15,7 @@ from fusionslam.views.second_stage.inputs import network_input
 from fusionslam.views.second_stage.model import SecondStage
 from fusionslam.views.second_stage.network_files import About, Calibration
 from learning import TINY, TINY_COLORED, TINY_COMPARISON, cloud
+from refusals import refuses
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 onnx = pytest.importorskip("onnx", reason="onnx is not installed")
@@ -110,23 +111,23 @@ def test_files_that_are_cut_short_are_named(suffix: str, share: float, tmp_path:
     path = tmp_path / f"features.{suffix}"
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
     read = load_pointnet if suffix == "safetensors" else SecondStage
-    with pytest.raises(DataError, match=rf"features\.{suffix}.*pointnet network"):
+    with pytest.raises(DataError, match=rf"features\.{suffix}"):
         read(path)
 
 
 def test_a_comparison_is_not_taken_for_features(tmp_path: Path) -> None:
     pointnet(tmp_path, TINY, CALIBRATED)
     comparison(tmp_path, TINY_COMPARISON)
-    with pytest.raises(DataError, match="holds a comparison network, expected pointnet"):
+    with refuses("other-kind"):
         load_pointnet(tmp_path / "comparison.safetensors")
-    with pytest.raises(DataError, match="holds a comparison network, expected pointnet"):
+    with refuses("other-kind"):
         SecondStage(tmp_path / "comparison.onnx")
 
 
 def test_a_comparison_of_another_number_of_features_is_refused(tmp_path: Path) -> None:
     pointnet(tmp_path, TINY)
     comparison(tmp_path, TINY_COMPARISON.model_copy(update={"features": 30}))
-    with pytest.raises(DataError, match="compares 30 features, expected 32"):
+    with pytest.raises(DataError, match=r"30.*32"):
         SecondStage(tmp_path / "features.onnx", tmp_path / "comparison.onnx")
 
 
@@ -145,7 +146,7 @@ def test_weights_that_are_not_finite_are_refused(tmp_path: Path) -> None:
     network = PointNet(TINY)
     network.state_dict()["points.layers.0.bias"][0] = torch.nan
     save_weights(tmp_path / "odd.safetensors", network, About("pointnet", TINY))
-    with pytest.raises(DataError, match="not finite"):
+    with refuses("not-finite"):
         load_pointnet(tmp_path / "odd.safetensors")
 
 
@@ -159,25 +160,25 @@ def test_onnx_of_others_or_of_another_version_is_refused(
     model = onnx.load(tmp_path / "features.onnx")
     onnx.helper.set_model_props(model, {"fusionslam": json.dumps(values)})
     onnx.save(model, tmp_path / "odd.onnx")
-    with pytest.raises(DataError, match=r"odd\.onnx.*expected"):
+    with pytest.raises(DataError, match=r"odd\.onnx"):
         SecondStage(tmp_path / "odd.onnx")
 
 
 def test_a_graph_that_takes_other_rows_than_it_says_is_refused(tmp_path: Path) -> None:
     network = lived_in(PointNet(TINY))
     export_pointnet(tmp_path / "odd.onnx", network, About("pointnet", TINY_COLORED, CALIBRATED))
-    with pytest.raises(DataError, match=r"takes \{'points': 3\}, expected \{'points': 6\}"):
+    with pytest.raises(DataError, match=r"'points': 3.*'points': 6"):
         SecondStage(tmp_path / "odd.onnx")
 
 
 def test_features_without_calibration_need_a_comparison(tmp_path: Path) -> None:
     pointnet(tmp_path, TINY)
-    with pytest.raises(DataError, match="no calibration"):
+    with refuses("no-calibration"):
         SecondStage(tmp_path / "features.onnx")
 
 
 def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"nothing\.onnx: no such file, expected places"):
+    with pytest.raises(DataError, match=r"nothing\.onnx"):
         SecondStage(tmp_path / "nothing.onnx")
 
 
@@ -186,14 +187,14 @@ def test_features_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:
     stage = SecondStage(tmp_path / "features.onnx")
     with pytest.raises(ShapeError, match=r"\(11,\)"):
         stage.probability(np.zeros(11, np.float32), np.zeros(12, np.float32))
-    with pytest.raises(DataError, match="finite"):
+    with refuses("not-finite"):
         stage.probability(np.full(12, np.nan, np.float32), np.zeros(12, np.float32))
 
 
 def test_clouds_without_points_or_colours_have_no_features(tmp_path: Path) -> None:
     pointnet(tmp_path, TINY_COLORED, CALIBRATED)
     stage = SecondStage(tmp_path / "features.onnx")
-    with pytest.raises(DataError, match="no points"):
+    with refuses("no-points"):
         stage.features(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
-    with pytest.raises(DataError, match="colours"):
+    with refuses("no-colors"):
         stage.features(np.zeros((5, 3), np.float32))

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fusionslam.errors import DataError
 from fusionslam.learning.places import Places, same_places
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views.second_stage import MODELS, SecondStage
@@ -16,6 +15,7 @@ from fusionslam.views.second_stage.inputs import network_input
 from fusionslam.views.second_stage.network_files import SHIPPED
 from fusionslam.views.second_stage.scores import area_under_curve
 from learning import cloud
+from refusals import refuses
 
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 
@@ -68,7 +68,7 @@ def test_places_looks_at_colours_and_thesis_does_not() -> None:
     thesis, places = SecondStage("thesis"), SecondStage("places")
     np.testing.assert_array_equal(thesis.features(seen), thesis.features(Cloud(seen.points)))
     assert np.abs(places.features(seen) - places.features(grey)).max() > 0.01
-    with pytest.raises(DataError, match="colours"):
+    with refuses("no-colors"):
         places.features(Cloud(seen.points))
 
 

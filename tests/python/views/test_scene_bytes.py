@@ -66,11 +66,11 @@ def test_flat_small_and_distant_objects_are_stored() -> None:
 def test_what_does_not_fit_is_refused_when_it_is_stored() -> None:
     objects = random_scene(1, 1).objects.copy()
     objects["center"] = 1e30
-    with pytest.raises(DataError, match=r"center is 1e\+30 cannot be stored"):
+    with pytest.raises(DataError, match=r"center .*1e\+30"):
         Scene(objects).to_bytes()
     objects = random_scene(1, 1).objects.copy()
     objects["volume"] = -1
-    with pytest.raises(DataError, match="volume is -1 cannot be stored"):
+    with pytest.raises(DataError, match=r"volume .*-1"):
         Scene(objects).to_bytes()
 
 
@@ -78,9 +78,9 @@ def test_what_does_not_fit_is_refused_when_it_is_stored() -> None:
 def test_cut_bytes_are_refused(size: int) -> None:
     data = random_scene(2, size).to_bytes()
     for length in range(len(data)):
-        with pytest.raises(DataError, match="bytes of a scene"):
+        with pytest.raises(DataError):
             Scene.from_bytes(data[:length])
-    with pytest.raises(DataError, match="bytes of a scene"):
+    with pytest.raises(DataError):
         Scene.from_bytes(data + b"\0")
 
 
@@ -96,7 +96,7 @@ def test_any_damaged_bit_is_noticed() -> None:
 def test_bytes_of_another_version_say_so() -> None:
     data = bytearray(random_scene(2, 4).to_bytes())
     data[1] = 9
-    with pytest.raises(DataError, match="version 9, this program reads version 1"):
+    with pytest.raises(DataError, match=r"9.*1"):
         Scene.from_bytes(bytes(data))
 
 
@@ -105,7 +105,7 @@ def test_foreign_bytes_are_refused() -> None:
     for length in range(200):
         with pytest.raises(DataError):
             Scene.from_bytes(rng.bytes(length))
-    with pytest.raises(DataError, match="these are none"):
+    with pytest.raises(DataError):
         Scene.from_bytes(b"\x89PNG")
 
 
@@ -131,7 +131,7 @@ def test_sections_of_later_programs_are_passed_over() -> None:
 )
 def test_nonsense_with_a_right_checksum_is_refused(content: bytes) -> None:
     data = b"\x5c\1" + content
-    with pytest.raises(DataError, match="bytes of a scene"):
+    with pytest.raises(DataError):
         Scene.from_bytes(data + crc(data))
 
 
@@ -148,14 +148,14 @@ def test_json_is_exact_and_readable() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "JSON of a scene: Expecting value"),
-        ("[1]", "expected an object with version and objects"),
-        ('{"version": 1}', "expected an object with version and objects"),
-        ('{"version": 2, "objects": []}', "version 2, this program reads version 1"),
-        ('{"version": "1", "objects": []}', "version '1', this program reads version 1"),
-        ('{"version": 1, "objects": [3]}', "object 0: expected names with values"),
-        ('{"version": 1, "objects": [{}]}', "object 0: no points"),
-        ("[" * 100_000, "JSON of a scene"),
+        ("", "JSON"),
+        ("[1]", "version and objects"),
+        ('{"version": 1}', "version and objects"),
+        ('{"version": 2, "objects": []}', "version 2"),
+        ('{"version": "1", "objects": []}', "version '1'"),
+        ('{"version": 1, "objects": [3]}', "object 0"),
+        ('{"version": 1, "objects": [{}]}', "object 0.*points"),
+        ("[" * 100_000, "JSON"),
     ],
 )
 def test_other_json_is_refused(text: str, message: str) -> None:
@@ -167,5 +167,5 @@ def test_other_json_is_refused(text: str, message: str) -> None:
 def test_json_with_a_wrong_value_names_it(value: str) -> None:
     scene = random_scene(4, 1)
     center = json.dumps(scene.objects["center"][0].tolist())
-    with pytest.raises(DataError, match="object 0: center"):
+    with pytest.raises(DataError, match=r"object 0.*center"):
         Scene.from_json(scene.to_json().replace(center, value))

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scene sets recorded while a robot drives, against those recorded of its data."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 from cli import succeeds
 from fusionslam import open_dataset
 from fusionslam.datasets.range_recording import RangeRecording
-from fusionslam.errors import ClockError, ConfigError, DataError, ShapeError
+from fusionslam.errors import ClockError, ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.fusion import ROBOT_FUSION, fuse
 from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.sensors.frame import Cloud
@@ -22,6 +23,7 @@ from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.scene_recorder import SceneRecorder
 from fusionslam.views.scene_set import SceneSet
 from fusionslam.views.scenes import Scene, SceneConfig, build_scene
+from refusals import refuses
 from scenes import LAPS, NOTHING, drive, place, write_recording
 
 S = 1_000_000_000
@@ -98,9 +100,10 @@ def test_a_bag_gives_its_set_frame_by_frame(tmp_path: Path) -> None:
 def test_what_it_writes_is_matched_judged_and_tuned_on(tmp_path: Path) -> None:
     path = tmp_path / "live.npz"
     recorded(drive((*LAPS, -1))).save(path)
-    text = succeeds("views", "match", path, "-o", tmp_path / "out", "--no-report").stdout
-    assert "15 scans: 8 matched, 6 places, 1 with nothing to recognise" in text
-    assert "100.0 %" in text
+    succeeds("views", "match", path, "-o", tmp_path / "out", "--no-report")
+    stats = json.loads((tmp_path / "out" / "matches.json").read_text())["stats"]
+    counts = {name: stats[name] for name in ("processed", "matched", "new", "nothing")}
+    assert counts == {"processed": 15, "matched": 8, "new": 6, "nothing": 1}
     succeeds("views", "curve", path, "-o", tmp_path / "curve", "--set", "views.method=objects")
     quick = ("--set", "tuning.population=4", "--set", "tuning.generations=2", "--jobs", "1")
     succeeds("tune", path, "-o", tmp_path / "tuned", *quick)
@@ -162,7 +165,7 @@ def test_scenes_of_views_are_what_a_matcher_compares() -> None:
 def test_a_clock_that_goes_back_is_refused_and_changes_nothing() -> None:
     recorder = SceneRecorder("boxes")
     recorder.add(9 * S, place(0), (0, 0, 0))
-    with pytest.raises(ClockError, match="lies 8 s before the last one"):
+    with pytest.raises(ClockError, match="8 s"):
         recorder.add(S, place(1), (0, 0, 0))
     recorder.add(9 * S, place(1), (0, 0, 0))
     assert recorder.scene_set().numbers.tolist() == [0, 1]
@@ -175,22 +178,22 @@ def broken(row: int) -> Cloud:
 
 
 @pytest.mark.parametrize(
-    ("item", "pose", "error", "words"),
+    ("item", "pose", "error", "code"),
     [
-        (Cloud(place(0).points), (0, 0, 0), DataError, "no colours"),
-        (broken(3), (0, 0, 0), DataError, "NaN or infinity"),
-        (Cloud(np.zeros((2, 3)), np.zeros((2, 3), "u1")), (0, 0, 0), ShapeError, "float64"),
-        (Cloud(place(0).points, place(1).colors[:4]), (0, 0, 0), ShapeError, r"colors .*\(4, 3\)"),
-        (build_scene(NOTHING.points, NOTHING.colors), (0, 0, 0), ShapeError, "got Scene"),
-        (place(0), (0, np.nan, 0), DataError, "poses: row 0"),
-        (place(0), (0, 0), ShapeError, "poses"),
+        (Cloud(place(0).points), (0, 0, 0), DataError, "no-colors"),
+        (broken(3), (0, 0, 0), DataError, "not-finite"),
+        (Cloud(np.zeros((2, 3)), np.zeros((2, 3), "u1")), (0, 0, 0), ShapeError, "shape"),
+        (Cloud(place(0).points, place(1).colors[:4]), (0, 0, 0), ShapeError, "shape"),
+        (build_scene(NOTHING.points, NOTHING.colors), (0, 0, 0), ShapeError, "shape"),
+        (place(0), (0, np.nan, 0), DataError, "data"),
+        (place(0), (0, 0), ShapeError, "shape"),
     ],
 )
 def test_wrong_scans_are_refused_and_change_nothing(
-    item: Any, pose: Any, error: type[Exception], words: str
+    item: Any, pose: Any, error: type[FusionSlamError], code: str
 ) -> None:
     recorder = SceneRecorder("boxes")
-    with pytest.raises(error, match=words):
+    with refuses(code, error=error):
         recorder.add(5, item, pose)
     assert len(recorder) == recorder.without_pose == 0
     recorder.add(0, place(0), (0, 0, 0))
@@ -198,7 +201,7 @@ def test_wrong_scans_are_refused_and_change_nothing(
 
 
 def test_clouds_where_scenes_are_kept_and_a_negative_bound_are_refused() -> None:
-    with pytest.raises(ShapeError, match="expected a Scene, got Cloud"):
+    with pytest.raises(ShapeError):
         SceneRecorder("boxes", scene_config=SceneConfig()).add(0, place(0), (0, 0, 0))
-    with pytest.raises(ConfigError, match="max_scans is -1"):
+    with pytest.raises(ConfigError, match="max_scans"):
         SceneRecorder("boxes", max_scans=-1)

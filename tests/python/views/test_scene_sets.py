@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fusionslam import open_dataset
-from fusionslam.errors import DataError, ShapeError
+from fusionslam.errors import DataError, FusionSlamError, ShapeError
 from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.geometry.se2 import places_of
 from fusionslam.pipelines.scenes import record_scenes
@@ -21,6 +21,7 @@ from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scene_set import CloudArray, SceneSet, is_scene_set, pack_bytes, unpack_bytes
 from fusionslam.views.scenes import SceneConfig, build_scene
+from refusals import refuses
 from scenes import LAPS, NOTHING, drive, place
 
 
@@ -62,9 +63,9 @@ def test_a_set_without_poses_can_be_matched_but_not_judged(tmp_path: Path) -> No
     scenes = SceneSet.load(tmp_path / "set.npz")
     run = run_views(scenes, ViewMatcher())
     assert run.ids.tolist() == list(LAPS)
-    with pytest.raises(DataError, match="boxes has no true poses: it can be matched"):
+    with refuses("no-poses"):
         run.with_truth("objects")
-    with pytest.raises(DataError, match="no true poses"):
+    with refuses("no-poses"):
         sweep_thresholds(scenes, ViewMatcherConfig())
 
 
@@ -85,10 +86,10 @@ def test_scenes_are_those_of_the_clouds_or_the_stored_ones() -> None:
     assert scenes.scenes_with(config)[1] == build_scene(cloud.points, cloud.colors, config=config)
     small = scenes.with_scenes(config).without_clouds()
     assert small.scenes_with(config) == small.scenes and small.fits(config)
-    with pytest.raises(DataError, match="scenes of another configuration and no clouds"):
+    with refuses("no-clouds"):
         small.scenes_with(other)
     assert not small.fits(other) and scenes.with_scenes(config).scenes_with(other)[1]
-    with pytest.raises(DataError, match="no clouds, and no scenes"):
+    with pytest.raises(DataError, match="boxes"):
         run_views(scenes.without_clouds(), ViewMatcher())
 
 
@@ -103,30 +104,30 @@ def test_byte_strings_are_joined_and_parted() -> None:
     texts = [b"ab", b"", b"c"]
     array, offsets = pack_bytes(texts)
     assert unpack_bytes(array, offsets) == texts and unpack_bytes(*pack_bytes([])) == []
-    with pytest.raises(DataError):
+    with refuses("wrong-offsets"):
         unpack_bytes(array, offsets[:-1])
 
 
 @pytest.mark.parametrize(
-    ("change", "error", "words"),
+    ("change", "error", "code"),
     [
-        ({"numbers": np.arange(3)}, ShapeError, "3 numbers for 2 stamps"),
-        ({"poses": np.zeros((2, 2))}, ShapeError, "poses"),
-        ({"poses": np.array([[0, 0, 0], [0, np.nan, 0]])}, DataError, "pose 1 is not finite"),
-        ({"stamps_ns": np.array([5, 4])}, DataError, "go back"),
-        ({"features": {"m2dp": np.zeros((3, 4))}}, ShapeError, "feature m2dp"),
-        ({"clouds": CloudArray.of([NOTHING])}, ShapeError, "1 clouds for 2 stamps"),
+        ({"numbers": np.arange(3)}, ShapeError, "shape"),
+        ({"poses": np.zeros((2, 2))}, ShapeError, "shape"),
+        ({"poses": np.array([[0, 0, 0], [0, np.nan, 0]])}, DataError, "not-finite"),
+        ({"stamps_ns": np.array([5, 4])}, DataError, "stamps-decrease"),
+        ({"features": {"m2dp": np.zeros((3, 4))}}, ShapeError, "shape"),
+        ({"clouds": CloudArray.of([NOTHING])}, ShapeError, "shape"),
     ],
 )
 def test_arrays_that_do_not_fit_each_other_are_refused(
-    change: dict[str, Any], error: type[Exception], words: str
+    change: dict[str, Any], error: type[FusionSlamError], code: str
 ) -> None:
-    with pytest.raises(error, match=words):
+    with refuses(code, error=error):
         replace(drive((0, 1)), **change)
 
 
 def test_clouds_without_colours_are_refused_by_number() -> None:
-    with pytest.raises(DataError, match="cloud 1 has no colours"):
+    with refuses("no-colors", "1"):
         CloudArray.of([place(0), Cloud(place(1).points)])
 
 
@@ -145,12 +146,12 @@ def test_files_that_are_cut_foreign_or_of_another_version_are_refused(tmp_path: 
     about = json.loads(str(arrays["about"])) | {"format": "fusionslam.scene_set.0"}
     np.savez(path, **(arrays | {"about": np.array(json.dumps(about))}))
     assert is_scene_set(path)
-    with pytest.raises(DataError, match=r"set\.npz.*scene_set\.0, expected fusionslam"):
+    with pytest.raises(DataError, match=r"set\.npz.*scene_set\.0"):
         SceneSet.load(path)
     np.savez(path, **(arrays | {"offsets": arrays["offsets"][:-1]}))
-    with pytest.raises(DataError, match="offsets do not fit"):
+    with refuses("wrong-offsets"):
         SceneSet.load(path)
-    with pytest.raises(DataError, match=r"none\.npz is missing"):
+    with pytest.raises(DataError, match=r"none\.npz"):
         SceneSet.load(tmp_path / "none.npz")
 
 
@@ -172,7 +173,7 @@ def test_a_dataset_is_recorded_frame_by_frame_whatever_the_jobs(kitti: Path) -> 
 
 
 def test_frames_that_cannot_be_fused_are_named(kitti: Path) -> None:
-    with pytest.raises(DataError, match=r"03, frame 0: .*fusion\.frame=robot needs"):
+    with pytest.raises(DataError, match=r"03, frame 0.*fusion\.frame=robot"):
         record_scenes(open_dataset(kitti))
 
 

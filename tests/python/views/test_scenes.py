@@ -109,23 +109,23 @@ def test_a_million_points_in_one_cluster_are_one_object() -> None:
 
 
 def test_clouds_without_colors_are_refused() -> None:
-    with pytest.raises(DataError, match="needs colours"):
+    with pytest.raises(DataError):
         build_scene(np.zeros((5, 3), np.float32), None)
 
 
 def test_bad_clouds_and_options_are_refused() -> None:
     points, colors = boxes(50)
-    with pytest.raises(ShapeError, match="colors has 49 rows, points has 50"):
+    with pytest.raises(ShapeError, match=r"colors .*49.*points .*50"):
         build_scene(points, colors[1:])
-    with pytest.raises(ConfigError, match="preset is 'best', expected one of"):
+    with pytest.raises(ConfigError, match=r"preset .*best"):
         build_scene(points, colors, preset="best")
-    with pytest.raises(ConfigError, match=r"scene\.eps is 0"):
+    with pytest.raises(ConfigError, match=r"scene\.eps"):
         SceneConfig(eps=0)
-    with pytest.raises(ConfigError, match="scene has no option 'radius'"):
+    with pytest.raises(ConfigError, match="radius"):
         SceneConfig(radius=1)
     points[7] = [np.nan, 1, 0]  # of the floor
     for preset in PRESETS:
-        with pytest.raises(DataError, match="point 7 is not finite"):
+        with pytest.raises(DataError, match=r"\b7\b"):
             build_scene(points, colors, preset=preset)
 
 
@@ -152,13 +152,13 @@ def test_objects_outlive_their_scene() -> None:
 
 def test_scenes_of_impossible_objects_are_refused() -> None:
     objects = build_scene(*boxes(80)).objects.copy()
-    with pytest.raises(ShapeError, match=r"no array like Scene\.objects"):
+    with pytest.raises(ShapeError, match=r"Scene\.objects"):
         Scene(np.zeros((2, 3)))
     objects["volume"] = np.nan
-    with pytest.raises(DataError, match="object 0: volume is not finite"):
+    with pytest.raises(DataError, match=r"object 0.*volume"):
         Scene(objects)
     objects["volume"], objects["points"] = 1, 0
-    with pytest.raises(DataError, match="object 0: points is 0"):
+    with pytest.raises(DataError, match=r"object 0.*points"):
         Scene(objects)
 
 

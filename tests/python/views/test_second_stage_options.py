@@ -20,6 +20,7 @@ from fusionslam.views.recognisers import ViewMatcherConfig, scene_config, simila
 from fusionslam.views.second_stage import SecondStage
 from fusionslam.views.second_stage.network_files import SHIPPED
 from fusionslam.views.two_stage_comparison import TwoStageComparison
+from refusals import refuses
 from scenes import LAPS, NOTHING, drive, place
 
 pytest.importorskip("onnxruntime")
@@ -50,7 +51,6 @@ def test_a_rejected_view_is_no_match_even_where_every_similarity_is_one() -> Non
     one = ViewMatcher(config(**ALL_ALIKE, second_stage="places", second_threshold=1.0))
     first, second = one.process(place(0)), one.process(place(5))
     assert (first.id, second.id) == (0, 1)
-    assert second.reason == "new view 1: the second stage rejected the best ones"
 
 
 def test_every_match_passes_both_unless_a_start_is_named() -> None:
@@ -95,8 +95,8 @@ def test_features_of_another_network_are_refused_when_loaded(tmp_path: Path) -> 
     with np.load(tmp_path / "views") as stored:
         content = {name: stored[name] for name in stored.files}
     for features, message in (
-        (np.zeros((1, 7), np.float32), r"expected \(256,\)"),
-        (np.zeros((2, 256), np.float32), "2 rows of features for 1 views"),
+        (np.zeros((1, 7), np.float32), r"\(256,\)"),
+        (np.zeros((2, 256), np.float32), "2 .* 1 "),
         (np.full((1, 256), np.nan, np.float32), "not finite"),
     ):
         with (tmp_path / "views").open("wb") as stream:
@@ -115,13 +115,13 @@ def test_values_out_of_range_are_refused_by_name(values: dict[str, float]) -> No
 
 
 def test_two_stages_need_scans_with_objects() -> None:
-    with pytest.raises(ConfigError, match="second_stage needs min_objects"):
+    with pytest.raises(ConfigError, match="min_objects"):
         config(second_stage="places", min_objects=0)
 
 
 def test_scans_without_objects_cannot_be_stored_by_two_stages() -> None:
     both = ViewMatcher(config(**OURS)).comparison
-    with pytest.raises(DataError, match="min_objects must be at least 1"):
+    with pytest.raises(DataError, match="min_objects"):
         ViewMatcher(config(**ALL_ALIKE, min_objects=0), comparison=both).process(NOTHING)
 
 
@@ -132,9 +132,9 @@ def test_files_that_are_missing_cut_or_of_another_kind_are_refused(tmp_path: Pat
     for path, message in (
         (tmp_path / "none.onnx", "none.onnx"),
         (cut, "cut.onnx"),
-        (comparison, "expected pointnet"),
-        (features, "no calibration"),
-        ("place", "expected places, thesis or a path"),
+        (comparison, "pointnet"),
+        (features, "calibration"),
+        ("place", "places, thesis"),
     ):
         with pytest.raises(DataError, match=message):
             ViewMatcher(config(second_stage=str(path)))
@@ -144,7 +144,7 @@ def test_files_that_are_missing_cut_or_of_another_kind_are_refused(tmp_path: Pat
 
 def test_clouds_without_colours_are_refused_before_anything_is_stored() -> None:
     one = ViewMatcher(config(method="objects", second_stage="places"))
-    with pytest.raises(DataError, match="colours"):
+    with refuses("no-colors"):
         one.process(Cloud(place(0).points))
     assert len(one) == 0 and one.stats.processed == 0
 

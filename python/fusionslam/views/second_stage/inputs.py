@@ -40,17 +40,21 @@ def network_input(
     if xyz.ndim != 2 or xyz.shape[1] != 3:
         raise ShapeError(f"points have shape {xyz.shape}, expected (N, 3)")
     if not len(xyz):
-        raise DataError("the cloud has no points: features need at least one")
+        raise DataError("the cloud has no points: features need at least one", code="no-points")
     if not np.isfinite(xyz).all():
         row = int(np.flatnonzero(~np.isfinite(xyz).all(axis=1))[0])
-        raise DataError(f"point {row} is not finite: {xyz[row].tolist()}")
+        raise DataError(
+            f"point {row} is not finite: {xyz[row].tolist()}", code="not-finite", fields=[str(row)]
+        )
     xyz = xyz.astype(np.float32, copy=False)
     in_sphere = config.normalisation == "sphere"
     scaled = scale_to_sphere(xyz) if in_sphere else xyz / np.float32(config.range_m)
     if not config.colors:
         return np.ascontiguousarray(scaled, np.float32)
     if colors is None:
-        raise DataError("these weights need the colours of the points, and there are none")
+        raise DataError(
+            "these weights need the colours of the points, and there are none", code="no-colors"
+        )
     rgb = np.asarray(colors)
     if rgb.shape != xyz.shape or rgb.dtype != np.uint8:
         raise ShapeError(f"colors are {rgb.dtype} {rgb.shape}, expected uint8 {xyz.shape}")

@@ -74,7 +74,10 @@ class SecondStage:
         if comparison is not None:
             self._comparison = _load_comparison(Path(comparison), self.config)
         if self._comparison is None and self._calibration is None:
-            raise DataError(f"{features} has no calibration: expected a comparison beside it")
+            raise DataError(
+                f"{features} has no calibration: expected a comparison beside it",
+                code="no-calibration",
+            )
 
     def features(
         self, cloud: Cloud | NDArray[np.float32], colors: NDArray[np.uint8] | None = None
@@ -120,7 +123,7 @@ class SecondStage:
                 f"(M, {size})"
             )
         if not (np.isfinite(one).all() and np.isfinite(many).all()):
-            raise DataError("features must be finite")
+            raise DataError("features must be finite", code="not-finite")
         if self._comparison is not None:
             pair = {
                 "current": np.ascontiguousarray(np.broadcast_to(one, many.shape)),

@@ -70,7 +70,9 @@ def read_about(path: Path, metadata: Mapping[str, str] | None, kind: Kind) -> Ab
         if values.get("format") != FORMAT:
             raise DataError(f"is of format {values.get('format')}, expected {FORMAT}")
         if values.get("kind") != kind:
-            raise DataError(f"holds a {values.get('kind')} network, expected {kind}")
+            raise DataError(
+                f"holds a {values.get('kind')} network, expected {kind}", code="other-kind"
+            )
         stored = values.get("calibration")
         return About(
             kind,

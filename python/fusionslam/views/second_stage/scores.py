@@ -32,7 +32,8 @@ def _count_kinds(same: ArrayLike) -> tuple[Mask, int, int]:
     alike, unlike = int(truth.sum()), int((~truth).sum())
     if not alike or not unlike:
         raise DataError(
-            f"{alike} pairs of the same place, {unlike} of others: expected some of both"
+            f"{alike} pairs of the same place, {unlike} of others: expected some of both",
+            code="no-pairs",
         )
     return truth, alike, unlike
 
