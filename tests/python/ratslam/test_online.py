@@ -184,6 +184,8 @@ BAD: dict[str, tuple[Any, str]] = {
     "a view twice": (Look(LAST, GivenView(0, False)), BAD_VIEW),
     "an id below -1": (Look(21 * TENTH, GivenView(-2, False)), BAD_VIEW),
     "half an id": (Look(21 * TENTH, GivenView(0.5, False)), BAD_VIEW),
+    "a word as id": (Look(21 * TENTH, GivenView("1", True)), BAD_VIEW),
+    "half a place": (Look(21 * TENTH, GivenView(1, True, 0.0, (1.0,))), BAD_VIEW),
     "nowhere": (Look(21 * TENTH, GivenView(0, False, 0.0, (np.nan, 0))), BAD_VIEW),
     "turned": (Look(21 * TENTH, GivenView(0, False, np.inf)), BAD_VIEW),
     "afar": (Look(21 * TENTH, GivenView(1, True, 0.0, (2e3, 0))), BAD_VIEW),

@@ -124,19 +124,6 @@ def test_whole_cells_are_moved_to_the_bit(x: int, y: int, layers: int) -> None:
     np.testing.assert_array_equal(sheet.activity, np.roll(cells, (layers, y, x), (0, 1, 2)))
 
 
-@pytest.mark.parametrize("where", [(0, 0, 0), (6, 0, 35), (0, 6, 35), (6, 6, 0), (3, 5, 17)])
-def test_a_step_is_the_same_wherever_the_packet_is(where: tuple[int, int, int]) -> None:
-    cells = packet(7, 3, 3, 18)
-    shift = np.array((18, 3, 3)) - where[::-1]
-    moved = sheet_of(np.roll(cells, -shift, (0, 1, 2)))
-    sheet = sheet_of(cells)
-    for one in (sheet, moved):
-        one.settle(INHIBITION)
-        one.move(np.full(HEADINGS, 0.3), np.full(HEADINGS, -0.6), 0.2)
-    expected = np.roll(sheet.activity, -shift, (0, 1, 2))
-    np.testing.assert_allclose(moved.activity, expected, rtol=0, atol=1e-15)
-
-
 places = st.tuples(st.floats(0, 20), st.floats(0, 20), st.floats(0, HEADINGS))
 
 

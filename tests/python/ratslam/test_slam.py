@@ -159,31 +159,6 @@ def test_odometry_without_views_is_dead_reckoning() -> None:
     assert all(step.pose == step.dead_reckoning for step in steps)
 
 
-def test_ten_thousand_templates_in_one_place_leave_it_one_place() -> None:
-    slam = RatSlam()
-    take(slam, straight(0.5, v=0.0))
-    start = 5 * TENTH
-    for k in range(10_000):
-        step = slam.step(Sighting(start + k, k))
-    assert step.view_id == 9_999
-    # Each new view makes a node, all of them here.
-    assert len(slam.map.nodes) == 10_000
-    assert np.abs(slam.map.nodes).max() < 1e-6
-    end = slam.step(Motion(start + SECOND, 0.0, 0.0))
-    assert np.abs(end.pose).max() < 1e-6
-    activity = slam.cells.activity
-    assert (activity >= 0).all() and activity.sum() == pytest.approx(1)
-
-
-def test_a_map_without_any_loop_is_dead_reckoning() -> None:
-    slam = RatSlam()
-    events = [*straight(20)]
-    events += [Sighting(k * SECOND + 1, k) for k in range(20)]
-    steps = take(slam, sorted(events, key=lambda event: event.stamp_ns))
-    assert len(slam.map.nodes) == 20 and len(slam.map.links) == 19
-    assert errors_of([s.pose for s in steps], np.array([s.dead_reckoning for s in steps])) < 1e-9
-
-
 def false_loops(preset: str) -> tuple[list[Step], float]:
     """A straight way of 40 m, on which every view after the first 20 m is said to be view 2."""
     slam = RatSlam(preset=preset)
