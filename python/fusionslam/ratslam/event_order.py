@@ -12,7 +12,7 @@ from fusionslam.sensors.messages import NANOSECONDS
 
 
 class OrderConfig(Section):
-    """How events of several streams are sorted."""
+    """Settings of the order of events from several streams."""
 
     wait: float = option(
         0.5, "how much later the newest stamp must be before an event is released", unit="s", ge=0

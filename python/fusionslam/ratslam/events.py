@@ -72,5 +72,5 @@ def stamp_of(event: Event) -> int:
 
 
 def is_looking(event: Event) -> bool:
-    """Whether the event is a view or can be recognised as one, not only odometry."""
+    """True if the event is a view or can be recognised as one, not only odometry."""
     return not isinstance(event, Odometry | Motion)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
         def preset(self) -> str: ...
 else:
     ExperienceMapConfig = core_section("ExperienceMapConfig", CoreMapConfig)
-    ExperienceMapConfig.__doc__ = "How the map is corrected, and which loops it believes."
+    ExperienceMapConfig.__doc__ = "Parameters of map correction and of the acceptance of loops."
 __all__ = ["LINK", "ExperienceMap", "ExperienceMapConfig", "LoopCheck", "Relaxation", "Route"]
 
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """``VisualOdometry``: speed and turn rate from camera images alone (Milford & Wyeth 2004).
 
->>> eyes = VisualOdometry()
->>> eyes.process(first, 0)                       # one image alone: no speed yet
->>> eyes.process(second, 100_000_000)
+>>> odometry = VisualOdometry()
+>>> odometry.process(first, 0)                   # one image alone gives no speed
+>>> odometry.process(second, 100_000_000)
 VisualSpeed(v=0.41, w=0.12, dt=0.1, ...)
 """
 
@@ -47,37 +47,37 @@ class VisualOdometryConfig(Section):
         "robust", "robust (ours) or openratslam (Ball et al. 2013, as its program behaves)"
     )
     turn_rows: Rows = option(
-        (0.0, 0.6), "rows that turning is seen in, first and end", unit="parts of the height"
+        (0.0, 0.6), "rows used for turning, first and end", unit="parts of the height"
     )
     speed_rows: Rows = option(
-        (0.0, 0.6), "rows that speed is seen in, first and end", unit="parts of the height"
+        (0.0, 0.6), "rows used for speed, first and end", unit="parts of the height"
     )
     field_of_view: float = option(
         1.0, "angle from the left edge to the right one", unit="rad", gt=0, lt=float(np.pi)
     )
     focal_px: float | None = option(
-        None, "robust: focal length, in place of the field of view", unit="px", gt=0
+        None, "robust: focal length, instead of the field of view", unit="px", gt=0
     )
     centre_px: float | None = option(
-        None, "robust: column of the optical axis; none: the middle", unit="px", ge=0
+        None, "robust: column of the optical axis; null: the middle", unit="px", ge=0
     )
-    max_shift: int = option(40, "openratslam: largest shift that is tried", unit="px", ge=1)
-    rate_hz: float = option(10.0, "openratslam: images a second, whatever stamps say", gt=0)
+    max_shift: int = option(40, "openratslam: largest shift tried", unit="px", ge=1)
+    rate_hz: float = option(10.0, "openratslam: assumed images a second, stamps ignored", gt=0)
     difference_scale: float = option(
         20.0, "openratslam: speed at a mean difference of 1, black to white", unit="m/s", gt=0
     )
-    max_turn: float = option(2.0, "robust: fastest turn that is looked for", unit="rad/s", gt=0)
+    max_turn: float = option(2.0, "robust: fastest turn searched for", unit="rad/s", gt=0)
     max_stretch: float = option(
-        0.6, "robust: fastest growth that is looked for: speed by distance", unit="1/s", gt=0
+        0.6, "robust: fastest growth searched for: speed over distance", unit="1/s", gt=0
     )
     distance_m: float = option(
-        4.0, "robust: how far away what is seen is, in the mean; see fit_speed", unit="m", gt=0
+        4.0, "robust: mean distance of the scene; see fit_speed", unit="m", gt=0
     )
-    max_speed: float = option(1.0, "no more than this is reported", unit="m/s", gt=0)
+    max_speed: float = option(1.0, "limit of the reported speed", unit="m/s", gt=0)
     max_gap_s: float = option(1.0, "robust: images farther apart are not compared", unit="s", gt=0)
 
     @model_validator(mode="after")
-    def _rows_are_a_part_of_the_image(self) -> "VisualOdometryConfig":
+    def _check_rows(self) -> "VisualOdometryConfig":
         for name in ("turn_rows", "speed_rows"):
             first, end = getattr(self, name)
             if not 0 <= first < end <= 1:
@@ -306,13 +306,13 @@ def fit_speed(
     seconds = np.array([one.dt for one in seen])
     way = float(np.abs(driven * seconds).sum())
     if way < _LEAST_WAY_M:
-        raise DataError(f"{way:.2f} m were driven, expected {_LEAST_WAY_M} m or more to fit to")
+        raise DataError(f"the drive is {way:.2f} m long, expected {_LEAST_WAY_M} m or more")
     pieces = np.floor(np.cumsum(seconds) - seconds / 2).astype(np.int64)
     moved = np.bincount(pieces, np.array([one.change for one in seen]) * seconds)
     known = np.bincount(pieces, driven * seconds)
     scale = float(moved @ known / (moved @ moved)) if moved.any() else 0.0
     if not scale > 0:
-        raise DataError("the images do not move as the speeds say: nothing to fit to")
+        raise DataError("the images do not move with the speeds: there is no scale that fits")
     name = "distance_m" if config.preset == "robust" else "difference_scale"
     return merged(config, {name: scale})
 

@@ -25,14 +25,14 @@ from maps import CORNERS, alone, drifting_run
 NODE, EDGE = ActionKind.CREATE_NODE, ActionKind.CREATE_EDGE
 
 
-def started(**changes: object) -> ExperienceMap:
+def start_map(**changes: object) -> ExperienceMap:
     graph = ExperienceMap(**changes)
     graph.apply(Action(NODE))
     return graph
 
 
 def huber(graph: ExperienceMap) -> float:
-    """What relaxation lessens: only links of loops may be wrong."""
+    """The sum that relaxation minimises: only links of loops may be wrong."""
     squares = (weighted_errors(graph.nodes, graph.links) ** 2).sum(axis=1)
     limit = graph.config.outlier
     far = (graph.state()["loops"] == 1) & (squares > limit**2)
@@ -40,7 +40,7 @@ def huber(graph: ExperienceMap) -> float:
 
 
 def test_a_link_is_what_odometry_measured_since_the_node() -> None:
-    graph = started(initial_heading=0.5)
+    graph = start_map(initial_heading=0.5)
     graph.on_odometry(2.0, 0.0, 1.0)
     graph.on_odometry(1.0, np.pi / 2, 1.0)
     graph.apply(Action(NODE, 0, 1))
@@ -53,7 +53,7 @@ def test_a_link_is_what_odometry_measured_since_the_node() -> None:
 
 
 def test_each_link_has_its_own_duration_and_longer_ones_are_less_certain() -> None:
-    graph = started()
+    graph = start_map()
     for number, (v, w, dt) in enumerate(((1.0, 0.0, 1.0), (2.0, 0.0, 2.0), (2.0, 4.0, 0.5))):
         graph.on_odometry(v, w, dt)
         graph.apply(Action(NODE, number, number + 1))
@@ -64,7 +64,7 @@ def test_each_link_has_its_own_duration_and_longer_ones_are_less_certain() -> No
 
 
 def test_the_offset_is_the_pose_in_the_frame_of_the_node() -> None:
-    graph = started(initial_heading=2.0)
+    graph = start_map(initial_heading=2.0)
     graph.on_odometry(3.0, 0.0, 1.0)
     graph.on_odometry(0.0, 0.25, 1.0)
     assert graph.offset == pytest.approx((3.0, 0.0, 0.25))
@@ -80,7 +80,7 @@ def test_the_offset_is_the_pose_in_the_frame_of_the_node() -> None:
 def test_a_loop_puts_the_robot_where_the_surer_of_view_and_odometry_has_it(
     sure: dict[str, float], offset: tuple[float, float, float]
 ) -> None:
-    graph = started(**sure)
+    graph = start_map(**sure)
     graph.on_odometry(2.0, 0.0, 1.0)
     graph.apply(Action(NODE, 0, 1))
     graph.on_odometry(-2.0, 0.0, 1.0)
@@ -91,7 +91,7 @@ def test_a_loop_puts_the_robot_where_the_surer_of_view_and_odometry_has_it(
 
 
 def test_a_second_way_makes_a_link_more_certain() -> None:
-    graph = started(place_m=0.01, place_rad=0.01)
+    graph = start_map(place_m=0.01, place_rad=0.01)
     graph.on_odometry(2.0, 0.0, 1.0)
     graph.apply(Action(NODE, 0, 1))
     before = graph.links[0]["sd_m"]
@@ -103,7 +103,7 @@ def test_a_second_way_makes_a_link_more_certain() -> None:
 
 
 def test_where_no_loop_is_the_map_is_dead_reckoning() -> None:
-    graph = started()
+    graph = start_map()
     x = y = heading = 0.0
     for number, leg in enumerate(laps(1)):
         graph.on_odometry(leg.way, leg.turn, 1.0)
@@ -137,7 +137,7 @@ def test_scipy_finds_the_same_map() -> None:
 @given(seed=st.integers(0, 2**32 - 1), outlier=st.sampled_from([0.5, 3.0]))
 def test_relaxation_never_increases_the_summed_error(seed: int, outlier: float) -> None:
     random = np.random.default_rng(seed)
-    graph = started(outlier=outlier)
+    graph = start_map(outlier=outlier)
     for number in range(30):
         graph.on_odometry(random.uniform(0.2, 2.0), random.uniform(-1, 1), 1.0)
         graph.apply(Action(NODE, number, number + 1))
@@ -159,7 +159,7 @@ def test_relaxation_never_increases_the_summed_error(seed: int, outlier: float) 
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_sweep_of_small_corrections_never_increases_the_summed_error(seed: int) -> None:
     random = np.random.default_rng(seed)
-    graph = started(preset="openratslam", correction=0.02, loops=1)
+    graph = start_map(preset="openratslam", correction=0.02, loops=1)
     for number in range(20):
         graph.on_odometry(random.uniform(0.2, 2.0), random.uniform(-1, 1), 1.0)
         graph.apply(Action(NODE, number, number + 1))
@@ -419,12 +419,12 @@ def longer(values: Any) -> Any:
 
 
 def put(index: Any, value: Any) -> Callable[[Any], Any]:
-    def changed(values: Any) -> Any:
+    def change(values: Any) -> Any:
         values = values.copy()
         values[index] = value
         return values
 
-    return changed
+    return change
 
 
 @pytest.mark.parametrize(

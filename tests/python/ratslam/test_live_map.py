@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drives import all_of, circle_events, told
+from drives import circle_events, process_and_flush, replace_sightings
 from fusionslam.datasets.pose_files import read_poses_tum
 from fusionslam.errors import DataError
 from fusionslam.pipelines.map_events import RunEvents
@@ -18,11 +18,11 @@ from fusionslam.ratslam.map_export import export_run, write_trajectory
 
 
 @pytest.fixture(scope="module")
-def taken() -> tuple[OnlineRatSlam, RunRecorder]:
+def growing() -> tuple[OnlineRatSlam, RunRecorder]:
     """A map that grows, and the record of the same events."""
-    events = told(circle_events(1.3))
+    events = replace_sightings(circle_events(1.3))
     online = OnlineRatSlam()
-    all_of(online, events)
+    process_and_flush(online, events)
     nothing = RunEvents("circles", "topic odom", [], np.zeros(0, np.int64), lambda index: index)
     recorder = RunRecorder(RatSlam(views=GivenViews()), nothing)
     for event in events[3:]:  # those before the last one before the first view
@@ -31,9 +31,9 @@ def taken() -> tuple[OnlineRatSlam, RunRecorder]:
 
 
 def test_the_files_of_the_map_are_those_of_the_run(
-    taken: tuple[OnlineRatSlam, RunRecorder], tmp_path: Path
+    growing: tuple[OnlineRatSlam, RunRecorder], tmp_path: Path
 ) -> None:
-    online, recorder = taken
+    online, recorder = growing
     live = export_run(tmp_path / "live", online.live_map("circles", "topic odom"))
     assert [path.name for path in live] == [
         "map.json",
@@ -54,9 +54,9 @@ def test_the_files_of_the_map_are_those_of_the_run(
 
 
 def test_the_way_of_a_live_map_are_its_nodes_in_time(
-    taken: tuple[OnlineRatSlam, RunRecorder], tmp_path: Path
+    growing: tuple[OnlineRatSlam, RunRecorder], tmp_path: Path
 ) -> None:
-    live = taken[0].live_map("circles", "topic odom")
+    live = growing[0].live_map("circles", "topic odom")
     write_trajectory(tmp_path / "t.txt", live)
     stamps_ns, poses = read_poses_tum(tmp_path / "t.txt")
     np.testing.assert_array_equal(stamps_ns, live.node_stamps_ns)
@@ -66,8 +66,8 @@ def test_the_way_of_a_live_map_are_its_nodes_in_time(
             write_trajectory(tmp_path / "no.txt", live, which)
 
 
-def test_a_live_map_is_a_copy(taken: tuple[OnlineRatSlam, RunRecorder]) -> None:
-    slam = taken[0].slam
+def test_a_live_map_is_a_copy(growing: tuple[OnlineRatSlam, RunRecorder]) -> None:
+    slam = growing[0].slam
     live = LiveMap.of(slam, "circles", "topic odom")
     live.nodes[:] = 0
     live.links["distance"] = 0

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drives import NODES_A_LAP, drive, laps, reckoned, right
+from drives import NODES_A_LAP, drive, drive_by_odometry, laps, right
 from fusionslam.ratslam import Action, ActionKind, ExperienceMap
 
 EDGE = ActionKind.CREATE_EDGE
@@ -39,7 +39,7 @@ def test_true_loops_are_accepted_and_correct_drift() -> None:
     driven = drive(ExperienceMap(), laps(3))
     assert driven.accepted == len(driven.checks) == 2 * NODES_A_LAP
     assert len(driven.graph) == NODES_A_LAP + 1
-    assert driven.rmse() < 0.5 * reckoned(laps(3)).rmse()
+    assert driven.rmse() < 0.5 * drive_by_odometry(laps(3)).rmse()
 
 
 def test_one_wrong_match_is_refused_and_folds_the_map_of_the_reference_only() -> None:

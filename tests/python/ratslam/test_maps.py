@@ -34,9 +34,9 @@ def metres(report: MapReport) -> tuple[float, float]:
 @pytest.mark.parametrize("measured", [True, False])
 @pytest.mark.parametrize("times", [1, 2])
 def test_a_map_beats_the_drift_and_the_original(times: int, measured: bool) -> None:
-    course = lap_course(measured=measured).drifting(times)
-    found, reckoned = metres(course.judged(ROBUST))
-    original, _ = metres(course.judged(ORIGINAL))
+    course = lap_course(measured=measured).add_drift(times)
+    found, reckoned = metres(course.judge(ROBUST))
+    original, _ = metres(course.judge(ORIGINAL))
     assert found < 0.75 * reckoned
     assert found < 0.9 * original
 
@@ -44,28 +44,28 @@ def test_a_map_beats_the_drift_and_the_original(times: int, measured: bool) -> N
 @pytest.mark.parametrize(("measured", "limit_m"), [(True, 0.02), (False, 0.08)])
 def test_views_leave_exact_odometry_exact(measured: bool, limit_m: float) -> None:
     # Views that tell only their id cost centimetres.
-    found, reckoned = metres(lap_course(measured=measured).judged(ROBUST))
+    found, reckoned = metres(lap_course(measured=measured).judge(ROBUST))
     assert reckoned < 0.001
     assert found < limit_m
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5])
 def test_false_loops_do_not_fold_the_map_because_they_are_checked(share: float) -> None:
-    course = lap_course().drifting().misled(share)
-    report = course.judged(ROBUST)
+    course = lap_course().add_drift().mislead(share)
+    report = course.judge(ROBUST)
     found, reckoned = metres(report)
     assert report.false_loops == 0 < report.refused
     assert found < 0.5 * reckoned
-    unchecked, original = (metres(course.judged(config))[0] for config in (UNCHECKED, ORIGINAL))
+    unchecked, original = (metres(course.judge(config))[0] for config in (UNCHECKED, ORIGINAL))
     assert min(unchecked, original) > 5 * found
 
 
 def test_rooms_that_all_look_alike_do_not_fold_the_map() -> None:
     # A corridor whose second half looks like the first, in the same order: the loops agree.
     course = twins(lap_course(1))
-    found, _ = metres(course.judged(ROBUST))
+    found, _ = metres(course.judge(ROBUST))
     assert found < 0.1
-    assert metres(course.judged(ORIGINAL))[0] > 5 * found
+    assert metres(course.judge(ORIGINAL))[0] > 5 * found
 
 
 def twins(course: LittleCourse) -> LittleCourse:

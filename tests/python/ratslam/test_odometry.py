@@ -237,7 +237,7 @@ def test_a_stamp_that_is_no_number_is_refused_and_nothing_is_lost() -> None:
     assert [event.stamp_ns for event in order.flush()] == [0]
 
 
-def test_in_order_an_event_is_given_out_once_both_kinds_have_come_as_far() -> None:
+def test_in_order_an_event_is_released_once_both_kinds_have_reached_its_stamp() -> None:
     order = StampOrder(wait=1.0, in_order=True)
     assert order.add(Motion(0, 0, 0)) == [] == order.add(Motion(30 * MS, 0, 0))
     assert stamps(order.add(Sighting(10 * MS, 0))) == [0, 10 * MS]
@@ -247,7 +247,7 @@ def test_in_order_an_event_is_given_out_once_both_kinds_have_come_as_far() -> No
     assert stamps(order.add(Motion(50 * MS, 0, 0))) == [40 * MS, 50 * MS, 50 * MS]
 
 
-def test_in_order_a_kind_that_lags_behind_is_waited_for_as_long_as_it_is_heard() -> None:
+def test_in_order_a_kind_that_lags_behind_is_waited_for_as_long_as_it_arrives() -> None:
     order = StampOrder(wait=1.0, in_order=True)
     released = [*order.add(Motion(0, 0, 0)), *order.add(Sighting(0, 0))]
     for k in range(1, 100):  # views are 5 s behind
@@ -316,7 +316,7 @@ def test_in_order_no_interleaving_of_kinds_changes_the_order(seed: int, jumps: i
     assert out == lap * (jumps + 1) and order.too_late == 0
 
 
-def test_what_waits_is_bounded() -> None:
+def test_the_queue_is_bounded() -> None:
     order = StampOrder(wait=1.0, in_order=True)
     out = [event.stamp_ns for k in range(10_010) for event in order.add(motion(k))]
     assert out == list(range(10))

@@ -19,15 +19,15 @@ from hypothesis import strategies as st
 from drives import (
     SECOND,
     Message,
-    all_of,
-    arrived,
     circles,
     everything,
-    given,
     in_order,
+    looks_of,
     odometry,
     on_map,
-    processed,
+    order_by_arrival,
+    process_all,
+    process_and_flush,
     same,
     sightings,
     take,
@@ -79,7 +79,7 @@ class Drive:
         last = max(k for k, one in enumerate(seen[:-8]) if one.stamp_ns not in same_ns)
         self.seen = [replace(one, view_id=numbers[one.view_id]) for one in seen[: last + 1]]
         assert any(one.stamp_ns in same_ns for one in self.seen)
-        self.looks = given(self.seen)
+        self.looks = looks_of(self.seen)
         stamps_ns = np.array([one.stamp_ns for one in self.looks], np.int64)
         self.slam = RatSlam(preset=preset)
         self.steps = take(self.slam, in_order(during(self.odometry, stamps_ns), self.seen))
@@ -95,7 +95,7 @@ def test_the_steps_are_those_of_a_run_up_to_the_last_view(preset: str) -> None:
     drive = Drive(1.2, preset)
     online = OnlineRatSlam(ratslam={"preset": preset})
     soon = [one for one in drive.odometry if one.stamp_ns < drive.seen[-1].stamp_ns + SECOND]
-    steps = processed(online, arrived(soon, drive.looks, 0))
+    steps = process_all(online, order_by_arrival(soon, drive.looks, 0))
     # The odometry that follows the last view completes it, and waits itself.
     assert steps == drive.steps[:-1] and steps[-1].looked
     rest = online.flush()
@@ -107,7 +107,9 @@ def test_the_steps_are_those_of_a_run_up_to_the_last_view(preset: str) -> None:
 def test_the_map_after_the_same_events_is_the_same_to_the_last_bit(drive: Drive) -> None:
     online = OnlineRatSlam()
     stamps_ns = np.array([one.stamp_ns for one in drive.looks], np.int64)
-    all_of(online, [*arrived(during(drive.odometry, stamps_ns), drive.looks, 1)])
+    process_and_flush(
+        online, [*order_by_arrival(during(drive.odometry, stamps_ns), drive.looks, 1)]
+    )
     assert same(on_map(online.slam), on_map(drive.slam))
 
 
@@ -117,8 +119,8 @@ def test_no_interleaving_changes_a_step(
     drive: Drive, seed: int, lag_s: float, jitter_s: float
 ) -> None:
     online = OnlineRatSlam()
-    messages = arrived(drive.odometry, drive.looks, seed, lag_s=lag_s, jitter_s=jitter_s)
-    steps = all_of(online, messages)
+    messages = order_by_arrival(drive.odometry, drive.looks, seed, lag_s=lag_s, jitter_s=jitter_s)
+    steps = process_and_flush(online, messages)
     assert steps[: len(drive.steps)] == drive.steps
     assert not online.refused and online.jumps == 0
 
@@ -128,13 +130,13 @@ def test_one_whole_stream_before_the_other_changes_no_step(drive: Drive, views_f
     streams: list[Any] = [drive.odometry, drive.looks]
     messages = [one for stream in streams[:: -1 if views_first else 1] for one in stream]
     online = OnlineRatSlam(order={"wait": 60.0})
-    assert all_of(online, messages)[: len(drive.steps)] == drive.steps
+    assert process_and_flush(online, messages)[: len(drive.steps)] == drive.steps
     assert not online.refused
 
 
 def test_a_step_comes_as_soon_as_both_streams_have_come_as_far() -> None:
     online = OnlineRatSlam()
-    assert processed(online, [Motion(k * TENTH, 0.5, 0.0) for k in range(20)]) == []
+    assert process_all(online, [Motion(k * TENTH, 0.5, 0.0) for k in range(20)]) == []
     # The last odometry before it counts, and the view, which all later odometry is beyond.
     steps = online.process(Look(12 * TENTH + 1, GivenView(0, True)))
     assert [step.stamp_ns for step in steps] == [12 * TENTH, 12 * TENTH + 1]
@@ -145,7 +147,7 @@ def test_a_step_comes_as_soon_as_both_streams_have_come_as_far() -> None:
 
 def test_views_that_fall_silent_are_waited_for_no_longer_than_the_wait() -> None:
     online = OnlineRatSlam(order={"wait": 1.0})
-    processed(online, [Motion(0, 0.5, 0.0), Look(0, GivenView(0, True))])
+    process_all(online, [Motion(0, 0.5, 0.0), Look(0, GivenView(0, True))])
     behind = []
     for k in range(1, 40):
         steps = online.process(Motion(k * TENTH, 0.5, 0.0))
@@ -159,7 +161,7 @@ def test_views_that_fall_silent_are_waited_for_no_longer_than_the_wait() -> None
 
 def test_odometry_alone_is_bounded_and_makes_no_map() -> None:
     online = OnlineRatSlam()
-    assert processed(online, [Motion(k * TENTH, 0.5, 0.0) for k in range(10_100)]) == []
+    assert process_all(online, [Motion(k * TENTH, 0.5, 0.0) for k in range(10_100)]) == []
     steps = online.process(Look(10_099 * TENTH, GivenView(0, True)))
     assert [step.stamp_ns // TENTH for step in steps] == [10_099, 10_099]
 
@@ -202,10 +204,10 @@ def test_a_bad_event_is_counted_and_logged_once_and_changes_nothing(
     looks = [Look(stamp_ns, GivenView(0, stamp_ns == 0)) for stamp_ns in (0, 10 * TENTH, LAST)]
     after = [Motion(30 * TENTH, 0.5, 0.0), Look(30 * TENTH, GivenView(1, True))]
     whole, online = OnlineRatSlam(), OnlineRatSlam()
-    expected = all_of(whole, [*good, *looks, *after])
-    steps = processed(online, [*good, *looks])
+    expected = process_and_flush(whole, [*good, *looks, *after])
+    steps = process_all(online, [*good, *looks])
     with caplog.at_level(logging.WARNING):
-        steps += processed(online, [event, event, *after]) + online.flush()
+        steps += process_all(online, [event, event, *after]) + online.flush()
     assert steps == expected and online.refused == {cause: 2} and online.jumps == 0
     assert same(everything(online.slam), everything(whole.slam))
     assert len(caplog.messages) == 1 and cause in caplog.text
@@ -214,7 +216,7 @@ def test_a_bad_event_is_counted_and_logged_once_and_changes_nothing(
 def test_ctrl_c_takes_effect_after_the_step(
     drive: Drive, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    online, messages = OnlineRatSlam(), arrived(drive.odometry, drive.looks, 0)
+    online, messages = OnlineRatSlam(), order_by_arrival(drive.odometry, drive.looks, 0)
     step, done = online.slam.step, list[Step]()
 
     def interrupted(event: Any) -> Step:
@@ -226,10 +228,10 @@ def test_ctrl_c_takes_effect_after_the_step(
     monkeypatch.setattr(online.slam, "step", interrupted)
     rest = iter(messages)
     with pytest.raises(KeyboardInterrupt):
-        processed(online, rest)
+        process_all(online, rest)
     assert len(done) > 100 and online.last == done[-1]
     online.save(tmp_path / "map.npz")
-    processed(online, rest)
+    process_all(online, rest)
     online.flush()
     assert done[: len(drive.steps)] == drive.steps
 
@@ -244,7 +246,7 @@ def test_wrong_configurations_are_named_and_others_keep_their_defaults() -> None
     assert changed.ratslam == OnlineRatSlamConfig().ratslam
 
 
-def tilted(x: float, y: float, yaw: float) -> Odometry:
+def tilted_odometry(x: float, y: float, yaw: float) -> Odometry:
     """On a slope: 0.3 m up, pitched by 0.1 rad and rolled by -0.2 rad."""
     from scipy.spatial.transform import Rotation
 
@@ -257,7 +259,7 @@ def tilted(x: float, y: float, yaw: float) -> Odometry:
 def test_the_odometry_frame_lies_where_it_puts_the_robot_on_its_pose_of_the_map() -> None:
     from scipy.spatial.transform import Rotation
 
-    said = tilted(3.0, -2.0, 2.5)
+    said = tilted_odometry(3.0, -2.0, 2.5)
     found = map_from_odometry((1.0, 4.0, -3.0), said)
     assert found is not None and found.dtype == np.float64
     robot = found @ said.pose
@@ -273,7 +275,7 @@ def test_the_odometry_frame_is_that_of_the_last_step(drive: Drive) -> None:
     assert online.map_from_odometry is None
     by_stamp = {one.stamp_ns: one for one in drive.odometry}
     last: Step | None = None
-    for message in arrived(drive.odometry, drive.looks, 3):
+    for message in order_by_arrival(drive.odometry, drive.looks, 3):
         for last in online.process(message):
             if last.stamp_ns in by_stamp:
                 said = by_stamp[last.stamp_ns]
@@ -288,9 +290,9 @@ def test_the_odometry_frame_is_that_of_the_last_step(drive: Drive) -> None:
 
 def test_velocities_alone_have_no_frame() -> None:
     online = OnlineRatSlam()
-    all_of(online, [tilted(0, 0, 0), Look(0, GivenView(0, True))])
+    process_and_flush(online, [tilted_odometry(0, 0, 0), Look(0, GivenView(0, True))])
     assert online.map_from_odometry is not None
-    all_of(online, [Motion(TENTH, 0.5, 0.0), Look(TENTH, GivenView(0, False))])
+    process_and_flush(online, [Motion(TENTH, 0.5, 0.0), Look(TENTH, GivenView(0, False))])
     assert online.map_from_odometry is None
 
 
@@ -323,14 +325,14 @@ def test_two_threads_and_a_third_that_saves_give_the_same_steps(
 
 
 class Recorded(NamedTuple):
-    """What a run did, and the messages of a robot that recognises the views by itself."""
+    """The steps of a run, and the messages of a robot that recognises the views by itself."""
 
     steps: list[Step]
     odometry: list[Message]
     looks: list[Message]
 
 
-def recorded(source: Path, views: str) -> Recorded:
+def record_drive(source: Path, views: str) -> Recorded:
     steps: list[Step] = []
     run_ratslam(source, views, watch=lambda step, *_: steps.append(step))
     tour, matcher = open_drive(source), build_view_source(views)
@@ -348,12 +350,12 @@ def recorded(source: Path, views: str) -> Recorded:
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    return recorded(write_drive(tmp_path_factory.mktemp("drive") / "drive.npz"), "objects")
+    return record_drive(write_drive(tmp_path_factory.mktemp("drive") / "drive.npz"), "objects")
 
 
 @pytest.fixture(scope="module")
 def house(test_data: Path) -> Recorded:
-    return recorded(test_data / "bags" / "small_house_20s.bag", "objects")
+    return record_drive(test_data / "bags" / "small_house_20s.bag", "objects")
 
 
 @pytest.mark.parametrize("name", ["recording", "house"])
@@ -364,8 +366,8 @@ def test_the_steps_are_those_of_the_recording_whatever_arrives_first(
     assert len(drive.steps) > 500
     for lag_s, seed in itertools.product((0.02, 0.1, 0.5), range(4)):
         online = OnlineRatSlam()
-        messages = arrived(drive.odometry, drive.looks, seed, lag_s=lag_s, jitter_s=0.3)
-        steps = all_of(online, messages)
+        messages = order_by_arrival(drive.odometry, drive.looks, seed, lag_s=lag_s, jitter_s=0.3)
+        steps = process_and_flush(online, messages)
         assert steps[: len(drive.steps)] == drive.steps
         assert not any(step.looked for step in steps[len(drive.steps) :])
         assert not online.refused and online.jumps == online.views.restarts == 0

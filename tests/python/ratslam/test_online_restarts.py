@@ -13,15 +13,15 @@ import pytest
 from drives import (
     SECOND,
     Message,
-    all_of,
-    arrived,
     circles,
     everything,
-    given,
     later,
+    looks_of,
     odometry,
     on_map,
-    processed,
+    order_by_arrival,
+    process_all,
+    process_and_flush,
     same,
     sightings,
 )
@@ -46,8 +46,8 @@ UNUSED = 3
 
 def messages(laps: float, seed: int = 0, **delays: Any) -> list[Message]:
     way = circles(laps)
-    moves, views = later(odometry(way), START), later(given(sightings(way)), START)
-    return arrived(moves, views, seed, **delays)
+    moves, views = later(odometry(way), START), later(looks_of(sightings(way)), START)
+    return order_by_arrival(moves, views, seed, **delays)
 
 
 def truth(laps: float, stamps_ns: Any) -> Any:
@@ -72,7 +72,7 @@ def moment(one: Message) -> tuple[int, bool]:
 @pytest.fixture(scope="module")
 def whole() -> tuple[OnlineRatSlam, list[Step]]:
     online = OnlineRatSlam()
-    return online, all_of(online, messages(1.3))
+    return online, process_and_flush(online, messages(1.3))
 
 
 @pytest.mark.parametrize("flushed", [True, False])
@@ -82,13 +82,13 @@ def test_a_map_that_is_saved_and_loaded_goes_on_as_if_nothing_had_been(
     stream = sorted(messages(1.3), key=moment)
     online, steps, at = OnlineRatSlam(), list[Step](), 0
     for _ in range(8):
-        steps += processed(online, stream[at : at + 97])
+        steps += process_all(online, stream[at : at + 97])
         steps += online.flush() if flushed else []
         # What still waits is not in the file, and is sent again.
         at = 1 + [moment(one) for one in stream].index((steps[-1].stamp_ns, steps[-1].looked))
         online.save(tmp_path / "map.npz")
         online = OnlineRatSlam.load(tmp_path / "map.npz")
-    steps += all_of(online, stream[at:])
+    steps += process_and_flush(online, stream[at:])
     assert at > 700 and steps == whole[1]
     assert same(everything(online.slam), everything(whole[0].slam))
 
@@ -96,14 +96,14 @@ def test_a_map_that_is_saved_and_loaded_goes_on_as_if_nothing_had_been(
 def test_a_map_that_is_killed_goes_on_from_its_last_file(tmp_path: Path) -> None:
     stream = messages(1.3)
     online = OnlineRatSlam()
-    processed(online, stream[:400])
+    process_all(online, stream[:400])
     online.save(tmp_path / "map.npz")
     nodes = len(online.slam.map.nodes)
-    processed(online, stream[400:700])
+    process_all(online, stream[400:700])
     del online
     # Views that the killed one knew are unknown to the older map, and get numbers of their own.
     found = OnlineRatSlam.load(tmp_path / "map.npz")
-    steps = all_of(found, stream[700:])
+    steps = process_and_flush(found, stream[700:])
     assert len(found.slam.map.nodes) > nodes and not found.refused and found.jumps == 0
     # The gap is noted, and poses tell how far the robot went meanwhile.
     assert steps[0].why
@@ -116,11 +116,11 @@ def test_a_recording_that_is_played_again_is_taken_as_a_clock_that_went_back(
 ) -> None:
     stream = messages(1.1)
     online = OnlineRatSlam()
-    all_of(online, stream)
+    process_and_flush(online, stream)
     online.save(tmp_path / "map.npz")
     again = OnlineRatSlam.load(tmp_path / "map.npz")
     with caplog.at_level(logging.WARNING):
-        steps = all_of(again, stream)
+        steps = process_and_flush(again, stream)
     assert again.jumps == 1 and not again.refused and len(steps) == len(stream)
     assert len(caplog.records) == 2  # the clock, and the views
     # The ids are new again: the matcher began anew, too.
@@ -134,7 +134,7 @@ def test_on_another_day_the_map_goes_on_where_the_robot_was_switched_off(tmp_pat
     morning = [one for one in later(stream, 86_400) if one.stamp_ns >= half + 86_400 * SECOND]
     origin = next(one.pose for one in morning if isinstance(one, Odometry))
     online = OnlineRatSlam()
-    all_of(online, evening)
+    process_and_flush(online, evening)
     online.save(tmp_path / "map.npz")
     again = OnlineRatSlam.load(tmp_path / "map.npz")
     # Odometry begins anew.
@@ -142,7 +142,7 @@ def test_on_another_day_the_map_goes_on_where_the_robot_was_switched_off(tmp_pat
         replace(one, pose=np.linalg.inv(origin) @ one.pose) if isinstance(one, Odometry) else one
         for one in morning
     ]
-    steps = all_of(again, moved)
+    steps = process_and_flush(again, moved)
     assert again.jumps == 0 and not again.refused and len(steps) == len(morning)
     assert again.views.restarts == 0
     # It knows every place, and makes few nodes more.
@@ -165,27 +165,27 @@ def test_a_recording_in_a_loop_gives_the_same_steps_whatever_the_delays(
         [one for k, lap in enumerate(looped) for one in later(lap[kind], k * length)]
         for kind in (0, 1)
     ]
-    order = arrived(times[0], times[1], seed, lag_s=lag_s, jitter_s=0.2)
+    order = order_by_arrival(times[0], times[1], seed, lag_s=lag_s, jitter_s=0.2)
     stamped = iter(streams[0]), iter(streams[1])
     stream = [next(stamped[isinstance(one, Look)]) for one in order]
     online = OnlineRatSlam()
-    steps = all_of(online, stream)
+    steps = process_and_flush(online, stream)
     assert online.jumps == 2 and not online.refused and len(steps) == 3 * len(first) - UNUSED
     plain = OnlineRatSlam()
-    expected = [step for _ in range(3) for step in all_of(plain, first)]
+    expected = [step for _ in range(3) for step in process_and_flush(plain, first)]
     assert steps == expected and same(on_map(online.slam), on_map(plain.slam))
 
 
 def test_where_the_clock_goes_back_the_robot_is_where_odometry_says() -> None:
     online = OnlineRatSlam()
     stream = messages(0.5)
-    before = {step.stamp_ns: step.dead_reckoning for step in all_of(online, stream)}
+    before = {step.stamp_ns: step.dead_reckoning for step in process_and_flush(online, stream)}
     # The recording begins again: odometry, and the robot, are at their origin.
     known = [
         replace(one, item=replace(one.item, is_new=False)) if isinstance(one, Look) else one
         for one in stream
     ]
-    steps = all_of(online, known)
+    steps = process_and_flush(online, known)
     assert steps[0].why
     after = [step for step in steps if step.stamp_ns in before]
     assert len(after) > 100
@@ -203,7 +203,7 @@ def test_a_clock_that_goes_on_by_an_hour_is_a_gap() -> None:
     moved = [one if one.stamp_ns < half else later([one], 3600)[0] for one in (*odometry_, *looks)]
     shifted = dict(zip(map(id, (*odometry_, *looks)), moved, strict=True))
     online = OnlineRatSlam()
-    steps = all_of(online, [shifted[id(one)] for one in stream])
+    steps = process_and_flush(online, [shifted[id(one)] for one in stream])
     assert online.jumps == 0 and not online.refused and len(steps) == len(stream) - UNUSED
     after = next(step for step in steps if step.stamp_ns > half + 3000 * SECOND)
     assert after.why
@@ -216,9 +216,11 @@ def test_one_clock_that_goes_back_alone_does_not_stop_the_map() -> None:
     # Views die, the simulation starts again, and they come back at a time when they had lived.
     early = [one for one in looks if one.stamp_ns < (START + 5) * SECOND]
     again = [one for one in looks if one.stamp_ns > (START + 8) * SECOND]
-    first = arrived([one for one in odometry_ if one.stamp_ns < (START + 20) * SECOND], early, 0)
-    processed(online, first)
-    steps = all_of(online, arrived(odometry_, again, 1))
+    first = order_by_arrival(
+        [one for one in odometry_ if one.stamp_ns < (START + 20) * SECOND], early, 0
+    )
+    process_all(online, first)
+    steps = process_and_flush(online, order_by_arrival(odometry_, again, 1))
     assert online.jumps == 1 and steps[-1].stamp_ns == stream[-1].stamp_ns
     seen = sum(step.looked for step in steps)
     assert seen + online.refused[TOO_LATE] == len(again) and seen > 0.8 * len(again)
@@ -230,8 +232,8 @@ def test_two_senders_whose_clocks_differ_stop_nothing_for_good() -> None:
     odometry_, looks = split(stream)
     wrong = later(odometry_, -100)
     both = [one for pair in zip(odometry_, wrong, strict=True) for one in pair]
-    processed(online, arrived(both[:400], looks[:20], 0)[:420])
-    steps = all_of(online, later(stream, 1000))
+    process_all(online, order_by_arrival(both[:400], looks[:20], 0)[:420])
+    steps = process_and_flush(online, later(stream, 1000))
     assert steps[-1].stamp_ns == stream[-1].stamp_ns + 1000 * SECOND
     assert sum(step.looked for step in steps) > 0.8 * len(looks)
 
@@ -250,8 +252,10 @@ def test_a_matcher_that_starts_anew_gives_new_places(kept: int) -> None:
         values = (one.relative_rotation, one.relative_place)
         after.append(Look(one.stamp_ns, GivenView(name, is_new, *values)))
     online = OnlineRatSlam()
-    views = [*given(seen[:half]), *after]
-    steps = all_of(online, arrived(later(odometry(way), START), later(views, START), 0))
+    views = [*looks_of(seen[:half]), *after]
+    steps = process_and_flush(
+        online, order_by_arrival(later(odometry(way), START), later(views, START), 0)
+    )
     assert not online.refused and online.views.restarts == 1
     assert max(step.view_id or 0 for step in steps) == 16 + 16 - kept - 1
     # No loop leads to a place that the id meant before.
@@ -265,7 +269,7 @@ def test_a_map_that_starts_anew_takes_ids_from_the_middle() -> None:
     stream = messages(2.5)
     middle = len(stream) // 2
     online = OnlineRatSlam()
-    steps = all_of(online, stream[middle:])
+    steps = process_and_flush(online, stream[middle:])
     assert not online.refused and online.views.restarts == 16
     seen = [step.view_id for step in steps if step.looked]
     assert {*seen} == set(range(16)) and seen[0] == 0
@@ -295,4 +299,4 @@ def test_a_map_that_never_began_is_saved_and_begins_when_loaded(tmp_path: Path) 
     stream = messages(0.5)
     OnlineRatSlam().save(tmp_path / "map.npz")
     online = OnlineRatSlam.load(tmp_path / "map.npz")
-    assert all_of(online, stream) == all_of(OnlineRatSlam(), stream)
+    assert process_and_flush(online, stream) == process_and_flush(OnlineRatSlam(), stream)

@@ -134,7 +134,7 @@ class Reference:
 
     @cache  # noqa: B019
     def actions(self, errors: float, cells_preset: str) -> list[Action]:
-        """What the cells say; no map has a part in it as long as all loops are believed."""
+        """Actions of the cells, which do not depend on the map if all loops are accepted."""
         cells, said = PoseCells(preset=cells_preset), []
         for row, (v, w) in zip(self.rows, self.odometry(errors), strict=True):
             cells.on_view(int(row["vt_id"]), row["vt_rad"])
@@ -142,7 +142,7 @@ class Reference:
             said.append(cells.action())
         return said
 
-    def mapped(
+    def build_map(
         self, preset: str, errors: float, cells_preset: str = "openratslam"
     ) -> tuple[float, float]:
         """RMSE of all steps by odometry alone, and of the map's nodes."""
@@ -172,23 +172,23 @@ def reference(ratslam_reference: Path) -> Reference:
 def test_both_presets_are_as_good_as_published_with_the_odometry_of_the_run(
     reference: Reference,
 ) -> None:
-    alone, theirs = reference.mapped("openratslam", 1)
+    alone, theirs = reference.build_map("openratslam", 1)
     assert (alone, theirs) == (pytest.approx(0.494, abs=0.0005), pytest.approx(0.175, abs=0.0005))
-    assert reference.mapped("robust", 1)[1] <= theirs
-    assert reference.mapped("robust", 1, "robust")[1] <= theirs
+    assert reference.build_map("robust", 1)[1] <= theirs
+    assert reference.build_map("robust", 1, "robust")[1] <= theirs
 
 
 def test_the_robust_map_is_better_than_the_references_with_twice_the_errors(
     reference: Reference,
 ) -> None:
-    alone, theirs = reference.mapped("openratslam", 2)
+    alone, theirs = reference.build_map("openratslam", 2)
     assert alone == pytest.approx(0.99, abs=0.01)
-    assert reference.mapped("robust", 2)[1] < theirs
-    assert reference.mapped("robust", 2, "robust")[1] < theirs
+    assert reference.build_map("robust", 2)[1] < theirs
+    assert reference.build_map("robust", 2, "robust")[1] < theirs
 
 
 def test_without_errors_the_odometry_is_the_truth(reference: Reference) -> None:
-    alone, mapped = reference.mapped("robust", 0)
+    alone, mapped = reference.build_map("robust", 0)
     assert alone < 0.02 and mapped < 0.02
 
 

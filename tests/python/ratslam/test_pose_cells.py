@@ -47,7 +47,7 @@ def apart(found: Any, expected: Any) -> float:
 
 
 def dead_reckoning(legs: list[tuple[float, float, float]]) -> Floats:
-    """Where arcs lead to from the middle of the sheet, in cells, by complex numbers."""
+    """End of arcs from the middle of the sheet, in cells, by complex numbers."""
     place, heading = complex(10, 10), math.pi
     for v, w, dt in legs:
         turn, way = w * dt, v * dt / CELL_M
@@ -70,7 +70,7 @@ def test_activity_is_not_negative_and_sums_to_one(preset: Any, events: Any) -> N
     assert all(0 <= one < period for one, period in zip(cells.best, PERIOD, strict=True))
 
 
-def shifted(preset: Any, x: int, y: int, quarters: int) -> PoseCells:
+def shift_start(preset: Any, x: int, y: int, quarters: int) -> PoseCells:
     """Cells whose start is moved by whole cells after it is turned by quarters of a turn."""
     cells = PoseCells(preset=preset)
     state = cells.state()
@@ -87,7 +87,7 @@ def shifted(preset: Any, x: int, y: int, quarters: int) -> PoseCells:
 def test_shifting_and_turning_the_start_shifts_and_turns_the_result(
     preset: Any, events: Any, x: int, y: int, quarters: int
 ) -> None:
-    cells, moved = PoseCells(preset=preset), shifted(preset, x, y, quarters)
+    cells, moved = PoseCells(preset=preset), shift_start(preset, x, y, quarters)
     for one in (cells, moved):
         drive(one, [event for event in events if len(event) == 3])
     layer, row, column = np.indices((36, 20, 20))
@@ -199,7 +199,7 @@ def test_ten_thousand_templates_in_one_place() -> None:
 LAYER = math.radians(10)
 
 
-def learned(views: int = 12, **changes: Any) -> PoseCells:
+def learn_views(views: int = 12, **changes: Any) -> PoseCells:
     """A cell between any two of the views, along -x from the middle; every one has a node."""
     cells = PoseCells(**changes)
     for view in range(views):
@@ -209,7 +209,7 @@ def learned(views: int = 12, **changes: Any) -> PoseCells:
     return cells
 
 
-def looked(cells: PoseCells, view: int, times: int, *seen: Any, rest: int = 3) -> PoseCells:
+def look_at(cells: PoseCells, view: int, times: int, *seen: Any, rest: int = 3) -> PoseCells:
     """Look at a view again and again, standing still, at times at the newest one instead."""
     newest = len(cells.state()["places"]) - 1
     for _ in range(times):
@@ -222,19 +222,19 @@ def looked(cells: PoseCells, view: int, times: int, *seen: Any, rest: int = 3) -
 
 
 def test_an_old_view_that_is_seen_again_brings_the_pose_back() -> None:
-    cells = looked(learned(), 0, 8)
+    cells = look_at(learn_views(), 0, 8)
     assert apart(cells.best, (10, 10, 18)) < 0.01
 
 
 @pytest.mark.parametrize(("views", "seen"), [(12, 2), (9, 0)])
 def test_the_last_ten_views_do_not_move_the_pose(views: int, seen: int) -> None:
-    cells = learned(views)
+    cells = learn_views(views)
     before = cells.best
-    assert looked(cells, seen, 8).best == before
+    assert look_at(cells, seen, 8).best == before
 
 
 def test_one_wrong_view_does_not_move_the_pose() -> None:
-    cells = learned()
+    cells = learn_views()
     before = cells.best
     cells.on_view(0)
     cells.on_odometry(0.0, 0.0, 0.5)
@@ -242,7 +242,7 @@ def test_one_wrong_view_does_not_move_the_pose() -> None:
 
 
 def test_a_view_seen_all_the_time_decays_and_one_that_rested_does_not() -> None:
-    cells = learned()
+    cells = learn_views()
     for _ in range(20):
         cells.on_view(0)
         cells.on_odometry(0.0, 0.0, 0.5)
@@ -260,14 +260,14 @@ def test_a_view_seen_all_the_time_decays_and_one_that_rested_does_not() -> None:
 def test_the_pose_goes_where_the_robot_is_in_the_frame_of_the_view(
     turned: float, place: tuple[float, float]
 ) -> None:
-    cells = looked(learned(), 0, 8, turned, place)
+    cells = look_at(learn_views(), 0, 8, turned, place)
     # The view was seen from the middle, heading against x.
     expected = (10 - place[0] / CELL_M, 10 - place[1] / CELL_M, 18 + turned / LAYER)
     assert apart(cells.best, expected) < 0.15
 
 
 def test_a_view_between_two_steps_counts_where_the_robot_is_then() -> None:
-    cells = learned()
+    cells = learn_views()
     cells.on_odometry(0.7 * CELL_M, 0.9, 0.3)
     before = cells.best
     # The view agrees with the pose: nothing is to be corrected.
@@ -327,16 +327,16 @@ def test_an_edge_has_the_robots_pose_in_the_frame_of_the_node_not_of_the_view() 
         cells.on_view(view, 0.2, (0.1, -0.3))
         cells.on_odometry(0.9999 * CELL_M, 0.0, 1.0)
         cells.action()
-    action = edge(looked(cells, 0, 8, 0.2, (0.1, -0.3)), 0, 0.2, (0.1, -0.3))
+    action = edge(look_at(cells, 0, 8, 0.2, (0.1, -0.3)), 0, 0.2, (0.1, -0.3))
     assert apart(cells.best, (10, 10, 18)) < 0.15
     assert (action.source, action.target) == (11, 0)
     assert action.relative_rotation == pytest.approx(0, abs=1e-9)
     assert action.relative_place == pytest.approx((0, 0), abs=1e-9)
 
 
-def test_a_place_in_front_of_the_node_is_told_as_such() -> None:
-    cells = learned(12)
-    looked(cells, 0, 8, 0.0, (0.25, 0.1))
+def test_an_edge_has_the_place_in_front_of_the_node() -> None:
+    cells = learn_views(12)
+    look_at(cells, 0, 8, 0.0, (0.25, 0.1))
     action = edge(cells, 0, 0.3, (0.25, 0.1))
     assert action.target == 0
     assert action.relative_place == pytest.approx((0.25, 0.1))
@@ -345,9 +345,9 @@ def test_a_place_in_front_of_the_node_is_told_as_such() -> None:
 
 def false_loop() -> tuple[PoseCells, Action, tuple[float, float, float]]:
     """Cells whose packet a wrong view has carried off, and where it was before."""
-    cells = learned()
+    cells = learn_views()
     before = tuple(cells.best)
-    return cells, edge(looked(cells, 0, 6), 0), (before[0], before[1], before[2])
+    return cells, edge(look_at(cells, 0, 6), 0), (before[0], before[1], before[2])
 
 
 def test_a_refused_loop_makes_a_new_node_where_odometry_leads() -> None:
@@ -374,9 +374,9 @@ def test_the_view_of_a_refused_loop_rests() -> None:
 
 
 def test_a_refused_loop_goes_back_no_farther_than_to_the_last_one_that_was_kept() -> None:
-    cells = learned(25, size=40)
+    cells = learn_views(25, size=40)
     for view, place in ((0, 20), (12, 8)):
-        loop = edge(looked(cells, view, 8), view)
+        loop = edge(look_at(cells, view, 8), view)
         assert abs(cells.best.x - place) < 0.5
         if view == 0:
             cells.on_odometry(0.0, 0.0, 0.5)
@@ -394,7 +394,7 @@ def test_a_loop_that_is_not_refused_is_kept() -> None:
 
 @pytest.mark.parametrize("kind", [ActionKind.NONE, ActionKind.CREATE_NODE])
 def test_only_an_edge_can_be_refused(kind: ActionKind) -> None:
-    cells = learned(1)
+    cells = learn_views(1)
     before = cells.state()
     with pytest.raises(DataError, match=kind.name):
         cells.refuse(Action(kind, 0, 0))
@@ -402,7 +402,7 @@ def test_only_an_edge_can_be_refused(kind: ActionKind) -> None:
 
 
 def test_a_false_loop_on_every_frame_that_is_refused_leaves_dead_reckoning() -> None:
-    cells, refused = learned(30), 0
+    cells, refused = learn_views(30), 0
     start = cells.best
     for step in range(60):
         cells.on_view(step % 15)

@@ -55,14 +55,14 @@ def box(width: int, deviation: float) -> Floats:
     return weights / weights.sum()
 
 
-def settled(cells: Floats, inhibition: float = INHIBITION) -> Floats:
+def settle(cells: Floats, inhibition: float = INHIBITION) -> Floats:
     excited = convolve(cells, box(7, 1), mode="wrap")
     left = np.maximum(excited - convolve(excited, box(5, 2), mode="wrap") - inhibition, 0)
     result: Floats = left / left.sum()
     return result
 
 
-def scattered(cells: Floats, x: Floats, y: Floats, layers: float) -> Floats:
+def scatter(cells: Floats, x: Floats, y: Floats, layers: float) -> Floats:
     """Every active cell is dealt out to the cells that its target lies between."""
     size = cells.shape[1]
     moved = np.zeros_like(cells)
@@ -87,7 +87,7 @@ def test_a_step_of_the_attractor_is_that_of_two_wrapped_convolutions(size: int) 
     sheet, expected = sheet_of(noise(size)), noise(size)
     for _ in range(3):
         sheet.settle(INHIBITION)
-        expected = settled(expected)
+        expected = settle(expected)
         np.testing.assert_allclose(sheet.activity, expected, rtol=0, atol=1e-14)
 
 
@@ -97,7 +97,7 @@ def test_the_start_is_one_cell_in_the_middle_that_becomes_a_packet() -> None:
     start[18, 10, 10] = 1
     np.testing.assert_array_equal(sheet.activity, start)
     sheet.settle(INHIBITION)
-    np.testing.assert_allclose(sheet.activity, settled(start), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(sheet.activity, settle(start), rtol=0, atol=1e-15)
 
 
 @settings(max_examples=30, deadline=None)
@@ -110,7 +110,7 @@ def test_activity_moves_as_if_every_cell_were_dealt_out(
     cells = noise(9, seed)
     sheet = sheet_of(cells)
     sheet.move(xs, ys, layers)
-    np.testing.assert_allclose(sheet.activity, scattered(cells, xs, ys, layers), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(sheet.activity, scatter(cells, xs, ys, layers), rtol=0, atol=1e-9)
     assert sheet.activity.min() >= 0
     assert abs(sheet.activity.sum() - 1) < 1e-12
 
@@ -150,7 +150,7 @@ def test_of_equally_large_cells_the_first_one_is_decoded() -> None:
 
 @settings(max_examples=100, deadline=None)
 @given(*[st.floats(-1e6, 1e6)] * 3)
-def test_what_is_injected_has_its_mean_at_the_place(x: float, y: float, th: float) -> None:
+def test_injected_energy_has_its_mean_at_the_place(x: float, y: float, th: float) -> None:
     cells = np.zeros((HEADINGS, 20, 20))
     cells[9, 9, 9] = 1e-30
     sheet = sheet_of(cells)
@@ -232,7 +232,7 @@ PRESETS = ("robust", "openratslam")
 State = dict[str, Any]
 
 
-def toured(preset: Any, events: int = 40, seed: int = 1) -> PoseCells:
+def tour_cells(preset: Any, events: int = 40, seed: int = 1) -> PoseCells:
     """Cells after views, new ones and known ones, and loops, some of them refused."""
     cells = PoseCells(preset=preset)
     tour(cells, events, seed)
@@ -283,7 +283,7 @@ def assert_same(found: State, expected: State) -> None:
     ids=lambda odometry: str(odometry)[:20],
 )
 def test_invalid_odometry_changes_nothing(preset: Any, odometry: Any) -> None:
-    cells = toured(preset, 3)
+    cells = tour_cells(preset, 3)
     before = cells.state()
     with pytest.raises(DataError, match="odometry"):
         cells.on_odometry(*odometry)
@@ -291,7 +291,7 @@ def test_invalid_odometry_changes_nothing(preset: Any, odometry: Any) -> None:
 
 
 def test_the_reference_refuses_steps_of_a_cell_and_names_the_other_preset() -> None:
-    cells = toured("openratslam", 3)
+    cells = tour_cells("openratslam", 3)
     before = cells.state()
     with pytest.raises(DataError, match="robust"):
         cells.on_odometry(-0.5, 0.0, 1.0)
@@ -371,7 +371,7 @@ def test_invalid_configurations_are_refused_by_name(change: Any) -> None:
 @settings(max_examples=12, deadline=None)
 @given(before=st.integers(0, 30), seed=st.integers(0, 2**32 - 1))
 def test_restored_cells_go_on_to_the_bit(preset: Any, before: int, seed: int) -> None:
-    cells = toured(preset, before, seed)
+    cells = tour_cells(preset, before, seed)
     file = io.BytesIO()
     np.savez(file, **cells.state())
     file.seek(0)
@@ -385,7 +385,7 @@ def test_restored_cells_go_on_to_the_bit(preset: Any, before: int, seed: int) ->
 
 
 def test_a_loop_may_still_be_refused_after_restoring() -> None:
-    cells = toured("robust", 14)
+    cells = tour_cells("robust", 14)
     for view in range(40):
         cells.on_view(view % 4)
         cells.on_odometry(0.0, 0.0, 0.5)
@@ -400,7 +400,7 @@ def test_a_loop_may_still_be_refused_after_restoring() -> None:
 
 
 def test_the_state_is_a_copy() -> None:
-    cells = toured("robust", 5)
+    cells = tour_cells("robust", 5)
     before = cells.state()
     kept = {name: array.copy() for name, array in before.items()}
     tour(cells, 5, 9)
@@ -412,7 +412,7 @@ def test_the_state_is_a_copy() -> None:
 
 def check_refused(preset: Any, change: Callable[[State], Any], name: str) -> None:
     """The changed state is refused by an error that names its array; the cells are unchanged."""
-    state, cells = toured(preset).state(), toured(preset, 5, 2)
+    state, cells = tour_cells(preset).state(), tour_cells(preset, 5, 2)
     before = cells.state()
     change(state)
     with pytest.raises((DataError, ShapeError), match=f"{name}|activity"):
@@ -463,10 +463,10 @@ def test_states_with_impossible_values_are_refused(preset: Any, name: str, value
 def test_the_state_of_another_preset_is_refused(mine: Any, theirs: Any) -> None:
     cells = PoseCells(preset=mine)
     with pytest.raises(DataError, match="network"):
-        cells.restore(toured(theirs).state())
+        cells.restore(tour_cells(theirs).state())
     assert cells.best == (10, 10, 18)
 
 
 def test_the_state_of_another_size_is_refused() -> None:
     with pytest.raises(ShapeError):
-        PoseCells(size=21).restore(toured("robust").state())
+        PoseCells(size=21).restore(tour_cells("robust").state())

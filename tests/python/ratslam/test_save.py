@@ -205,10 +205,10 @@ def fill_disk(monkeypatch: pytest.MonkeyPatch, room: int) -> None:
     """From now on no file can have more bytes than these."""
     real = Path.open
 
-    def opened(path: Path, mode: str = "r", *more: Any, **words: Any) -> Any:
+    def open_file(path: Path, mode: str = "r", *more: Any, **words: Any) -> Any:
         return Full(path, "w") if mode == "wb" else real(path, mode, *more, **words)
 
-    monkeypatch.setattr(Path, "open", opened)
+    monkeypatch.setattr(Path, "open", open_file)
     monkeypatch.setattr(Full, "room", room)
 
 

@@ -34,7 +34,7 @@ def image(value: int) -> np.ndarray:
     return np.full((100, 120), value, np.uint8)
 
 
-def test_a_step_tells_all_that_happened() -> None:
+def test_a_step_reports_all_changes() -> None:
     slam = RatSlam()
     first = slam.step(Sighting(0, 0))
     assert first.why
@@ -87,7 +87,7 @@ def test_frames_pictures_and_looks_go_to_the_source_of_views() -> None:
     assert slam.step(Frame(stamp_ns=3 * TENTH, images={"left": image(20)}, odometry=pose)).node == 0
 
 
-def test_what_nobody_recognises_is_no_view() -> None:
+def test_an_unrecognised_item_is_no_view() -> None:
     slam = RatSlam()
     steps = take(slam, [*straight(0.3), Sighting(3 * TENTH, -1), Motion(4 * TENTH, 0.5, 0)])
     assert steps[-2].looked and steps[-2].view_id is None and steps[-2].why
@@ -111,7 +111,7 @@ def test_what_nobody_recognises_is_no_view() -> None:
         Look(SECOND, image(0)),
     ],
 )
-def test_views_at_fault_are_refused_and_change_nothing(sighting: Event) -> None:
+def test_invalid_views_are_refused_and_change_nothing(sighting: Event) -> None:
     slam = RatSlam()
     take(slam, [Motion(0, 0.5, 0.0), Sighting(0, 0), Motion(TENTH, 0.5, 0.0)])
     before = everything(slam)

@@ -7,7 +7,7 @@ import logging
 import numpy as np
 import pytest
 
-from drives import circle_events, on_map, same, take, told
+from drives import circle_events, on_map, replace_sightings, same, take
 from fusionslam.errors import DataError
 from fusionslam.ratslam import GivenView, GivenViews, RatSlam
 from fusionslam.ratslam.view_sources import (
@@ -29,8 +29,8 @@ def image(value: int) -> np.ndarray:
     return np.full((100, 120), value, np.uint8)
 
 
-def turned(cloud: Cloud, x: float, y: float, yaw: float) -> Cloud:
-    """What a robot sees that stands at x, y, turned by yaw, in the frame of the one that saw it."""
+def turn_cloud(cloud: Cloud, x: float, y: float, yaw: float) -> Cloud:
+    """The cloud as seen from x, y and yaw in its frame."""
     c, s = np.cos(yaw), np.sin(yaw)
     moved = (cloud.points - np.array([x, y, 0], np.float32)) @ np.array(
         [[c, -s, 0], [s, c, 0], [0, 0, 1]], np.float32
@@ -54,7 +54,7 @@ def test_images_frames_and_what_templates_keep_are_the_same_view() -> None:
     assert seen.view_id == 2 and "0.0784" in seen.reason
 
 
-def test_a_panorama_that_is_turned_tells_by_how_much() -> None:
+def test_a_turned_panorama_gives_the_rotation() -> None:
     source = TemplateSource(panoramic=True, shift=0, columns=60, rows=4, bottom=None)
     blocks = np.random.default_rng(1).integers(0, 256, (4, 60))
     picture = np.kron(blocks, np.ones((10, 10))).astype(np.uint8)
@@ -86,12 +86,12 @@ def test_a_scan_with_nothing_to_recognise_is_no_view() -> None:
     assert source.look(place(0, 1), 2).view_id == 0
 
 
-def test_aligned_views_tell_where_the_robot_is_against_the_first_view_of_the_place() -> None:
+def test_aligned_views_give_the_robots_pose_relative_to_the_first_view_of_the_place() -> None:
     matcher = ViewMatcher(ViewMatcherConfig(method="alignment", policy="several", store_below=1.0))
     source, cloud = MatcherSource(matcher), place(0, objects=5)
     ways = [(0.0, 0.0, 0.0), (0.3, 0.1, 0.2), (0.5, -0.2, 0.3), (0.1, 0.25, -0.1)]
     for number, way in enumerate(ways):
-        seen = source.look(turned(cloud, *way), number)
+        seen = source.look(turn_cloud(cloud, *way), number)
         assert seen.view_id == 0
         found = (*seen.relative_place, seen.relative_rotation)
         np.testing.assert_allclose(found, way, atol=0.03)
@@ -187,7 +187,7 @@ def test_a_restart_is_logged_as_a_warning_once(caplog: pytest.LogCaptureFixture)
 def test_without_restarts_the_map_is_that_of_sightings_to_the_last_bit(preset: str) -> None:
     events = circle_events(1.3)
     plain, through = RatSlam(preset=preset), RatSlam(preset=preset, views=GivenViews())
-    assert take(through, told(events)) == take(plain, events)
+    assert take(through, replace_sightings(events)) == take(plain, events)
     assert same(on_map(through), on_map(plain))
 
 

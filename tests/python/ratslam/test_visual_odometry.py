@@ -90,7 +90,7 @@ def test_the_stamps_count_and_not_a_fixed_rate() -> None:
         assert theirs.w == pytest.approx(0.5, rel=0.1)  # as if a tenth of a second had passed
 
 
-def test_no_change_of_exposure_changes_what_is_seen() -> None:
+def test_the_exposure_does_not_change_the_speed() -> None:
     first, second = room_image(), room_image(x=0.05, yaw=0.03)
     darker = (second * 0.7 + 12).round().astype(np.uint8)
     plain, exposed = (drive(VisualOdometry(), [first, image])[0] for image in (second, darker))

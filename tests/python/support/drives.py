@@ -104,7 +104,7 @@ def everything(slam: RatSlam) -> dict[str, Any]:
 
 
 def same(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    """Whether two are equal to the last bit."""
+    """True if both are equal to the last bit."""
     return one.keys() == other.keys() and all(_same(one[key], other[key]) for key in one)
 
 
@@ -123,7 +123,7 @@ def errors_of(poses: Sequence[Any] | NDArray[Any], truth: NDArray[np.float64]) -
 Message = Odometry | Motion | Look
 
 
-def given(sightings: Iterable[Sighting]) -> list[Look]:
+def looks_of(sightings: Iterable[Sighting]) -> list[Look]:
     """As the process that recognised them tells them."""
     known: set[int] = set()
     looks = []
@@ -135,14 +135,14 @@ def given(sightings: Iterable[Sighting]) -> list[Look]:
     return looks
 
 
-def told(events: Iterable[Event]) -> list[Message]:
+def replace_sightings(events: Iterable[Event]) -> list[Message]:
     """Sightings as looks, in place."""
     kept = list(events)
-    looks = iter(given(one for one in kept if isinstance(one, Sighting)))
+    looks = iter(looks_of(one for one in kept if isinstance(one, Sighting)))
     return [next(looks) if isinstance(one, Sighting) else one for one in kept]  # type: ignore[misc]
 
 
-def arrived(
+def order_by_arrival(
     odometry: Sequence[Message],
     looks: Sequence[Message],
     seed: int,
@@ -169,12 +169,12 @@ def arrived(
     return [both[k] for k in order]
 
 
-def processed(online: OnlineRatSlam, messages: Iterable[Any]) -> list[Step]:
+def process_all(online: OnlineRatSlam, messages: Iterable[Any]) -> list[Step]:
     return [step for message in messages for step in online.process(message)]
 
 
-def all_of(online: OnlineRatSlam, messages: Iterable[Any]) -> list[Step]:
-    return processed(online, messages) + online.flush()
+def process_and_flush(online: OnlineRatSlam, messages: Iterable[Any]) -> list[Step]:
+    return process_all(online, messages) + online.flush()
 
 
 def on_map(slam: RatSlam) -> dict[str, Any]:
@@ -267,7 +267,7 @@ def drive(graph: ExperienceMap, legs: Iterator[Leg], claim: Claim = right) -> Dr
     return Driven(graph, np.array(truth), checks)
 
 
-def reckoned(legs: Iterator[Leg]) -> Driven:
+def drive_by_odometry(legs: Iterator[Leg]) -> Driven:
     """The same by odometry alone: a map without loops."""
     return drive(ExperienceMap(), legs, lambda *_: None)
 
@@ -292,7 +292,7 @@ SAME_VIEW_M = 0.5
 
 @dataclass(frozen=True)
 class LittleCourse:
-    """What happens on the way: speeds (n, 2) in m/s and rad/s, true poses (n + 1, 3), views."""
+    """Speeds (n, 2) in m/s and rad/s, true poses (n + 1, 3), and views of a drive."""
 
     speeds: NDArray[np.float64]
     poses: NDArray[np.float64]
@@ -304,11 +304,11 @@ class LittleCourse:
         rows = np.vstack([self.speeds[:1], self.speeds]).tolist()
         return [Motion(i * 10**9 // RATE, v, w) for i, (v, w) in enumerate(rows)]
 
-    def drifting(self, times: float = 1.0) -> "LittleCourse":
+    def add_drift(self, times: float = 1.0) -> "LittleCourse":
         """2 % too far, turns 1 % too wide, or so many times that."""
         return replace(self, speeds=self.speeds * (1 + 0.02 * times, 1 + 0.01 * times))
 
-    def misled(self, share: float, seed: int = 0) -> "LittleCourse":
+    def mislead(self, share: float, seed: int = 0) -> "LittleCourse":
         """Some known views are taken for others, at least twice the radius away."""
         luck = np.random.default_rng(seed)
         told: list[Sighting] = []
@@ -339,7 +339,7 @@ class LittleCourse:
             recorder.step(getattr(event, "item", event))
         return recorder.record()
 
-    def judged(self, config: RatSlamConfig) -> MapReport:
+    def judge(self, config: RatSlamConfig) -> MapReport:
         return judge_map(self.run(config))
 
 
