@@ -51,7 +51,7 @@ class GivenViews:
         restarts: number of times that views were lost or unknown.
     """
 
-    kind = "given ids"
+    kind = title = "given ids"
 
     def __init__(self) -> None:
         self.restarts = 0
@@ -61,17 +61,11 @@ class GivenViews:
         self._beyond = 0
 
     @property
-    def title(self) -> str:
-        """For people."""
-        return self.kind
-
-    @property
     def known(self) -> int:
-        """Number of views of the map, as ``ViewSource.known``."""
         return self._count
 
     def look(self, item: Any, stamp_ns: int) -> Sighting:
-        """See ``ViewSource``; ``item`` is a ``GivenView``."""
+        """Number the view; ``item`` is a ``GivenView``."""
         given = _check_view(item)
         place, turn, reason = given.relative_place, given.relative_rotation, given.reason
         if given.view_id == NO_VIEW:
@@ -105,11 +99,9 @@ class GivenViews:
         logger.log(level, "%s; the map gives it a new number", why)
 
     def to_bytes(self) -> bytes:
-        """See ``ViewSource``."""
         return json.dumps({"count": self._count, "numbers": [*self._numbers.items()]}).encode()
 
     def restore(self, content: bytes) -> None:
-        """See ``ViewSource``."""
         try:
             stored = json.loads(content)
             count, numbers = operator.index(stored["count"]), dict(stored["numbers"])

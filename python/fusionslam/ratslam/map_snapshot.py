@@ -26,6 +26,7 @@ class LiveMap:
         node_stamps_ns: int64 (k), time of creation of each.
         node_views: int64 (k), the view it was created from.
         links: of dtype ``LINK``, in order of creation.
+        stamps_ns, node_ids, view_ids, offsets, final_poses: those of the nodes; offsets are 0.
     """
 
     name: str
@@ -58,27 +59,22 @@ class LiveMap:
 
     @property
     def stamps_ns(self) -> Integers:
-        """int64 (k), stamps of the nodes."""
         return self.node_stamps_ns
 
     @property
     def node_ids(self) -> Integers:
-        """int64 (k), ids of the nodes."""
         return np.arange(len(self.nodes))
 
     @property
     def view_ids(self) -> Integers:
-        """int64 (k), views of the nodes."""
         return self.node_views
 
     @property
     def offsets(self) -> Floats:
-        """float64 (k, 3), zeros: the trajectory consists of the nodes themselves."""
         return np.zeros_like(self.nodes)
 
     @property
     def final_poses(self) -> Floats:
-        """float64 (k, 3), poses of the nodes."""
         return self.nodes
 
 

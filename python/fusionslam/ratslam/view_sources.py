@@ -80,23 +80,16 @@ class TemplateSource:
         changes: configuration values to override.
     """
 
-    kind = "visual templates"
+    kind = title = "visual templates"
 
     def __init__(self, config: VisualTemplatesConfig | None = None, **changes: Any) -> None:
         self.templates = VisualTemplates(config, **changes)
 
     @property
-    def title(self) -> str:
-        """For people."""
-        return "visual templates"
-
-    @property
     def known(self) -> int:
-        """See ``ViewSource``."""
         return len(self.templates)
 
     def look(self, item: Any, stamp_ns: int) -> Sighting:
-        """See ``ViewSource``."""
         view = _image_of(item)
         if not (view.ndim == 1 and view.dtype == np.float32):
             view = self.templates.view(view)
@@ -110,11 +103,9 @@ class TemplateSource:
         return Sighting(stamp_ns, match.id, match.relative_rotation, reason=reason)
 
     def to_bytes(self) -> bytes:
-        """See ``ViewSource``."""
         return _bytes_of(self.templates)
 
     def restore(self, content: bytes) -> None:
-        """See ``ViewSource``."""
         self.templates = VisualTemplates.load(io.BytesIO(content))
 
 
@@ -139,16 +130,13 @@ class MatcherSource:
 
     @property
     def title(self) -> str:
-        """For people."""
         return describe_method(self.matcher.config)
 
     @property
     def known(self) -> int:
-        """See ``ViewSource``."""
         return self.matcher.stats.new
 
     def look(self, item: Any, stamp_ns: int) -> Sighting:
-        """See ``ViewSource``."""
         if isinstance(item, Picture):
             raise DataError(f"image at {stamp_ns} ns: {self.title} needs clouds or frames")
         number = self.matcher.stats.processed
@@ -163,12 +151,10 @@ class MatcherSource:
         return Sighting(stamp_ns, match.id, turn, (x, y), match.reason)
 
     def to_bytes(self) -> bytes:
-        """See ``ViewSource``."""
         places = json.dumps([[number, *pose] for number, pose in self._places.items()]).encode()
         return len(places).to_bytes(8, "little") + places + _bytes_of(self.matcher)
 
     def restore(self, content: bytes) -> None:
-        """See ``ViewSource``."""
         start = 8 + int.from_bytes(content[:8], "little")
         matcher = ViewMatcher.load(io.BytesIO(content[start:]))
         rows = json.loads(content[8:start])

@@ -161,7 +161,7 @@ class VisualOdometry:
 
         Returns:
             None for the first image, and for one more than ``max_gap_s`` after the previous one
-            (logged), which has nothing to be compared with.
+            (logged).
 
         Raises:
             ShapeError: a wrong shape or type, or another size than the previous image.
@@ -173,11 +173,11 @@ class VisualOdometry:
     def compare(self, sight: Sight, stamp_ns: int) -> VisualSpeed | None:
         """``process`` for a result of ``sight``. Returns and raises the same."""
         now, before = _LastImage(int(stamp_ns), sight), self._before
-        if before is not None:
-            _check_order(before, now)
-        self._before = now
         if before is None:
+            self._before = now
             return None
+        _check_order(before, now)
+        self._before = now
         dt = (now.stamp_ns - before.stamp_ns) / NANOSECONDS
         if self.config.preset == "openratslam":
             return self._compare_openratslam(before.sight, sight, dt)
