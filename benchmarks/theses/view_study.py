@@ -48,7 +48,7 @@ class Outcome:
     @cached_property
     def report(self) -> ViewReport | None:
         """Report by the rule of the frame."""
-        return None if self.run is None else self.run.judged(RULES[self.frame])
+        return None if self.run is None else self.run.judge(RULES[self.frame])
 
     @cached_property
     def row(self) -> Row | None:
@@ -133,7 +133,7 @@ def _facts(source: Source, pieces: WorkCache) -> DriveFacts:
     def make() -> dict[str, Any]:
         scenes = source.drive.scenes
         poses = scenes.true_poses()
-        counted = ViewRun("", "", np.arange(len(scenes)), poses, scenes.seconds).judged("paper")
+        counted = ViewRun("", "", np.arange(len(scenes)), poses, scenes.seconds).judge("paper")
         return {
             "scans": len(scenes),
             "dropped": source.drive.dropped,

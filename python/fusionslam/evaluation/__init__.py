@@ -28,7 +28,7 @@ from fusionslam.evaluation.loops.protocols import (
     PROTOCOLS,
     EvaluationConfig,
     Protocol,
-    protocol_named,
+    find_protocol,
 )
 from fusionslam.evaluation.loops.published import CITATION, kitti_sequence, published_figures
 from fusionslam.evaluation.loops.revisits import DIRECTIONS, Visit, visits
@@ -105,13 +105,13 @@ __all__ = [
     "evaluate_matches",
     "every_kth",
     "find_matches",
+    "find_protocol",
     "ids_from_pairs",
     "judge_map",
     "judge_views",
     "kitti_sequence",
     "pose_errors",
     "precision_recall",
-    "protocol_named",
     "published_figures",
     "published_views",
     "rerun_descriptors",

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.evaluation.views.judge import checked_poses
+from fusionslam.evaluation.views.judge import validate_poses
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.messages import next_stamp
 from fusionslam.views.scene_set import CloudArray, SceneSet, scene_values
@@ -78,7 +78,7 @@ class SceneRecorder:
         """
         stamp = next_stamp(stamp_ns, self._last_ns)
         held = _copy_cloud(item) if self._config is None else _round_scene(item)
-        poses = None if pose is None else checked_poses([pose])
+        poses = None if pose is None else validate_poses([pose])
         number = len(self._kept) + self.without_pose + self.dropped
         self._last_ns = stamp
         if self._with_poses and poses is None:

@@ -143,7 +143,7 @@ def test_templates_are_fed_with_all_images_and_asked_at_the_scans(drive: Drive) 
     assert found.ids.tolist() == [ids[row] for row in at]
     assert found.method == "templates"
     assert found.bytes_per_view == VisualTemplates(SMALL).bytes_per_view
-    assert found.judged().loop_recall == 1.0
+    assert found.judge().loop_recall == 1.0
 
 
 def test_templates_can_be_judged_at_every_image(drive: Drive) -> None:

@@ -179,8 +179,9 @@ def test_another_rule_has_another_view_radius() -> None:
     actions = [(1, 0, 0), (1, 0, 1), (2, 1, 0)]
     run = little_run(places, actions, places[:2], [(0, 1), (1, 0)])
     assert judge_map(run, rule=ViewRule(loop_distance=2.0)).false_loops == 0
-    with pytest.raises(ConfigError, match="did you mean 'paper'"):
+    with pytest.raises(ConfigError) as caught:
         judge_map(run, rule="papr")
+    assert caught.value.code == "unknown-rule"
 
 
 def test_refused_loops_are_told_apart_by_the_truth() -> None:
@@ -285,13 +286,13 @@ def test_other_broken_runs_are_refused() -> None:
         judge_map(replace(run, stamps_ns=run.stamps_ns[::-1].copy()))
     actions = run.actions.copy()
     actions[5, 2] = 9
-    with pytest.raises(DataError, match="actions: node 9, and there are 4"):
+    with pytest.raises(DataError, match="actions: node 9"):
         judge_map(replace(run, actions=actions))
     with pytest.raises(DataError, match="nodes: row 2"):
         nodes = run.nodes.copy()
         nodes[2] = np.nan
         judge_map(replace(run, nodes=nodes))
-    with pytest.raises(ShapeError, match="expected both"):
+    with pytest.raises(ShapeError):
         fit_rigid(np.zeros((2, 3)), np.zeros((3, 3)))
 
 
@@ -311,5 +312,5 @@ def test_other_files_are_no_report(tmp_path: Path, content: str) -> None:
     path.write_text(content)
     with pytest.raises(DataError, match=r"map\.json"):
         MapReport.load(path)
-    with pytest.raises(DataError, match="is missing"):
+    with pytest.raises(DataError, match=r"none\.json"):
         MapReport.load(tmp_path / "none.json")

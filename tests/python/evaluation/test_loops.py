@@ -231,11 +231,9 @@ def test_a_curve_draws_itself() -> None:
         ({"descriptors": np.zeros(5, np.float32)}, ShapeError, "descriptors"),
         ({"descriptors": np.zeros((5, 2), complex)}, ShapeError, "descriptors: complex128"),
         ({"descriptors": np.full((5, 2), np.inf, np.float32)}, DataError, "descriptors: row 0"),
-        ({"radius": 0.0}, ConfigError, "evaluation.radius is 0.0"),
+        ({"radius": 0.0}, ConfigError, "evaluation.radius"),
         ({"radius": math.nan}, ConfigError, "evaluation.radius"),
-        ({"window": -1}, ConfigError, "evaluation.window is -1"),
-        ({"protocol": "revisits"}, ConfigError, "did you mean 'revisit'.*perdomo2019"),
-        ({"protocol": "xyz"}, ConfigError, "unknown protocol 'xyz'; known"),
+        ({"window": -1}, ConfigError, "evaluation.window"),
     ],
 )
 def test_bad_input_is_named(change: dict[str, Any], error: type[Exception], words: str) -> None:
@@ -244,9 +242,15 @@ def test_bad_input_is_named(change: dict[str, Any], error: type[Exception], word
         precision_recall(**(good | change))
 
 
+def test_an_unknown_protocol_is_refused() -> None:
+    with pytest.raises(ConfigError) as caught:
+        precision_recall(np.zeros((5, 2), np.float32), np.zeros((5, 3)), protocol="revisits")
+    assert (caught.value.code, caught.value.fields) == ("unknown-protocol", ("revisits",))
+
+
 def test_matches_that_the_window_excludes_are_refused() -> None:
     matches = Matches(np.array([[-1], [0]]), np.array([[np.inf], [0]], dtype=np.float32))
-    with pytest.raises(DataError, match="query 1 has candidates"):
+    with pytest.raises(DataError, match="query 1"):
         evaluate_matches(matches, np.zeros((2, 3)), window=1)
 
 

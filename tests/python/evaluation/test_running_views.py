@@ -147,7 +147,7 @@ def test_a_clock_that_goes_back_is_refused_and_changes_nothing() -> None:
     running = RunningViews()
     running.add(EPOCH, 0, (0, 0, 0))
     before = running.report()
-    with pytest.raises(ClockError, match=r"lies 2\.5 s before the last one"):
+    with pytest.raises(ClockError):
         running.add(EPOCH - 2_500_000_000, 1, (0, 0, 0))
     assert same(running.report(), before) and len(running) == 1
     assert running.add(EPOCH, 0, (0, 0, 0)).matched == 0  # the same time again is none
@@ -156,17 +156,17 @@ def test_a_clock_that_goes_back_is_refused_and_changes_nothing() -> None:
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [
-        ({"pose": (0, np.nan, 0)}, DataError, r"poses: row 0 is \[0\.0, nan, 0\.0\]"),
+        ({"pose": (0, np.nan, 0)}, DataError, "poses: row 0"),
         ({"pose": (0, 1)}, ShapeError, r"poses: \(1, 2\)"),
-        ({"pose": "here"}, ShapeError, "poses: expected numbers"),
+        ({"pose": "here"}, ShapeError, "poses"),
         ({"view_id": 1.5}, ShapeError, "ids: float64"),
         ({"view_id": True}, ShapeError, "ids: bool"),
-        ({"view_id": 2**63}, DataError, "too large for int64"),
+        ({"view_id": 2**63}, DataError, "ids: 9223372036854775808"),
         ({"view_id": 2**70}, ShapeError, "ids: object"),
-        ({"stamp_ns": 12.5}, ShapeError, r"stamp_ns is 12\.5, expected whole nanoseconds"),
-        ({"stamp_ns": 10**400}, ShapeError, "expected whole nanoseconds"),
-        ({"stamp_ns": 2**64 - 1}, ShapeError, "in int64"),
-        ({"stamp_ns": 2**63 - 1}, DataError, "too late"),
+        ({"stamp_ns": 12.5}, ShapeError, "stamp_ns"),
+        ({"stamp_ns": 10**400}, ShapeError, "stamp_ns"),
+        ({"stamp_ns": 2**64 - 1}, ShapeError, "stamp_ns"),
+        ({"stamp_ns": 2**63 - 1}, DataError, "stamps"),
     ],
 )
 def test_wrong_views_are_refused_and_change_nothing(
@@ -183,5 +183,6 @@ def test_wrong_views_are_refused_and_change_nothing(
 
 
 def test_an_unknown_rule_is_refused() -> None:
-    with pytest.raises(ConfigError, match="did you mean 'paper'"):
+    with pytest.raises(ConfigError) as caught:
         RunningViews("papre")
+    assert (caught.value.code, caught.value.fields) == ("unknown-rule", ("papre",))

@@ -112,17 +112,17 @@ def test_a_curve_is_saved_whole(tmp_path: Path) -> None:
     (tmp_path / "curve.json").write_text('{"format": "fusionslam.view_curve.1", "rule": "paper"}')
     with pytest.raises(DataError, match=r"curve\.json"):
         ViewCurve.load(tmp_path / "curve.json")
-    with pytest.raises(DataError, match="is missing"):
+    with pytest.raises(DataError, match=r"none\.json"):
         ViewCurve.load(tmp_path / "none.json")
 
 
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [
-        ({"candidates": [-1, 1]}, DataError, "row 1 has 1, expected an earlier scan"),
+        ({"candidates": [-1, 1]}, DataError, "candidates: row 1"),
         ({"candidates": [-1.0, 0.0]}, ShapeError, "float64"),
         ({"similarities": [0.0]}, ShapeError, r"similarities: \(1,\)"),
-        ({"similarities": [0.0, np.nan]}, DataError, "row 1 is NaN"),
+        ({"similarities": [0.0, np.nan]}, DataError, "similarities: row 1"),
         ({"thresholds": []}, DataError, "thresholds"),
         ({"thresholds": [np.nan]}, DataError, "thresholds"),
     ],

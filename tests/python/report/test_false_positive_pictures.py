@@ -104,28 +104,26 @@ def test_grey_small_and_odd_images_are_shown(shape: tuple[int, ...], tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("odd", "words"),
+    "odd",
     [
-        (np.zeros((4, 4)), r"matched_image is float64 \(4, 4\)"),
-        (np.zeros((4, 4, 4), np.uint8), r"uint8 \(4, 4, 4\), expected uint8 \(H, W, 3\)"),
-        (np.zeros(4, np.uint8), r"\(4,\)"),
-        (np.zeros((0, 4, 3), np.uint8), "no pixels"),
+        np.zeros((4, 4)),
+        np.zeros((4, 4, 4), np.uint8),
+        np.zeros(4, np.uint8),
+        np.zeros((0, 4, 3), np.uint8),
     ],
 )
-def test_what_is_no_image_is_refused_and_nothing_written(
-    odd: Any, words: str, tmp_path: Path
-) -> None:
-    with pytest.raises(ShapeError, match=words):
+def test_what_is_no_image_is_refused_and_nothing_written(odd: Any, tmp_path: Path) -> None:
+    with pytest.raises(ShapeError, match="matched_image"):
         write_false_positive(tmp_path / "pair.jpg", wrong(), image(RED), odd)
     assert not list(tmp_path.iterdir())
 
 
 def test_scans_without_a_match_and_bad_paths_are_refused(tmp_path: Path) -> None:
     alone = replace(wrong(), matched=None, matched_stamp_ns=None)
-    with pytest.raises(DataError, match="scan 1 was matched with none"):
+    with pytest.raises(DataError, match="scan 1"):
         write_false_positive(tmp_path / "pair.jpg", alone, None, None)
-    with pytest.raises(DataError, match=r"pair\.gif: expected a name that ends in \.jpg"):
+    with pytest.raises(DataError, match=r"pair\.gif"):
         write_false_positive(tmp_path / "pair.gif", wrong(), None, None)
     (tmp_path / "file").write_text("")
-    with pytest.raises(DataError, match="cannot write"):
+    with pytest.raises(DataError, match=str(tmp_path / "file")):
         write_false_positive(tmp_path / "file" / "pair.jpg", wrong(), None, None)

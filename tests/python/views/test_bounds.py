@@ -25,7 +25,7 @@ def test_the_default_matcher_keeps_the_bounds(test_data: Path, world: str) -> No
     config = RecordingConfig(frame="robot")
     scenes = record_scenes(RangeRecording.open(path, "collision"), recording=config)
     run = run_views(scenes.without_empty(), ViewMatcher())
-    report = run.with_truth("alignment").judged("paper")
+    report = run.with_truth("alignment").judge("paper")
     assert report.accuracy is not None and report.accuracy >= 0.95
     assert report.loop_recall is not None and report.loop_recall >= 0.88
     assert report.loop_precision is not None and report.loop_precision >= 0.97

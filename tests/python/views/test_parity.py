@@ -44,7 +44,7 @@ def test_the_authors_first_stage_scores_as_his_program_does(
         assert (len(scenes), int(scenes.empty.sum())) == (scans, empty)
         matcher = ViewMatcher(ViewMatcherConfig(preset="author", threshold=0.737))
         run = run_views(scenes.without_empty(), matcher).with_truth("objects author")
-        report = run.judged("paper")
+        report = run.judge("paper")
         assert report.accuracy is not None and report.loop_recall is not None
         assert abs(100 * report.accuracy - accuracy) < 0.5, frame
         assert abs(100 * report.loop_recall - loop_recall) < 1, frame

@@ -51,7 +51,7 @@ def match(
     run.save(output / "matches.csv")
     matcher.save(output / "matcher.npz")
     _save_figures(output / "matches.json", run, values)
-    print_run(run, None if judged is None else judged.judged(rule))
+    print_run(run, None if judged is None else judged.judge(rule))
     if judged is None or no_report:
         print(output / "matches.csv")
     else:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import ShapeError
-from fusionslam.evaluation.loops.nearest_matches import checked_descriptors
+from fusionslam.evaluation.loops.nearest_matches import validate_descriptors
 from fusionslam.storage.archive import load_archive, save_archive
 
 FORMAT = "fusionslam.descriptor_run.2"
@@ -57,7 +57,7 @@ class DescriptorRun:
     skipped: dict[int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "descriptors", checked_descriptors(self.descriptors))
+        object.__setattr__(self, "descriptors", validate_descriptors(self.descriptors))
         count = len(self)
         if self.numbers is None:
             object.__setattr__(self, "numbers", self.frames)

@@ -12,7 +12,7 @@ from fusionslam.evaluation.loops.costs import Costs, summarise_costs
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
 from fusionslam.evaluation.loops.nearest_matches import Matches, find_matches
 from fusionslam.evaluation.loops.precision_recall import PrecisionRecall
-from fusionslam.evaluation.loops.protocols import DEFAULTS, PROTOCOLS, checked_config
+from fusionslam.evaluation.loops.protocols import DEFAULTS, PROTOCOLS, validate_config
 from fusionslam.evaluation.loops.published import kitti_sequence, published_figures
 from fusionslam.evaluation.loops.revisits import DIRECTIONS, visits
 from fusionslam.evaluation.loops.threshold_sweep import RANKS, evaluate_matches
@@ -75,7 +75,7 @@ def evaluate(
         ConfigError: unknown protocol, radius <= 0 or window < 0.
     """
     for protocol in protocols:
-        checked_config(protocol=protocol, radius=radius, window=window)
+        validate_config(protocol=protocol, radius=radius, window=window)
     matches = find_matches(run.descriptors, window=window, k=max(RANKS), threads=threads)
     curves: dict[str, PrecisionRecall] = {}
     if (places := run.positions) is not None:

@@ -62,11 +62,11 @@ def find_matches(
     """
     from fusionslam._core import nearest_causal
 
-    rows = checked_descriptors(descriptors)
+    rows = validate_descriptors(descriptors)
     return Matches(*nearest_causal(rows, window=window, k=k, threads=threads))
 
 
-def checked_descriptors(descriptors: Any) -> NDArray[np.float32]:
+def validate_descriptors(descriptors: Any) -> NDArray[np.float32]:
     """Return descriptors as float32 (N, D), copying other real dtypes.
 
     Raises:
@@ -82,7 +82,7 @@ def checked_descriptors(descriptors: Any) -> NDArray[np.float32]:
     return rows
 
 
-def checked_positions(positions: Any, count: int) -> NDArray[np.float64]:
+def validate_positions(positions: Any, count: int) -> NDArray[np.float64]:
     """Return positions as float64 (count, 3), metres.
 
     Raises:

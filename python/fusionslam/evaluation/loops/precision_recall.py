@@ -87,7 +87,7 @@ class PrecisionRecall:
             f"{self.n_queries} queries, {self.n_revisits} revisits, "
             f"{self.n_correct} nearest candidates correct"
         )
-        lines = [f"  {name:<28}{_shown(value)}" for name, value in self._rows()]
+        lines = [f"  {name:<28}{_format(value)}" for name, value in self._rows()]
         return "\n".join([title, counts, *lines])
 
     def metrics(self) -> dict[str, Any]:
@@ -128,7 +128,7 @@ class PrecisionRecall:
             DataError: the file is missing, truncated or of another kind; the message names it.
         """
         with load_json(path, FORMAT, "a stored precision-recall result") as content:
-            return cls(**content | _restored(content))
+            return cls(**content | _restore(content))
 
     def plot(self, axis: "Axes | None" = None, **style: Any) -> "Axes":
         """Draw the curve, marking recall at 100 % precision and maximal F1.
@@ -165,7 +165,7 @@ class PrecisionRecall:
         ]
 
 
-def _shown(value: float | None) -> str:
+def _format(value: float | None) -> str:
     return "undefined" if value is None else f"{value:.3f}"
 
 
@@ -176,7 +176,7 @@ def _plain(values: NDArray[Any]) -> list[Any]:
     return [value if np.isfinite(value) else None for value in values.tolist()]
 
 
-def _restored(content: dict[str, Any]) -> dict[str, Any]:
+def _restore(content: dict[str, Any]) -> dict[str, Any]:
     """Restore the fields that JSON cannot hold directly."""
     fill = {"distances": np.inf, "recall": np.nan}
     arrays: dict[str, Any] = {

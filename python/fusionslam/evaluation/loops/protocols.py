@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Protocols for judging matches, by name, and their parameters."""
 
-import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from fusionslam import help_texts
-from fusionslam.config import Section, merged, option
+from fusionslam.config import Section, explain_choice, merged, option
 from fusionslam.errors import ConfigError
 from fusionslam.storage.arrays import Mask
 
@@ -57,17 +56,12 @@ PROTOCOLS = {
 }
 
 
-def protocol_named(name: str) -> Protocol:
-    """Return the protocol with this name.
-
-    Raises:
-        ConfigError: unknown name; the message gives the nearest name and all known ones.
-    """
+def find_protocol(name: str) -> Protocol:
+    """Return the protocol with this name. Raises ConfigError if it is unknown."""
     if name in PROTOCOLS:
         return PROTOCOLS[name]
-    near = difflib.get_close_matches(str(name), PROTOCOLS, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    raise ConfigError(f"unknown protocol {name!r}; {hint}known: {', '.join(PROTOCOLS)}")
+    problem = f"unknown protocol {name!r}: {explain_choice(str(name), PROTOCOLS)}"
+    raise ConfigError(problem, code="unknown-protocol", fields=(str(name),))
 
 
 class EvaluationConfig(Section):
@@ -81,12 +75,12 @@ class EvaluationConfig(Section):
 DEFAULTS = EvaluationConfig()
 
 
-def checked_config(**values: Any) -> EvaluationConfig:
+def validate_config(**values: Any) -> EvaluationConfig:
     """Return the configuration with these values.
 
     Raises:
         ConfigError: a value is out of range or of the wrong type; the message names the key.
     """
     if "protocol" in values:
-        protocol_named(values["protocol"])
+        find_protocol(values["protocol"])
     return merged(DEFAULTS, values, "evaluation.")

@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 from fusionslam.evaluation.loops.nearest_matches import (
     Matches,
     check_causal,
-    checked_descriptors,
-    checked_positions,
     find_matches,
+    validate_descriptors,
+    validate_positions,
 )
 from fusionslam.evaluation.loops.precision_recall import PrecisionRecall
-from fusionslam.evaluation.loops.protocols import DEFAULTS, checked_config, protocol_named
+from fusionslam.evaluation.loops.protocols import DEFAULTS, find_protocol, validate_config
 from fusionslam.storage.arrays import Floats, Mask
 
 RANKS = (1, 5, 10)
@@ -50,9 +50,9 @@ def precision_recall(
         DataError: a value that is not finite.
         ConfigError: unknown protocol, radius <= 0 or window < 0.
     """
-    checked_config(protocol=protocol, radius=radius, window=window)
-    descriptors = checked_descriptors(descriptors)
-    places = checked_positions(positions, len(descriptors))
+    validate_config(protocol=protocol, radius=radius, window=window)
+    descriptors = validate_descriptors(descriptors)
+    places = validate_positions(positions, len(descriptors))
     matches = find_matches(descriptors, window=window, k=max(RANKS), threads=threads)
     return evaluate_matches(matches, places, protocol=protocol, radius=radius, window=window)
 
@@ -72,16 +72,16 @@ def evaluate_matches(
         DataError: a position that is not finite, or a match that the window excludes.
         ConfigError: unknown protocol, radius <= 0 or window < 0.
     """
-    config = checked_config(protocol=protocol, radius=radius, window=window)
-    places = checked_positions(positions, len(matches))
+    config = validate_config(protocol=protocol, radius=radius, window=window)
+    places = validate_positions(positions, len(matches))
     check_causal(matches, config.window)
     hits = _hits(matches.indices, places, config.radius)
     revisit = _revisits(places, config.radius, config.window)
     distances = matches.distances[:, 0].astype(np.float64)
-    relevant = protocol_named(config.protocol).relevant(hits[:, 0], revisit)
+    relevant = find_protocol(config.protocol).relevant(hits[:, 0], revisit)
     return PrecisionRecall(
-        **_swept(distances, hits[:, 0], int(relevant.sum())),
-        **_ranked(hits, revisit),
+        **_sweep_thresholds(distances, hits[:, 0], int(relevant.sum())),
+        **_compute_ranks(hits, revisit),
         **config.model_dump(),
         n_queries=len(matches),
         n_revisits=int(revisit.sum()),
@@ -113,7 +113,7 @@ def _revisits(places: Floats, radius: float, window: int) -> Mask:
     return found
 
 
-def _swept(distances: Floats, correct: Mask, denominator: int) -> dict[str, Any]:
+def _sweep_thresholds(distances: Floats, correct: Mask, denominator: int) -> dict[str, Any]:
     """Compute the curve over all distinct distances, and the figures read off it."""
     present = np.isfinite(distances)
     thresholds, row = np.unique(distances[present], return_inverse=True)
@@ -157,7 +157,7 @@ def _f1(precision: Floats, recall: Floats) -> Floats:
     return 2 * precision * recall / np.where(total > 0, total, 1)
 
 
-def _ranked(hits: Mask, revisit: Mask) -> dict[str, Any]:
+def _compute_ranks(hits: Mask, revisit: Mask) -> dict[str, Any]:
     """Compute the shares of revisits with a correct candidate among the k nearest."""
     shares = {k: _share(np.any(hits[:, :k], axis=1), revisit) for k in RANKS}
     searched = hits.shape[1]

@@ -60,7 +60,7 @@ def judge_map(run: "RatSlamRun", *, rule: str | ViewRule = "paper") -> MapReport
         return MapReport(**counted, unjudged=("not judged: the map has no node",))
     found: dict[str, Any] = {**judge.metric(), **judge.links(), **judge.loops()}
     found |= {**judge.refusals(), **judge.revisits()}
-    return MapReport(**counted, **found, unjudged=judge.unjudged())
+    return MapReport(**counted, **found, unjudged=judge.list_unjudged())
 
 
 class _Judge:
@@ -85,9 +85,9 @@ class _Judge:
         self.made = run.actions[:, 0] != ActionKind.NONE
         stamps = run.stamps_ns[self.judged]
         self.seconds = float((stamps[-1] - stamps[0]) / 1e9) if stamps.size else 0.0
-        self.node_steps = self._known(run.steps_at(run.node_stamps_ns))
+        self.node_steps = self._drop_unknown(run.steps_at(run.node_stamps_ns))
 
-    def _known(self, steps: Integers) -> Integers:
+    def _drop_unknown(self, steps: Integers) -> Integers:
         """The steps, -1 where the ground truth is unknown."""
         return np.where((steps >= 0) & self.known[steps], steps, -1) if len(self.run) else steps
 
@@ -112,7 +112,7 @@ class _Judge:
         pairs = [tuple(pair) for pair in run.actions[self.made, 1:].tolist()]
         first = dict(zip(reversed(pairs), np.flatnonzero(self.made)[::-1].tolist(), strict=True))
         ends = zip(run.links["source"].tolist(), run.links["target"].tolist(), strict=True)
-        steps = self._known(np.array([first.get(pair, -1) for pair in ends], np.int64))
+        steps = self._drop_unknown(np.array([first.get(pair, -1) for pair in ends], np.int64))
         known = (steps >= 0) & (self.node_steps[run.links["target"]] >= 0)
         near = self._near(steps[known], run.links["target"][known])
         of_loop = self.loop[steps[known]]
@@ -134,7 +134,7 @@ class _Judge:
     def refusals(self) -> dict[str, int]:
         """Count the refused loops, and those that were right."""
         refused = self.run.refused
-        steps = self._known(self.run.steps_at(refused["stamp_ns"]))
+        steps = self._drop_unknown(self.run.steps_at(refused["stamp_ns"]))
         known = (steps >= 0) & (self.node_steps[refused["target"]] >= 0)
         near = self._near(steps[known], refused["target"][known])
         return {"judged_refused": int(known.sum()), "refused_true": int(near.sum())}
@@ -158,10 +158,10 @@ class _Judge:
             near = _within(poses[here], poses[there], rule.revisit_distance, rule.revisit_angle)
             here, there = here[near], there[near]
             back[here] = True
-            linked[here[self._joined(looks[here], looks[there])]] = True
+            linked[here[self._are_joined(looks[here], looks[there])]] = True
         return {"revisits": int(back.sum()), "linked_revisits": int(linked.sum())}
 
-    def _joined(self, steps: Integers, others: Integers) -> Mask:
+    def _are_joined(self, steps: Integers, others: Integers) -> Mask:
         """Bool (n,): the nodes of these steps are the same or linked."""
         ids, links, count = self.run.node_ids, self.run.links, len(self.run.nodes)
         source, target = links["source"], links["target"]
@@ -170,7 +170,7 @@ class _Judge:
         joined = (one == other) | np.isin(one * count + other, codes)
         return np.asarray(joined & (one >= 0) & (other >= 0))
 
-    def unjudged(self) -> tuple[str, ...]:
+    def list_unjudged(self) -> tuple[str, ...]:
         """List what has no ground truth: a resumed run has nodes that are older than itself."""
         unknown = {"steps": ~self.known, "nodes": self.node_steps < 0}
         return tuple(

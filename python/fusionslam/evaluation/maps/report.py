@@ -137,7 +137,7 @@ class MapReport:
             DataError: the file is missing, truncated or of another kind; the message names it.
         """
         with load_json(path, FORMAT, "a stored map report") as content:
-            return cls(**_restored(content))
+            return cls(**_restore(content))
 
 
 _ERRORS = {
@@ -150,7 +150,7 @@ _ERRORS = {
 """Pose sets compared with the truth: attribute -> name in the table."""
 
 
-def _restored(content: dict[str, Any]) -> dict[str, Any]:
+def _restore(content: dict[str, Any]) -> dict[str, Any]:
     """Restore the arguments of a report from its JSON."""
     kept = {name: value for name, value in content.items() if not name.endswith("_share")}
     for name in _ERRORS:

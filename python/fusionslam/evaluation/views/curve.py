@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.evaluation.views.judge import ViewJudge, checked_ids
+from fusionslam.evaluation.views.judge import ViewJudge, read_numbers, validate_ids
 from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.storage.archive import load_json, save_json
 from fusionslam.storage.arrays import Floats, Integers
@@ -153,7 +153,7 @@ def sweep_views(
         DataError: no thresholds, or one that is not finite.
         ShapeError: the matcher does not return n ids.
     """
-    steps = _checked_thresholds(thresholds)
+    steps = _validate_thresholds(thresholds)
     reports = [judge.judge(matcher(float(step))) for step in steps]
     return ViewCurve(steps, _columns(reports), judge.rule_name)
 
@@ -176,7 +176,7 @@ def sweep_pairs(
     Raises:
         ShapeError, DataError: as for ``ids_from_pairs`` and ``sweep_views``.
     """
-    likeness, found = _checked_pairs(similarities, candidates, len(judge))
+    likeness, found = _validate_pairs(similarities, candidates, len(judge))
     if thresholds is None:
         distinct = np.unique(likeness[found >= 0])
         above = np.nextafter(distinct[-1], np.inf) if distinct.size else 1.0
@@ -200,7 +200,7 @@ def ids_from_pairs(similarities: ArrayLike, candidates: ArrayLike, threshold: fl
         DataError: a candidate that is not earlier, or a candidate's similarity that is NaN.
     """
     count = len(np.atleast_1d(np.asarray(candidates)))
-    return _ids(*_checked_pairs(similarities, candidates, count), threshold)
+    return _ids(*_validate_pairs(similarities, candidates, count), threshold)
 
 
 def _ids(likeness: Floats, candidates: Integers, threshold: float) -> Integers:
@@ -211,12 +211,9 @@ def _ids(likeness: Floats, candidates: Integers, threshold: float) -> Integers:
     return ids.astype(np.int64)
 
 
-def _checked_pairs(similarities: Any, candidates: Any, count: int) -> tuple[Floats, Integers]:
-    found = checked_ids(candidates, count)
-    try:
-        likeness = np.asarray(similarities, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ShapeError(f"similarities: expected numbers ({count},); {error}") from error
+def _validate_pairs(similarities: Any, candidates: Any, count: int) -> tuple[Floats, Integers]:
+    found = validate_ids(candidates, count)
+    likeness = read_numbers("similarities", similarities, f"({count},)")
     if likeness.shape != (count,):
         raise ShapeError(f"similarities: {likeness.shape}, expected ({count},), as candidates")
     late = np.flatnonzero(found >= np.arange(count))
@@ -230,7 +227,7 @@ def _checked_pairs(similarities: Any, candidates: Any, count: int) -> tuple[Floa
     return likeness, found
 
 
-def _checked_thresholds(thresholds: Iterable[float]) -> Floats:
+def _validate_thresholds(thresholds: Iterable[float]) -> Floats:
     steps = np.unique(np.array(list(thresholds), dtype=np.float64))
     if not steps.size or not np.isfinite(steps).all():
         raise DataError("thresholds: expected one or more finite numbers")

@@ -35,7 +35,7 @@ class TrueScans:
         older = np.searchsorted(self.times, self.times[scans] - self._loop_age, side="left")
         return self._has_near(scans, everyone, older, rule.revisit_distance, rule.revisit_angle)
 
-    def judged(self, scans: Integers, first: Integers, stored: Integers) -> dict[str, NDArray[Any]]:
+    def judge(self, scans: Integers, first: Integers, stored: Integers) -> dict[str, NDArray[Any]]:
         """Judge the ids of some scans.
 
         Args:

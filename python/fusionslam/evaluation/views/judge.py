@@ -54,8 +54,8 @@ class ViewJudge:
         self, poses: ArrayLike, stamps: ArrayLike, *, rule: str | ViewRule = "paper"
     ) -> None:
         self.rule_name, self.rule = view_rule(rule)
-        self.poses = checked_poses(poses)
-        self.stamps = checked_stamps(stamps, len(self.poses))
+        self.poses = validate_poses(poses)
+        self.stamps = validate_stamps(stamps, len(self.poses))
         self._truth = TrueScans(self.rule, self.poses, whole_nanoseconds(self.stamps))
 
     def __len__(self) -> int:
@@ -68,7 +68,7 @@ class ViewJudge:
 
     def judge(self, ids: ArrayLike) -> ViewReport:
         """Judge these ids, integers (n,). Raises ShapeError."""
-        views = checked_ids(ids, len(self))
+        views = validate_ids(ids, len(self))
         first, scans = first_scenes(views), np.arange(len(self))
         stored = np.flatnonzero(first == scans)
         return ViewReport(
@@ -79,7 +79,7 @@ class ViewJudge:
             rule=self.rule,
             ids=views,
             revisit=self.revisit,
-            **self._truth.judged(scans, first, stored),
+            **self._truth.judge(scans, first, stored),
         )
 
 
@@ -89,7 +89,7 @@ def first_scenes(ids: Integers) -> Integers:
     return np.where(ids >= 0, first[which], -1).astype(np.int64)
 
 
-def checked_ids(ids: Any, count: int) -> Integers:
+def validate_ids(ids: Any, count: int) -> Integers:
     """Return ids as int64 (count,). Raises ShapeError; DataError for what int64 cannot hold."""
     views = np.asarray(ids)
     if views.shape != (count,) or (views.dtype.kind not in "iu" and count):
@@ -101,9 +101,9 @@ def checked_ids(ids: Any, count: int) -> Integers:
     return views.astype(np.int64)
 
 
-def checked_poses(poses: Any) -> Floats:
+def validate_poses(poses: Any) -> Floats:
     """Return poses as float64 (n, 3). Raises ShapeError, or DataError that names the row."""
-    rows = _numbers("poses", poses, "(n, 3): x, y in metres, yaw in radians")
+    rows = read_numbers("poses", poses, "(n, 3): x, y in metres, yaw in radians")
     if rows.ndim != 2 or rows.shape[1] != 3:
         raise ShapeError(f"poses: {rows.shape}, expected (n, 3): x, y in metres, yaw in radians")
     broken = np.flatnonzero(~np.isfinite(rows).all(axis=1))
@@ -112,9 +112,9 @@ def checked_poses(poses: Any) -> Floats:
     return rows
 
 
-def checked_stamps(stamps: Any, count: int) -> Floats:
+def validate_stamps(stamps: Any, count: int) -> Floats:
     """Return stamps as float64 (count,), s. Raises ShapeError, or DataError naming the row."""
-    times = _numbers("stamps", stamps, f"({count},): seconds")
+    times = read_numbers("stamps", stamps, f"({count},): seconds")
     if times.shape != (count,):
         raise ShapeError(f"stamps: {times.shape}, expected ({count},): one stamp a pose")
     broken = np.flatnonzero(~np.isfinite(times))
@@ -129,7 +129,8 @@ def checked_stamps(stamps: Any, count: int) -> Floats:
     return times
 
 
-def _numbers(name: str, values: Any, expected: str) -> Floats:
+def read_numbers(name: str, values: Any, expected: str) -> Floats:
+    """Return values as float64. Raises ShapeError that says what was expected."""
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:

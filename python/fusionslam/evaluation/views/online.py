@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fusionslam.evaluation.views.ground_truth import TrueScans, whole_nanoseconds
-from fusionslam.evaluation.views.judge import checked_ids, checked_poses, checked_stamps
+from fusionslam.evaluation.views.judge import validate_ids, validate_poses, validate_stamps
 from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.evaluation.views.rules import ViewRule, view_rule
 from fusionslam.sensors.messages import next_stamp
@@ -112,18 +112,18 @@ class RunningViews:
         scan = self._count
         last = int(self._rows["stamp_ns"][scan - 1]) if scan else None
         self._put(scan, next_stamp(stamp_ns, last), pose)
-        view = int(checked_ids([view_id], 1)[0])
+        view = int(validate_ids([view_id], 1)[0])
         first = self._first.setdefault(view, scan) if view >= 0 else -1
         self._count += 1
         rows = self._rows[: self._count]
         truth = TrueScans(self.rule, rows["pose"], rows["time"])
         this, earlier = np.array([scan]), rows[:scan]
         stored = np.flatnonzero((earlier["matched"] < 0) & (earlier["ids"] >= 0))
-        found = truth.judged(this, np.array([first]), stored)
+        found = truth.judge(this, np.array([first]), stored)
         found |= {"ids": np.array([view]), "revisit": truth.revisits(this)}
         for name, values in found.items():
             rows[name][scan] = values[0]
-        return self._judged(scan)
+        return self._make_judgement(scan)
 
     def report(self) -> ViewReport:
         """Return the report on all ids so far."""
@@ -140,28 +140,19 @@ class RunningViews:
 
     def _put(self, scan: int, stamp_ns: int, pose: ArrayLike) -> None:
         """Write time and pose into the row of the scan."""
-        seconds, poses = checked_stamps([stamp_ns / 1e9], 1), checked_poses([pose])
+        seconds, poses = validate_stamps([stamp_ns / 1e9], 1), validate_poses([pose])
         if scan == len(self._rows):
             self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
         self._rows["stamp_ns"][scan] = stamp_ns
         self._rows["time"][scan] = whole_nanoseconds(seconds)[0]
         self._rows["pose"][scan] = poses[0]
 
-    def _judged(self, scan: int) -> JudgedView:
+    def _make_judgement(self, scan: int) -> JudgedView:
         row = dict(zip(_ROW.names or (), self._rows[scan].tolist(), strict=True))
-        matched = row["matched"]
-        known = matched >= 0
-        return JudgedView(
-            scan=scan,
-            stamp_ns=row["stamp_ns"],
-            id=row["ids"],
-            false_positive=row["false_positive"],
-            false_negative=row["false_negative"],
-            revisit=row["revisit"],
-            loop=row["loop"],
-            loop_correct=row["loop_correct"],
-            matched=matched if known else None,
-            matched_stamp_ns=int(self._rows["stamp_ns"][matched]) if known else None,
-            distance=row["distances"] if known else None,
-            angle=row["angles"] if known else None,
-        )
+        match: dict[str, Any] = {}
+        if (matched := row["matched"]) >= 0:
+            stamp_ns = int(self._rows["stamp_ns"][matched])
+            match = {"matched": matched, "matched_stamp_ns": stamp_ns}
+            match |= {"distance": row["distances"], "angle": row["angles"]}
+        verdicts = {name: row[name] for name, kind in _REPORTED if kind is np.bool_}
+        return JudgedView(scan, row["stamp_ns"], row["ids"], **verdicts, **match)

@@ -2,7 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Published figures of views, and those measured again with the author's program."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
 
 VIEW_CITATION = (
     "Stastny 2022, tables 5.2 to 5.5: clouds in world coordinates with perfect odometry, angles "
@@ -13,8 +18,11 @@ RERUN_CITATION = (
     "the author's first stage and others run again on the worlds of the recordings, collision "
     "scans, published parameters, threshold 0.737, judged by the rule of the paper"
 )
-WORLDS = ("warehouse", "house", "hospital")
-METHODS = ("first stage", "both stages", "RatSLAM")
+T = TypeVar("T")
+_STORED: dict[str, Any] = yaml.safe_load(
+    Path(__file__).with_name("published.yaml").read_text(encoding="utf-8")
+)
+WORLDS: tuple[str, ...] = tuple(_STORED["worlds"])
 
 
 @dataclass(frozen=True)
@@ -22,7 +30,8 @@ class PublishedViews:
     """Published figures of one method in one world.
 
     Attributes:
-        world, method: from ``WORLDS`` and ``METHODS``.
+        world: from ``WORLDS``.
+        method: "first stage", "both stages" or "RatSLAM".
         accuracy: a share.
         mean_error, max_error: metres, of the false positives.
         build_ms, match_ms: milliseconds to build a view, and to compare two views.
@@ -76,75 +85,20 @@ class RerunDescriptor:
     recall_at_full_precision: float | None = None
 
 
-# One row per method, one column per world.
-_ACCURACY = ((88.84, 86.69, 86.19), (89.28, 86.94, 86.38), (77.67, 41.25, 79.36))
-_MEAN_ERROR = ((1.32, 0.93, 1.00), (1.39, 0.99, 1.00), (8.93, 1.84, 6.56))
-_MAX_ERROR = ((3.06, 1.16, 1.52), (3.06, 1.39, 1.51), (11.52, 3.93, 14.57))
-_BUILD_MS = ((42.432, 52.380, 55.271), (52.078, 88.265, 65.609), (2.053, 1.448, 1.762))
-_MATCH_MS = ((0.153, 0.396, 0.399), (0.159, 0.368, 0.409), (0.083, 0.137, 0.092))
-_BYTES = ((78, 128, 130), (1102, 1152, 1154), (600, 600, 600))
-_VIEWS = ((194, 219, 151), (191, 216, 148), (312, 445, 219))
-
-PUBLISHED_VIEWS = tuple(
-    PublishedViews(
-        world=world,
-        method=method,
-        accuracy=_ACCURACY[row][column] / 100,
-        mean_error=_MEAN_ERROR[row][column],
-        max_error=_MAX_ERROR[row][column],
-        build_ms=_BUILD_MS[row][column],
-        match_ms=_MATCH_MS[row][column],
-        view_bytes=_BYTES[row][column],
-        views=_VIEWS[row][column],
+def _build(kind: Callable[..., T], part: str) -> tuple[T, ...]:
+    """Build one value per row and world of a part of ``published.yaml``."""
+    return tuple(
+        kind(world, name, **{figure: values[column] for figure, values in figures.items()})
+        for name, figures in _STORED[part].items()
+        for column, world in enumerate(WORLDS)
     )
-    for row, method in enumerate(METHODS)
-    for column, world in enumerate(WORLDS)
-)
+
+
+PUBLISHED_VIEWS = _build(PublishedViews, "published")
 """Tables 5.2 to 5.5."""
-
-_UNKNOWN = (None, None, None)
-# Input -> accuracy, loop recall, loop recall at the best threshold; per cent, a column per world.
-_RERUN: dict[str, tuple[tuple[float | None, ...], ...]] = {
-    "first stage, world coordinates, perfect odometry": (
-        (85.8, 89.0, 92.8),
-        (74, 84, 73),
-        _UNKNOWN,
-    ),
-    "first stage, robot's frame": ((75.8, 76.6, 83.9), (55, 65, 57), _UNKNOWN),
-    "first stage, robot's frame, tuned again": ((87.6, 85.9, 83.9), (76, 86, 71), _UNKNOWN),
-    "first stage, world coordinates, drifting odometry": (
-        (72.3, 74.7, 81.7),
-        (3, 14, 0),
-        _UNKNOWN,
-    ),
-    "no sensor: new every 3rd": ((87.3, 91.6, 97.4), (0, 0, 0), _UNKNOWN),
-    "visual templates of RatSLAM, 10 Hz": ((59.5, 75.9, 88.9), _UNKNOWN, _UNKNOWN),
-    "range image and colour, nearest neighbour": ((90.1, 91.6, 57.5), _UNKNOWN, (80, 87, 81)),
-    "registering every pair of scans": ((96.8, 96.8, 92.7), _UNKNOWN, (89, 96, 87)),
-}
-
-
-def _share(percent: float | None) -> float | None:
-    return None if percent is None else percent / 100
-
-
-RERUN_VIEWS = tuple(
-    RerunViews(world, name, *(_share(row[column]) for row in rows))  # type: ignore[arg-type]
-    for name, rows in _RERUN.items()
-    for column, world in enumerate(WORLDS)
-)
+RERUN_VIEWS = _build(RerunViews, "rerun")
 """Figures measured again, which show what the published ones really mean."""
-
-_CM2DP = {
-    "c-M2DP, ground left in": ((94.8, 96.9, 84.4), (0.75, 0.82, 0.29)),
-    "c-M2DP, without ground": ((85.6, 96.9, 84.8), (0.45, 0.60, 0.27)),
-    "c-M2DP, ground left in, axis signs of the robot's frame": ((94.8, 96.9, 89.6), None),
-}
-RERUN_DESCRIPTORS = tuple(
-    RerunDescriptor(world, name, top1[column] / 100, recall[column] if recall else None)
-    for name, (top1, recall) in _CM2DP.items()
-    for column, world in enumerate(WORLDS)
-)
+RERUN_DESCRIPTORS = _build(RerunDescriptor, "descriptors")
 """The first thesis's descriptor (c-M2DP) in the second thesis's worlds."""
 
 

@@ -134,29 +134,24 @@ class ViewReport:
         return self.distances[self.false_positive]
 
     @property
-    def false_positive_angles(self) -> Floats:
-        """Float64 (false_positives,): degrees from their views."""
-        return self.angles[self.false_positive]
-
-    @property
     def mean_false_positive_distance(self) -> float | None:
         """Metres; None without false positives."""
-        return mean_of(self.false_positive_distances)
+        return float(self.false_positive_distances.mean()) if self.false_positives else None
 
     @property
     def max_false_positive_distance(self) -> float | None:
         """Metres; None without false positives."""
-        return max_of(self.false_positive_distances)
+        return float(self.false_positive_distances.max()) if self.false_positives else None
 
     @property
     def mean_false_positive_angle(self) -> float | None:
         """Degrees; None without false positives."""
-        return mean_of(self.false_positive_angles)
+        return float(self.angles[self.false_positive].mean()) if self.false_positives else None
 
     @property
     def max_false_positive_angle(self) -> float | None:
         """Degrees; None without false positives."""
-        return max_of(self.false_positive_angles)
+        return float(self.angles[self.false_positive].max()) if self.false_positives else None
 
     def metrics(self) -> dict[str, Any]:
         """All scalar figures with the rule, ready for JSON; undefined ones are null."""
@@ -167,6 +162,14 @@ class ViewReport:
         }
 
     def __str__(self) -> str:
+        apart = "none"
+        if self.false_positives:
+            apart = (
+                f"mean {self.mean_false_positive_distance:.2f} m "
+                f"{self.mean_false_positive_angle:.1f} deg, "
+                f"max {self.max_false_positive_distance:.2f} m "
+                f"{self.max_false_positive_angle:.1f} deg"
+            )
         return "\n".join(
             [
                 f"rule {self.rule_name}: {self.n} scans, {self.views} views, "
@@ -180,7 +183,7 @@ class ViewReport:
                 f"  precision       {percent(self.precision):>8}   {self.true_positives} of "
                 f"{self.positives} positives",
                 f"  recall          {percent(self.recall):>8}",
-                f"  false positives: {_apart(self)}",
+                f"  false positives: {apart}",
             ]
         )
 
@@ -219,24 +222,3 @@ def share(part: int, whole: int) -> float | None:
 def percent(value: float | None) -> str:
     """Format a share as per cent; "none" if it is undefined."""
     return "none" if value is None else f"{100 * value:.1f} %"
-
-
-def mean_of(values: Floats) -> float | None:
-    """The mean; None for an empty array."""
-    return float(values.mean()) if values.size else None
-
-
-def max_of(values: Floats) -> float | None:
-    """The largest value; None for an empty array."""
-    return float(values.max()) if values.size else None
-
-
-def _apart(report: ViewReport) -> str:
-    if not report.false_positives:
-        return "none"
-    return (
-        f"mean {report.mean_false_positive_distance:.2f} m "
-        f"{report.mean_false_positive_angle:.1f} deg, "
-        f"max {report.max_false_positive_distance:.2f} m "
-        f"{report.max_false_positive_angle:.1f} deg"
-    )

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Limits of distance, angle and age by which views are judged (Stastny 2022, 5.2)."""
 
-import difflib
 from typing import Any
 
-from fusionslam.config import Section, option
+from fusionslam.config import Section, explain_choice, option
 from fusionslam.errors import ConfigError
 
 
@@ -67,6 +66,5 @@ def view_rule(rule: str | ViewRule) -> tuple[str, ViewRule]:
         return next(known, "custom"), rule
     if rule in VIEW_RULES:
         return rule, VIEW_RULES[rule]
-    near = difflib.get_close_matches(str(rule), VIEW_RULES, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    raise ConfigError(f"unknown view rule {rule!r}; {hint}known: {', '.join(VIEW_RULES)}")
+    problem = f"unknown view rule {rule!r}: {explain_choice(str(rule), VIEW_RULES)}"
+    raise ConfigError(problem, code="unknown-rule", fields=(str(rule),))

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from fusionslam.errors import ShapeError
 from fusionslam.evaluation.views.curve import ViewCurve
 from fusionslam.evaluation.views.judge import (
-    checked_ids,
-    checked_poses,
-    checked_stamps,
     judge_views,
+    read_numbers,
+    validate_ids,
+    validate_poses,
+    validate_stamps,
 )
 from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.evaluation.views.rules import ViewRule
@@ -70,14 +71,14 @@ class ViewRun:
     clouds: Callable[[int], Cloud] | None = None
 
     def __post_init__(self) -> None:
-        poses = checked_poses(self.poses)
+        poses = validate_poses(self.poses)
         count = len(poses)
         numbers = np.arange(count) if self.numbers is None else self.numbers
         changes: dict[str, Any] = {
             "poses": poses,
-            "ids": checked_ids(self.ids, count),
-            "stamps": checked_stamps(self.stamps, count),
-            "numbers": checked_ids(numbers, count),
+            "ids": validate_ids(self.ids, count),
+            "stamps": validate_stamps(self.stamps, count),
+            "numbers": validate_ids(numbers, count),
         }
         for name in _PER_SCAN:
             values = getattr(self, name)
@@ -89,7 +90,7 @@ class ViewRun:
     def __len__(self) -> int:
         return len(self.poses)
 
-    def judged(self, rule: str | ViewRule = "paper") -> ViewReport:
+    def judge(self, rule: str | ViewRule = "paper") -> ViewReport:
         """Judge the ids."""
         return judge_views(self.ids, self.poses, self.stamps, rule=rule)
 
@@ -149,10 +150,7 @@ def _mean_ms(seconds: Floats | None) -> float | None:
 
 
 def _per_scan(name: str, values: Any, count: int) -> Floats:
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ShapeError(f"{name}: expected numbers ({count},); {error}") from error
+    array = read_numbers(name, values, f"({count},)")
     if array.shape != (count,):
         raise ShapeError(f"{name}: {array.shape}, expected ({count},): one value a scan")
     return array

@@ -10,7 +10,7 @@ from typing import Any
 
 from fusionslam.datasets.pose_files import write_poses_tum
 from fusionslam.errors import ConfigError
-from fusionslam.evaluation import CITATION, COMMON_RULES, PROTOCOLS, Evaluation, protocol_named
+from fusionslam.evaluation import CITATION, COMMON_RULES, PROTOCOLS, Evaluation, find_protocol
 from fusionslam.evaluation.loops.protocols import DEFAULTS
 from fusionslam.report.loops.exports import MATCH_COLUMNS, list_matches, metrics_of
 from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader
@@ -104,11 +104,12 @@ def _check(evaluations: Sequence[Evaluation], protocol: str) -> None:
     runs = [evaluation.run for evaluation in evaluations]
     labels = [f"{run.source} / {run.descriptor}" for run in runs]
     check_runs(runs, labels, labels)
-    protocol_named(protocol)
+    find_protocol(protocol)
     known = {name for evaluation in evaluations for name in evaluation.curves}
     if known and protocol not in known:
         names = ", ".join(sorted(known))
-        raise ConfigError(f"report: nothing was judged under {protocol!r}, only under {names}")
+        problem = f"report: nothing was judged under {protocol!r}, only under {names}"
+        raise ConfigError(problem, code="not-judged", fields=(protocol,))
 
 
 def _remarks(evaluations: Sequence[Evaluation], missed: Sequence[str]) -> Iterator[str]:

@@ -78,7 +78,8 @@ def map_figure(
     known = [judge_map(run) for run in runs] if reports is None else list(reports)
     if not runs or not len(names) == len(known) == len(runs):
         given = f"{len(runs)} runs, {len(known)} reports and {len(names)} titles"
-        raise DataError(f"picture of maps: {given}, expected one of each, and one run at least")
+        problem = f"picture of maps: {given}, expected one of each, and one run at least"
+        raise DataError(problem, code="counts-differ")
     with styled():
         return side_by_side(
             [scene_of(*pair) for pair in zip(runs, known, strict=True)], names, columns

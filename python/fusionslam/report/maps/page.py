@@ -96,7 +96,8 @@ def _judged(
     given = [reports] if isinstance(reports, MapReport) else reports
     judged = [judge_map(run) for run in runs] if given is None else list(given)
     if len(judged) != len(runs):
-        raise DataError(f"report: {len(judged)} reports of {len(runs)} runs, expected one of each")
+        problem = f"report: {len(judged)} reports of {len(runs)} runs, expected one of each"
+        raise DataError(problem, code="counts-differ")
     return list(zip(runs, judged, strict=True))
 
 

@@ -92,12 +92,13 @@ def check_runs(runs: Sequence[Sized], labels: Sequence[str], files: Sequence[str
         runs, labels, files: each run of the page, its label for messages, and its file's name.
     """
     if not runs:
-        raise DataError("report: there are no runs to write about")
+        raise DataError("report: there are no runs to write about", code="no-runs")
     for run, label, file in zip(runs, labels, files, strict=True):
         if not len(run):
-            raise DataError(f"report: the run {label} is empty")
+            raise DataError(f"report: the run {label} is empty", code="empty-run", fields=(label,))
         if files.count(file) > 1:
-            raise DataError(f"report: two runs are called {label}")
+            problem = f"report: two runs are called {label}"
+            raise DataError(problem, code="same-name", fields=(label,))
 
 
 def group_by(items: Iterable[T], key: Callable[[T], str]) -> dict[str, list[T]]:

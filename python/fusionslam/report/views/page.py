@@ -69,7 +69,7 @@ def write_view_report(
     name, limits = view_rule(rule)
     for run, file in zip(runs, files, strict=True):
         run.save(target / RUNS / f"{file}.npz")
-    judged = [(run, run.judged(limits)) for run in runs]
+    judged = [(run, run.judge(limits)) for run in runs]
     missed: dict[str, None] = {}
     with styled():
         worlds = [
@@ -113,7 +113,7 @@ def load_view_runs(folder: str | os.PathLike[str]) -> list[ViewRun]:
     """
     runs = [ViewRun.load(path) for path in _run_files(Path(folder))]
     if not runs:
-        raise DataError(f"{folder}: no view runs in {Path(folder) / RUNS}")
+        raise DataError(f"{folder}: no view runs in {Path(folder) / RUNS}", code="no-runs")
     return runs
 
 
