@@ -11,9 +11,9 @@ import pytest
 from fusionslam.evaluation import judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam import RatSlamConfig
-from fusionslam.report.maps.aligned_run import Scene, denied, link_misfits, scene_of
+from fusionslam.report.maps.aligned_run import Scene, find_denied, measure_misfits, scene_of
 from fusionslam.report.maps.config_table import config_table
-from fusionslam.report.maps.sections import what_happened
+from fusionslam.report.maps.sections import summarise_run
 from fusionslam.report.maps.tables import error_table, joins_table, loop_table, refusals
 from fusionslam.report.maps.times import busy_ms, cost_table, draw_step_times
 from maps import CORNERS, alone, drifting_run, little_run, wrong_run
@@ -40,7 +40,7 @@ def agreed_run(**changes: Any) -> RatSlamRun:
 
 def test_a_refusal_is_judged_and_one_that_was_linked_later_is_not_held_against_the_map() -> None:
     run = agreed_run()
-    assert denied(run).tolist() == [False, True]
+    assert find_denied(run).tolist() == [False, True]
     assert refusals(scene(run)) == ["linked later", "false: prevented"]
     lost = agreed_run(refused=[(180.0, 4, 2)])
     assert refusals(scene(lost)) == ["right: lost"]
@@ -58,11 +58,11 @@ def test_a_loop_that_was_linked_later_is_a_loop() -> None:
 
 
 def test_links_that_fit_have_no_misfit_and_a_moved_node_has_its_own() -> None:
-    assert np.allclose(link_misfits(drifting_run()), 0, atol=1e-9)
+    assert np.allclose(measure_misfits(drifting_run()), 0, atol=1e-9)
     shifts = np.zeros((4, 3))
     shifts[2, :2] = (0.3, 0.4)
     run = replace(drifting_run(), nodes=drifting_run().nodes + shifts)
-    assert link_misfits(run) == pytest.approx([0, 0.5, 0.5, 0], abs=1e-9)
+    assert measure_misfits(run) == pytest.approx([0, 0.5, 0.5, 0], abs=1e-9)
     table = joins_table(["moved"], [scene(run)])
     assert (table.heads[-1][0], table.rows[0][1][-1].text) == ("misfit of links, m", "0.354")
 
@@ -73,7 +73,7 @@ def test_terminal_and_page_count_the_same_by_the_same_words() -> None:
     late = scene(little_run(truth, start, CORNERS[:3], [(0, 1), (1, 2), (2, 0)]))
     words = str(late.report)
     span = "90.0 s and 4 steps from the first node on, 4 looks"
-    assert span in words and span in what_happened(late)
+    assert span in words and span in summarise_run(late)
     table = joins_table(["late"], [late])
     shown = {head: cell.text for (head, _), cell in zip(table.heads, table.rows[0][1], strict=True)}
     assert (shown["loops"], shown["arrivals"], shown["false arrivals"]) == ("1", "1", "1")

@@ -3,17 +3,17 @@
 """Sections of the report on one source: its curves, and each descriptor's loops."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from fusionslam.evaluation import Evaluation, PrecisionRecall
 from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader, draw_pair
 from fusionslam.report.loops.labels import best_of, run_label
-from fusionslam.report.loops.outcomes import Pair, nearest_of, telling_pairs
+from fusionslam.report.loops.outcomes import nearest_of, telling_pairs
 from fusionslam.report.loops.plots import draw_curves, draw_distances, draw_trajectory
 from fusionslam.report.loops.tables import time_table
 from fusionslam.report.page.images import Picture, keep
-from fusionslam.report.page.tables import Table
 
 _PAIR_TEXTS = {
     "best": "Closest correct match",
@@ -32,70 +32,52 @@ class Context:
     images: ImageReader
 
 
-@dataclass(frozen=True)
-class DescriptorPart:
-    """Report contents for one descriptor: a line on its loops, and pictures."""
+def source_part(context: Context, name: str, evaluations: Sequence[Evaluation]) -> dict[str, Any]:
+    """Draw everything known about the evaluations of the source called ``name``.
 
-    name: str
-    best: bool
-    loops: str
-    trajectory: Picture | None
-    distances: Picture | None
-    pairs: list[Picture] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class SourcePart:
-    """Report contents for one source."""
-
-    source: str
-    name: str
-    curves: Picture | None
-    times: Table
-    descriptors: list[DescriptorPart]
-
-
-def source_part(context: Context, name: str, evaluations: Sequence[Evaluation]) -> SourcePart:
-    """Draw everything known about the evaluations of the source called ``name``."""
+    Returns:
+        A source as ``loops.html.j2`` shows it; pictures that would be empty are None.
+    """
     source = evaluations[0].run.source
     best = best_of(evaluations, context.protocol)
-    return SourcePart(
-        source=source,
-        name=name,
-        curves=_curves(context, source, evaluations),
-        times=time_table(evaluations),
-        descriptors=[_descriptor_part(context, e, best=e is best) for e in evaluations],
-    )
+    return {
+        "source": source,
+        "name": name,
+        "curves": _draw_curves(context, source, evaluations),
+        "times": time_table(evaluations),
+        "descriptors": [_descriptor_part(context, e, best=e is best) for e in evaluations],
+    }
 
 
-def _curves(context: Context, source: str, evaluations: Sequence[Evaluation]) -> Picture | None:
+def _draw_curves(
+    context: Context, source: str, evaluations: Sequence[Evaluation]
+) -> Picture | None:
     curves = {e.run.descriptor: e.curves.get(context.protocol) for e in evaluations}
     defined = {name: c for name, c in curves.items() if c and c.average_precision is not None}
     if not defined:
         return None
-    figure = draw_curves(defined)
     caption = (
         "Precision over recall as the threshold grows from left to right; up and right is better. "
         "Square: recall at 100 % precision. Dot: maximal F1. Grey: lines of equal F1."
     )
-    return keep(context.folder, f"pr_{source}", figure, caption)
+    return keep(context.folder, f"pr_{source}", draw_curves(defined), caption)
 
 
-def _descriptor_part(context: Context, evaluation: Evaluation, *, best: bool) -> DescriptorPart:
+def _descriptor_part(context: Context, evaluation: Evaluation, *, best: bool) -> dict[str, Any]:
     run, curve = evaluation.run, evaluation.curves.get(context.protocol)
     # Without revisits neither picture has anything to show.
     empty = curve is not None and not curve.n_revisits
-    return DescriptorPart(
-        name=run_label(run),
-        best=best,
-        loops=_loops_line(evaluation, curve, context.protocol),
-        trajectory=_trajectory(context, evaluation, curve) if curve and not empty else None,
-        distances=None if empty else _distances(context, evaluation, curve),
-        pairs=_pairs(context, evaluation, curve) if curve else [],
-    )
+    return {
+        "name": run_label(run),
+        "best": best,
+        "loops": _describe_loops(evaluation, curve, context.protocol),
+        "trajectory": _draw_trajectory(context, evaluation, curve) if curve and not empty else None,
+        "distances": None if empty else _draw_distances(context, evaluation, curve),
+        "pairs": _draw_pairs(context, evaluation, curve) if curve else [],
+    }
 
 
-def _loops_line(evaluation: Evaluation, curve: PrecisionRecall | None, protocol: str) -> str:
+def _describe_loops(evaluation: Evaluation, curve: PrecisionRecall | None, protocol: str) -> str:
     if curve is not None:
         revisits = f"{curve.n_revisits} of them revisits" if curve.n_revisits else "no revisit"
         return f"{curve.explain(curve.max_f1_threshold)} ({revisits})."
@@ -108,7 +90,9 @@ def _loops_line(evaluation: Evaluation, curve: PrecisionRecall | None, protocol:
     )
 
 
-def _trajectory(context: Context, evaluation: Evaluation, curve: PrecisionRecall) -> Picture | None:
+def _draw_trajectory(
+    context: Context, evaluation: Evaluation, curve: PrecisionRecall
+) -> Picture | None:
     run, threshold = evaluation.run, curve.max_f1_threshold
     at = "No threshold accepts a correct match"
     if threshold is not None:
@@ -121,7 +105,7 @@ def _trajectory(context: Context, evaluation: Evaluation, curve: PrecisionRecall
     return keep(context.folder, name, draw_trajectory(run, curve), caption)
 
 
-def _distances(
+def _draw_distances(
     context: Context, evaluation: Evaluation, curve: PrecisionRecall | None
 ) -> Picture | None:
     run = evaluation.run
@@ -136,17 +120,15 @@ def _distances(
     return keep(context.folder, f"distances_{run.source}_{run.descriptor}", figure, caption)
 
 
-def _pairs(context: Context, evaluation: Evaluation, curve: PrecisionRecall) -> list[Picture]:
-    drawn = (_pair(context, evaluation, pair) for pair in telling_pairs(evaluation.run, curve))
-    return [picture for picture in drawn if picture is not None]
-
-
-def _pair(context: Context, evaluation: Evaluation, pair: Pair) -> Picture | None:
-    run = evaluation.run
-    figure = draw_pair(run, pair, context.clouds, context.images)
-    caption = (
-        f"{_PAIR_TEXTS[pair.kind]}: descriptors {pair.distance:.4g} apart, places "
-        f"{pair.metres:.1f} m apart. Clouds from above, both at one scale."
-    )
-    name = f"pairs_{run.source}_{run.descriptor}_{pair.kind}"
-    return keep(context.folder, name, figure, caption, photo=True)
+def _draw_pairs(context: Context, evaluation: Evaluation, curve: PrecisionRecall) -> list[Picture]:
+    run, pictures = evaluation.run, []
+    for pair in telling_pairs(run, curve):
+        figure = draw_pair(run, pair, context.clouds, context.images)
+        caption = (
+            f"{_PAIR_TEXTS[pair.kind]}: descriptors {pair.distance:.4g} apart, places "
+            f"{pair.metres:.1f} m apart. Clouds from above, both at one scale."
+        )
+        name = f"pairs_{run.source}_{run.descriptor}_{pair.kind}"
+        if picture := keep(context.folder, name, figure, caption, photo=True):
+            pictures.append(picture)
+    return pictures

@@ -55,19 +55,19 @@ class Scene:
 
 def scene_of(run: RatSlamRun, report: MapReport) -> Scene:
     """Align a run with its ground truth, and judge its loops."""
-    made = _arrivals(run)
+    made = _find_arrivals(run)
     return Scene(
         run=run,
         report=report,
-        nodes=moved(run.nodes, report.nodes),
-        path=moved(run.final_poses, report.nodes),
-        reckoned=moved(run.dead_reckoning, report.dead_reckoning),
+        nodes=align_poses(run.nodes, report.nodes),
+        path=align_poses(run.final_poses, report.nodes),
+        reckoned=align_poses(run.dead_reckoning, report.dead_reckoning),
         made=made,
-        false=_false_links(run, report, made),
+        false=_find_false_links(run, report, made),
     )
 
 
-def denied(run: RatSlamRun) -> Mask:
+def find_denied(run: RatSlamRun) -> Mask:
     """Bool (r), refused loops without a final link: later loops may confirm a refused one."""
     pairs = zip(run.links["source"].tolist(), run.links["target"].tolist(), strict=True)
     linked = {frozenset(pair) for pair in pairs}
@@ -75,7 +75,7 @@ def denied(run: RatSlamRun) -> Mask:
     return np.array([frozenset(pair) not in linked for pair in ends], np.bool_)
 
 
-def link_misfits(run: RatSlamRun) -> Floats:
+def measure_misfits(run: RatSlamRun) -> Floats:
     """float64 (l): metres between the target's place by the link and its place on the map."""
     links, nodes = run.links, run.nodes
     source, target = nodes[links["source"]], nodes[links["target"]]
@@ -87,19 +87,19 @@ def link_misfits(run: RatSlamRun) -> Floats:
 def near(run: RatSlamRun, report: MapReport, steps: Integers, nodes: Integers) -> Floats:
     """float64 (m): 1 where the robot truly was within the view radius of these nodes, else 0.
 
-    NaN where the truth is unknown. Arguments as for ``offs``.
+    NaN where the truth is unknown. Arguments as for ``measure_offsets``.
     """
-    metres, degrees = offs(run, steps, nodes)
+    metres, degrees = measure_offsets(run, steps, nodes)
     within = (metres <= report.rule.loop_distance) & (degrees <= report.rule.loop_angle)
     return np.where(np.isnan(metres), np.nan, within)
 
 
-def moved(poses: Floats, errors: PoseErrors | None) -> Floats:
+def align_poses(poses: Floats, errors: PoseErrors | None) -> Floats:
     """Poses aligned with the ground truth; unchanged if it is unknown."""
     return poses if errors is None else errors.motion.apply(poses)
 
 
-def offs(run: RatSlamRun, steps: Integers, nodes: Integers) -> tuple[Floats, Floats]:
+def measure_offsets(run: RatSlamRun, steps: Integers, nodes: Integers) -> tuple[Floats, Floats]:
     """Compute the true distance of the robot from where nodes were made: metres and degrees.
 
     Args:
@@ -118,7 +118,7 @@ def offs(run: RatSlamRun, steps: Integers, nodes: Integers) -> tuple[Floats, Flo
     return np.hypot(*difference[:, :2].T), np.degrees(np.abs(wrapped(difference[:, 2])))
 
 
-def _arrivals(run: RatSlamRun) -> Integers:
+def _find_arrivals(run: RatSlamRun) -> Integers:
     """The step of the loop that caused each link; -1 where it was created with a node."""
     changes = np.flatnonzero(run.actions[:, 0] != ActionKind.NONE)[::-1].tolist()
     first = {(int(run.actions[row, 1]), int(run.actions[row, 2])): row for row in changes}
@@ -132,7 +132,7 @@ def _arrivals(run: RatSlamRun) -> Integers:
     return np.where((steps >= 0) & ~with_node, steps, -1)
 
 
-def _false_links(run: RatSlamRun, report: MapReport, made: Integers) -> Mask:
+def _find_false_links(run: RatSlamRun, report: MapReport, made: Integers) -> Mask:
     """Mask of loops made while the robot truly was not at the node it arrived at."""
     false = made >= 0
     false[false] = near(run, report, made[false], run.links["target"][false]) == 0

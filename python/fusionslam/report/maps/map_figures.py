@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
-from fusionslam.report.maps.aligned_run import Scene, denied, scene_of
+from fusionslam.report.maps.aligned_run import Scene, find_denied, scene_of
 from fusionslam.report.page.figures import CURVE_COLORS, PATH, new_figure, styled
+from fusionslam.storage.arrays import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,8 +37,8 @@ def draw_map(scene: Scene) -> "Figure":
     axis.plot(
         *scene.reckoned[:, :2].T, color=RECKONED, lw=1, ls="--", zorder=2, label="dead reckoning"
     )
-    _map(axis, scene, counted=True)
-    _ends(axis, scene)
+    _draw_links(axis, scene, counted=True)
+    _mark_ends(axis, scene)
     figure.legend(loc="outside lower center", ncols=4)
     return figure
 
@@ -100,9 +101,9 @@ def side_by_side(
         first.set_title("exact trajectory")
     for axis, scene, name in zip(panels, scenes, names, strict=False):
         draw_truth(axis, scene, lw=2.5)
-        _map(axis, scene, counted=False)
+        _draw_links(axis, scene, counted=False)
         frame(axis, bounds)
-        axis.set_title(f"{name}\n{_figures(scene)}")
+        axis.set_title(f"{name}\n{_describe_figures(scene)}")
     found = [axis.get_legend_handles_labels() for axis in panels]
     handles = {name: one for ones, names in found for one, name in zip(ones, names, strict=True)}
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=5)
@@ -126,8 +127,8 @@ def _panels(count: int, ratio: float, columns: int | None) -> tuple["Figure", li
     return figure, list(panels.flat[:count])
 
 
-def _figures(scene: Scene) -> str:
-    words = counted_word(len(scene.nodes), "node")
+def _describe_figures(scene: Scene) -> str:
+    words = count_noun(len(scene.nodes), "node")
     errors = scene.report.nodes
     return words if errors is None else f"{words}, RMSE {errors.rmse_m:.2f} m"
 
@@ -138,13 +139,13 @@ def draw_truth(axis: "Axes", scene: Scene, *, lw: float, color: str = PATH) -> N
         axis.plot(*scene.truth[:, :2].T, color=color, lw=lw, alpha=0.75, zorder=1, label="truth")
 
 
-def _map(axis: "Axes", scene: Scene, *, counted: bool) -> None:
+def _draw_links(axis: "Axes", scene: Scene, *, counted: bool) -> None:
     """Draw links and nodes, and loops by their outcome."""
     axis.add_collection(lines_between(scene, pairs_of(scene.run.links[~scene.loops]), MAP, 1.0, 3))
     axis.plot(*scene.nodes[:, :2].T, ".-", color=MAP, ms=3, lw=0, zorder=4)
     axis.plot([], [], ".-", color=MAP, ms=3, lw=1, label="experience map")
     run, name = scene.run, "loop" if scene.truth is None else "right loop"
-    refused = pairs_of(run.refused[denied(run)])
+    refused = pairs_of(run.refused[find_denied(run)])
     for order, (pairs, color, fill, marker, style, kind) in enumerate(
         (
             (refused, DENIED, "white", "^", "--", "refused loop"),
@@ -154,7 +155,7 @@ def _map(axis: "Axes", scene: Scene, *, counted: bool) -> None:
         start=5,
     ):
         if len(pairs):
-            label = counted_word(len(pairs), kind) if counted else f"{kind}s"
+            label = count_noun(len(pairs), kind) if counted else f"{kind}s"
             # Hundreds of long lines must not hide the map.
             alpha = float(np.clip(40 / len(pairs), 0.2, 0.85))
             axis.add_collection(lines_between(scene, pairs, color, 1.3, order, style, alpha=alpha))
@@ -164,7 +165,7 @@ def _map(axis: "Axes", scene: Scene, *, counted: bool) -> None:
             axis.plot([], [], marker, ls=style, color=color, lw=1.3, label=label, **drawn)
 
 
-def counted_word(number: int, word: str) -> str:
+def count_noun(number: int, word: str) -> str:
     """Number and noun, as in "1 loop" and "2 loops"."""
     return f"{number} {word}{'' if number == 1 else 's'}"
 
@@ -192,16 +193,19 @@ def lines_between(
     )
 
 
-def _ends(axis: "Axes", scene: Scene) -> None:
+def _mark_ends(axis: "Axes", scene: Scene) -> None:
     """Mark the start and end of the path so that neither hides the other."""
     # The robot is not on the map before its first node.
     first = int(np.argmax(scene.run.node_ids >= 0))
-    for row, marker, size, fill, label in (
-        (first, "D", 8, "white", "start"),
-        (-1, "s", 4.5, INK, "end"),
-    ):
-        place = scene.path[row, :2]
-        axis.plot(*place, marker, mfc=fill, mec=INK, ms=size, ls="", zorder=8, label=label)
+    mark_place(axis, scene.path[first], "D", 8, "start", fill="white")
+    mark_place(axis, scene.path[-1], "s", 4.5, "end")
+
+
+def mark_place(
+    axis: "Axes", pose: Floats, marker: str, size: float, label: str, fill: str = INK
+) -> None:
+    """Draw a marker at a pose above everything else."""
+    axis.plot(*pose[:2], marker, mfc=fill, mec=INK, ms=size, ls="", zorder=8, label=label)
 
 
 def bounds_of(scenes: Sequence[Scene], *more: Bounds) -> Bounds:

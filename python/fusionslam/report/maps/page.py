@@ -70,7 +70,7 @@ def write_ratslam_report(
             )
         ]
     config = {_label(run): dict(run.config) for run, _ in judged if run.config}
-    about = about_report(", ".join(drive.name for drive in drives), command, config)
+    about = about_report(", ".join(drive["name"] for drive in drives), command, config)
     about |= {"title": title, "notes": list(notes)}
     write_figures(target / "ratslam.json", about, [report.metrics() for _, report in judged])
     return write_page(

@@ -12,10 +12,10 @@ from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam.experience_map import Route, quickest_route
 from fusionslam.report.maps.aligned_run import Scene, scene_of
 from fusionslam.report.maps.map_figures import (
-    INK,
     bounds_of,
-    counted_word,
+    count_noun,
     lines_between,
+    mark_place,
     pairs_of,
     single_map,
 )
@@ -52,33 +52,24 @@ def draw_route(scene: Scene, route: Route) -> "Figure":
     axis.plot([], [], color=_LINK, lw=0.9, label="links of the map")
     places = scene.nodes[route.ids, :2]
     axis.plot(*places.T, ".-", color=_ROUTE, lw=2.2, ms=6, zorder=4, label="quickest way")
-    _arrows(axis, places)
-    for row, marker, size, fill, word in ((0, "D", 8, "white", "from"), (-1, "*", 13, INK, "to")):
-        axis.plot(
-            *places[row],
-            marker,
-            mfc=fill,
-            mec=INK,
-            ms=size,
-            ls="",
-            zorder=6,
-            label=f"{word} node {route.ids[row]}",
-        )
-    axis.set_title(route_words(route, places))
+    _draw_arrows(axis, places)
+    mark_place(axis, places[0], "D", 8, f"from node {route.ids[0]}", fill="white")
+    mark_place(axis, places[-1], "*", 13, f"to node {route.ids[-1]}")
+    axis.set_title(describe_route(route, places))
     figure.legend(loc="outside lower center", ncols=5)
     return figure
 
 
-def route_words(route: Route, places: NDArray[np.float64]) -> str:
+def describe_route(route: Route, places: NDArray[np.float64]) -> str:
     """Describe the length of a path: links, metres on the map, seconds as driven."""
     metres = float(np.hypot(*np.diff(places, axis=0).T).sum())
     return (
         f"from node {route.ids[0]} to node {route.ids[-1]}: "
-        f"{counted_word(len(route.ids) - 1, 'link')}, {metres:.1f} m, {route.seconds:.1f} s"
+        f"{count_noun(len(route.ids) - 1, 'link')}, {metres:.1f} m, {route.seconds:.1f} s"
     )
 
 
-def _arrows(axis: "Axes", places: NDArray[np.float64]) -> None:
+def _draw_arrows(axis: "Axes", places: NDArray[np.float64]) -> None:
     """Draw arrow heads along the path at even distances."""
     steps = np.diff(places, axis=0)
     lengths = np.hypot(*steps.T)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fusionslam._core import ActionKind
 from fusionslam.evaluation.maps.run import RatSlamRun
-from fusionslam.report.maps.aligned_run import Scene, moved
+from fusionslam.report.maps.aligned_run import Scene, align_poses
 from fusionslam.report.maps.map_figures import DENIED, MAP, RECKONED, RIGHT, WRONG
 from fusionslam.report.maps.tables import new_views
 from fusionslam.report.page.figures import CURVE_COLORS, PATH, new_figure
@@ -35,7 +35,7 @@ def draw_activity(run: RatSlamRun) -> "Figure | None":
     ):
         size = activity.shape[1]
         top = reach or float(size)
-        _activity(axis, run, activity, top)
+        _draw_activity_image(axis, run, activity, top)
         decoded = run.cells[run.is_view, column] * top / size
         axis.plot(run.seconds[run.is_view], decoded, ".", ms=1.6, mew=0, color="white", alpha=0.8)
         axis.set(ylabel=label, ylim=(0, top))
@@ -46,7 +46,9 @@ def draw_activity(run: RatSlamRun) -> "Figure | None":
     return figure
 
 
-def _activity(axis: "Axes", run: RatSlamRun, activity: NDArray[np.float32], top: float) -> None:
+def _draw_activity_image(
+    axis: "Axes", run: RatSlamRun, activity: NDArray[np.float32], top: float
+) -> None:
     """Draw an image with columns at even times, each with the latest activity at that time."""
     stamps = run.seconds[run.is_view]
     start, end = float(stamps[0]), float(max(stamps[-1], stamps[0] + 1e-3))
@@ -83,13 +85,13 @@ def draw_views(scene: Scene) -> "Figure | None":
     above.set(ylabel="view", ylim=(-0.04 * most - 0.5, 1.04 * most + 0.5))
     above.yaxis.set_major_locator(MaxNLocator(integer=True))
     above.grid(alpha=0.25)
-    _marks(below, scene, seconds[ids < 0])
+    _draw_events(below, scene, seconds[ids < 0])
     below.set_xlabel("time (s)")
     figure.legend(loc="outside upper left", ncols=2)
     return figure
 
 
-def _marks(axis: "Axes", scene: Scene, blind: Floats) -> None:
+def _draw_events(axis: "Axes", scene: Scene, blind: Floats) -> None:
     """Draw a row of ticks for each kind of event."""
     run, kinds, seconds = scene.run, scene.run.actions[:, 0], scene.run.seconds
     right = scene.made[scene.right]
@@ -124,7 +126,7 @@ def draw_errors(scene: Scene) -> "Figure | None":
     ):
         if errors is None:
             continue
-        apart = np.hypot(*(moved(poses, errors) - scene.truth)[rows, :2].T)
+        apart = np.hypot(*(align_poses(poses, errors) - scene.truth)[rows, :2].T)
         label = f"{name}: RMSE {errors.rmse_m:.2f} m"
         axis.plot(run.seconds[rows], apart, style, color=color, lw=1.2, label=label)
     axis.set(xlabel="time (s)", ylabel="metres from the truth")

@@ -4,16 +4,15 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fusionslam.errors import DataError
 from fusionslam.evaluation import MapReport
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam.experience_map import quickest_route
-from fusionslam.report.maps.aligned_run import Scene, denied, scene_of
-from fusionslam.report.maps.map_figures import counted_word, draw_map, side_by_side
+from fusionslam.report.maps.aligned_run import Scene, find_denied, scene_of
+from fusionslam.report.maps.map_figures import count_noun, draw_map, side_by_side
 from fusionslam.report.maps.path_figure import draw_route
 from fusionslam.report.maps.plots import draw_activity, draw_errors, draw_views
 from fusionslam.report.maps.tables import (
@@ -29,7 +28,6 @@ from fusionslam.report.maps.tables import (
 from fusionslam.report.maps.times import cost_table, draw_step_times
 from fusionslam.report.page.html import file_name
 from fusionslam.report.page.images import Picture, keep
-from fusionslam.report.page.tables import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,37 +36,13 @@ Judged = Sequence[tuple[RatSlamRun, MapReport]]
 _NOTES = 50
 
 
-@dataclass(frozen=True)
-class RunPart:
-    """Report contents for one run; pictures that would be empty are None, and ``words`` say why."""
+def drive_part(folder: Path, id: str, name: str, judged: Judged) -> dict[str, Any]:
+    """Draw everything known about the runs over one drive; ``id`` is unique on the page.
 
-    name: str
-    sentence: str
-    words: list[str]
-    pictures: list[Picture]
-    loops: Table | None
-    refused: Table | None
-    looks: Table | None
-    notes: list[str]
-
-
-@dataclass(frozen=True)
-class DrivePart:
-    """Report contents for one drive."""
-
-    name: str
-    id: str
-    answer: str
-    unjudged: list[str]
-    errors: Table | None
-    joins: Table
-    maps: Picture | None
-    costs: Table | None
-    runs: list[RunPart]
-
-
-def drive_part(folder: Path, id: str, name: str, judged: Judged) -> DrivePart:
-    """Draw everything known about the runs over one drive; ``id`` is unique on the page."""
+    Returns:
+        A drive as ``maps.html.j2`` shows it. Pictures that would be empty are left out, and
+        "words" say why.
+    """
     runs, reports = [run for run, _ in judged], [report for _, report in judged]
     labels = run_labels(runs)
     scenes = [scene_of(run, report) for run, report in judged]
@@ -77,17 +51,17 @@ def drive_part(folder: Path, id: str, name: str, judged: Judged) -> DrivePart:
         for label, report in zip(labels, reports, strict=True)
         for why in report.unjudged
     )
-    return DrivePart(
-        name=name,
-        id=id,
-        answer=answer(labels, reports),
-        unjudged=list(dict.fromkeys(unjudged)),
-        errors=error_table(labels, reports),
-        joins=joins_table(labels, scenes),
-        maps=_maps(folder, name, labels, scenes),
-        costs=cost_table(labels, runs),
-        runs=[_run_part(folder, label, one) for label, one in zip(labels, scenes, strict=True)],
-    )
+    return {
+        "name": name,
+        "id": id,
+        "answer": answer(labels, reports),
+        "unjudged": list(dict.fromkeys(unjudged)),
+        "errors": error_table(labels, reports),
+        "joins": joins_table(labels, scenes),
+        "maps": _draw_maps(folder, name, labels, scenes),
+        "costs": cost_table(labels, runs),
+        "runs": [_run_part(folder, label, one) for label, one in zip(labels, scenes, strict=True)],
+    }
 
 
 def run_file_name(run: RatSlamRun) -> str:
@@ -119,7 +93,7 @@ def answer(labels: Sequence[str], reports: Sequence[MapReport]) -> str:
     return f"{first}, dead reckoning {alone:.2f} m: mapping did not help."
 
 
-def _maps(folder: Path, name: str, labels: list[str], scenes: list[Scene]) -> Picture | None:
+def _draw_maps(folder: Path, name: str, labels: list[str], scenes: list[Scene]) -> Picture | None:
     """Draw all maps at one scale; a single map has its own picture instead."""
     drawn = [pair for pair in zip(labels, scenes, strict=True) if len(pair[1].nodes) > 1]
     if len(drawn) < 2:
@@ -132,41 +106,41 @@ def _maps(folder: Path, name: str, labels: list[str], scenes: list[Scene]) -> Pi
     return keep(folder, f"ratslam_maps_{file_name(name)}", figure, caption)
 
 
-def _run_part(folder: Path, label: str, scene: Scene) -> RunPart:
+def _run_part(folder: Path, label: str, scene: Scene) -> dict[str, Any]:
     run, left_out = scene.run, len(scene.run.notes) - _NOTES
     more = [f"{left_out} more notes are in the stored run."] if left_out > 0 else []
-    return RunPart(
-        name=label,
-        sentence=what_happened(scene),
-        words=[*_missing(scene)],
-        pictures=[*_pictures(folder, scene)],
-        loops=loop_table(scene),
-        refused=refused_table(scene),
-        looks=look_table(run),
-        notes=[*run.notes[:_NOTES], *more],
-    )
+    return {
+        "name": label,
+        "sentence": summarise_run(scene),
+        "words": [*_explain_missing(scene)],
+        "pictures": [*_draw_pictures(folder, scene)],
+        "loops": loop_table(scene),
+        "refused": refused_table(scene),
+        "looks": look_table(run),
+        "notes": [*run.notes[:_NOTES], *more],
+    }
 
 
-def what_happened(scene: Scene) -> str:
+def summarise_run(scene: Scene) -> str:
     """Describe steps, views, nodes and loops of a run; steps as the report counts them."""
     run, report = scene.run, scene.report
-    span = f"{report.seconds:.1f} s and {counted_word(report.steps, 'step')} from the first node on"
-    views = counted_word(int(new_views(run.view_ids[run.is_view]).sum()), "view")
-    made = f"{counted_word(len(run.nodes), 'node')} and {counted_word(len(run.links), 'link')}"
-    loops = counted_word(int(scene.loops.sum()), "loop")
+    span = f"{report.seconds:.1f} s and {count_noun(report.steps, 'step')} from the first node on"
+    views = count_noun(int(new_views(run.view_ids[run.is_view]).sum()), "view")
+    made = f"{count_noun(len(run.nodes), 'node')} and {count_noun(len(run.links), 'link')}"
+    loops = count_noun(int(scene.loops.sum()), "loop")
     judged = report.false_loops is not None and scene.loops.any()
     verdict = f", {int(scene.false.sum())} of them false" if judged else ""
-    refused = f"{counted_word(len(run.refused), 'loop')} refused"
+    refused = f"{count_noun(len(run.refused), 'loop')} refused"
     became = Counter(refusals(scene))
     told = [f"{became[kind]} {kind}" for kind in REFUSALS if became[kind]]
     refused += f" ({', '.join(told)})" if told else ""
     return (
-        f"{span}, {counted_word(report.looks, 'look')}; {views}, {made}; "
+        f"{span}, {count_noun(report.looks, 'look')}; {views}, {made}; "
         f"{loops} closed{verdict}; {refused}."
     )
 
 
-def _missing(scene: Scene) -> list[str]:
+def _explain_missing(scene: Scene) -> list[str]:
     """Return sentences that replace pictures without content."""
     run, said = scene.run, []
     if not run.is_view.any():
@@ -188,15 +162,15 @@ def _missing(scene: Scene) -> list[str]:
     return said
 
 
-def _pictures(folder: Path, scene: Scene) -> list[Picture]:
+def _draw_pictures(folder: Path, scene: Scene) -> list[Picture]:
     """Draw all pictures of a run that have content."""
     run = scene.run
     drawn: dict[str, tuple[Figure | None, str]] = {
-        "map": (draw_map(scene) if len(run.nodes) > 1 else None, _map_caption(scene)),
+        "map": (draw_map(scene) if len(run.nodes) > 1 else None, _describe_map(scene)),
         "errors": (draw_errors(scene), _ERRORS),
         "views": (draw_views(scene), _VIEWS),
         "cells": (draw_activity(run), _CELLS),
-        "way": (_way_home(scene), _WAY),
+        "way": (_draw_way_home(scene), _WAY),
         "times": (draw_step_times(run), _TIMES),
     }
     name = run_file_name(run)
@@ -204,7 +178,7 @@ def _pictures(folder: Path, scene: Scene) -> list[Picture]:
     return [picture for picture in kept if picture is not None]
 
 
-def _way_home(scene: Scene) -> "Figure | None":
+def _draw_way_home(scene: Scene) -> "Figure | None":
     """Draw the path from the robot's final node back to its first; None if there is none."""
     run = scene.run
     if len(run.nodes) < 2 or run.node_ids[-1] <= 0:
@@ -217,14 +191,14 @@ def _way_home(scene: Scene) -> "Figure | None":
     return draw_route(scene, route)
 
 
-def _map_caption(scene: Scene) -> str:
+def _describe_map(scene: Scene) -> str:
     """Describe only what the picture shows."""
     known = scene.truth is not None
     marks = (
         (scene.right.any(), "rings, closed rightly" if known else "rings, closed"),
         (scene.false.any(), "crosses, closed while the robot was elsewhere"),
         (
-            denied(scene.run).any(),
+            find_denied(scene.run).any(),
             "triangles and broken lines, refused as they do not fit the odometry",
         ),
     )

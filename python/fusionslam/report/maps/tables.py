@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from fusionslam._core import ActionKind
 from fusionslam.evaluation import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import RatSlamRun
-from fusionslam.report.maps.aligned_run import Scene, denied, link_misfits, near, offs
+from fusionslam.report.maps.aligned_run import (
+    Scene,
+    find_denied,
+    measure_misfits,
+    measure_offsets,
+    near,
+)
 from fusionslam.report.page.tables import DASH, Cell, Column, Table, build_table
 from fusionslam.storage.arrays import Floats, Integers, Mask
 
@@ -128,7 +134,7 @@ def joins_table(labels: Sequence[str], scenes: Sequence[Scene]) -> Table:
 
 
 def _compute_misfit(scene: Scene) -> float | None:
-    apart = link_misfits(scene.run)
+    apart = measure_misfits(scene.run)
     return float(np.sqrt((apart**2).mean())) if apart.size else None
 
 
@@ -138,7 +144,7 @@ def loop_table(scene: Scene) -> Table | None:
     rows = rows[np.argsort(scene.made[rows], kind="stable")][:MOST]
     run, steps = scene.run, scene.made[rows]
     verdicts = np.where(scene.false[rows], "false", "right").astype(object)
-    metres, degrees = offs(run, steps, run.links["target"][rows])
+    metres, degrees = measure_offsets(run, steps, run.links["target"][rows])
     verdicts[np.isnan(metres)] = DASH
     verdicts[run.actions[steps, 0] != ActionKind.CREATE_EDGE] += ", refused at first"
     columns, links = [*_ENDS, *_JUDGEMENT], run.links[rows]
@@ -148,7 +154,7 @@ def loop_table(scene: Scene) -> Table | None:
 def refused_table(scene: Scene) -> Table | None:
     """Build the table of refused loops with their misfit; None if there are none."""
     run, refused = scene.run, scene.run.refused[:MOST]
-    metres, degrees = offs(run, run.steps_at(refused["stamp_ns"]), refused["target"])
+    metres, degrees = measure_offsets(run, run.steps_at(refused["stamp_ns"]), refused["target"])
     seconds = (refused["stamp_ns"] - run.stamps_ns[:1]) / 1e9
     return _table_of_events(
         _REFUSED_COLUMNS, refused, seconds, metres, degrees, refusals(scene)[:MOST]
@@ -182,7 +188,7 @@ def refusals(scene: Scene) -> list[str]:
     run = scene.run
     steps = run.steps_at(run.refused["stamp_ns"])
     right = near(run, scene.report, steps, run.refused["target"])
-    words = np.select([~denied(run), right == 0, right == 1], [*REFUSALS], DASH)
+    words = np.select([~find_denied(run), right == 0, right == 1], [*REFUSALS], DASH)
     return [str(word) for word in words]
 
 

@@ -79,7 +79,7 @@ def write_view_report(
             )
         ]
     configs = {f"{run.world} / {run.method}": run.config for run in runs if run.config}
-    about = about_report(", ".join(part.name for part in worlds), command, configs)
+    about = about_report(", ".join(part["name"] for part in worlds), command, configs)
     about |= {"title": title, "notes": list(notes), "rule": name}
     about["limits"] = limits.model_dump(mode="json")
     write_figures(target / "views.json", about, [metrics_of(*pair) for pair in judged])

@@ -4,7 +4,6 @@
 
 from base64 import b64encode
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ from fusionslam.evaluation import ViewReport, ViewRun, rerun_descriptors
 from fusionslam.evaluation.views.report import percent
 from fusionslam.report.page.html import file_name
 from fusionslam.report.page.images import Picture, keep, keep_photo
-from fusionslam.report.page.tables import Table
 from fusionslam.report.views.exports import scrub_data
 from fusionslam.report.views.plots import (
     Judged,
@@ -31,40 +29,9 @@ _PAIRS = 8
 _TIMES = "Wall time of every scan, to make its view and to compare it with all stored ones."
 
 
-@dataclass(frozen=True)
-class MethodPart:
-    """Report contents for one run: its loops, and pairs of its worst false positives."""
-
-    name: str
-    loops: str
-    wrong: int
-    path: Picture | None
-    pairs: list[Picture]
-
-
-@dataclass(frozen=True)
-class WorldPart:
-    """Report contents for one drive; pictures that would be empty are None."""
-
-    name: str
-    id: str
-    sentence: str
-    figures: Table
-    costs: Table
-    rerun: Table | None
-    published: str
-    curves: Picture | None
-    sweeps: list[tuple[str, Table]]
-    errors: Picture | None
-    times: Picture | None
-    methods: list[MethodPart]
-    scrub: dict[str, Any]
-    left_out: str
-
-
 def world_part(
     folder: Path, stored: Path, id: str, world: str, judged: Judged, missed: dict[str, None]
-) -> WorldPart:
+) -> dict[str, Any]:
     """Draw everything known about one drive.
 
     Args:
@@ -73,42 +40,45 @@ def world_part(
         world: name of the drive.
         judged: its runs with their reports.
         missed: collects the reasons why scans have no picture.
+
+    Returns:
+        A drive as ``views.html.j2`` shows it; pictures that would be empty are None.
     """
     runs, reports = [run for run, _ in judged], [report for _, report in judged]
     name = file_name(world)
     previews = previews_of(runs, reports, stored / f"{name}.previews", missed)
-    return WorldPart(
-        name=world,
-        id=id,
-        sentence=_describe_drive(runs[0], reports[0]),
-        figures=accuracy_table(judged),
-        costs=cost_table(judged),
-        rerun=rerun_table(judged),
-        published="; ".join(
+    return {
+        "name": world,
+        "id": id,
+        "sentence": _describe_drive(runs[0], reports[0]),
+        "figures": accuracy_table(judged),
+        "costs": cost_table(judged),
+        "rerun": rerun_table(judged),
+        "published": "; ".join(
             f"{row.input.removeprefix('c-M2DP, ')} {percent(row.top1)}"
             for row in rerun_descriptors(world)
         ),
-        curves=_draw_curves(folder, name, judged),
-        sweeps=[
+        "curves": _draw_curves(folder, name, judged),
+        "sweeps": [
             (run.method, sweep_table(run, run.curve, report.rule))
             for run, report in judged
             if run.curve is not None
         ],
-        errors=_draw_errors(folder, name, judged),
-        times=keep(folder, f"views_times_{name}", draw_times(judged), _TIMES),
-        methods=[
-            MethodPart(
-                name=run.method,
-                loops=_describe_loops(report),
-                wrong=report.false_positives,
-                path=_draw_path(folder, run, report),
-                pairs=_draw_pairs(folder, run, report, previews),
-            )
+        "errors": _draw_errors(folder, name, judged),
+        "times": keep(folder, f"views_times_{name}", draw_times(judged), _TIMES),
+        "methods": [
+            {
+                "name": run.method,
+                "loops": _describe_loops(report),
+                "wrong": report.false_positives,
+                "path": _draw_path(folder, run, report),
+                "pairs": _draw_pairs(folder, run, report, previews),
+            }
             for run, report in judged
         ],
-        scrub=_collect_slider_data(judged, previews),
-        left_out=_describe_left_out(judged),
-    )
+        "scrub": _collect_slider_data(judged, previews),
+        "left_out": _describe_left_out(judged),
+    }
 
 
 def _describe_drive(run: ViewRun, report: ViewReport) -> str:
