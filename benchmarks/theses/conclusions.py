@@ -9,11 +9,10 @@ from typing import Any, cast
 
 import yaml
 
-from benchmarks.theses.document import DASH, scaled
 from benchmarks.theses.stastny2022_chapter5 import published
 from benchmarks.theses.view_study import ViewStudy
 from fusionslam.pipelines.drives import FrameName
-from fusionslam.report.page.tables import Cell, Table
+from fusionslam.report.page.tables import DASH, Cell, Table
 
 
 @dataclass(frozen=True)
@@ -99,7 +98,7 @@ def view_claims(study: ViewStudy) -> list[Claim]:
             found = published(world, method, name)
         else:
             found = study.figure(world, cast(FrameName, frame), method, name)
-        return scaled(found, _SHOWN[name][1])
+        return None if found is None else found * _SHOWN[name][1]
 
     formats = {name: show for name, (show, _) in _SHOWN.items()}
     return decide("views", [drive.world for drive in study.drives], value, formats)

@@ -2,11 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Differences between measured and published figures, with their reasons if known."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import yaml
 
 from benchmarks.theses.descriptor_study import TOWN, DescriptorStudy
-from benchmarks.theses.document import scaled
 from benchmarks.theses.perdomo2019_chapter4 import (
     NAMES,
     SPACES,
@@ -21,14 +25,14 @@ from fusionslam.evaluation.loops.published import (
     PUBLISHED_RECALL,
     PUBLISHED_SECONDS,
 )
-from fusionslam.pipelines.drives import FrameName
 from fusionslam.report.page.tables import Cell, Table
 
 CLOSE = 0.05
 """Measured figures within this share of the published one count as met."""
 UNKNOWN = "not known"
 
-Figure = Callable[[str], float | None]
+Figures = Mapping[str, float | None]
+"""By case: a world, a sequence, a descriptor or a colour space."""
 
 
 @dataclass(frozen=True)
@@ -86,71 +90,50 @@ def _format_cases(one: Difference) -> list[str]:
     ]
 
 
-def _difference(
-    text: str, cases: Sequence[str], known: Figure, measured: Figure, show: str, reason: str
+def _compare(
+    text: str,
+    known: Figures,
+    measured: Figures,
+    show: str,
+    reason: str,
+    scale: float = 1,
 ) -> list[Difference]:
     """Compare the cases with both figures known; empty if there are none."""
     there, here = {}, {}
-    for case in cases:
-        one, other = known(case), measured(case)
-        if one is not None and other is not None:
-            there[case], here[case] = one, other
+    for case, theirs in known.items():
+        own = measured[case]
+        if theirs is not None and own is not None:
+            there[case], here[case] = theirs * scale, own * scale
     return [Difference(text, there, here, show, reason)] if here else []
-
-
-_RERUN = "the thesis's program, run again on such scans, gave 85.8, 89.0 and 92.8 %"
-_VIEWS: tuple[tuple[str, str, str, FrameName, str, float], ...] = (
-    ("accuracy", "accuracy", "accuracy in %", "odometry", "{:.1f}", 100),
-    ("mean_error", "mean_error", "mean distance of false positives in m", "odometry", "{:.2f}", 1),
-    ("max_error", "max_error", "largest distance of one in m", "odometry", "{:.2f}", 1),
-    ("build_ms", "build_ms", "building a view in ms", "robot", "{:.2f}", 1),
-    ("pair_ms", "match_ms", "comparing two views in ms", "robot", "{:.3f}", 1),
-    ("view_bytes", "view_bytes", "bytes of a view", "robot", "{:.0f}", 1),
-    ("views", "views", "views stored", "odometry", "{:.0f}", 1),
-)
-"""Our name of a figure, the thesis's name, its description, frame, format and scale."""
 
 
 def view_differences(study: ViewStudy, methods: Sequence[str]) -> list[Difference]:
     """Compare with tables 5.2 to 5.5, in the thesis's set-up."""
-    worlds = [drive.world for drive in study.drives]
-    where = _where([drive.world for drive in study.drives if drive.made])
-    return [
-        one
-        for method in methods
-        for name, known, words, frame, show, scale in _VIEWS
-        for one in _difference(
-            f"{title_of(method)}: {words}",
-            worlds,
-            lambda w, m=method, k=known, s=scale: scaled(published(w, m, k), s),  # type: ignore[misc]
-            lambda w, m=method, n=name, f=frame, s=scale: scaled(study.figure(w, f, m, n), s),  # type: ignore[misc]
-            show,
-            _view_reason(method, name, where),
-        )
-    ]
-
-
-def _where(made: Sequence[str]) -> str:
-    """Describe how the drives differ from the thesis's."""
+    stored = yaml.safe_load(Path(__file__).with_name("differences.yaml").read_text("utf-8"))
+    made = [drive.world for drive in study.drives if drive.made]
     others = f", and another world ({', '.join(made)})" if made else ""
-    return f"another drive in another simulator{others}"
+    where = f"another drive in another simulator{others}"
+    found = []
+    for method, row in product(methods, stored["figures"]):
+        figure, worlds = row["figure"], [drive.world for drive in study.drives]
+        found += _compare(
+            f"{title_of(method)}: {row['text']}",
+            {world: published(world, method, row.get("published", figure)) for world in worlds},
+            {world: study.figure(world, row["frame"], method, figure) for world in worlds},
+            row["show"],
+            _find_reason(stored["reasons"], method, figure).format(where=where),
+            row.get("scale", 1),
+        )
+    return found
 
 
-def _view_reason(method: str, name: str, where: str) -> str:
-    if name in ("build_ms", "pair_ms"):
-        objects = "compiled here and Python there; " if method != "visual_templates" else ""
-        return f"{objects}another machine"
-    if name == "view_bytes":
-        if method == "visual_templates":
-            return "60 x 20 blocks of 4 bytes each; the thesis does not say what its 600 bytes hold"
-        return "follows from the number of objects in a view, so from the world and the drive"
-    if method == "visual_templates":
-        return f"{where}; images rendered without the simulator's lights, fewer a second"
-    if method == "two_stages:author":
-        return f"{where}; the network is trained anew, its weights were not published"
-    if name == "accuracy" and method == "objects:author":
-        return f"{where}; {_RERUN}"
-    return where
+def _find_reason(reasons: Sequence[Mapping[str, Any]], method: str, figure: str) -> str:
+    """Return the first reason that is given for a figure of a method."""
+    return next(
+        str(row["text"])
+        for row in reasons
+        if figure in row.get("figures", [figure]) and row.get("method", method) == method
+    )
 
 
 _TOWN = (
@@ -164,39 +147,39 @@ def descriptor_differences(study: DescriptorStudy) -> list[Difference]:
     town = study.cases == [TOWN]
     case = TOWN if town else study.cases[0]
     where = _TOWN if town else UNKNOWN
-    names = {title: name for name, title in NAMES.items()}
-    spaces = {title: name for name, title in SPACES.items()}
-    found = _difference(
+    found = _compare(
         "c-M2DP: recall at 100 % precision, KITTI 06",
-        list(spaces),
-        lambda title: PUBLISHED_COLOR_SPACES[spaces[title]][0],
-        lambda title: color_recall(study, spaces[title], 1.0),
+        {title: PUBLISHED_COLOR_SPACES[space][0] for space, title in SPACES.items()},
+        {title: color_recall(study, space, 1.0) for space, title in SPACES.items()},
         "{:.3f}",
         where,
     )
     for source in study.sources(case):
-        found += _difference(
+        own = {name: study.find(case, source, name, "author") for name in NAMES}
+        seconds = {name: PUBLISHED_SECONDS.get(("05", source, name)) for name in NAMES}
+        found += _compare(
             f"{source}: describing a cloud in ms, KITTI 05",
-            list(names),
-            lambda t, s=source: scaled(PUBLISHED_SECONDS.get(("05", s, names[t])), 1e3),  # type: ignore[misc]
-            lambda t, s=source: describe_ms(study.find(case, s, names[t], "author")),  # type: ignore[misc]
+            {NAMES[name]: value and value * 1e3 for name, value in seconds.items()},
+            {NAMES[name]: describe_ms(measured) for name, measured in own.items()},
             "{:.1f}",
             f"another machine, vector instructions{'; another sensor' * town}",
         )
-        found += [] if town else _recalls(study, source)
+        found += [] if town else _compare_recalls(study, source)
     return found
 
 
-def _recalls(study: DescriptorStudy, source: str) -> list[Difference]:
-    return [
-        one
-        for name, title in NAMES.items()
-        for one in _difference(
+def _compare_recalls(study: DescriptorStudy, source: str) -> list[Difference]:
+    found = []
+    for name, title in NAMES.items():
+        own = {case: study.find(case, source, name, "author") for case in study.cases}
+        found += _compare(
             f"{source}, {title}: recall at 100 % precision",
-            study.cases,
-            lambda case, n=name: PUBLISHED_RECALL.get((case.removeprefix("KITTI "), source, n)),  # type: ignore[misc]
-            lambda case, n=name: full_recall(study.find(case, source, n, "author")),  # type: ignore[misc]
+            {
+                case: PUBLISHED_RECALL.get((case.removeprefix("KITTI "), source, name))
+                for case in study.cases
+            },
+            {case: full_recall(measured) for case, measured in own.items()},
             "{:.3f}",
             UNKNOWN,
         )
-    ]
+    return found

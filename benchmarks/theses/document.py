@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Building blocks of the page: chapters of sentences, tables and pictures."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from fusionslam.report.page.images import Picture
-from fusionslam.report.page.tables import Cell, Table
-
-DASH = "\N{EN DASH}"
+from fusionslam.report.page.tables import Table
 
 
 @dataclass(frozen=True)
@@ -48,37 +46,6 @@ class Chapter:
         """Add a picture, if there is one."""
         if picture is not None:
             self.blocks.append(Block(picture=picture))
-
-
-@dataclass(frozen=True)
-class Head:
-    """A column: heading, its explanation, and the text of a row's cell; empty is a dash."""
-
-    title: str
-    hint: str
-    text: Callable[[str], str]
-
-
-def table_of(
-    rows: Sequence[str], heads: Sequence[Head], labels: Mapping[str, str] | None = None
-) -> Table:
-    """Build a table of texts; ``labels`` gives the displayed names of the rows."""
-    names = labels or {}
-    cells = [
-        (names.get(row, row), [Cell(head.text(row) or DASH) for head in heads]) for row in rows
-    ]
-    return Table([(head.title, head.hint) for head in heads], cells)
-
-
-def shown(value: float | None, show: str, scale: float = 1.0) -> str:
-    """Format a figure; a dash if it is None."""
-    known = scaled(value, scale)
-    return DASH if known is None else show.format(known)
-
-
-def scaled(value: float | None, scale: float) -> float | None:
-    """Convert a figure to another unit; None stays None."""
-    return None if value is None else value * scale
 
 
 def as_markdown(chapters: Sequence[Chapter]) -> str:

@@ -3,6 +3,7 @@
 """Chapter 4 of Perdomo 2019 as tables and pictures, with published and measured figures."""
 
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from benchmarks.theses.descriptor_study import (
     DescriptorStudy,
     Measured,
 )
-from benchmarks.theses.document import Chapter, Head, shown, table_of
+from benchmarks.theses.document import Chapter
 from fusionslam.evaluation import CITATION, PrecisionRecall
 from fusionslam.evaluation.loops.published import (
     PUBLISHED_COLOR_SPACES,
@@ -28,6 +29,7 @@ from fusionslam.evaluation.loops.published import (
 from fusionslam.report.loops.exports import metrics_of
 from fusionslam.report.loops.plots import draw_curves
 from fusionslam.report.page.images import Picture, keep
+from fusionslam.report.page.tables import Column, build_table
 
 NAMES = {"m2dp": "M2DP", "cm2dp": "c-M2DP", "cshot": "CSHOT"}
 SPACES = {"rgb": "RGB", "hsv": "HSV", "lab": "CIELab"}
@@ -46,21 +48,16 @@ def _colors(study: DescriptorStudy, folder: Path) -> Chapter:
     chapter = Chapter("Perdomo 2019, 4.2: colour spaces")
     case = _colored_case(study)
 
-    def at(space: str, precision: float) -> float | None:
-        return color_recall(study, space, precision)
-
-    heads = []
+    columns: list[Column[str]] = []
     for place, precision in enumerate((1.0, 0.9)):
         title = f"recall at {100 * precision:.0f} % precision"
-        heads += [
-            Head(title, f"here, on {case}", lambda s, p=precision: shown(at(s, p), "{:.3f}")),  # type: ignore[misc]
-            Head(
-                "thesis, KITTI 06",
-                "as published",
-                lambda s, i=place: f"{PUBLISHED_COLOR_SPACES[s][i]:.3f}",  # type: ignore[misc]
-            ),
+        here = partial(color_recall, study, precision=precision)
+        known = {space: recalls[place] for space, recalls in PUBLISHED_COLOR_SPACES.items()}
+        columns += [
+            Column(title, f"here, on {case}", here, "{:.3f}"),
+            Column("thesis, KITTI 06", "as published", known.get, "{:.3f}"),
         ]
-    table = table_of(COLOR_SPACES, heads, SPACES)
+    table = build_table(columns, COLOR_SPACES, [SPACES[space] for space in COLOR_SPACES])
     chapter.show(f"c-M2DP on {case}, LiDAR and camera, as its author computes it", table, "colours")
     curves = {SPACES[space]: _color_curve(study, space) for space in COLOR_SPACES}
     caption = f"Figure 4.1: c-M2DP in three colour spaces, on {case}. {_MARKS}"
@@ -72,27 +69,20 @@ def _times(study: DescriptorStudy) -> Chapter:
     chapter = Chapter("Perdomo 2019, 4.3: times")
     case = "KITTI 05" if "KITTI 05" in study.cases else study.cases[0]
     for source in study.sources(case):
-
-        def mean(name: str, stage: str, source: str = source) -> str:
-            found = study.find(case, source, name, "author")
-            seconds = None if found is None else found.evaluation.run.seconds.get(stage)
-            if seconds is None or not len(seconds):
-                return ""
-            return f"{np.mean(seconds) * 1e3:.3g} ± {np.std(seconds) * 1e3:.2g}"
-
-        def known(name: str, stage: str, source: str = source) -> str:
-            table = PUBLISHED_SECONDS if stage == "describe" else PUBLISHED_MATCH_SECONDS
-            return shown(table.get(("05", source, name)), "{:.1f}", 1e3)
-
-        heads = []
-        for stage, title in (("describe", "computing"), ("match", "matching")):
-            hint = "mean and deviation"
-            heads += [
-                Head(f"{title}, ms", hint, lambda name, s=stage, m=mean: m(name, s)),  # type: ignore[misc]
-                Head("thesis, ms", "mean over KITTI 05", lambda name, s=stage, k=known: k(name, s)),  # type: ignore[misc]
+        columns: list[Column[str]] = []
+        for stage, title, published in (
+            ("describe", "computing", PUBLISHED_SECONDS),
+            ("match", "matching", PUBLISHED_MATCH_SECONDS),
+        ):
+            measured = {name: study.find(case, source, name, "author") for name in NAMES}
+            here = {name: _mean_time(found, stage) for name, found in measured.items()}
+            known = {name: published.get(("05", source, name)) for name in NAMES}
+            columns += [
+                Column(f"{title}, ms", "mean and deviation", here.get),
+                Column("thesis, ms", "mean over KITTI 05", known.get, "{:.1f}", scale=1e3),
             ]
         if source in _TABLES:
-            table = table_of(tuple(NAMES), heads, NAMES)
+            table = build_table(columns, list(NAMES), list(NAMES.values()))
             title = f"Table {_TABLES[source][0]}, {_SOURCES[source]}, here on {case}"
             chapter.show(title, table, "descriptor")
     thinned = (
@@ -105,6 +95,13 @@ def _times(study: DescriptorStudy) -> Chapter:
     return chapter
 
 
+def _mean_time(measured: Measured | None, stage: str) -> str | None:
+    seconds = None if measured is None else measured.evaluation.run.seconds.get(stage)
+    if seconds is None or not len(seconds):
+        return None
+    return f"{np.mean(seconds) * 1e3:.3g} ± {np.std(seconds) * 1e3:.2g}"
+
+
 def _recalls(study: DescriptorStudy, folder: Path) -> Chapter:
     chapter = Chapter("Perdomo 2019, 4.4: precision and recall")
     chapter.say(f"Published: {CITATION}. Here: the same protocol; recall ends at 1 by definition.")
@@ -113,14 +110,15 @@ def _recalls(study: DescriptorStudy, folder: Path) -> Chapter:
         rows += [case for case in study.cases if case not in rows]
         if source == "lidar" and study.stored is not None:
             rows.insert(1, STORED)
-        heads = []
+        columns: list[Column[str]] = []
         for name, title in NAMES.items():
-            heads.append(_measured_head(study, source, name, "author", title))
-            heads.append(_published_head(source, name))
+            columns.append(_measured_column(study, source, name, "author", title))
+            columns.append(_published_column(source, name))
         for name in ("m2dp", "cm2dp"):
-            heads.append(_measured_head(study, source, name, "robust", f"ours, {NAMES[name]}"))
+            title = f"ours, {NAMES[name]}"
+            columns.append(_measured_column(study, source, name, "robust", title))
         title = f"Table {_TABLES[source][1]}, recall at 100 % precision, {_SOURCES[source]}"
-        chapter.show(title, table_of(rows, heads), "sequence")
+        chapter.show(title, build_table(columns, rows, rows), "sequence")
     if study.cases == [TOWN]:
         chapter.say(
             "KITTI was not given (--kitti), so its rows hold what was published; the town is "
@@ -141,38 +139,37 @@ def _stored_chapter(chapter: Chapter, study: DescriptorStudy) -> None:
         f"From the descriptors of KITTI 06 that their author stored, {stored.equal} of the "
         f"{stored.rows} points of his curve come out to 6 digits (figure 4.2, M2DP)."
     )
-    heads = [
-        Head(
-            "L2 from its author's vector",
-            "of the cloud that he described",
-            lambda name: f"{stored.vectors[name]:.1e}",
-        )
-    ]
+    names = list(stored.vectors)
+    column: Column[str] = Column(
+        "L2 from its author's vector",
+        "of the cloud that he described",
+        stored.vectors.get,
+        "{:.1e}",
+    )
     title = "Our vectors of one of his clouds, preset author"
-    chapter.show(title, table_of(list(stored.vectors), heads), "vector")
+    chapter.show(title, build_table([column], names, names), "vector")
 
 
-def _measured_head(
+def _measured_column(
     study: DescriptorStudy, source: str, name: str, variant: str, title: str
-) -> Head:
-    def text(case: str) -> str:
+) -> Column[str]:
+    def text(case: str) -> str | None:
         if case == STORED:
             mine = name == "m2dp" and variant == "author" and study.stored is not None
             full = study.stored.curve.recall_at_full_precision if mine and study.stored else None
-            return shown(full, "{:.6f}")
+            return None if full is None else f"{full:.6f}"
         found = study.find(case, source, name, variant)
-        curve = None if found is None else found.curve
-        return shown(None if curve is None else curve.recall_at_full_precision, "{:.3f}")
+        full = found.curve.recall_at_full_precision if found and found.curve else None
+        return None if full is None else f"{full:.3f}"
 
-    return Head(title, f"here, preset {variant}", text)
+    return Column(title, f"here, preset {variant}", text)
 
 
-def _published_head(source: str, name: str) -> Head:
-    def text(case: str) -> str:
-        key = (case.removeprefix("KITTI ")[:2], source, name)
-        return shown(PUBLISHED_RECALL.get(key), "{:.6f}")
+def _published_column(source: str, name: str) -> Column[str]:
+    def recall(case: str) -> float | None:
+        return PUBLISHED_RECALL.get((case.removeprefix("KITTI ")[:2], source, name))
 
-    return Head("thesis", "as published", text)
+    return Column("thesis", "as published", recall, "{:.6f}")
 
 
 _MARKS = "Squares: recall at 100 % precision; dots: the largest F1."

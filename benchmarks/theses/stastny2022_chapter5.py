@@ -3,21 +3,19 @@
 """Sections 5.4 to 5.7 of Stastny 2022 as tables and pictures, beside the published figures."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from benchmarks.theses.config import WITHOUT_SENSOR
-from benchmarks.theses.document import Chapter, Head, shown, table_of
+from benchmarks.theses.document import Chapter
 from benchmarks.theses.view_study import DriveFacts, ViewStudy
 from fusionslam.evaluation import VIEW_CITATION, published_views
 from fusionslam.pipelines.drives import FrameName
 from fusionslam.pipelines.methods import find_method
 from fusionslam.report.page.images import Picture, keep
-from fusionslam.report.page.tables import Table
+from fusionslam.report.page.tables import Column, Table, build_table
 from fusionslam.report.views.plots import Judged, draw_errors, draw_times, draw_view_curves
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TITLES = {
     "objects:author": "1st stage",
@@ -54,20 +52,16 @@ def published(world: str, method: str, name: str) -> float | None:
 def drives_chapter(study: ViewStudy) -> Chapter:
     """Build section 5.1: the drives."""
     chapter = Chapter("Stastny 2022, 5.1: worlds")
-    by_world = {drive.world: drive for drive in study.drives}
-
-    def head(title: str, hint: str, name: str, show: str) -> Head:
-        return Head(title, hint, lambda world: shown(getattr(by_world[world], name), show))
-
-    heads = [
-        Head("drive", "what was driven", lambda world: by_world[world].words),
-        head("scans", "with something above the floor", "scans", "{:.0f}"),
-        head("empty", "scans with nothing above the floor, left out", "dropped", "{:.0f}"),
-        head("revisits", "scans that come back after more than 20 s", "revisits", "{:.0f}"),
-        head("seconds", "how long", "seconds", "{:.0f}"),
-        head("metres", "how far", "metres", "{:.0f}"),
+    columns: list[Column[DriveFacts]] = [
+        Column("drive", "what was driven", "words"),
+        Column("scans", "with something above the floor", "scans"),
+        Column("empty", "scans with nothing above the floor, left out", "dropped"),
+        Column("revisits", "scans that come back after more than 20 s", "revisits"),
+        Column("seconds", "how long", "seconds", "{:.0f}"),
+        Column("metres", "how far", "metres", "{:.0f}"),
     ]
-    chapter.show("What was driven", table_of(list(by_world), heads), "world")
+    worlds = [drive.world for drive in study.drives]
+    chapter.show("What was driven", build_table(columns, study.drives, worlds), "world")
     chapter.say(_other_worlds(study.drives))
     for note in study.notes():
         chapter.say(f"Missing: {note}.")
@@ -125,7 +119,7 @@ def errors_chapter(study: ViewStudy, methods: Sequence[str], folder: Path) -> Ch
                 "positive, when it happened and how far it is from the first scene of its view. "
                 "Dashed: from here on the distance alone makes it false; below, it is the angle."
             )
-            chapter.picture(_kept(folder, f"errors_{drive.world}_{frame}", figure, caption))
+            chapter.picture(keep(folder, f"errors_{drive.world}_{frame}", figure, caption))
     return chapter
 
 
@@ -148,7 +142,7 @@ def times_chapter(study: ViewStudy, methods: Sequence[str], folder: Path) -> Cha
             f"Figure {_FIGURES[drive.world][1]}, {drive.words}: wall time of every scan, to make "
             "its view and to compare it with all stored ones."
         )
-        chapter.picture(_kept(folder, f"times_{drive.world}", figure, caption))
+        chapter.picture(keep(folder, f"times_{drive.world}", figure, caption))
     return chapter
 
 
@@ -176,37 +170,34 @@ def _beside(
     scale: float = 1.0,
 ) -> Table:
     """Build a table with one column per method, and the published figure beside each."""
-    heads = []
+    columns = []
     for method in methods:
-        heads.append(_measured(study, frame, method, name, show, scale))
-        if find_method(method).published:
-            heads.append(_thesis(method, known, show, scale))
-    return table_of([drive.world for drive in study.drives], heads)
+        columns.append(_measured_column(study, frame, method, name, show, scale))
+        if title := find_method(method).published:
+            figure = partial(published, method=method, name=known)
+            columns.append(Column("thesis", f"as published for {title}", figure, show, scale=scale))
+    return _table_of_worlds(study, columns)
 
 
-def _measured(
-    study: ViewStudy, frame: FrameName, method: str, name: str, show: str, scale: float = 1.0
-) -> Head:
-    def text(world: str) -> str:
-        return shown(study.figure(world, frame, method, name), show, scale)
-
-    return Head(title_of(method), find_method(method).help, text)
+def _table_of_worlds(study: ViewStudy, columns: Sequence[Column[str]]) -> Table:
+    worlds = [drive.world for drive in study.drives]
+    return build_table(columns, worlds, worlds)
 
 
-def _thesis(method: str, known: str, show: str, scale: float) -> Head:
-    def text(world: str) -> str:
-        return shown(published(world, method, known), show, scale)
-
-    return Head("thesis", f"as published for {find_method(method).published}", text)
+def _measured_column(
+    study: ViewStudy, frame: FrameName, method: str, name: str, show: str, scale: float = 1
+) -> Column[str]:
+    figure = partial(study.figure, frame=frame, method=method, name=name)
+    return Column(title_of(method), find_method(method).help, figure, show, scale=scale)
 
 
 def _loops(study: ViewStudy, frame: FrameName, methods: Sequence[str]) -> Table:
-    heads = []
+    columns = []
     for method in methods:
         for name, letter in (("loop_recall", "R"), ("loop_precision", "P")):
-            head = _measured(study, frame, method, name, "{:.1f}", 100)
-            heads.append(Head(f"{head.title} {letter}", head.hint, head.text))
-    return table_of([drive.world for drive in study.drives], heads)
+            column = _measured_column(study, frame, method, name, "{:.1f}", 100)
+            columns.append(replace(column, title=f"{column.title} {letter}"))
+    return _table_of_worlds(study, columns)
 
 
 def _judged_runs(study: ViewStudy, world: str, frame: FrameName, methods: Sequence[str]) -> Judged:
@@ -223,12 +214,12 @@ def _curves(
         "first stage changes; dots are the thresholds in use, grey is without a sensor. Which "
         "scenes are stored depends on the threshold, so curves may turn back."
     )
-    return _kept(folder, f"curves_{world}_{frame}", figure, caption)
+    return keep(folder, f"curves_{world}_{frame}", figure, caption)
 
 
 def _best_thresholds(study: ViewStudy, methods: Sequence[str]) -> Table:
     """Build a table of the most accurate thresholds, chosen as in the thesis."""
-    rows: dict[str, tuple[float, dict[str, float | None]]] = {}
+    rows: dict[str, dict[str, float | None]] = {}
     for frame in ("odometry", "robot"):
         for drive in study.drives:
             for run, _ in _judged_runs(study, drive.world, frame, methods):
@@ -237,18 +228,11 @@ def _best_thresholds(study: ViewStudy, methods: Sequence[str]) -> Table:
                 best = run.curve.most_accurate_threshold()
                 if best is not None:
                     name = f"{drive.world}, {frame}: {run.method}"
-                    rows[name] = best, run.curve.at(best)
-    heads = [Head("threshold", "where accuracy is largest", lambda row: f"{rows[row][0]:.2f}")]
-    for name, title in (
-        ("accuracy", "accuracy %"),
-        ("loop_recall", "loop recall %"),
-        ("loop_precision", "loop precision %"),
-    ):
-        heads.append(
-            Head(title, "there", lambda row, name=name: shown(rows[row][1][name], "{:.1f}", 100))  # type: ignore[misc]
-        )
-    return table_of(list(rows), heads)
-
-
-def _kept(folder: Path, name: str, figure: "Figure | None", caption: str) -> Picture | None:
-    return None if figure is None else keep(folder, name, figure, caption)
+                    rows[name] = {"threshold": best, **run.curve.at(best)}
+    columns: list[Column[dict[str, float | None]]] = [
+        Column("threshold", "where accuracy is largest", "threshold", "{:.2f}"),
+        Column("accuracy %", "there", "accuracy", "{:.1f}", scale=100),
+        Column("loop recall %", "there", "loop_recall", "{:.1f}", scale=100),
+        Column("loop precision %", "there", "loop_precision", "{:.1f}", scale=100),
+    ]
+    return build_table(columns, list(rows.values()), list(rows))

@@ -2,20 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Section 5.8 of Stastny 2022 as tables and pictures: its statements on maps beside ours."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from benchmarks.theses.conclusions import Claim, Operand, decide
 from benchmarks.theses.config import OURS
-from benchmarks.theses.document import Chapter, Head, shown, table_of
+from benchmarks.theses.document import Chapter
 from benchmarks.theses.map_study import MapStudy
 from benchmarks.theses.stastny2022_chapter5 import title_of
 from fusionslam.evaluation import MapReport
 from fusionslam.pipelines.methods import find_method
 from fusionslam.report.maps.map_figures import map_figure
 from fusionslam.report.page.images import Picture, keep
-from fusionslam.report.page.tables import Table
+from fusionslam.report.page.tables import Column, Table, build_table
 
 SAID = {
     "first stage": dict.fromkeys(("warehouse", "house", "hospital"), "satisfactory"),
@@ -89,18 +91,24 @@ def _tables(chapter: Chapter, study: MapStudy, odometry: str, words: str) -> Non
 
 
 def _errors(study: MapStudy, odometry: str, preset: str) -> Table:
-    alone = Head(
+    alone: Column[str] = Column(
         "odometry alone",
         "at the same moments as the nodes of the first map of the row",
-        lambda world: shown(_alone(study, world, odometry), "{:.2f}"),
+        lambda world: _alone(study, world, odometry),
+        "{:.2f}",
     )
-    heads = [alone]
+    columns = [alone]
     for method in study.methods:
         used = "robust" if method == OURS else preset
-        heads.append(_head(study, odometry, method, used, _rmse, "{:.2f}"))
+        columns.append(_map_column(study, odometry, method, used, _rmse, "{:.2f}"))
         if odometry == "truth" and preset == "openratslam" and find_method(method).published:
-            heads.append(_said(method))
-    return table_of(list(study.words), heads)
+            words = SAID[find_method(method).published or ""]
+            columns.append(Column("thesis", "what section 5.8 says", words.get))
+    return _table_of_worlds(study, columns)
+
+
+def _table_of_worlds(study: MapStudy, columns: Sequence[Column[str]]) -> Table:
+    return build_table(columns, list(study.words), list(study.words))
 
 
 def _alone(study: MapStudy, world: str, odometry: str) -> float | None:
@@ -113,18 +121,16 @@ def _rmse(report: MapReport) -> float | None:
     return None if report.nodes is None else report.nodes.rmse_m
 
 
-def _head(
+def _map_column(
     study: MapStudy, odometry: str, method: str, preset: str, value: Value, show: str
-) -> Head:
-    def text(world: str) -> str:
-        return shown(figure(study, world, odometry, method, preset, value), show)
-
-    return Head(title_of(method), f"{find_method(method).help}; preset {preset}", text)
-
-
-def _said(method: str) -> Head:
-    words = SAID[find_method(method).published or ""]
-    return Head("thesis", "what section 5.8 says", lambda world: words.get(world, ""))
+) -> Column[str]:
+    hint = f"{find_method(method).help}; preset {preset}"
+    return Column(
+        title_of(method),
+        hint,
+        lambda world: figure(study, world, odometry, method, preset, value),
+        show,
+    )
 
 
 def figure(
@@ -145,25 +151,29 @@ def _pairs(study: MapStudy) -> list[tuple[str, str]]:
     ]
 
 
-def _titled(method: str, preset: str) -> str:
+def _title_of_map(method: str, preset: str) -> str:
     own = "" if method == OURS or preset == "openratslam" else ", our map"
     return title_of(method) + own
 
 
 def _arrivals(study: MapStudy, odometry: str) -> Table:
-    def text(world: str, method: str, preset: str) -> str:
+    def count(world: str, method: str, preset: str) -> str | None:
         mapped = study.map(world, odometry, method, preset)
         report = None if mapped is None else mapped.report
         if report is None or report.judged_loops is None:
-            return ""
+            return None
         refused = f", {report.refused} refused" if preset == "robust" else ""
         return f"{report.false_loops} of {report.judged_loops}{refused}"
 
-    heads = [
-        Head(_titled(*pair), f"preset {pair[1]}", lambda world, pair=pair: text(world, *pair))  # type: ignore[misc]
-        for pair in _pairs(study)
+    columns: list[Column[str]] = [
+        Column(
+            _title_of_map(method, preset),
+            f"preset {preset}",
+            partial(count, method=method, preset=preset),
+        )
+        for method, preset in _pairs(study)
     ]
-    return table_of(list(study.words), heads)
+    return _table_of_worlds(study, columns)
 
 
 def _shares(study: MapStudy, odometry: str) -> Table:
@@ -171,11 +181,11 @@ def _shares(study: MapStudy, odometry: str) -> Table:
         found = report.linked_revisit_share
         return None if found is None else 100 * found
 
-    heads = []
+    columns = []
     for method, preset in _pairs(study):
-        head = _head(study, odometry, method, preset, share, "{:.0f}")
-        heads.append(Head(_titled(method, preset), head.hint, head.text))
-    return table_of(list(study.words), heads)
+        column = _map_column(study, odometry, method, preset, share, "{:.0f}")
+        columns.append(replace(column, title=_title_of_map(method, preset)))
+    return _table_of_worlds(study, columns)
 
 
 def _figure(study: MapStudy, world: str, odometry: str, folder: Path) -> Picture | None:
