@@ -34,6 +34,16 @@ if TYPE_CHECKING:
 
 Judged = Sequence[tuple[RatSlamRun, MapReport]]
 _NOTES = 50
+MISSING = {
+    "no-look": "There was no look, so there are no views, and nothing corrected the pose cells.",
+    "no-view": "Nothing was recognised in any look, so there is no view.",
+    "no-node": "The map has no node: odometry and a view are both needed to make the first.",
+    "single-node": "The map is a single node: there is nothing to draw.",
+    "no-loop": "No loop was closed: the map is dead reckoning, cut into nodes.",
+    "no-truth": "The true poses are not known, so there are no errors to show.",
+    "no-times": "No step was timed.",
+}
+"""Sentences that replace pictures without content, by code."""
 
 
 def drive_part(folder: Path, id: str, name: str, judged: Judged) -> dict[str, Any]:
@@ -112,7 +122,7 @@ def _run_part(folder: Path, label: str, scene: Scene) -> dict[str, Any]:
     return {
         "name": label,
         "sentence": summarise_run(scene),
-        "words": [*_explain_missing(scene)],
+        "words": [MISSING[code] for code in list_missing(scene)],
         "pictures": [*_draw_pictures(folder, scene)],
         "loops": loop_table(scene),
         "refused": refused_table(scene),
@@ -140,26 +150,21 @@ def summarise_run(scene: Scene) -> str:
     )
 
 
-def _explain_missing(scene: Scene) -> list[str]:
-    """Return sentences that replace pictures without content."""
-    run, said = scene.run, []
-    if not run.is_view.any():
-        said.append(
-            "Nothing was looked at, so there are no views, and nothing corrected the cells."
-        )
-    elif not (run.view_ids >= 0).any():
-        said.append("Nothing was recognised in any look, so there is no view.")
-    if not len(run.nodes):
-        said.append("The map has no node: odometry and a view are both needed to make the first.")
-    elif len(run.nodes) == 1:
-        said.append("The map is a single node: there is nothing to draw.")
+def list_missing(scene: Scene) -> list[str]:
+    """Return the codes, keys of ``MISSING``, of what a run lacks for its pictures."""
+    run = scene.run
+    found = []
+    if not (run.view_ids >= 0).any():
+        found.append("no-view" if run.is_view.any() else "no-look")
+    if len(run.nodes) < 2:
+        found.append("single-node" if len(run.nodes) else "no-node")
     elif not scene.loops.any():
-        said.append("No loop was closed: the map is dead reckoning, cut into nodes.")
+        found.append("no-loop")
     if run.truth is None:
-        said.append("The true poses are not known, so there are no errors to show.")
+        found.append("no-truth")
     if not (run.step_seconds > 0).any():
-        said.append("No step was timed.")
-    return said
+        found.append("no-times")
+    return found
 
 
 def _draw_pictures(folder: Path, scene: Scene) -> list[Picture]:
