@@ -86,8 +86,8 @@ Returns:
     (indices int64 (M,), distances float32 (M,)), M <= k.
 
 Raises:
-    ShapeError, DataError: wrong length, NaN. ConfigError: the window is in seconds and stamp_ns
-    is missing.)")
+    ShapeError, DataError: wrong length, NaN.
+    ConfigError: the window is in seconds and stamp_ns is missing.)")
       .def(
           "save",
           [](const SharedDescriptors& self, const std::filesystem::path& path) {

@@ -293,8 +293,8 @@ class DescriptorIndex:
             (indices int64 (M,), distances float32 (M,)), M <= k.
         
         Raises:
-            ShapeError, DataError: wrong length, NaN. ConfigError: the window is in seconds and stamp_ns
-            is missing.
+            ShapeError, DataError: wrong length, NaN.
+            ConfigError: the window is in seconds and stamp_ns is missing.
         """
     def save(self, path: os.PathLike[str] | str | bytes) -> None:
         """
