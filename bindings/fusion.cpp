@@ -243,7 +243,7 @@ Raises:
         return to_tuple(without_gil([&] { return voxel_downsample(points.view(), view, size); }));
       },
       "points"_a, "colors"_a = py::none(), py::kw_only(), "size"_a,
-      R"(One point a cube of size metres: mean position and colour.
+      R"(One point for each cube of size metres: mean position and colour.
 
 Returns:
     (points float32 (M, 3), colors uint8 (M, 3), or (0, 3) without colours, indices int64 (M,):

@@ -93,7 +93,7 @@ Raises:
           [](const SharedDescriptors& self, const std::filesystem::path& path) {
             self.read([&](const DescriptorIndex& index) { index.save(path.string()); });
           },
-          "path"_a, "Writes one file, whole or not at all. Raises DataError naming the path.")
+          "path"_a, "Writes one file atomically. Raises DataError naming the path.")
       .def_static(
           "load",
           [](const std::filesystem::path& path) {
@@ -101,7 +101,7 @@ Raises:
                 without_gil([&] { return DescriptorIndex::load(path.string()); }));
           },
           "path"_a,
-          "Reads it again. Raises DataError if it is no index, of another version, or cut.")
+          "Reads an index. Raises DataError if the file is none, of another version, or truncated.")
       .def(
           "descriptor",
           [](const SharedDescriptors& self, std::size_t i) {

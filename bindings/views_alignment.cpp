@@ -19,14 +19,17 @@ py::typing::Dict<py::str, py::float_> evidence_of(const Alignment& alignment) {
 }
 
 void bind_result(py::module_& module) {
-  py::class_<Alignment>(module, "Alignment", "How one scene lies over another.")
-      .def_readonly("x", &Alignment::x, "Metres: the current robot in the frame of the stored one.")
+  py::class_<Alignment>(module, "Alignment", "The alignment of one scene with another.")
+      .def_readonly("x", &Alignment::x,
+                    "x of the current robot in the frame of the stored one, metres.")
       .def_readonly("y", &Alignment::y, "Metres.")
       .def_readonly("yaw", &Alignment::yaw, "Radians.")
       .def_readonly("probability", &Alignment::probability,
-                    "That both scans were taken within 0.8 m and 22.9 deg of each other; 0 beyond "
+                    "Probability that both scans were taken within 0.8 m and 22.9 deg of each "
+                    "other; 0 beyond "
                     "reach and turn of the configuration.")
-      .def_property_readonly("evidence", &evidence_of, "What speaks for and against it, by name.")
+      .def_property_readonly("evidence", &evidence_of,
+                             "The numbers from which the probability is computed, by name.")
       .def("__repr__", [](const Alignment& self) {
         std::ostringstream text;
         text << "<Alignment x " << self.x << " m, y " << self.y << " m, yaw " << self.yaw
@@ -44,7 +47,7 @@ void bind_functions(py::module_& module) {
             [&] { return align_scenes(current, stored, config.value_or(AlignmentConfig{})); });
       },
       "current"_a, "stored"_a, py::kw_only(), "config"_a = py::none(),
-      R"(Whether two scenes show one place, by laying one range image over the other.
+      R"(Aligns two scenes' range images and computes the probability that they show one place.
 
 Point-to-plane ICP with projective data association, in the plane, from several starts. The
 probability is calibrated: docs/stages/views/alignment.md says on what.
@@ -60,7 +63,7 @@ void bind_index(py::module_& module) {
   using namespace py::literals;
   py::class_<SharedScenes>(
       module, "AlignmentIndex",
-      R"(Many stored scenes, of which those that look like the current one are aligned with it.
+      R"(Stored scenes; those that look like the current one are aligned with it.
 
 They are numbered from 0 in the order in which they were added. Threads may share an index.)")
       .def(py::init([](const std::optional<AlignmentConfig>& config) {
@@ -80,7 +83,7 @@ They are numbered from 0 in the order in which they were added. Threads may shar
             self.write([&](AlignmentIndex& index) { index.remove(number); });
           },
           "number"_a,
-          "Forgets a scene; the numbers of all later ones fall by one. Raises ConfigError if there "
+          "Removes a scene; the numbers of all later ones fall by one. Raises ConfigError if there "
           "is none.")
       .def(
           "query",
@@ -92,7 +95,7 @@ They are numbered from 0 in the order in which they were added. Threads may shar
             return found;
           },
           "current"_a, py::kw_only(), "threads"_a = 1,
-          R"(The stored scenes that look most like the current one, each aligned with it.
+          R"(The stored scenes most similar to the current one, each aligned with it.
 
 Args:
     threads: of this call; 0 is one a core. The result does not depend on it.

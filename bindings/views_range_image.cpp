@@ -55,9 +55,8 @@ void bind_views_range_image(py::module_& module) {
   using namespace py::literals;
   using Cell = RangeImage::Cell;
   PYBIND11_NUMPY_DTYPE(Cell, column, row, range, color);
-  py::class_<RangeImage>(
-      module, "RangeImage",
-      R"(How far it is, and of which colour what is there, in each direction of a cloud.
+  py::class_<RangeImage>(module, "RangeImage",
+                         R"(Range and colour of the nearest surface in each direction of a cloud.
 
 Immutable; equal if all cells are.)")
       .def(py::init([](const py::array& cells, float azimuth_step, float elevation_step,
@@ -86,7 +85,7 @@ elevation up, from straight ahead), range (cm), color (3) RGB.)")
       .def_readonly("azimuth_step", &RangeImage::azimuth_step, "Degrees.")
       .def_readonly("elevation_step", &RangeImage::elevation_step, "Degrees.")
       .def_readonly("sensor", &RangeImage::sensor,
-                    "Metres: what the directions are taken from, in the frame of the cloud.")
+                    "Origin of the directions in the frame of the cloud, metres.")
       .def("__len__", [](const RangeImage& self) { return self.cells.size(); })
       .def("__eq__",
            [](const RangeImage& self, const py::object& other) {

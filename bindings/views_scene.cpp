@@ -192,13 +192,13 @@ to 0.01 dm3, areas to 1 cm2, colours to 1/2048 of a byte, numbers of points exac
 kept.
 
 Raises:
-    DataError: what does not fit, such as centres beyond 4e11 m.)")
+    DataError: values that do not fit, such as centres beyond 4e11 m.)")
       .def_static(
           "from_bytes", &from_bytes, "data"_a,
           R"(The scene that to_bytes wrote; box_min and box_max of its objects are their centres.
 
 Raises:
-    DataError: bytes that are cut, damaged, foreign or of another version.)")
+    DataError: bytes that are truncated, damaged, foreign or of another version.)")
       .def("__hash__",
            [](const Scene& self) {
              std::size_t value = self.objects.size();

@@ -38,7 +38,7 @@ void bind_colors(py::module_& module) {
                                 choice_from_name<ColorDifference>("kind", kind));
       },
       "a"_a, "b"_a, "kind"_a = "ciede2000",
-      R"(How far two colours are apart.
+      R"(The difference of two colours.
 
 Args:
     a, b: RGB, three numbers from 0 to 255.
@@ -68,7 +68,7 @@ void bind_functions(py::module_& module) {
         return scene_similarity(current, stored, chosen(config, preset));
       },
       "current"_a, "stored"_a, py::kw_only(), "preset"_a = "robust", "config"_a = py::none(),
-      R"(How alike two scenes are, 0 to 1 (Stastny 2022, 4.6).
+      R"(The similarity of two scenes, 0 to 1 (Stastny 2022, 4.6).
 
 Every object of the current scene takes its best similarity to an object of the stored one; the
 mean of these, weighted by numbers of points, is the similarity. The robust preset takes the mean
@@ -92,7 +92,7 @@ They are numbered from 0 in the order in which they were added. Threads may shar
              return std::make_unique<SharedScenes>(SceneIndex(chosen(config, preset)));
            }),
            "config"_a = py::none(), py::kw_only(), "preset"_a = "robust",
-           "Compares as the configuration says or, without one, as the preset.")
+           "Uses the configuration or, without one, the preset.")
       .def(
           "add",
           [](SharedScenes& self, const Scene& scene) {
@@ -105,8 +105,7 @@ They are numbered from 0 in the order in which they were added. Threads may shar
             const std::size_t place = number_of(number);
             self.write([&](SceneIndex& index) { index.replace(place, scene); });
           },
-          "number"_a, "scene"_a,
-          "Puts a scene in the place of a stored one. Raises ConfigError if there is none.")
+          "number"_a, "scene"_a, "Replaces a stored scene. Raises ConfigError if there is none.")
       .def(
           "remove",
           [](SharedScenes& self, py::ssize_t number) {
@@ -114,7 +113,7 @@ They are numbered from 0 in the order in which they were added. Threads may shar
             self.write([&](SceneIndex& index) { index.remove(place); });
           },
           "number"_a,
-          "Forgets a scene; the numbers of all later ones fall by one. Raises ConfigError if there "
+          "Removes a scene; the numbers of all later ones fall by one. Raises ConfigError if there "
           "is none.")
       .def(
           "similarities",

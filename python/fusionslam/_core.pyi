@@ -271,7 +271,7 @@ class DescriptorIndex:
     @staticmethod
     def load(path: os.PathLike[str] | str | bytes) -> DescriptorIndex:
         """
-        Reads it again. Raises DataError if it is no index, of another version, or cut.
+        Reads an index. Raises DataError if the file is none, of another version, or truncated.
         """
     def __init__(self, dimension: typing.SupportsInt | typing.SupportsIndex, *, window: typing.SupportsInt | typing.SupportsIndex = 0, window_seconds: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
         ...
@@ -298,7 +298,7 @@ class DescriptorIndex:
         """
     def save(self, path: os.PathLike[str] | str | bytes) -> None:
         """
-        Writes one file, whole or not at all. Raises DataError naming the path.
+        Writes one file atomically. Raises DataError naming the path.
         """
     @property
     def dimension(self) -> int:
@@ -311,7 +311,7 @@ class DescriptorIndex:
         ...
 class RangeImage:
     """
-    How far it is, and of which colour what is there, in each direction of a cloud.
+    Range and colour of the nearest surface in each direction of a cloud.
     
     Immutable; equal if all cells are.
     """
@@ -344,7 +344,7 @@ class RangeImage:
     @property
     def sensor(self) -> typing.Annotated[list[float], "FixedSize(3)"]:
         """
-        Metres: what the directions are taken from, in the frame of the cloud.
+        Origin of the directions in the frame of the cloud, metres.
         """
 class SceneConfig:
     """
@@ -448,7 +448,7 @@ class Scene:
         The scene that to_bytes wrote; box_min and box_max of its objects are their centres.
         
         Raises:
-            DataError: bytes that are cut, damaged, foreign or of another version.
+            DataError: bytes that are truncated, damaged, foreign or of another version.
         """
     @staticmethod
     def from_json(text: str) -> Scene:
@@ -484,7 +484,7 @@ class Scene:
         kept.
         
         Raises:
-            DataError: what does not fit, such as centres beyond 4e11 m.
+            DataError: values that do not fit, such as centres beyond 4e11 m.
         """
     def to_json(self) -> str:
         """
@@ -620,7 +620,7 @@ class SceneIndex:
     """
     def __init__(self, config: SimilarityConfig | None = None, *, preset: str = 'robust') -> None:
         """
-        Compares as the configuration says or, without one, as the preset.
+        Uses the configuration or, without one, the preset.
         """
     def __len__(self) -> int:
         ...
@@ -630,11 +630,11 @@ class SceneIndex:
         """
     def remove(self, number: typing.SupportsInt | typing.SupportsIndex) -> None:
         """
-        Forgets a scene; the numbers of all later ones fall by one. Raises ConfigError if there is none.
+        Removes a scene; the numbers of all later ones fall by one. Raises ConfigError if there is none.
         """
     def replace(self, number: typing.SupportsInt | typing.SupportsIndex, scene: Scene) -> None:
         """
-        Puts a scene in the place of a stored one. Raises ConfigError if there is none.
+        Replaces a stored scene. Raises ConfigError if there is none.
         """
     def similarities(self, current: Scene, *, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float64]:
         """
@@ -704,24 +704,24 @@ class AlignmentConfig:
         """
 class Alignment:
     """
-    How one scene lies over another.
+    The alignment of one scene with another.
     """
     def __repr__(self) -> str:
         ...
     @property
     def evidence(self) -> dict[str, float]:
         """
-        What speaks for and against it, by name.
+        The numbers from which the probability is computed, by name.
         """
     @property
     def probability(self) -> float:
         """
-        That both scans were taken within 0.8 m and 22.9 deg of each other; 0 beyond reach and turn of the configuration.
+        Probability that both scans were taken within 0.8 m and 22.9 deg of each other; 0 beyond reach and turn of the configuration.
         """
     @property
     def x(self) -> float:
         """
-        Metres: the current robot in the frame of the stored one.
+        x of the current robot in the frame of the stored one, metres.
         """
     @property
     def y(self) -> float:
@@ -735,7 +735,7 @@ class Alignment:
         """
 class AlignmentIndex:
     """
-    Many stored scenes, of which those that look like the current one are aligned with it.
+    Stored scenes; those that look like the current one are aligned with it.
     
     They are numbered from 0 in the order in which they were added. Threads may share an index.
     """
@@ -749,7 +749,7 @@ class AlignmentIndex:
         """
     def query(self, current: Scene, *, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> list[tuple[int, Alignment]]:
         """
-        The stored scenes that look most like the current one, each aligned with it.
+        The stored scenes most similar to the current one, each aligned with it.
         
         Args:
             threads: of this call; 0 is one a core. The result does not depend on it.
@@ -759,7 +759,7 @@ class AlignmentIndex:
         """
     def remove(self, number: typing.SupportsInt | typing.SupportsIndex) -> None:
         """
-        Forgets a scene; the numbers of all later ones fall by one. Raises ConfigError if there is none.
+        Removes a scene; the numbers of all later ones fall by one. Raises ConfigError if there is none.
         """
     @property
     def config(self) -> AlignmentConfig:
@@ -971,7 +971,7 @@ def above_height(points: numpy.typing.NDArray[numpy.float32], height: typing.Sup
     """
 def align_scenes(current: Scene, stored: Scene, *, config: AlignmentConfig | None = None) -> Alignment:
     """
-    Whether two scenes show one place, by laying one range image over the other.
+    Aligns two scenes' range images and computes the probability that they show one place.
     
     Point-to-plane ICP with projective data association, in the plane, from several starts. The
     probability is calibrated: docs/stages/views/alignment.md says on what.
@@ -1048,7 +1048,7 @@ def cm2dp_signature(points: numpy.typing.NDArray[numpy.float32], colors: numpy.t
     """
 def color_difference(a: typing.Any, b: typing.Any, kind: str = 'ciede2000') -> float:
     """
-    How far two colours are apart.
+    The difference of two colours.
     
     Args:
         a, b: RGB, three numbers from 0 to 255.
@@ -1252,7 +1252,7 @@ def remove_ground_segments(points: numpy.typing.NDArray[numpy.float32], *, up: s
     """
 def scene_similarity(current: Scene, stored: Scene, *, preset: str = 'robust', config: SimilarityConfig | None = None) -> float:
     """
-    How alike two scenes are, 0 to 1 (Stastny 2022, 4.6).
+    The similarity of two scenes, 0 to 1 (Stastny 2022, 4.6).
     
     Every object of the current scene takes its best similarity to an object of the stored one; the
     mean of these, weighted by numbers of points, is the similarity. The robust preset takes the mean
@@ -1320,7 +1320,7 @@ def stereo_disparity(left: numpy.typing.NDArray[numpy.uint8], right: numpy.typin
     """
 def voxel_downsample(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8] | None = None, *, size: typing.SupportsFloat | typing.SupportsIndex) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64]]:
     """
-    One point a cube of size metres: mean position and colour.
+    One point for each cube of size metres: mean position and colour.
     
     Returns:
         (points float32 (M, 3), colors uint8 (M, 3), or (0, 3) without colours, indices int64 (M,):
