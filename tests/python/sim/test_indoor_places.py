@@ -4,9 +4,11 @@
 
 import itertools
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
@@ -16,6 +18,7 @@ from fusionslam.sim.indoor import (
     HospitalConfig,
     HouseConfig,
     WarehouseConfig,
+    furniture,
     indoor_places,
     make_indoor,
 )
@@ -202,3 +205,28 @@ def test_each_print_of_a_sheet_is_addressed_by_its_number() -> None:
     assert cut(Look.LABELS, 5, 0.2, 0.3).offset == (0.25, 0.25)
     assert cut(Look.LABELS, 16, 0.2, 0.3) == cut(Look.LABELS, 0, 0.2, 0.3)
     assert cut(Look.LABELS, 1, 0.2, 0.3).extent == pytest.approx((0.8, 1.2))
+
+
+def test_every_piece_of_the_furniture_table_can_be_built() -> None:
+    table = yaml.safe_load(Path(furniture.__file__).with_suffix(".yaml").read_text())
+    style = Style(WOODS[0], WHITE, WHITE)
+    options = {"mirror", "around", "sides", "along", "texture", "fit", "tint", "hit", "seen"}
+    for kind, rows in table.items():
+        for row in rows:
+            assert len(row.keys() - options) == 1, (kind, row)  # a shape, and no misspelt option
+        piece = make_piece(kind, style)
+        assert piece.kind == kind and len(piece.visual) > 0
+        assert piece.collision is not None
+        low, high = (getattr(piece.visual.triangles, end)(axis=(0, 1)) for end in ("min", "max"))
+        corners = piece.collision.triangles
+        assert (corners >= low - 0.01).all() and (corners <= high + 0.01).all()
+
+
+def test_mirrored_and_turned_shapes_stand_around_the_origin() -> None:
+    trolley, stand = make_piece("trolley"), make_piece("drip_stand")
+    corners = trolley.visual.triangles.reshape(-1, 3)
+    assert corners[:, 0].min() == -corners[:, 0].max()
+    feet = stand.visual.triangles.reshape(-1, 3)
+    feet = feet[feet[:, 2] < 0.03]
+    turns = np.unique(np.round(np.arctan2(feet[:, 1], feet[:, 0]) / (2 * np.pi / 5)) % 5)
+    assert len(turns) == 5
