@@ -141,24 +141,10 @@ def panels(corners: ArrayLike, paint: Paint) -> Mesh:
     return triangles(_split(quads), _split(uv), paint)
 
 
-def box(
-    low: ArrayLike,
-    high: ArrayLike,
-    paint: Paint,
-    top: Paint | None = None,
-    *,
-    bottom: bool = False,
-) -> Mesh:
-    """A box between two opposite corners; ``top`` paints its upper face if given.
-
-    The bottom is left out by default: few boxes are seen from below.
-    """
-    corners = _box_corners(low, high)
+def box(low: ArrayLike, high: ArrayLike, paint: Paint, *, bottom: bool = False) -> Mesh:
+    """A box between two opposite corners; by default without bottom, which is seldom seen."""
     faces = list(_BOX_FACES if bottom else _BOX_FACES[:5])
-    if top is None:
-        return panels(corners[faces], paint)
-    sides = [*faces[:4], *faces[5:]]
-    return join_meshes([panels(corners[sides], paint), panels(corners[faces[4:5]], top)])
+    return panels(_box_corners(low, high)[faces], paint)
 
 
 def tapered_box(

@@ -25,9 +25,9 @@ from fusionslam.sim.mesh import (
 )
 
 
-def table(style: Style, width: float, depth: float, height: float = 0.74) -> Thing:
+def table(style: Style, width: float, depth: float) -> Thing:
     """A table on four legs."""
-    wood, x, y = paint(Look.WOOD, style.wood), width / 2, depth / 2
+    wood, x, y, height = paint(Look.WOOD, style.wood), width / 2, depth / 2, 0.74
     low, high = (-x, -y, height - 0.04), (x, y, height)
     rails = block((-x + 0.05, -y + 0.05, height - 0.12), (x - 0.05, y - 0.05, height - 0.04), wood)
     shapes = [block(low, high, wood), rails, legs(width, depth, height - 0.04, 0.07, wood)]

@@ -15,6 +15,7 @@ from fusionslam.sim.side import Side
 LANE_M = 0.80
 _GAP_M = 0.03
 _STEP_M = 0.1
+_TRIES = 60
 _Rectangle = NDArray[np.float64]
 
 
@@ -37,14 +38,13 @@ class Layout:
         self._hung: list[_Rectangle] = []
         self._last = (0.0, 0.0, 0.0)  # x, y and yaw of the thing hung last
 
-    def along_wall(self, thing: Thing, side: int | None = None) -> bool:
-        """Stand a thing with its back to a wall (0 south, 1 east, 2 north, 3 west; None: any).
+    def along_wall(self, thing: Thing) -> bool:
+        """Stand a thing with its back to a wall.
 
         Returns False, and places nothing, if there is no room for it.
         """
         width, depth = thing.size
-        chosen = self._rng.permutation(4) if side is None else [side]
-        for number in chosen:
+        for number in self._rng.permutation(4):
             wall = self._sides[number]
             reach = WALL_M / 2 + width / 2 + _GAP_M
             spots = np.arange(reach, wall.length - reach, _STEP_M)
@@ -54,13 +54,13 @@ class Layout:
                     return True
         return False
 
-    def anywhere(self, thing: Thing, tries: int = 60) -> bool:
+    def anywhere(self, thing: Thing) -> bool:
         """Stand a thing at a random free place in the room, rotated by a multiple of 90 degrees."""
         margin = max(thing.size) / 2 + WALL_M / 2 + 0.1
         low, high = np.asarray(self._room.low) + margin, np.asarray(self._room.high) - margin
         if (low >= high).any():
             return False
-        for _ in range(tries):
+        for _ in range(_TRIES):
             x, y = (float(value) for value in self._rng.uniform(low, high))
             if self._stand(thing, x, y, float(self._rng.integers(4) * np.pi / 2)):
                 return True
@@ -73,7 +73,13 @@ class Layout:
         self._site.put(carpet, x, y, 0.0 if wide >= deep else np.pi / 2)
 
     def on_wall(self, thing: Thing, z: float, side: int | None = None) -> bool:
-        """Hang a flat thing (its back at y = 0) on a wall, clear of doors and other hung things."""
+        """Hang a flat thing (its back at y = 0) on a wall, clear of doors and other hung things.
+
+        Args:
+            thing: the thing.
+            z: height of its lower edge, metres.
+            side: 0 south, 1 east, 2 north, 3 west; None for any.
+        """
         half = thing.size[0] / 2 + 0.08
         chosen = self._rng.permutation(4) if side is None else [side]
         for number in chosen:

@@ -74,14 +74,10 @@ class Site:
         return World(name=name, visual=visual, collision=collision, map=room)
 
 
-def thing(
-    kind: str, shapes: Sequence[Mesh], solid: Sequence[Mesh] = (), *, is_ground: bool = False
-) -> Thing:
-    """A thing made of shapes; without ``solid`` its collision shape is their bounding box."""
-    visual = join_meshes(shapes)
-    collision = join_meshes(solid) if solid else _around(visual)
-    footprint = _footprint(join_meshes([visual, collision]))
-    return Thing(kind, visual, collision, footprint, is_ground)
+def thing(kind: str, shapes: Sequence[Mesh], solid: Sequence[Mesh]) -> Thing:
+    """A thing made of visual and collision shapes."""
+    visual, collision = join_meshes(shapes), join_meshes(solid)
+    return Thing(kind, visual, collision, _footprint(join_meshes([visual, collision])))
 
 
 def flat(kind: str, shapes: Sequence[Mesh], *, is_ground: bool = False) -> Thing:
@@ -133,11 +129,6 @@ def front(low: tuple[float, float], high: tuple[float, float], y: float, cover: 
     """An upright panel that faces -y, from (x, z) to (x, z), at ``y``."""
     (x0, z0), (x1, z1) = low, high
     return panels([[(x0, y, z0), (x1, y, z0), (x1, y, z1), (x0, y, z1)]], cover)
-
-
-def _around(mesh: Mesh) -> Mesh:
-    corners = mesh.triangles.reshape(-1, 3)
-    return block(corners.min(axis=0), corners.max(axis=0))
 
 
 def _footprint(mesh: Mesh) -> tuple[float, float]:

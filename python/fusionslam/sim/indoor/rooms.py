@@ -101,12 +101,11 @@ def build_room(site: Site, room: Room, openings: Sequence[Opening], height: floa
     site.put(thing(f"wall_{room.name}", visual, solid), 0.0, 0.0)
 
 
-def window(width: float, height: float, frame: Rgb = WHITE) -> Thing:
+def window(width: float, height: float) -> Thing:
     """A window with its sill; its back is at y = 0, its lower edge at z = 0."""
     pane = front((-width / 2, 0), (width / 2, height), -0.006, fit(Look.WINDOW, width, height))
-    sill = block(
-        (-width / 2 - 0.05, -0.06, -0.04), (width / 2 + 0.05, 0, 0), paint(Look.PLAIN, frame)
-    )
+    x = width / 2 + 0.05
+    sill = block((-x, -0.06, -0.04), (x, 0, 0), paint(Look.PLAIN, WHITE))
     return flat("window", [pane, sill])
 
 

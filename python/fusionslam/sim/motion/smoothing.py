@@ -49,8 +49,12 @@ def resample_path(path: Floats, step_m: float) -> Floats:
     """Resample a polyline at equal steps of about ``step_m``, ends included, (N, 2)."""
     along = lengths(path)
     count = max(2, round(float(along[-1]) / step_m) + 1)
-    where = np.linspace(0, along[-1], count)
-    return np.stack([np.interp(where, along, path[:, k]) for k in (0, 1)], axis=1)
+    return interpolate_path(np.linspace(0, along[-1], count), along, path)
+
+
+def interpolate_path(where: Floats, along: Floats, path: Floats) -> Floats:
+    """Points of a polyline ``where`` metres along it, (M, 2), given those of its corners."""
+    return np.stack([np.interp(where, along, axis) for axis in path.T], axis=1)
 
 
 def lengths(path: Floats) -> Floats:

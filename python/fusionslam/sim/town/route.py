@@ -14,7 +14,7 @@ from pydantic import model_validator
 
 from fusionslam.config import Section, option
 from fusionslam.geometry.rigid import rotation
-from fusionslam.sim.motion.smoothing import lengths
+from fusionslam.sim.motion.smoothing import interpolate_path, lengths
 from fusionslam.storage.arrays import Floats
 
 Crossing = tuple[int, int]
@@ -102,10 +102,8 @@ def make_drive(config: DriveConfig, block_m: float, seed: int) -> Drive:
     path = _in_lane(config, middle, lap, rng)
     length = lengths(path)
     stops = np.arange(0.0, length[-1], config.spacing_m)
-    where = np.stack([np.interp(stops, length, path[:, k]) for k in (0, 1)], axis=1)
-    heading = np.unwrap(_heading(path))
-    yaw = np.interp(stops, length, heading)
-    poses = _poses(where, yaw, stops, config, rng)
+    yaw = np.interp(stops, length, np.unwrap(_heading(path)))
+    poses = _poses(interpolate_path(stops, length, path), yaw, stops, config, rng)
     laps = lap[np.searchsorted(length, stops).clip(max=len(lap) - 1)]
     return Drive(poses, stops / config.speed_m_s, laps)
 
@@ -113,26 +111,21 @@ def make_drive(config: DriveConfig, block_m: float, seed: int) -> Drive:
 def _middle_line(config: DriveConfig, block_m: float) -> tuple[Floats, NDArray[np.int64]]:
     """Points on the streets' centre lines at equal steps, (K, 2), and the lap of each."""
     nodes = np.asarray(config.crossings(), np.float64) * block_m
-    pieces = [nodes[:1], *_corners(nodes, config.corner_radius_m), nodes[-1:]]
+    corners = zip(nodes, nodes[1:], nodes[2:], strict=False)
+    arcs = [_arc(*corner, config.corner_radius_m) for corner in corners]
+    pieces = [nodes[:1], *arcs, nodes[-1:]]
     line = np.concatenate(pieces)
     length = lengths(line)
     steps = np.arange(0.0, length[-1], _STEP_M)
-    points = np.stack([np.interp(steps, length, line[:, k]) for k in (0, 1)], axis=1)
     ends = np.cumsum([len(lap) - 1 for lap in config.laps])[:-1]
     firsts = np.cumsum([len(piece) for piece in pieces])[:-1]
     starts = length[firsts[ends - 1]]
+    points = interpolate_path(steps, length, line)
     return points, np.searchsorted(starts, steps, side="right")
 
 
-def _corners(nodes: Floats, radius: float) -> list[Floats]:
-    """Points past each inner node: the node itself, or an arc where the route turns."""
-    return [
-        _arc(before, node, after, radius)
-        for before, node, after in zip(nodes, nodes[1:], nodes[2:], strict=False)
-    ]
-
-
 def _arc(before: Floats, node: Floats, after: Floats, radius: float) -> Floats:
+    """Points past an inner node: the node itself, or an arc where the route turns."""
     into = (node - before) / np.linalg.norm(node - before)
     out = (after - node) / np.linalg.norm(after - node)
     if into @ out > 0.99:
