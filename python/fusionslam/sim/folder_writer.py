@@ -88,7 +88,7 @@ class FolderWriter:
         """Number of frames written."""
         return len(self._stamps)
 
-    def needed(self, tasks: Iterable[Task]) -> Iterator[Task]:
+    def select_tasks(self, tasks: Iterable[Task]) -> Iterator[Task]:
         """The tasks whose messages the folder keeps: most images need not be rendered."""
         sides = {camera.picture_topic() for camera in self._cameras.values()}
         pictures: dict[str, Task] = {}

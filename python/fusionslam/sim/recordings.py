@@ -145,7 +145,7 @@ def write_recording(
     """
     total = recording_size(drive, config, kind)
     with _writer(output, kind, config.robot) as writer:
-        select: Select = writer.needed if isinstance(writer, FolderWriter) else iter
+        select: Select = writer.select_tasks if isinstance(writer, FolderWriter) else iter
         for event in simulate(world, config.robot, drive, config, jobs=jobs, select=select):
             writer.write(event)
             if progress is not None:

@@ -47,14 +47,14 @@ def warehouse() -> World:
 
 
 @cache
-def seeded(name: str, seed: int) -> World:
+def make_seeded(name: str, seed: int) -> World:
     return make_indoor(INDOOR_WORLDS[name].config(seed=seed))
 
 
 @pytest.mark.parametrize("name", tuple(INDOOR_WORLDS))
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_robot_reaches_every_room_and_aisle(name: str, seed: int) -> None:
-    room = seeded(name, seed).map
+    room = make_seeded(name, seed).map
     assert room is not None
     free = room.inflate(0.25)
     places = indoor_places(INDOOR_WORLDS[name].config(seed=seed))
@@ -64,7 +64,7 @@ def test_a_robot_reaches_every_room_and_aisle(name: str, seed: int) -> None:
 @pytest.mark.parametrize("name", tuple(INDOOR_WORLDS))
 @pytest.mark.parametrize("seed", [0, 1])
 def test_nothing_reaches_through_the_outer_walls(name: str, seed: int) -> None:
-    scene = seeded(name, seed).visual
+    scene = make_seeded(name, seed).visual
     floor = np.array([part.startswith("floor") for part in scene.names])[scene.part]
     edges = scene.mesh.triangles[floor].reshape(-1, 3)
     corners = scene.mesh.triangles.reshape(-1, 3)
@@ -112,7 +112,7 @@ def test_racks_repeat_few_types_of_bay(warehouse: World) -> None:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_each_room_of_a_house_has_the_furniture_that_makes_it_one(seed: int) -> None:
-    names = seeded("house", seed).visual.names
+    names = make_seeded("house", seed).visual.names
 
     def count(kind: str) -> int:
         return sum(name.startswith(kind) for name in names)

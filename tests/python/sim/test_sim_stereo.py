@@ -77,16 +77,16 @@ def test_the_depth_of_the_pair_is_that_of_the_scan(recorded: Path) -> None:
 def relative_errors(frame: Frame) -> NDArray[np.float64]:
     """Of the pair's depth where a point of the scan within 40 m is seen less than a pixel off."""
     assert frame.points is not None
-    scan, depths = seen(frame, Cloud(frame.points))
+    scan, depths = project_cloud(frame, Cloud(frame.points))
     near = (depths > 1) & (depths < 40)
-    pixels, found = seen(frame, fuse(frame, STEREO))
+    pixels, found = project_cloud(frame, fuse(frame, STEREO))
     away, nearest = cKDTree(pixels).query(scan[near])
     hit = away < 1.0
     errors: NDArray[np.float64] = found[nearest[hit]] / depths[near][hit] - 1
     return errors
 
 
-def seen(frame: Frame, cloud: Cloud) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def project_cloud(frame: Frame, cloud: Cloud) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Pixels of the left camera, (N, 2), and depths, (N,)."""
     points = np.column_stack([cloud.points, np.ones(len(cloud))])
     places = points @ frame.cameras["left"].projection_from_points.T

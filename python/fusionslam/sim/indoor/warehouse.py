@@ -131,7 +131,7 @@ def _put_yard(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.G
         site.put(furniture.marking(3.0, 2.2, tint), x, south + 1.45)
         for u, v in ((-0.7, 0.9), (0.7, 0.9), (-0.7, 1.95), (0.7, 1.95)):
             if rng.random() < config.clutter:
-                _put_turned(site, furniture.loaded_pallet(rng), x + u, south + v, rng)
+                _put_askew(site, furniture.loaded_pallet(rng), x + u, south + v, rng)
         if number and rng.random() < config.clutter:
             between = x - plan.width / count / 2
             site.put(furniture.pallet_stack(rng), between, south + 1.0, np.pi / 2)
@@ -167,6 +167,6 @@ def _put_goods(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.
             )
 
 
-def _put_turned(site: Site, goods: Thing, x: float, y: float, rng: np.random.Generator) -> None:
+def _put_askew(site: Site, goods: Thing, x: float, y: float, rng: np.random.Generator) -> None:
     """Put goods down nearly square, as a fork-lift driver does."""
     site.put(goods, x, y, float(rng.normal(0, 0.03)))
