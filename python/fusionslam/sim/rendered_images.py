@@ -16,6 +16,7 @@ from fusionslam.sensors.images import Images
 from fusionslam.sim.camera import CameraMount, photograph
 from fusionslam.sim.robot import base_from_camera, robot_named
 from fusionslam.sim.scene import RayCaster
+from fusionslam.sim.world import hash_world
 from fusionslam.sim.worlds import load_world
 from fusionslam.storage.arrays import Floats, Image
 
@@ -104,6 +105,8 @@ def _upper_part(camera: CameraMount, bottom: int | None) -> CameraMount:
 
 def _key(world: Path, robot: str, camera: CameraMount, drive: Trajectory, times: Floats) -> str:
     hashed = hashlib.sha256(world.read_bytes())
+    if world.suffix != ".glb":  # SDF refers to meshes and textures in other files
+        hashed.update(hash_world(load_world(world)).encode())
     for values in (times, *drive.places(times)):
         hashed.update(np.ascontiguousarray(values).tobytes())
     hashed.update(f"{_FORMAT} {robot} {camera.model_dump_json()}".encode())

@@ -12,6 +12,7 @@ from PIL import Image
 
 pytest.importorskip("collada", reason="the simulator is an extra")
 
+from fusionslam.sim.rendered_images import rendered_images
 from fusionslam.sim.scene import Scene
 from fusionslam.sim.world import hash_world
 from fusionslam.sim.worlds import load_world
@@ -288,3 +289,11 @@ def test_another_texture_gives_another_hash(room: Path) -> None:
     before = hash_world(load_world(room))
     Image.new("RGB", (2, 2), "red").save(room / "models/table/materials/textures/top.png")
     assert hash_world(load_world(room)) != before
+
+
+def test_images_rendered_among_other_meshes_are_cached_under_another_key(room: Path) -> None:
+    world, seconds, poses = room / "worlds/room.world", np.arange(2.0), np.zeros((2, 3))
+    before = rendered_images(world, seconds, poses).key
+    assert rendered_images(world, seconds, poses).key == before
+    edit(room / "models/lamp/meshes/lamp.obj", "v 1 0 -1", "v 1 0 -2")
+    assert rendered_images(world, seconds, poses).key != before

@@ -3,11 +3,10 @@
 """Facades: four floors of windows on brick, plaster, stone or panels."""
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
-from fusionslam.sim.canvas import Canvas, Painter, noise
+from fusionslam.sim.canvas import Canvas, noise
 from fusionslam.sim.mesh import Rgb
 
 FLOOR_M = 3.0
@@ -44,12 +43,8 @@ FACADES: tuple[FacadeStyle, ...] = (
 )
 
 
-def facade_painter(style: FacadeStyle) -> Painter:
-    """A painter of four floors (3 m each) and 12 m of one style of wall."""
-    return partial(_paint_facade, style)
-
-
-def _paint_facade(style: FacadeStyle, rng: np.random.Generator) -> Canvas:
+def paint_facade(style: FacadeStyle, rng: np.random.Generator) -> Canvas:
+    """Paint four floors (3 m each) and 12 m of one style of wall."""
     canvas = _wall(style.material, rng)
     canvas.shade(0.10 * noise(rng, 0.8))
     for floor in range(4):

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The town's textures: walls, streets, leaves and cars, with the contrast that stereo needs."""
 
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
 from fusionslam.sim.canvas import Canvas, Painter, noise, paint_textures, rough
 from fusionslam.sim.mesh import Texture
-from fusionslam.sim.town.facades import FACADES, facade_painter
+from fusionslam.sim.town.facades import FACADES, paint_facade
 from fusionslam.storage.arrays import Image
 
 
@@ -37,7 +37,7 @@ class Look(Texture):
 @lru_cache(maxsize=4)
 def town_textures(seed: int) -> tuple[Image, ...]:
     """The images indexed by ``Look``, then the facades: uint8 (512, 512, 4) each, from a seed."""
-    painters = [*_PAINTERS, *(facade_painter(style) for style in FACADES)]
+    painters: list[Painter] = [*_PAINTERS, *(partial(paint_facade, style) for style in FACADES)]
     return paint_textures(seed, 0x7E87, painters)
 
 
