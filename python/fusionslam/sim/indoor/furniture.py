@@ -4,7 +4,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -71,7 +71,7 @@ class Style:
         return Style(WOODS[rng.integers(len(WOODS))], CLOTHS[cloth], CLOTHS[accent])
 
 
-@cache
+@lru_cache(maxsize=256)
 def make_piece(kind: str, style: Style | None = None, tint: Rgb = WHITE) -> Thing:
     """A piece of furniture of the table, in the colours of a style or with one of its own."""
     colors = {**_PALETTE, "tint": tint, **(vars(style) if style else {})}
@@ -87,7 +87,8 @@ def make_piece(kind: str, style: Style | None = None, tint: Rgb = WHITE) -> Thin
 
 @cache
 def _read_table() -> Mapping[str, Any]:
-    table: Mapping[str, Any] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+    text = Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8")
+    table: Mapping[str, Any] = yaml.safe_load(text)
     return table
 
 
