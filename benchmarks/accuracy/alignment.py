@@ -26,6 +26,7 @@ from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.cli.recordings import build_recording
 from fusionslam.datasets.range_recording import RecordingConfig
 from fusionslam.evaluation import judge_views
+from fusionslam.learning.places import measure_gaps
 from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.views import AlignmentConfig, AlignmentIndex, build_scene
 from fusionslam.views.recognisers import PROBABILITY
@@ -69,7 +70,7 @@ class Pairs:
     angle_deg: Floats
 
 
-def aligned_pairs(drive: Drive) -> Pairs:
+def align_pairs(drive: Drive) -> Pairs:
     """Every scan with the candidates among all older ones, aligned without limits."""
     index = AlignmentIndex(AlignmentConfig(reach=100.0, turn=180.0))
     rows, evidence = [], []
@@ -81,13 +82,8 @@ def aligned_pairs(drive: Drive) -> Pairs:
             evidence.append(list(alignment.evidence.values()))
         index.add(scene)
     pairs, poses = np.array(rows), drive.scenes.true_poses()
-    apart = poses[pairs[:, 0]] - poses[pairs[:, 1]]
-    angle = np.abs((apart[:, 2] + np.pi) % (2 * np.pi) - np.pi)
-    return Pairs(
-        drive,
-        *(pairs[:, 0], pairs[:, 1], np.array(evidence)),
-        *(np.hypot(apart[:, 0], apart[:, 1]), np.rad2deg(angle)),
-    )
+    distance, angle = measure_gaps(poses[pairs[:, 0]], poses[pairs[:, 1]])
+    return Pairs(drive, pairs[:, 0], pairs[:, 1], np.array(evidence), distance, np.rad2deg(angle))
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +144,7 @@ def fit(pairs: Sequence[Pairs]) -> Fit:
     return Fit(mean, scale, found.x)
 
 
-def recognised(pairs: Pairs, probability: Floats, threshold: float) -> NDArray[np.int64]:
+def recognise(pairs: Pairs, probability: Floats, threshold: float) -> NDArray[np.int64]:
     """The ids that a matcher gives that stores the first scan of each place."""
     near = (pairs.evidence[:, 10] <= REACH_M) & (pairs.evidence[:, 11] <= np.deg2rad(TURN_DEG))
     likely = np.where(near & pairs.evidence.any(axis=1), probability, 0)
@@ -171,7 +167,7 @@ def rows_of(pairs: Pairs, fitted: Fit) -> Iterator[list[str]]:
     probability = fitted.probability(pairs.evidence)
     scenes = pairs.drive.scenes
     for threshold in THRESHOLDS:
-        ids = recognised(pairs, probability, threshold)
+        ids = recognise(pairs, probability, threshold)
         report = judge_views(ids, scenes.true_poses(), scenes.seconds)
         shares = (report.accuracy, report.loop_recall, report.loop_precision)
         yield [
@@ -200,7 +196,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true")
     arguments = parser.parse_args()
-    known = [(aligned_pairs(drive), may) for drive, may in drives()]
+    known = [(align_pairs(drive), may) for drive, may in drives()]
     fitted = fit([pairs for pairs, may_fit in known if may_fit])
     lines = [[*line, "yes" if may else "no"] for one, may in known for line in rows_of(one, fitted)]
     head = ["drive", "p >=", "acc. %", "loop R %", "loop P %", "FP", "FP m", "views", "fitted to"]

@@ -10,13 +10,13 @@ ground.
 """
 
 import argparse
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.accuracy.data import data_folder
 from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.datasets.range_recording import RangeRecording, RecordingConfig
 from fusionslam.evaluation import judge_views
@@ -114,7 +114,7 @@ def _pairs(drive: Drive, likely: Matrix) -> list[str]:
     ]
 
 
-def matched(drive: Drive, least: float, model: str, needed: float) -> tuple[float, float]:
+def match_drive(drive: Drive, least: float, model: str, needed: float) -> tuple[float, float]:
     """Loop recall and loop precision of ids that are given as scans come."""
     # Without a first threshold the second stage alone decides.
     score = drive.similar if least > 0 else drive.likely[model]
@@ -137,7 +137,7 @@ def matched(drive: Drive, least: float, model: str, needed: float) -> tuple[floa
 
 def one_stage(drive: Drive) -> list[tuple[float, float]]:
     """Loop recall and loop precision at each threshold of the first stage alone."""
-    return [matched(drive, float(least), "", 0.0) for least in np.arange(0.5, 0.95, 0.005)]
+    return [match_drive(drive, float(least), "", 0.0) for least in np.arange(0.5, 0.95, 0.005)]
 
 
 def _cell(found: tuple[float, float], alone: list[tuple[float, float]], two: bool) -> str:
@@ -156,7 +156,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--write", action="store_true", help=f"into {PAGE.name}")
     arguments = parser.parse_args()
-    folder = Path(os.environ.get("FUSIONSLAM_TEST_DATA", ROOT / ".." / "shared" / "data"))
+    folder = data_folder()
     drives = {world: read(folder, world) for world in WORLDS}
     pairs = [row for world, drive in drives.items() for row in pair_rows(world, drive)]
     head = ["", "AUC, all pairs", "AUC, others within 4 m", "nearest older than 20 s is right"]
@@ -166,7 +166,7 @@ def main() -> None:
         [
             _words(*chosen),
             *(
-                _cell(matched(drive, *chosen), alone[world], bool(chosen[1]))
+                _cell(match_drive(drive, *chosen), alone[world], bool(chosen[1]))
                 for world, drive in drives.items()
             ),
         ]

@@ -11,23 +11,23 @@ Clouds are in the robot's frame, without the ground. A query is compared with al
 """
 
 import argparse
-import itertools
-import os
-import sys
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.accuracy.data import data_folder
 from benchmarks.accuracy.markdown import table, write_between
-from fusionslam.views import Scene, SceneConfig, SceneIndex, SimilarityConfig, build_scene
+from fusionslam.datasets.range_recording import RangeRecording
+from fusionslam.learning.places import measure_gaps
+from fusionslam.pipelines.scenes import record_scenes
+from fusionslam.views import Scene, SceneConfig, SceneIndex, SimilarityConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "stages" / "views" / "similarity.md"
 WORLDS = ("warehouse", "small_house")
-GROUND_M, OLDER_S = 0.1, 20.0
+OLDER_S = 20.0
 REVISIT = (0.5, np.radians(30))
 CORRECT = (0.8, 0.4)
 PRECISION = 0.97
@@ -84,27 +84,18 @@ def main() -> None:
     parser.add_argument("recordings", nargs="*", type=Path, help="further recordings (.npz)")
     parser.add_argument("--write", action="store_true", help=f"put the table into {PAGE.name}")
     arguments = parser.parse_args()
-    drives = [Drive.of(path) for path in [*recordings(), *arguments.recordings]]
+    recordings = [data_folder() / "recordings" / f"{world}.npz" for world in WORLDS]
+    drives = [Drive.of(path) for path in [*recordings, *arguments.recordings]]
     for name, text in (("presets", presets_table(drives)), ("exposure", exposure_table(drives))):
         print(f"{text}\n")
         if arguments.write:
             write_between(PAGE, name, text)
 
 
-def recordings() -> list[Path]:
-    """Those of the test data."""
-    data = Path(os.environ.get("FUSIONSLAM_TEST_DATA", ROOT.parent / "shared" / "data"))
-    paths = [data / "recordings" / f"{world}.npz" for world in WORLDS]
-    for path in paths:
-        if not path.is_file():
-            sys.exit(f"no {path}: FUSIONSLAM_TEST_DATA must name the test data")
-    return paths
-
-
 def presets_table(drives: list["Drive"]) -> str:
     """Top-1 correctness and loop recall of every variant in every recording."""
     rows = [
-        [name, *(cell for drive in drives for cell in drive.judged(preset, config))]
+        [name, *(cell for drive in drives for cell in drive.judge(preset, config))]
         for name, (preset, config) in VARIANTS.items()
     ]
     counts = ", ".join(
@@ -118,12 +109,12 @@ def exposure_table(drives: list["Drive"]) -> str:
     """The same for colours whose brightness changes from scan to scan."""
     rows = []
     for spread in EXPOSURES:
-        exposed = [drive.exposed(spread) for drive in drives]
+        exposed = [drive.change_exposure(spread) for drive in drives]
         for x0 in (ROBUST.color_x0, 4 * ROBUST.color_x0):
             config = SimilarityConfig(color_x0=x0, color_a=ROBUST.color_a * ROBUST.color_x0 / x0)
             name = f"+-{spread:.0%}, color_x0 {x0:g}"
             rows.append(
-                [name, *(cell for drive in exposed for cell in drive.judged("robust", config))]
+                [name, *(cell for drive in exposed for cell in drive.judge("robust", config))]
             )
     return table(header("brightness", drives), rows)
 
@@ -154,23 +145,19 @@ class Drive:
     @classmethod
     def of(cls, path: Path) -> "Drive":
         """Scans that hold nothing above the ground are skipped."""
-        with np.load(path) as recorded:
-            clouds = list(clouds_of(dict(recorded)))
-            kept = np.array([len(points) > 0 for points, _ in clouds])
-            stamps, poses = recorded["stamps"][kept], recorded["poses"][kept]
+        with np.load(path) as stored:
+            shapes = "collision" if "collision_ray" in stored else "visual"
+        recorded = record_scenes(RangeRecording.open(path, shapes)).without_empty()
+        stamps, poses = recorded.seconds, recorded.true_poses()
         scenes = {
-            preset: [
-                build_scene(points, colors, config=SceneConfig(preset=preset))
-                for points, colors in clouds
-                if len(points)
-            ]
+            preset: recorded.scenes_with(SceneConfig(preset=preset))
             for preset in ("robust", "paper", "author")
         }
         older = stamps[:, None] - stamps > OLDER_S
-        revisits = (older & within(poses, *REVISIT)).any(axis=1)
+        revisits = np.asarray((older & within(poses, *REVISIT)).any(axis=1))
         return cls(path.stem, stamps, scenes, older, within(poses, *CORRECT), revisits)
 
-    def exposed(self, spread: float) -> "Drive":
+    def change_exposure(self, spread: float) -> "Drive":
         """The colours of every scan times a number of its own between 1 - spread and 1 + spread."""
         random = np.random.default_rng(0)
         scenes = []
@@ -181,7 +168,7 @@ class Drive:
             scenes.append(Scene(objects))
         return replace(self, scenes={"robust": scenes})
 
-    def judged(self, preset: str, config: SimilarityConfig) -> tuple[str, str]:
+    def judge(self, preset: str, config: SimilarityConfig) -> tuple[str, str]:
         """Top-1 and loop recall, in percent of the revisits, with the threshold of the latter."""
         index = SceneIndex(config)
         for scene in self.scenes[preset]:
@@ -199,28 +186,10 @@ class Drive:
         return f"{100 * right[self.revisits].mean():.1f}", found_rightly
 
 
-def clouds_of(
-    recorded: dict[str, NDArray[np.generic]],
-) -> Iterator[tuple[NDArray[np.float32], NDArray[np.uint8]]]:
-    """Points above the ground in the robot's frame, with their colours."""
-    shape = "collision" if "collision_ray" in recorded else "visual"
-    rays = recorded["rays"][recorded[f"{shape}_ray"]]
-    points = rays * recorded[f"{shape}_range_mm"][:, None] / 1000 + recorded["lidar_xyz"]
-    above = points[:, 2] > GROUND_M
-    offsets = recorded[f"{shape}_offsets"]
-    for begin, end in itertools.pairwise(offsets):
-        kept = above[begin:end]
-        yield (
-            points[begin:end][kept].astype(np.float32),
-            recorded[f"{shape}_rgb"][begin:end][kept].astype(np.uint8),
-        )
-
-
 def within(poses: NDArray[np.float64], meters: float, radians: float) -> Flags:
     """Which poses (x, y, yaw) are so near to which."""
-    steps = poses[:, None] - poses
-    turns = np.abs((steps[..., 2] + np.pi) % (2 * np.pi) - np.pi)
-    return np.asarray((np.hypot(steps[..., 0], steps[..., 1]) <= meters) & (turns <= radians))
+    steps, turns = measure_gaps(poses[:, None], poses)
+    return np.asarray((steps <= meters) & (turns <= radians))
 
 
 def recall_at(

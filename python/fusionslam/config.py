@@ -130,6 +130,15 @@ def merged(
         raise ConfigError(_first_problem(error, where)) from error
 
 
+def flatten(values: Mapping[str, Any], where: str = "") -> dict[str, Any]:
+    """The values of nested mappings by dotted key; ``where`` is the prefix of the keys."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        inner = isinstance(value, Mapping)
+        flat |= flatten(value, f"{where}{key}.") if inner else {f"{where}{key}": value}
+    return flat
+
+
 def _inner(current: Section, value: Any, path: str, new_names: bool) -> Section:
     if not isinstance(value, Mapping):
         raise ConfigError(f"{path} is {value!r}, expected keys of its own: {_names(current)}")

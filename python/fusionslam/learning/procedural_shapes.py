@@ -97,26 +97,6 @@ def _legs(size: tuple[float, float], height: float, thickness: float) -> Trimesh
     )
 
 
-def _box(rng: Rng) -> Trimesh:
-    return box(rng.uniform(0.4, 1.2, 3).tolist())
-
-
-def _cylinder(rng: Rng) -> Trimesh:
-    return cylinder(rng.uniform(0.2, 0.6), rng.uniform(0.5, 1.5))
-
-
-def _cone(rng: Rng) -> Trimesh:
-    return cone(rng.uniform(0.3, 0.6), 0, rng.uniform(0.6, 1.5))
-
-
-def _ball(rng: Rng) -> Trimesh:
-    return ellipsoid((1, rng.uniform(0.75, 1.3)))
-
-
-def _ring(rng: Rng) -> Trimesh:
-    return torus(1, rng.uniform(0.15, 0.45))
-
-
 def _pyramid(rng: Rng) -> Trimesh:
     return revolve([(0, 0), (0.7, 0), (0, rng.uniform(0.6, 1.5))], segments=int(rng.integers(3, 5)))
 
@@ -355,17 +335,17 @@ SHAPES: Mapping[str, Maker] = {
     "bed": _bed,
     "bench": _bench,
     "bottle": _bottle,
-    "box": _box,
+    "box": lambda rng: box(rng.uniform(0.4, 1.2, 3).tolist()),
     "capsule": _capsule,
     "car": _car,
     "chair": _chair,
-    "cone": _cone,
+    "cone": lambda rng: cone(rng.uniform(0.3, 0.6), 0, rng.uniform(0.6, 1.5)),
     "cup": _cup,
-    "cylinder": _cylinder,
+    "cylinder": lambda rng: cylinder(rng.uniform(0.2, 0.6), rng.uniform(0.5, 1.5)),
     "desk": _desk,
     "door_frame": _door_frame,
     "dumbbell": _dumbbell,
-    "ellipsoid": _ball,
+    "ellipsoid": lambda rng: ellipsoid((1, rng.uniform(0.75, 1.3))),
     "fence": _fence,
     "floor_lamp": _floor_lamp,
     "ladder": _ladder,
@@ -381,7 +361,7 @@ SHAPES: Mapping[str, Maker] = {
     "stairs": _stairs,
     "stool": _stool,
     "table": _table,
-    "torus": _ring,
+    "torus": lambda rng: torus(1, rng.uniform(0.15, 0.45)),
     "traffic_cone": _traffic_cone,
     "umbrella": _umbrella,
 }

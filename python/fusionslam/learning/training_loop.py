@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fusionslam.config import Section, option
+from fusionslam.config import Section, flatten, option
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.learning.curves import Row, write_curves
 from fusionslam.learning.torch_extra import nn, torch
@@ -181,16 +181,8 @@ class _Run:
 
 def _difference(before: str, now: str) -> str:
     """The first difference between two settings, as the end of a sentence."""
-    old, new = (dict(_flat(json.loads(text))) for text in (before, now))
+    old, new = (flatten(json.loads(text)) for text in (before, now))
     for key in sorted(old.keys() | new.keys()):
         if old.get(key) != new.get(key):
             return f": {key} is {old.get(key)!r} there and {new.get(key)!r} here"
     return ""
-
-
-def _flat(value: Any, where: str = "") -> Iterator[tuple[str, Any]]:
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _flat(inner, f"{where}.{key}" if where else str(key))
-    else:
-        yield where, value

@@ -12,9 +12,9 @@ from fusionslam.errors import DataError
 from fusionslam.loop_closure.detector import Loop, LoopDetector
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.archive import load_archive, save_archive
-from fusionslam.views.alignment_comparison import AlignmentConfig, align_scenes
+from fusionslam.views.alignment_comparison import align_scenes
 from fusionslam.views.scene_set import pack_bytes, unpack_bytes
-from fusionslam.views.scenes import Scene, SceneConfig, build_scene
+from fusionslam.views.scenes import Scene, build_scene
 
 FORMAT = "fusionslam.aligned_loops.1"
 _SCENES = "scenes.npz"
@@ -46,19 +46,10 @@ class AlignedLoopDetector:
 
     Args:
         detector: a new or resumed detector.
-        scene: how scenes with range images are built; None for the default.
-        alignment: how scenes are aligned; None for the default.
     """
 
-    def __init__(
-        self,
-        detector: LoopDetector,
-        *,
-        scene: SceneConfig | None = None,
-        alignment: AlignmentConfig | None = None,
-    ) -> None:
+    def __init__(self, detector: LoopDetector) -> None:
         self.detector = detector
-        self._scene, self._alignment = scene or SceneConfig(), alignment or AlignmentConfig()
         self._stored: list[bytes] = []
         self._stamps_ns: list[int] = []
 
@@ -80,7 +71,7 @@ class AlignedLoopDetector:
             raise DataError(
                 "loops are aligned by coloured clouds and this one has no colours", code="no-colors"
             )
-        scene = build_scene(cloud.points, cloud.colors, config=self._scene)
+        scene = build_scene(cloud.points, cloud.colors)
         loop = self.detector.add(cloud, stamp_ns=stamp_ns)
         self._stored.append(Scene(scene.objects[:0], scene.image).to_bytes())
         self._stamps_ns.append(stamp_ns)
@@ -88,7 +79,7 @@ class AlignedLoopDetector:
 
     def _align(self, loop: Loop, scene: Scene) -> AlignedLoop:
         older, stamp_ns = Scene.from_bytes(self._stored[loop.match]), self._stamps_ns[loop.match]
-        found = align_scenes(scene, older, config=self._alignment)
+        found = align_scenes(scene, older)
         if not any(found.evidence.values()):  # nothing was aligned
             return AlignedLoop(loop, stamp_ns)
         return AlignedLoop(loop, stamp_ns, found.probability, (found.x, found.y, found.yaw))
@@ -107,15 +98,9 @@ class AlignedLoopDetector:
         self.detector.save(folder)
 
     @classmethod
-    def load(
-        cls,
-        folder: str | os.PathLike[str],
-        *,
-        scene: SceneConfig | None = None,
-        alignment: AlignmentConfig | None = None,
-    ) -> "AlignedLoopDetector":
+    def load(cls, folder: str | os.PathLike[str]) -> "AlignedLoopDetector":
         """Resume from what ``save`` wrote. Raises DataError naming the file."""
-        loops = cls(LoopDetector.load(folder), scene=scene, alignment=alignment)
+        loops = cls(LoopDetector.load(folder))
         path = Path(folder) / _SCENES
         with load_archive(path, FORMAT, "scenes of stored loops") as (_, stored):
             loops._stored = unpack_bytes(stored["scenes"], stored["offsets"])[: len(loops)]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusionslam import _core
+from fusionslam.config import flatten
 from fusionslam.descriptors import DESCRIPTORS
 from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun
@@ -161,15 +162,7 @@ def _relevant(config: Mapping[str, Any], name: str) -> dict[str, Any]:
     # The number of threads does not change the result.
     ignored = {"threads", *(of_others if DESCRIPTORS[name].needs_normals else {"normal_radius"})}
     described = {k: v for k, v in config.get("descriptors", {}).items() if k not in ignored}
-    return _flat("fusion", config.get("fusion", {})) | _flat("descriptors", described)
-
-
-def _flat(where: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        inner = isinstance(value, Mapping)
-        flat |= _flat(f"{where}.{key}", value) if inner else {f"{where}.{key}": value}
-    return flat
+    return flatten({"fusion": config.get("fusion", {}), "descriptors": described})
 
 
 def _format(value: Any) -> str:

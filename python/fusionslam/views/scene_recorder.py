@@ -20,14 +20,14 @@ from fusionslam.views.scenes import Scene, SceneConfig
 class SceneRecorder:
     """Collects coloured clouds, or only scenes, with their time stamps and true poses.
 
-    Memory grows with the scans kept (15 bytes per cloud point). Once ``max_scans`` are kept,
-    further scans are dropped. Scan numbers count all scans, including those not kept.
+    Scans without a true pose are left out. Memory grows with the scans kept (15 bytes per cloud
+    point). Once ``max_scans`` are kept, further scans are dropped. Scan numbers count all scans,
+    including those not kept.
 
     Args:
         name: human-readable name.
         frame: frame of the clouds or scenes.
         scene_config: None keeps clouds; a configuration keeps the scenes built with it instead.
-        with_poses: True leaves out scans without a true pose; False records no poses.
         max_scans: the most scans to keep; 0 means no limit.
         source: origin of the scans, as JSON values.
 
@@ -45,14 +45,13 @@ class SceneRecorder:
         *,
         frame: str = "robot",
         scene_config: SceneConfig | None = None,
-        with_poses: bool = True,
         max_scans: int = 0,
         source: Mapping[str, Any] | None = None,
     ) -> None:
         if max_scans < 0:
             raise ConfigError(f"max_scans is {max_scans}, expected at least 0")
         self.name, self.frame, self.source = name, frame, dict(source or {})
-        self._config, self._with_poses, self._most = scene_config, with_poses, max_scans
+        self._config, self._most = scene_config, max_scans
         self.without_pose = self.dropped = 0
         self._last_ns: int | None = None
         self._kept: list[tuple[int, int, Cloud | Scene]] = []
@@ -81,14 +80,13 @@ class SceneRecorder:
         poses = None if pose is None else validate_poses([pose])
         number = len(self._kept) + self.without_pose + self.dropped
         self._last_ns = stamp
-        if self._with_poses and poses is None:
+        if poses is None:
             self.without_pose += 1
         elif 0 < self._most <= len(self._kept):
             self.dropped += 1
         else:
             self._kept.append((stamp, number, held))
-            if self._with_poses and poses is not None:
-                self._poses.append(poses[0])
+            self._poses.append(poses[0])
 
     def scene_set(self) -> SceneSet:
         """All scans kept so far."""
@@ -101,7 +99,7 @@ class SceneRecorder:
             numbers=np.array([number for _, number, _ in self._kept], np.int64),
             empty=np.array([_is_empty(item) for *_, item in self._kept], np.bool_),
             frame=self.frame,
-            poses=np.array(self._poses).reshape(-1, 3) if self._with_poses else None,
+            poses=np.array(self._poses).reshape(-1, 3),
             clouds=CloudArray.of(clouds) if config is None else None,
             scenes=None if config is None else scenes,
             scene_config=None if config is None else scene_values(config),

@@ -121,15 +121,6 @@ def test_scans_without_a_pose_are_left_out_and_counted() -> None:
     assert scenes.clouds is not None and len(scenes.clouds[1]) == len(place(2))
 
 
-def test_without_poses_all_scans_are_kept_and_the_set_has_none() -> None:
-    recorder = SceneRecorder("boxes", with_poses=False)
-    recorder.add(0, place(0), None)
-    recorder.add(S, NOTHING, (1, 2, 3))
-    scenes = recorder.scene_set()
-    assert scenes.poses is None and scenes.empty.tolist() == [False, True]
-    assert recorder.without_pose == 0
-
-
 def test_no_more_scans_are_kept_than_allowed_and_the_others_are_counted() -> None:
     recorder = recorded(drive(LAPS), max_scans=5)
     assert (len(recorder), recorder.dropped) == (5, len(LAPS) - 5)
