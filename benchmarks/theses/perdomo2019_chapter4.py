@@ -46,7 +46,7 @@ def chapters(study: DescriptorStudy, folder: Path) -> list[Chapter]:
 
 def _colors(study: DescriptorStudy, folder: Path) -> Chapter:
     chapter = Chapter("Perdomo 2019, 4.2: colour spaces")
-    case = _colored_case(study)
+    case = _find_colored_case(study)
 
     columns: list[Column[str]] = []
     for place, precision in enumerate((1.0, 0.9)):
@@ -125,14 +125,14 @@ def _recalls(study: DescriptorStudy, folder: Path) -> Chapter:
             "simulated and has another difficulty."
         )
     if study.stored is not None:
-        _stored_chapter(chapter, study)
+        _add_stored(chapter, study)
     for case in study.cases:
         for source in study.sources(case):
             chapter.picture(_figure(study, case, source, folder))
     return chapter
 
 
-def _stored_chapter(chapter: Chapter, study: DescriptorStudy) -> None:
+def _add_stored(chapter: Chapter, study: DescriptorStudy) -> None:
     stored = study.stored
     assert stored is not None  # checked by the caller
     chapter.say(
@@ -212,11 +212,11 @@ def color_recall(study: DescriptorStudy, space: str, precision: float) -> float 
 
 
 def _color_curve(study: DescriptorStudy, space: str) -> PrecisionRecall | None:
-    found = study.find(_colored_case(study), "lidar", "cm2dp", space)
+    found = study.find(_find_colored_case(study), "lidar", "cm2dp", space)
     return None if found is None else found.curve
 
 
-def _colored_case(study: DescriptorStudy) -> str:
+def _find_colored_case(study: DescriptorStudy) -> str:
     return next(one.case for one in study.measured if one.variant in COLOR_SPACES)
 
 
@@ -228,7 +228,7 @@ def descriptor_claims(study: DescriptorStudy) -> list[Claim]:
         for source in study.sources(case)
     }
 
-    colored = _colored_case(study)
+    colored = _find_colored_case(study)
     figures = {"recall": full_recall, "describe_ms": describe_ms}
 
     def value(case: str, name: str, operand: Operand) -> float | None:
@@ -241,11 +241,11 @@ def descriptor_claims(study: DescriptorStudy) -> list[Claim]:
     formats = {"recall": "{:.3f}", "describe_ms": "{:.1f} ms"}
     claims = decide("descriptors", [*cases, colored], value, formats)
     if study.stored is not None:
-        claims.append(_stored_claim(study))
+        claims.append(_decide_stored(study))
     return claims
 
 
-def _stored_claim(study: DescriptorStudy) -> Claim:
+def _decide_stored(study: DescriptorStudy) -> Claim:
     assert study.stored is not None  # checked by the caller
     full = study.stored.curve.recall_at_full_precision or 0.0
     known = PUBLISHED_RECALL["06", "lidar", "m2dp"]

@@ -113,7 +113,7 @@ def errors_chapter(study: ViewStudy, methods: Sequence[str], folder: Path) -> Ch
             chapter.show(f"Table 5.3, {title} distance in m, {words}", table, "world")
     for drive in study.drives:
         for frame in ("odometry", "robot"):
-            figure = draw_errors(_judged_runs(study, drive.world, frame, methods))
+            figure = draw_errors(_select_runs(study, drive.world, frame, methods))
             caption = (
                 f"Figure {_FIGURES[drive.world][0]}, {drive.words}; {SETUPS[frame]}: every false "
                 "positive, when it happened and how far it is from the first scene of its view. "
@@ -137,7 +137,7 @@ def times_chapter(study: ViewStudy, methods: Sequence[str], folder: Path) -> Cha
         "compare a scan with all that is stored, divided by how many are."
     )
     for drive in study.drives:
-        figure = draw_times(_judged_runs(study, drive.world, "robot", methods))
+        figure = draw_times(_select_runs(study, drive.world, "robot", methods))
         caption = (
             f"Figure {_FIGURES[drive.world][1]}, {drive.words}: wall time of every scan, to make "
             "its view and to compare it with all stored ones."
@@ -200,7 +200,7 @@ def _loops(study: ViewStudy, frame: FrameName, methods: Sequence[str]) -> Table:
     return _table_of_worlds(study, columns)
 
 
-def _judged_runs(study: ViewStudy, world: str, frame: FrameName, methods: Sequence[str]) -> Judged:
+def _select_runs(study: ViewStudy, world: str, frame: FrameName, methods: Sequence[str]) -> Judged:
     found = (study.outcome(world, frame, method) for method in methods)
     return [(o.run, o.report) for o in found if o and o.run is not None and o.report is not None]
 
@@ -208,7 +208,7 @@ def _judged_runs(study: ViewStudy, world: str, frame: FrameName, methods: Sequen
 def _curves(
     study: ViewStudy, world: str, frame: FrameName, methods: Sequence[str], folder: Path
 ) -> Picture | None:
-    figure = draw_view_curves(_judged_runs(study, world, frame, methods))
+    figure = draw_view_curves(_select_runs(study, world, frame, methods))
     caption = (
         f"Figure 5.5, {world}; {SETUPS[frame]}: precision over recall as the threshold of the "
         "first stage changes; dots are the thresholds in use, grey is without a sensor. Which "
@@ -222,7 +222,7 @@ def _best_thresholds(study: ViewStudy, methods: Sequence[str]) -> Table:
     rows: dict[str, dict[str, float | None]] = {}
     for frame in ("odometry", "robot"):
         for drive in study.drives:
-            for run, _ in _judged_runs(study, drive.world, frame, methods):
+            for run, _ in _select_runs(study, drive.world, frame, methods):
                 if run.curve is None:
                     continue
                 best = run.curve.most_accurate_threshold()

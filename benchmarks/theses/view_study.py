@@ -156,7 +156,7 @@ def recognise_views(
     try:
         run = pieces.load_or_make(
             f"{source.world}-{method}-{own_frame(frame, method)}",
-            _known(source, frame, method),
+            _identify(source, frame, method),
             lambda: _run_method(find_method(method), task()),
             ViewRun.save,
             ViewRun.load,
@@ -171,7 +171,7 @@ def own_frame(frame: FrameName, method: str) -> FrameName:
     return "robot" if find_method(method).any_frame else frame
 
 
-def _known(source: Source, frame: FrameName, method: str) -> dict[str, Any]:
+def _identify(source: Source, frame: FrameName, method: str) -> dict[str, Any]:
     return {"source": source.identity, "method": method, "frame": own_frame(frame, method)}
 
 
@@ -194,7 +194,7 @@ def _outcome(
     rule, task = RULES[frame], _task(source, frame, method, step)
     curve = pieces.load_or_make(
         f"{source.world}-{method}-{own}-curve",
-        _known(source, frame, method) | {"rule": rule},
+        _identify(source, frame, method) | {"rule": rule},
         lambda: _sweep(method, task(), rule),
         ViewCurve.save,
         ViewCurve.load,

@@ -85,7 +85,11 @@ def draw_stages(frame: Frame, config: FusionConfig) -> "Figure":
     with styled():
         figure = new_figure(10.0, 7.9)
         axes = figure.subplots(2, 2).ravel()
-        _draw_image(axes[0], frame)
+        axes[0].set_axis_off()
+        axes[0].set_title("no camera image")
+        if (image := frame.images.get("left")) is not None:
+            axes[0].imshow(image, cmap="gray", vmin=0, vmax=255, interpolation="antialiased")
+            axes[0].set_title(f"camera image, {image.shape[1]} x {image.shape[0]}")
         of = "scan" if frame.points is not None else f"cloud ({config.source})"
         _draw_cloud(axes[1], Cloud(scan), eye, f"{of}, {len(scan):,} points, colour is height")
         kind = "coloured cloud" if cloud.colors is not None else "cloud without colours"
@@ -156,16 +160,6 @@ def _axes(up: str, driving: str) -> NDArray[np.float64]:
     above = np.eye(3)["xyz".index(up[-1])] * (-1 if up.startswith("-") else 1)
     ahead = np.eye(3)["xyz".index(driving)]
     return np.stack([ahead, np.cross(above, ahead), above])
-
-
-def _draw_image(axis: "Axes", frame: Frame) -> None:
-    axis.set_axis_off()
-    if "left" not in frame.images:
-        axis.set_title("no camera image")
-        return
-    image = frame.images["left"]
-    axis.imshow(image, cmap="gray", vmin=0, vmax=255, interpolation="antialiased")
-    axis.set_title(f"camera image, {image.shape[1]} x {image.shape[0]}")
 
 
 def _draw_cloud(axis: "Axes", cloud: Cloud, eye: _Eye, title: str) -> None:

@@ -31,7 +31,7 @@ def wrong() -> JudgedView:
     return judged
 
 
-def written(
+def write_pair(
     path: Path, image: NDArray[np.uint8] | None, matched: NDArray[np.uint8] | bytes | None
 ) -> NDArray[np.uint8]:
     write_false_positive(path, wrong(), image, matched)
@@ -45,7 +45,7 @@ def is_near(pixel: NDArray[np.uint8], color: tuple[int, int, int]) -> bool:
 
 
 def test_both_images_stand_side_by_side_above_a_caption(tmp_path: Path) -> None:
-    pixels = written(tmp_path / "new" / "pair.jpg", image(RED), image(GREEN))
+    pixels = write_pair(tmp_path / "new" / "pair.jpg", image(RED), image(GREEN))
     width = round(64 * HEIGHT / 48)
     assert is_near(pixels[HEIGHT // 2, width // 2], RED)
     assert is_near(pixels[HEIGHT // 2, 12 + width + width // 2], GREEN)
@@ -62,12 +62,12 @@ def test_the_caption_tells_scans_view_times_and_how_far_apart(
 
     draws = ImageDraw.text
 
-    def heard(self: ImageDraw, place: Any, text: str, *more: Any, **options: Any) -> None:
+    def record_text(self: ImageDraw, place: Any, text: str, *more: Any, **options: Any) -> None:
         said.append(text)
         draws(self, place, text, *more, **options)
 
-    monkeypatch.setattr(ImageDraw, "text", heard)
-    written(tmp_path / "pair.jpg", image(RED), None)
+    monkeypatch.setattr(ImageDraw, "text", record_text)
+    write_pair(tmp_path / "pair.jpg", image(RED), None)
     assert said == [
         "no image of scan 0",
         "left: scan 1 at 43.50 s, recognised as view 6",
@@ -80,7 +80,7 @@ def test_the_caption_tells_scans_view_times_and_how_far_apart(
 def test_an_image_that_is_missing_is_said_to_be(
     images: tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None], tmp_path: Path
 ) -> None:
-    pixels = written(tmp_path / "pair.jpg", *images)
+    pixels = write_pair(tmp_path / "pair.jpg", *images)
     right = 12 + (300 if images[0] is None else round(64 * HEIGHT / 48))
     for start, shown, color in ((0, images[0], RED), (right, images[1], GREEN)):
         half = pixels[:HEIGHT, start : start + 200]
@@ -92,14 +92,14 @@ def test_an_image_that_is_missing_is_said_to_be(
 def test_previews_stand_for_the_images_they_were_made_of(tmp_path: Path) -> None:
     kept = image_preview(image(GREEN))
     assert len(kept) < image(GREEN).nbytes
-    whole = written(tmp_path / "whole.jpg", image(RED), image(GREEN))
-    assert np.array_equal(written(tmp_path / "kept.jpg", image(RED), kept), whole)
+    whole = write_pair(tmp_path / "whole.jpg", image(RED), image(GREEN))
+    assert np.array_equal(write_pair(tmp_path / "kept.jpg", image(RED), kept), whole)
 
 
 @pytest.mark.parametrize("shape", [(48, 64), (1, 1, 3), (1, 9000), (9000, 1, 3), (480, 640, 3)])
 def test_grey_small_and_odd_images_are_shown(shape: tuple[int, ...], tmp_path: Path) -> None:
     odd = np.full(shape, 128, np.uint8)
-    pixels = written(tmp_path / "pair.JPG", odd, np.asfortranarray(odd[::-1]))
+    pixels = write_pair(tmp_path / "pair.JPG", odd, np.asfortranarray(odd[::-1]))
     assert pixels.shape[0] > HEIGHT and pixels.shape[1] < 6000
 
 

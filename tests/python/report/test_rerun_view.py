@@ -49,7 +49,7 @@ def circle() -> Trajectory:
     return Trajectory(seconds, 7 + radius * np.sin(yaw), -3 - radius * np.cos(yaw), yaw)
 
 
-def shown(path: Path, events: Any = None, **more: Any) -> tuple[RatSlam, list[Step]]:
+def record_view(path: Path, events: Any = None, **more: Any) -> tuple[RatSlam, list[Step]]:
     slam, steps = RatSlam(), []
     with LiveView(path, "circle", **more) as view:
         for event in drive() if events is None else events:
@@ -81,7 +81,7 @@ def last(of: list[tuple[int, int, dict[str, Any]]], name: str) -> Any:
 
 
 def test_everything_that_happened_is_in_the_file(tmp_path: Path) -> None:
-    _, steps = shown(tmp_path / "run.rrd", truth=circle())
+    _, steps = record_view(tmp_path / "run.rrd", truth=circle())
     looks = [step for step in steps if step.looked]
     found = rows(tmp_path / "run.rrd")
     assert set(found) == {
@@ -102,7 +102,7 @@ def test_everything_that_happened_is_in_the_file(tmp_path: Path) -> None:
 
 
 def test_the_last_rows_are_the_map_and_the_pose_in_the_end(tmp_path: Path) -> None:
-    slam, steps = shown(tmp_path / "run.rrd")
+    slam, steps = record_view(tmp_path / "run.rrd")
     found = rows(tmp_path / "run.rrd")
     assert len(slam.map.nodes) > 2 and found["/map/nodes"][-1][1] == steps[-1].stamp_ns
     places = np.pad(slam.map.nodes[:, :2], ((0, 0), (0, 1)))
@@ -142,7 +142,7 @@ def test_the_activity_of_the_cells_is_shown_at_each_look(tmp_path: Path) -> None
 def test_the_truth_begins_where_dead_reckoning_is_and_ends_where_nobody_knows_it(
     tmp_path: Path,
 ) -> None:
-    _, steps = shown(tmp_path / "run.rrd", truth=circle())
+    _, steps = record_view(tmp_path / "run.rrd", truth=circle())
     found = rows(tmp_path / "run.rrd")
     by_stamp = {step.stamp_ns: step.dead_reckoning for step in steps}
     known = [stamp for _, stamp, _ in found["/robot/truth"]]
@@ -211,8 +211,8 @@ def test_a_refused_loop_is_a_warning(tmp_path: Path) -> None:
 
 
 def test_a_run_says_the_same_twice(tmp_path: Path) -> None:
-    shown(tmp_path / "a.rrd", truth=circle())
-    shown(tmp_path / "b.rrd", truth=circle())
+    record_view(tmp_path / "a.rrd", truth=circle())
+    record_view(tmp_path / "b.rrd", truth=circle())
     assert rows(tmp_path / "a.rrd") == rows(tmp_path / "b.rrd")
 
 
@@ -229,12 +229,12 @@ def test_a_long_run_shows_its_map_less_and_less_often(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_run_leaves_a_file_that_reads_up_to_there(tmp_path: Path) -> None:
-    def interrupted() -> Iterator[Event]:
+    def interrupt() -> Iterator[Event]:
         yield from list(drive())[:40]
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        shown(tmp_path / "run.rrd", interrupted())
+        record_view(tmp_path / "run.rrd", interrupt())
     found = rows(tmp_path / "run.rrd")
     assert found["/map/nodes"][-1][0] == [e.stamp_ns for e in drive()][39] - START
     assert [path.name for path in tmp_path.iterdir()] == ["run.rrd"]
@@ -254,7 +254,7 @@ def test_until_it_is_closed_the_old_file_stays(tmp_path: Path) -> None:
 
 
 def test_a_view_without_a_step_is_a_file_without_rows(tmp_path: Path) -> None:
-    assert shown(tmp_path / "run.rrd", [])[1] == []
+    assert record_view(tmp_path / "run.rrd", [])[1] == []
     reader = chunks.RrdReader(tmp_path / "run.rrd")
     assert (len(reader.recordings()), len(reader.blueprints())) == (0, 1)
 

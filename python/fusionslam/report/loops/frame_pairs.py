@@ -37,13 +37,17 @@ def draw_pair(
     pictures = [images(run.source, frame) for frame in frames]
     scenes = [clouds(run.source, frame) for frame in frames]
     view = _common_view(scenes)
-    heights = _image_height(pictures) + ([view.height] if view else [])
+    shapes = [picture.shape for picture in pictures if picture is not None]
+    heights = [_COLUMN * shapes[0][0] / shapes[0][1]] if shapes else []
+    heights += [view.height] if view else []
     if not heights:
         return None
     figure = new_figure(2 * _COLUMN + 0.2, 0.5 + sum(heights))
     axes = figure.subplots(len(heights), 2, squeeze=False, height_ratios=heights)
-    for column, title in enumerate(_titles(run, pair)):
-        axes[0, column].set_title(title)
+    start = run.stamps_ns[0]
+    for column, (name, row) in enumerate((("query", pair.query), ("earlier", pair.match))):
+        seconds = (run.stamps_ns[row] - start) / 1e9
+        axes[0, column].set_title(f"{name}: frame {run.numbers[row]}, {seconds:.1f} s")
         if len(heights) == 2 or not view:
             _draw_image(axes[0, column], pictures[column])
         if view:
@@ -76,20 +80,6 @@ def _common_view(scenes: list[Cloud | None]) -> _View | None:
     low, high = np.percentile(points[:, axes], (0.5, 99.5), axis=0)
     margin = 0.04 * (high - low) + 0.1
     return _View(axes, low - margin, high + margin)
-
-
-def _image_height(pictures: list[Image | None]) -> list[float]:
-    """Height in inches of the row of images, if there are any."""
-    shapes = [picture.shape for picture in pictures if picture is not None]
-    return [_COLUMN * shapes[0][0] / shapes[0][1]] if shapes else []
-
-
-def _titles(run: DescriptorRun, pair: Pair) -> list[str]:
-    start = run.stamps_ns[0]
-    return [
-        f"{name}: frame {run.numbers[row]}, {(run.stamps_ns[row] - start) / 1e9:.1f} s"
-        for name, row in (("query", pair.query), ("earlier", pair.match))
-    ]
 
 
 def _draw_image(axis: "Axes", picture: Image | None) -> None:

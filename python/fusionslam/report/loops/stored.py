@@ -46,7 +46,6 @@ def write_stored_report(
     *,
     output: str | os.PathLike[str] | None = None,
     protocol: str | None = None,
-    command: str | None = None,
 ) -> Path:
     """Write report.html for the runs in a folder, with pictures if the recording is still there.
 
@@ -55,7 +54,6 @@ def write_stored_report(
         evaluations: evaluations of these runs; None computes them.
         output: None writes the report into ``folder``.
         protocol: protocol that judges the loops; None for that of the stored configuration.
-        command: None for the stored one.
 
     Raises:
         DataError: no runs, or the output cannot be written.
@@ -71,7 +69,7 @@ def write_stored_report(
         evaluations,
         output or folder,
         dataset_name=runs[0].dataset,
-        command=(work.command if work and command is None else command) or "",
+        command=work.command if work else "",
         config={f"{run.source} / {run.descriptor}": run.config for run in runs},
         protocol=protocol or stored_config(folder).protocol,
         clouds=frames.read_cloud if frames else None,

@@ -56,6 +56,8 @@ class Scene:
 def scene_of(run: RatSlamRun, report: MapReport) -> Scene:
     """Align a run with its ground truth, and judge its loops."""
     made = _find_arrivals(run)
+    false = made >= 0
+    false[false] = near(run, report, made[false], run.links["target"][false]) == 0
     return Scene(
         run=run,
         report=report,
@@ -63,7 +65,7 @@ def scene_of(run: RatSlamRun, report: MapReport) -> Scene:
         path=align_poses(run.final_poses, report.nodes),
         reckoned=align_poses(run.dead_reckoning, report.dead_reckoning),
         made=made,
-        false=_find_false_links(run, report, made),
+        false=false,
     )
 
 
@@ -104,8 +106,7 @@ def measure_offsets(run: RatSlamRun, steps: Integers, nodes: Integers) -> tuple[
 
     Args:
         run: the run.
-        steps: int64 (m), steps of the robot.
-        nodes: int64 (m), ids of the nodes.
+        steps, nodes: int64 (m), steps of the robot and ids of the nodes.
 
     Returns:
         float64 (m) each; NaN where the truth is not known.
@@ -130,10 +131,3 @@ def _find_arrivals(run: RatSlamRun) -> Integers:
     with_node = run.actions[steps, 0] == ActionKind.CREATE_NODE
     with_node &= run.actions[steps, 2] == run.links["target"]
     return np.where((steps >= 0) & ~with_node, steps, -1)
-
-
-def _find_false_links(run: RatSlamRun, report: MapReport, made: Integers) -> Mask:
-    """Mask of loops made while the robot truly was not at the node it arrived at."""
-    false = made >= 0
-    false[false] = near(run, report, made[false], run.links["target"][false]) == 0
-    return false

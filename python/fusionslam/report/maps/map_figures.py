@@ -60,7 +60,6 @@ def map_figure(
     reports: Sequence[MapReport] | None = None,
     *,
     titles: Sequence[str] | None = None,
-    columns: int | None = None,
 ) -> "Figure":
     """Draw the true trajectory beside the maps of several runs, all at one scale.
 
@@ -70,7 +69,6 @@ def map_figure(
         runs: over the same drive; the first one with ground truth gives the trajectory.
         reports: reports on the runs; None computes them.
         titles: titles of the maps; None for the place recognition of each.
-        columns: largest number of panels in a row; None for as many as are legible.
 
     Raises:
         DataError: no runs, or not one title per run.
@@ -82,18 +80,14 @@ def map_figure(
         problem = f"picture of maps: {given}, expected one of each, and one run at least"
         raise DataError(problem, code="counts-differ")
     with styled():
-        return side_by_side(
-            [scene_of(*pair) for pair in zip(runs, known, strict=True)], names, columns
-        )
+        return side_by_side([scene_of(*pair) for pair in zip(runs, known, strict=True)], names)
 
 
-def side_by_side(
-    scenes: Sequence[Scene], names: Sequence[str], columns: int | None = None
-) -> "Figure":
+def side_by_side(scenes: Sequence[Scene], names: Sequence[str]) -> "Figure":
     """Draw as ``map_figure``, for runs that are already aligned with the ground truth."""
     exact = next((scene for scene in scenes if scene.truth is not None), None)
     bounds, count = bounds_of(scenes), len(scenes) + (exact is not None)
-    figure, panels = _panels(count, ratio_of(bounds), columns)
+    figure, panels = _make_panels(count, ratio_of(bounds))
     if exact is not None:
         first, panels = panels[0], panels[1:]
         draw_truth(first, exact, color=INK, lw=1.2)
@@ -103,16 +97,17 @@ def side_by_side(
         draw_truth(axis, scene, lw=2.5)
         _draw_links(axis, scene, counted=False)
         frame(axis, bounds)
-        axis.set_title(f"{name}\n{_describe_figures(scene)}")
+        words, errors = count_noun(len(scene.nodes), "node"), scene.report.nodes
+        axis.set_title(f"{name}\n{words}" + (f", RMSE {errors.rmse_m:.2f} m" if errors else ""))
     found = [axis.get_legend_handles_labels() for axis in panels]
     handles = {name: one for ones, names in found for one, name in zip(ones, names, strict=True)}
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=5)
     return figure
 
 
-def _panels(count: int, ratio: float, columns: int | None) -> tuple["Figure", list["Axes"]]:
+def _make_panels(count: int, ratio: float) -> tuple["Figure", list["Axes"]]:
     """Return a figure with ``count`` panels whose height is ``ratio`` times their width."""
-    most = columns or (2 if ratio < 0.4 else 3 if ratio < 0.9 else 4)
+    most = 2 if ratio < 0.4 else 3 if ratio < 0.9 else 4
     down = -(-count // most)
     across = -(-count // down)
     width = 9.2 / across - 0.45
@@ -125,12 +120,6 @@ def _panels(count: int, ratio: float, columns: int | None) -> tuple["Figure", li
     for axis in panels[:, 0]:
         axis.set_ylabel("y (m)")
     return figure, list(panels.flat[:count])
-
-
-def _describe_figures(scene: Scene) -> str:
-    words = count_noun(len(scene.nodes), "node")
-    errors = scene.report.nodes
-    return words if errors is None else f"{words}, RMSE {errors.rmse_m:.2f} m"
 
 
 def draw_truth(axis: "Axes", scene: Scene, *, lw: float, color: str = PATH) -> None:

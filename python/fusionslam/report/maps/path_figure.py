@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.evaluation import MapReport, judge_map
+from fusionslam.evaluation import judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam.experience_map import Route, quickest_route
 from fusionslam.report.maps.aligned_run import Scene, scene_of
@@ -29,20 +29,19 @@ _LINK, _ROUTE = CURVE_COLORS[5], CURVE_COLORS[1]
 _ARROWS = 8
 
 
-def path_figure(run: RatSlamRun, a: int, b: int, report: MapReport | None = None) -> "Figure":
+def path_figure(run: RatSlamRun, a: int, b: int) -> "Figure":
     """Draw the map and on it the fastest path from node a to node b.
 
     Args:
         run: the run whose final map is shown, aligned with the ground truth if known.
         a, b: ids of nodes.
-        report: report on the run; None computes it.
 
     Raises:
         DataError: an unknown node, or two that no links connect.
     """
     route = quickest_route(run.links, len(run.nodes), a, b)
     with styled():
-        return draw_route(scene_of(run, report or judge_map(run)), route)
+        return draw_route(scene_of(run, judge_map(run)), route)
 
 
 def draw_route(scene: Scene, route: Route) -> "Figure":
