@@ -116,7 +116,7 @@ def _draw_distances(
         f"revisits show as dark lines. Grey band: the {window} frames that are no candidates."
     )
     if curve:
-        caption += " Right: what is true; red places should be dark on the left."
+        caption += " Right: the true distances; red places should be dark on the left."
     return keep(context.folder, f"distances_{run.source}_{run.descriptor}", figure, caption)
 
 

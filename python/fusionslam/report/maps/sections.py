@@ -94,7 +94,7 @@ def answer(labels: Sequence[str], reports: Sequence[MapReport]) -> str:
         if one.trajectory and one.dead_reckoning
     ]
     if not known:
-        return "Without true poses nobody can say how good a map is: there are only counts."
+        return "Without true poses the errors of a map are unknown: there are only counts."
     ours, alone, label = min(known, key=lambda figures: figures[0])
     name = f"{label} has the best map: it" if len(known) > 1 else "The map"
     first = f"{name} puts the robot {ours:.2f} m (RMSE) from where it was"
@@ -214,8 +214,8 @@ def _describe_map(scene: Scene) -> str:
 
 
 _ERRORS = (
-    "How far each step lies from the truth. Each line is turned and shifted onto the truth by "
-    "itself, so it need not start at 0. The map at the time is what the robot could have used; "
+    "Distance of each step from the truth. Each line is turned and shifted onto the truth by "
+    "itself, so it need not start at 0. The map at the time is the one that the robot could use; "
     "in the end, its past is corrected too."
 )
 _VIEWS = (
@@ -229,8 +229,8 @@ _CELLS = (
     "moved the packet."
 )
 _WAY = (
-    "What a map is for: the quickest way along links, by the time they took, from where the robot "
-    "is in the end back to where it began. fusionslam.report.path_figure shows any other one."
+    "The quickest way along links, by the time they took, from the last node back to the first. "
+    "fusionslam.report.path_figure draws the way between any two nodes."
 )
 _TIMES = (
     "Milliseconds a step, on a logarithmic scale. Right: only steps that change the map, by how "

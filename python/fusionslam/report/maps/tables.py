@@ -51,9 +51,9 @@ _JUDGEMENT: tuple[Column[Event], ...] = (
 )
 _REFUSED_COLUMNS: tuple[Column[Event], ...] = (
     _ENDS[0],
-    Column("to node", "which it was not allowed to arrive at", "target"),
+    Column("to node", "where it would have arrived", "target"),
     Column("misfit m", "between the loop and the odometry", "error_m", "{:.2f}"),
-    Column("allowed m", "what the odometry may be off by", "allowed_m", "{:.2f}"),
+    Column("allowed m", "error that the odometry may have", "allowed_m", "{:.2f}"),
     Column("misfit deg", "the same of the heading", "error_rad", "{:.1f}", scale=180 / np.pi),
     Column("allowed deg", "the same of the heading", "allowed_rad", "{:.1f}", scale=180 / np.pi),
     *_JUDGEMENT,
@@ -105,7 +105,7 @@ _MAP_COLUMNS: tuple[Column[Scene], ...] = (
     Column("links", "of the map in the end", "report.link_count"),
     Column(
         "misfit of links, m",
-        "where links say their targets are, against the map in the end, RMS: what is left",
+        "places of targets by their links, against the final map, RMS",
         lambda scene: _compute_misfit(scene),
         "{:.3f}",
     ),
