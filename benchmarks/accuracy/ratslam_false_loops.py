@@ -21,7 +21,7 @@ from fusionslam.config import merged
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.geometry.odometry_noise import DRIFT
 from fusionslam.ratslam import RatSlamConfig
-from fusionslam.report.page.figures import CURVE_COLORS, new_figure, styled
+from fusionslam.report.page.figures import CURVE_COLORS, new_figure, use_style
 
 SHARES = (0.0, 0.05, 0.1, 0.2, 0.5)
 SEEDS = range(3)
@@ -95,7 +95,7 @@ def cells_of(one: Outcome) -> list[str]:
 def draw(found: Sequence[Outcome]) -> None:
     """RMSE over the share of wrong views, a panel for each world."""
     worlds = list(dict.fromkeys(one.world for one in found))
-    with styled():
+    with use_style():
         figure = new_figure(4.2 * len(worlds), 3.8)
         panels = figure.subplots(1, len(worlds), squeeze=False, sharey=True)[0]
         for axis, world in zip(panels, worlds, strict=True):

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import yaml
 
-from benchmarks.theses.stastny2022_chapter5 import published
+from benchmarks.theses.stastny2022_chapter5 import find_published
 from benchmarks.theses.view_study import ViewStudy
 from fusionslam.pipelines.drives import FrameName
 from fusionslam.report.page.tables import DASH, Cell, Table
@@ -95,7 +95,7 @@ def view_claims(study: ViewStudy) -> list[Claim]:
     def value(world: str, name: str, operand: Operand) -> float | None:
         frame, method = str(operand).split()
         if frame == "published":
-            found = published(world, method, name)
+            found = find_published(world, method, name)
         else:
             found = study.figure(world, cast(FrameName, frame), method, name)
         return None if found is None else found * _SHOWN[name][1]

@@ -18,7 +18,7 @@ from benchmarks.theses.perdomo2019_chapter4 import (
     describe_ms,
     full_recall,
 )
-from benchmarks.theses.stastny2022_chapter5 import published, title_of
+from benchmarks.theses.stastny2022_chapter5 import find_published, title_of
 from benchmarks.theses.view_study import ViewStudy
 from fusionslam.evaluation.loops.published import (
     PUBLISHED_COLOR_SPACES,
@@ -118,7 +118,10 @@ def view_differences(study: ViewStudy, methods: Sequence[str]) -> list[Differenc
         figure, worlds = row["figure"], [drive.world for drive in study.drives]
         found += _compare(
             f"{title_of(method)}: {row['text']}",
-            {world: published(world, method, row.get("published", figure)) for world in worlds},
+            {
+                world: find_published(world, method, row.get("published", figure))
+                for world in worlds
+            },
             {world: study.figure(world, row["frame"], method, figure) for world in worlds},
             row["show"],
             _find_reason(stored["reasons"], method, figure).format(where=where),

@@ -35,7 +35,7 @@ from benchmarks.theses.page import (
 )
 from benchmarks.theses.view_study import study_views
 from benchmarks.theses.work_cache import WorkCache, save_json
-from fusionslam.report.page.figures import styled
+from fusionslam.report.page.figures import use_style
 from fusionslam.report.page.html import about_report, check_extra
 from fusionslam.storage.progress import Step
 
@@ -134,7 +134,7 @@ def reproduce(
     about = about_report("two theses", command, config.model_dump(mode="json"))
     save_json(about, target / "made_with.json")
     report = _Report(config, drives, target, jobs, step)
-    with styled():
+    with use_style():
         for part in PARTS:
             if part in config.parts:
                 getattr(report, part)()

@@ -42,7 +42,7 @@ def title_of(method: str) -> str:
     return TITLES.get(method, find_method(method).title)
 
 
-def published(world: str, method: str, name: str) -> float | None:
+def find_published(world: str, method: str, name: str) -> float | None:
     """Return a figure of tables 5.2 to 5.5; None if the thesis has none."""
     rows = (f for f in published_views(world) if f.method == find_method(method).published)
     found = next(rows, None)
@@ -174,7 +174,7 @@ def _beside(
     for method in methods:
         columns.append(_measured_column(study, frame, method, name, show, scale))
         if title := find_method(method).published:
-            figure = partial(published, method=method, name=known)
+            figure = partial(find_published, method=method, name=known)
             columns.append(Column("thesis", f"as published for {title}", figure, show, scale=scale))
     return _table_of_worlds(study, columns)
 

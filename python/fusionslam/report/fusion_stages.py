@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, colored, without_ground
-from fusionslam.report.page.figures import new_figure, styled
+from fusionslam.report.page.figures import new_figure, use_style
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.storage.files import atomic_path
 
@@ -82,7 +82,7 @@ def draw_stages(frame: Frame, config: FusionConfig) -> "Figure":
     scan = frame.points if frame.points is not None else cloud.points
     scan = scan[np.isfinite(scan).all(axis=1)]
     eye = _Eye(cloud.points, config)
-    with styled():
+    with use_style():
         figure = new_figure(10.0, 7.9)
         axes = figure.subplots(2, 2).ravel()
         axes[0].set_axis_off()

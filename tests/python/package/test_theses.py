@@ -20,7 +20,7 @@ from benchmarks.theses.config import ReproduceConfig
 from benchmarks.theses.descriptor_study import study_descriptors
 from benchmarks.theses.differences import Difference, differences_table, met_sentence
 from benchmarks.theses.run import reproduce
-from benchmarks.theses.stastny2022_chapter5 import published
+from benchmarks.theses.stastny2022_chapter5 import find_published
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation.loops.published import (
     PUBLISHED_COLOR_SPACES,
@@ -91,12 +91,12 @@ def test_published_figures_are_those_of_the_theses() -> None:
     assert PUBLISHED_SECONDS["05", "stereo", "cshot"] == 1.7711
     assert PUBLISHED_MATCH_SECONDS["05", "lidar", "cm2dp"] == 0.0051
     assert PUBLISHED_MATCH_SECONDS["05", "stereo", "cshot"] == 0.0061
-    assert published("warehouse", "objects:author", "accuracy") == pytest.approx(0.8884)
-    assert published("house", "visual_templates", "accuracy") == pytest.approx(0.4125)
-    assert published("hospital", "visual_templates", "max_error") == 14.57
-    assert published("house", "two_stages:author", "build_ms") == 88.265
-    assert published("hospital", "two_stages:author", "views") == 148
-    assert published("warehouse", "alignment", "accuracy") is None
+    assert find_published("warehouse", "objects:author", "accuracy") == pytest.approx(0.8884)
+    assert find_published("house", "visual_templates", "accuracy") == pytest.approx(0.4125)
+    assert find_published("hospital", "visual_templates", "max_error") == 14.57
+    assert find_published("house", "two_stages:author", "build_ms") == 88.265
+    assert find_published("hospital", "two_stages:author", "views") == 148
+    assert find_published("warehouse", "alignment", "accuracy") is None
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ import pytest
 
 from fusionslam import ConfigError, DataError
 from fusionslam.datasets.pose_files import read_poses_tum
-from fusionslam.evaluation.maps.run import LINK, RatSlamRun, placed
+from fusionslam.evaluation.maps.run import LINK, RatSlamRun, place_on_map
 from fusionslam.ratslam.map_export import (
     TRAJECTORIES,
     UNITS,
@@ -138,7 +138,7 @@ def test_following_an_edge_of_g2o_leads_from_one_node_to_the_next(tmp_path: Path
     run = square_run()  # its links fit its nodes
     write_g2o(tmp_path / "map.g2o", run)
     edges = numbers(tmp_path / "map.g2o", "EDGE_SE2")
-    reached = placed(run.nodes, edges[:, 0].astype(np.int64), edges[:, 2:5])
+    reached = place_on_map(run.nodes, edges[:, 0].astype(np.int64), edges[:, 2:5])
     wanted = run.nodes[edges[:, 1].astype(np.int64)]
     np.testing.assert_allclose(reached[:, :2], wanted[:, :2], rtol=0, atol=1e-12)
     np.testing.assert_allclose(np.exp(1j * reached[:, 2]), np.exp(1j * wanted[:, 2]), atol=1e-12)

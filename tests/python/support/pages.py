@@ -45,3 +45,12 @@ class Page(HTMLParser):
     @property
     def text(self) -> str:
         return " ".join(" ".join(self.words).split())
+
+
+def read_page(path: Path) -> Page:
+    """Read a report; fails unless its tags nest, its ids differ, and it needs no network."""
+    text = path.read_text("utf-8")
+    page = Page(text)
+    assert page.open == [] and len(set(page.ids)) == len(page.ids)
+    assert not re.search(r"https?://|url\(|@import|src=\"(?!data:image/)", text)
+    return page

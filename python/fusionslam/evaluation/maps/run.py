@@ -178,7 +178,7 @@ class RatSlamRun:
 
         This is the final pose of the node where the robot was last, composed with ``offsets``.
         """
-        return placed(self.nodes, self.node_ids, self.offsets)
+        return place_on_map(self.nodes, self.node_ids, self.offsets)
 
     def save(self, target: PathLike | BinaryIO) -> None:
         """Write one .npz to a path, whole or not at all, or to a stream.
@@ -204,7 +204,7 @@ class RatSlamRun:
             return cls(**{**about, **kept})
 
 
-def placed(nodes: Floats, ids: Integers, offsets: Floats) -> Floats:
+def place_on_map(nodes: Floats, ids: Integers, offsets: Floats) -> Floats:
     """Transform poses from their nodes' frames to the map frame.
 
     Args:

@@ -17,7 +17,7 @@ from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader
 from fusionslam.report.loops.labels import by_rank, winner
 from fusionslam.report.loops.sections import Context, source_part
 from fusionslam.report.loops.tables import summary_table
-from fusionslam.report.page.figures import styled
+from fusionslam.report.page.figures import use_style
 from fusionslam.report.page.html import (
     about_report,
     check_extra,
@@ -74,7 +74,7 @@ def write_report(
     readers = cache(forgive(clouds, missed)), cache(forgive(images, missed))
     context = Context(target, protocol, *readers)
     about = about_report(dataset_name, command, config)
-    with styled():
+    with use_style():
         sources = [source_part(context, name, group) for name, group in groups.items()]
     write_figures(target / "metrics.json", about, [metrics_of(e) for e in evaluations])
     matches = (row for e in evaluations for row in list_matches(e, protocol))

@@ -12,7 +12,7 @@ from fusionslam.errors import DataError
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.report.maps.aligned_run import Scene, find_denied, scene_of
-from fusionslam.report.page.figures import CURVE_COLORS, PATH, new_figure, styled
+from fusionslam.report.page.figures import CURVE_COLORS, PATH, new_figure, use_style
 from fusionslam.storage.arrays import Floats
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def map_figure(
         given = f"{len(runs)} runs, {len(known)} reports and {len(names)} titles"
         problem = f"picture of maps: {given}, expected one of each, and one run at least"
         raise DataError(problem, code="counts-differ")
-    with styled():
+    with use_style():
         return side_by_side([scene_of(*pair) for pair in zip(runs, known, strict=True)], names)
 
 

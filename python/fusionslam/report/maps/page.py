@@ -12,7 +12,7 @@ from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.report.maps.config_table import config_table
 from fusionslam.report.maps.sections import drive_part, run_file_name
 from fusionslam.report.maps.tables import MOST
-from fusionslam.report.page.figures import styled
+from fusionslam.report.page.figures import use_style
 from fusionslam.report.page.html import (
     about_report,
     check_extra,
@@ -57,12 +57,12 @@ def write_ratslam_report(
         FusionSlamError: matplotlib or jinja2 is not installed.
     """
     check_extra()
-    judged = _judged(runs, reports)
+    judged = _pair_with_reports(runs, reports)
     target = Path(folder)
     labels = [_label(run) for run, _ in judged]
     for run, _ in judged:
         run.save(target / RUNS / f"{run_file_name(run)}.npz")
-    with styled():
+    with use_style():
         drives = [
             drive_part(target, f"{number}", name, group)
             for number, (name, group) in enumerate(
@@ -87,7 +87,7 @@ def write_ratslam_report(
     )
 
 
-def _judged(
+def _pair_with_reports(
     runs: RatSlamRun | Sequence[RatSlamRun], reports: MapReport | Sequence[MapReport] | None
 ) -> Judged:
     """Pair runs with their reports; raises DataError if no page can be written."""

@@ -19,7 +19,7 @@ from fusionslam.report.maps.map_figures import (
     pairs_of,
     single_map,
 )
-from fusionslam.report.page.figures import CURVE_COLORS, styled
+from fusionslam.report.page.figures import CURVE_COLORS, use_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,7 +40,7 @@ def path_figure(run: RatSlamRun, a: int, b: int) -> "Figure":
         DataError: an unknown node, or two that no links connect.
     """
     route = quickest_route(run.links, len(run.nodes), a, b)
-    with styled():
+    with use_style():
         return draw_route(scene_of(run, judge_map(run)), route)
 
 

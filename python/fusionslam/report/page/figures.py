@@ -30,7 +30,7 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def styled() -> Any:
+def use_style() -> Any:
     """Return a context in which matplotlib draws in the report's style.
 
     Raises:

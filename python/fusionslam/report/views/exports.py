@@ -9,7 +9,7 @@ import numpy as np
 
 from fusionslam.evaluation import ViewReport, ViewRun, baselines, judge_views
 from fusionslam.report.views.plots import path_pieces
-from fusionslam.report.views.previews import counterparts, needed_rows, shown_rows, stamp_key
+from fusionslam.report.views.previews import counterparts, list_needed_rows, select_rows, stamp_key
 
 COLUMNS = (
     "world",
@@ -90,7 +90,7 @@ def scrub_data(run: ViewRun, report: ViewReport, previews: Mapping[int, bytes]) 
     which lists every scan to be drawn; ``v`` is the index of the scan shown beside it
     (``counterparts``), or -1.
     """
-    rows = needed_rows(run, report)
+    rows = list_needed_rows(run, report)
     where = {row: place for place, row in enumerate(rows)}
     beside = counterparts(run, report)
     return {
@@ -99,7 +99,7 @@ def scrub_data(run: ViewRun, report: ViewReport, previews: Mapping[int, bytes]) 
         "places": [_place(run, row, previews) for row in rows],
         "frames": [
             _frame(run, report, row, where[row], where.get(int(beside[row]), -1))
-            for row in shown_rows(report)
+            for row in select_rows(report)
         ],
     }
 

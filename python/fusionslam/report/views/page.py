@@ -11,7 +11,7 @@ from fusionslam.config import merged, walk
 from fusionslam.errors import DataError
 from fusionslam.evaluation import RERUN_CITATION, VIEW_CITATION, ViewRule, ViewRun
 from fusionslam.evaluation.views.rules import view_rule
-from fusionslam.report.page.figures import styled
+from fusionslam.report.page.figures import use_style
 from fusionslam.report.page.html import (
     about_report,
     check_extra,
@@ -71,7 +71,7 @@ def write_view_report(
         run.save(target / RUNS / f"{file}.npz")
     judged = [(run, run.judge(limits)) for run in runs]
     missed: dict[str, None] = {}
-    with styled():
+    with use_style():
         worlds = [
             world_part(target, target / RUNS, f"{number}", world, group, missed)
             for number, (world, group) in enumerate(

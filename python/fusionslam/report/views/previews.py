@@ -24,7 +24,7 @@ def stamp_key(stamp: float) -> int:
     return round(stamp * 1e9)
 
 
-def shown_rows(report: ViewReport) -> list[int]:
+def select_rows(report: ViewReport) -> list[int]:
     """Return the rows that the page can show: all, or ``MOST`` of a long run.
 
     These are the false positives, of more than ``MOST / 2`` those farthest from their view, and
@@ -53,9 +53,9 @@ def counterparts(run: ViewRun, report: ViewReport) -> NDArray[np.int64]:
     return found
 
 
-def needed_rows(run: ViewRun, report: ViewReport) -> list[int]:
+def list_needed_rows(run: ViewRun, report: ViewReport) -> list[int]:
     """Return the rows that are shown, and those shown beside them."""
-    rows = shown_rows(report)
+    rows = select_rows(report)
     beside = counterparts(run, report)[rows]
     return sorted({*rows, *beside[beside >= 0].tolist()})
 
@@ -75,7 +75,7 @@ def previews_of(
     stored = load_previews(path) if path.exists() else {}
     new: dict[int, bytes] = {}
     for run, report in zip(runs, reports, strict=True):
-        rows = needed_rows(run, report)
+        rows = list_needed_rows(run, report)
         new |= _make_previews(
             run, [row for row in rows if stamp_key(run.stamps[row]) not in new], missed
         )

@@ -3,6 +3,7 @@
 """Pictures of scenes: a scan before and after clustering, and two scenes with their matches."""
 
 import os
+from collections.abc import Sequence
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.geometry.se2 import transform_points
-from fusionslam.report.page.figures import new_figure, styled
+from fusionslam.report.page.figures import new_figure, use_style
 from fusionslam.report.page.images import write_png
 from fusionslam.views.alignment_comparison import Alignment, AlignmentConfig, align_scenes
 from fusionslam.views.clusters import ClusteredScan, object_similarities
@@ -41,7 +42,7 @@ def write_scene_picture(path: str | os.PathLike[str], scan: ClusteredScan) -> No
     Raises:
         DataError: the file cannot be written. FusionSlamError: matplotlib is not installed.
     """
-    with styled():
+    with use_style():
         write_png(path, draw_scene(scan))
 
 
@@ -57,7 +58,7 @@ def write_pair_picture(
     Raises:
         DataError, FusionSlamError: as ``write_scene_picture``.
     """
-    with styled():
+    with use_style():
         write_png(path, draw_pair(current, stored, similarity, alignment))
 
 
@@ -73,7 +74,10 @@ def draw_scene(scan: ClusteredScan) -> "Figure":
         _objects(row[1], flat, scan)
         _numbers(row[1], project(scan.scene.objects["center"]), scan)
     panels[0, 0].set_title(f"scan {scan.number}: {len(scan.points)} points above the floor")
-    panels[0, 1].set_title(_describe_scene(scan))
+    size = len(scan.scene.to_bytes(image=False))
+    panels[0, 1].set_title(
+        f"{len(scan.scene)} objects in {size} bytes; {len(scan.loose)} points in none"
+    )
     panels[0, 0].set_ylabel("from behind")
     panels[1, 0].set_ylabel("from above: m ahead")
     for axis in panels[1]:
@@ -103,14 +107,14 @@ def draw_pair(
         _frame(axis, both, ticks=True)
         _objects(axis, _from_above(scan.points), scan)
         _numbers(axis, _from_above(scan.scene.objects["center"]), scan)
-    _join(figure, panels[0], panels[1], current, stored, similarity)
+    _draw_matches(figure, panels, (current, stored), similarity)
     whole = scene_similarity(current.scene, stored.scene, config=similarity)
     panels[0].set_title(f"scan {current.number};\nsimilarity of the scenes {whole:.3f}")
     panels[1].set_title(f"scan {stored.number}")
     if alignment is not None:
         found = align_scenes(current.scene, stored.scene, config=alignment)
         _frame(panels[2], both, ticks=True)
-        _laid_over(panels[2], current, stored, found)
+        _draw_aligned(panels[2], current, stored, found)
     panels[0].set_ylabel("m ahead")
     for axis in panels:
         axis.set_xlabel("m to the left")
@@ -185,46 +189,28 @@ def outline(flat: Flat) -> Flat:
         return flat[[int(along.argmin()), int(along.argmax())]]
 
 
-def _join(
+def _draw_matches(
     figure: "Figure",
-    left: "Axes",
-    right: "Axes",
-    current: ClusteredScan,
-    stored: ClusteredScan,
+    axes: "Sequence[Axes]",
+    scans: tuple[ClusteredScan, ClusteredScan],
     config: SimilarityConfig,
 ) -> None:
     """Draw lines between most similar objects with their similarity."""
-    table = object_similarities(current.scene, stored.scene, config)
-    if not table.size:
-        return
-    there = table.argmax(axis=1)
-    for i, j in enumerate(there.tolist()):
-        _line(figure, (left, right), (current, stored), (i, j), table[i, j], dashed=False)
-    if config.symmetric:
-        for j, i in enumerate(table.argmax(axis=0).tolist()):
-            if there[i] != j:
-                _line(figure, (left, right), (current, stored), (i, j), table[i, j], dashed=True)
-
-
-def _line(
-    figure: "Figure",
-    axes: "tuple[Axes, Axes]",
-    scans: tuple[ClusteredScan, ClusteredScan],
-    pair: tuple[int, int],
-    similarity: float,
-    *,
-    dashed: bool,
-) -> None:
     from matplotlib import colormaps
     from matplotlib.patches import ConnectionPatch
 
-    ends = [
-        tuple(_from_above(scan.scene.objects["center"][row : row + 1])[0].tolist())
-        for scan, row in zip(scans, pair, strict=True)
-    ]
-    color = colormaps["RdYlGn"](_LIGHTEST * similarity)
-    figure.add_artist(
-        ConnectionPatch(
+    centers = [_from_above(scan.scene.objects["center"]) for scan in scans]
+    table = object_similarities(scans[0].scene, scans[1].scene, config)
+    if not table.size:
+        return
+    there, back = table.argmax(axis=1).tolist(), table.argmax(axis=0).tolist()
+    pairs = [(i, j, False) for i, j in enumerate(there)]
+    if config.symmetric:
+        pairs += [(i, j, True) for j, i in enumerate(back) if there[i] != j]
+    for i, j, dashed in pairs:
+        ends = centers[0][i], centers[1][j]
+        color = colormaps["RdYlGn"](_LIGHTEST * table[i, j])
+        line = ConnectionPatch(
             xyA=ends[0],
             xyB=ends[1],
             coordsA=axes[0].transData,
@@ -234,8 +220,8 @@ def _line(
             ls="--" if dashed else "-",
             zorder=3,
         )
-    )
-    _write_beside(axes[dashed], f"{similarity:.2f}", ends[dashed], (5, -10), color, 8)
+        figure.add_artist(line)
+        _write_beside(axes[int(dashed)], f"{table[i, j]:.2f}", ends[dashed], (5, -10), color, 8)
 
 
 def _write_beside(
@@ -255,7 +241,7 @@ def _write_beside(
     )
 
 
-def _laid_over(
+def _draw_aligned(
     axis: "Axes", current: ClusteredScan, stored: ClusteredScan, found: Alignment
 ) -> None:
     """Draw the points of both in the stored one's frame."""
@@ -267,9 +253,3 @@ def _laid_over(
         f"aligned: x {found.x:.2f} m, y {found.y:.2f} m, yaw {np.degrees(found.yaw):.1f} deg;\n"
         f"probability {found.probability:.3f}"
     )
-
-
-def _describe_scene(scan: ClusteredScan) -> str:
-    objects, loose = len(scan.scene), len(scan.loose)
-    size = len(scan.scene.to_bytes(image=False))
-    return f"{objects} objects in {size} bytes; {loose} points in none"

@@ -21,7 +21,7 @@ from fusionslam.report.views.plots import (
     draw_times,
     draw_view_curves,
 )
-from fusionslam.report.views.previews import MOST, needed_rows, previews_of, stamp_key
+from fusionslam.report.views.previews import MOST, list_needed_rows, previews_of, stamp_key
 from fusionslam.report.views.tables import accuracy_table, cost_table, rerun_table, sweep_table
 from fusionslam.report.views.thumbnails import side_by_side
 
@@ -159,7 +159,9 @@ def _draw_pairs(
 
 def _collect_slider_data(judged: Judged, previews: Mapping[int, bytes]) -> dict[str, Any]:
     shown = {
-        stamp_key(run.stamps[row]) for run, report in judged for row in needed_rows(run, report)
+        stamp_key(run.stamps[row])
+        for run, report in judged
+        for row in list_needed_rows(run, report)
     }
     return {
         "runs": [scrub_data(run, report, previews) for run, report in judged],
