@@ -13,7 +13,7 @@ namespace fusionslam::bindings {
 
 /// An index that Python threads may share: queries run without the GIL, so it cannot guard them.
 /// Ctrl-C ends long reads. Python's signal handlers run inside them, on the thread that holds the
-/// lock: what such a handler reads of the same index needs no lock, and it cannot write.
+/// lock: such a handler may read the same index without a lock, and cannot write to it.
 template <class Index>
 class SharedIndex {
  public:
@@ -40,8 +40,8 @@ class SharedIndex {
     return work(index_);
   }
 
-  /// As write(), but Ctrl-C ends it: `work` leaves the index whole wherever it is interrupted. What
-  /// a signal's handler reads then is the index in the middle of the work.
+  /// As write(), but Ctrl-C ends it: `work` leaves the index consistent wherever it is interrupted.
+  /// A signal's handler then reads the index in the middle of the work.
   template <class Work>
   auto write_long(Work&& work) {
     if (is_read_here())

@@ -52,7 +52,7 @@ void check_finite(const Values& values, const char* name, std::size_t index) {
       throw DataError("object " + std::to_string(index) + ": " + name + " is not finite");
 }
 
-/// Refuses what no cloud gives.
+/// Throws DataError for a scene that no cloud gives.
 Scene check_scene(Scene&& scene) {
   for (std::size_t i = 0; i < scene.objects.size(); ++i) {
     SceneObject& object = scene.objects[i];

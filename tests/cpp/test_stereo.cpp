@@ -44,7 +44,7 @@ std::vector<float> made_up_disparity() {
   return disparity;
 }
 
-/// One grey level a pixel, so that a colour tells where it was read.
+/// One grey level a pixel, so that a colour identifies its pixel.
 std::vector<std::uint8_t> grey_ramp() {
   std::vector<std::uint8_t> image;
   for (int v = 0; v < height; ++v)

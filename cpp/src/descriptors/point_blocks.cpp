@@ -43,7 +43,7 @@ std::size_t widest_axis(const Item* items, std::size_t size) {
 }
 
 /// Moves the smaller half along the widest axis to the front and returns its size, a multiple of
-/// the largest power of 16 that allows one: so the children of a group are what was split off last.
+/// the largest power of 16 that allows one: so the children of a group were split off last.
 std::size_t split(Item* items, std::size_t size) {
   std::size_t span = block_size;
   while (span * block_size < size) span *= block_size;

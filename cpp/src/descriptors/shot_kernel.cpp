@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
 // Offsets, distances and dot products are floats, summed in PCL's order, so that each point falls
-// into the bin PCL gives it; what is only interpolated is double.
+// into the bin PCL gives it; interpolation alone is in double.
 #include "shot_kernel.hpp"
 
 #include <cmath>

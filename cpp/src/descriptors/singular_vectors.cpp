@@ -88,9 +88,9 @@ bool lanczos(MatrixView a, const MatrixKernel& kernel, Vector& left, double& rat
   return false;
 }
 
-/// Turns `left` into the first left singular vector; false where the two largest singular values
-/// are so close that it would take long. Lanczos's method in float, then the power method in
-/// double until what is still to come, a geometric series of the changes, is below the tolerance.
+/// Turns `left` into the first left singular vector; false if the two largest singular values are
+/// so close that it would take long. Lanczos's method in float, then the power method in double
+/// until the remaining change, a geometric series, is below the tolerance.
 bool iterate(MatrixView a, Vector& left, int& iterations) {
   constexpr int most = 8;
   constexpr double too_close = 0.9;

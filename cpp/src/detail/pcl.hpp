@@ -21,8 +21,8 @@ inline pcl::PointCloud<pcl::PointXYZ>::Ptr pcl_cloud(PointsView points) {
   return cloud;
 }
 
-/// Keeps PCL from printing while it lives: what goes wrong is said by exceptions here. PCL's level
-/// belongs to the process, so the first of several at once lowers it and the last restores it.
+/// Keeps PCL from printing while it lives: exceptions report problems here. PCL's level belongs to
+/// the process, so the first of several at once lowers it and the last restores it.
 class QuietPcl {
  public:
   QuietPcl() {

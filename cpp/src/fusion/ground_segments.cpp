@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// Ground plane fitting (Zermas, Izzat, Papanikolopoulos, ICRA 2017, section III.A), and what
-// happens to segments that show no ground.
+// Ground plane fitting (Zermas, Izzat, Papanikolopoulos, ICRA 2017, section III.A), and the
+// treatment of segments without ground.
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>

@@ -25,7 +25,7 @@ double norm_term(double squared_norm, ErrorBound error) {
 
 }  // namespace
 
-/// Some queries, packed, and what has been found for each.
+/// Some packed queries and their matches so far.
 class BatchSearch::Block {
  public:
   Block(const BatchSearch& search, std::size_t first, std::size_t count)

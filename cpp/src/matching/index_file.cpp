@@ -51,8 +51,8 @@ class Checksum {
   throw DataError(path + ": " + why);
 }
 
-/// Writes a new file beside `path` and moves it there at the end; whatever ends it before then
-/// leaves nothing behind. Sums up what it writes.
+/// Writes a new file beside `path` and moves it there at the end; leaves nothing behind if it is
+/// interrupted before. Computes the checksum of all that it writes.
 class Writer {
  public:
   explicit Writer(const std::string& path)
@@ -102,7 +102,7 @@ class Writer {
   bool moved_ = false;
 };
 
-/// Reads a file from its beginning and sums up what it reads.
+/// Reads a file from its beginning and computes the checksum of all that it reads.
 class Reader {
  public:
   explicit Reader(const std::string& path) : path_(path), file_(path, std::ios::binary) {

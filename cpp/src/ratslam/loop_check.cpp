@@ -107,7 +107,7 @@ LoopCheck compare_with_map(const MapArrays& map, const Pending& loop, const Drif
   LoopCheck check;
   check.error_m = std::hypot(x, y);
   check.error_rad = std::abs(wrap_angle(claimed.heading - robot.heading));
-  // The way since the current node, and what views are worth.
+  // With the variances of the motion since the current node and of the view.
   check.allowed_m = map.config.sigmas * std::sqrt(drift.along(x, y) + loop.measure.variance_m);
   check.allowed_rad = map.config.sigmas * std::sqrt(drift.rotation + loop.measure.variance_rad);
   check.accepted = check.error_m <= check.allowed_m && check.error_rad <= check.allowed_rad;

@@ -116,7 +116,7 @@ struct MapArrays {
 /// Runs `loops` sweeps as the reference does.
 Relaxation relax_by_sweeps(MapArrays& map);
 
-/// Gauss-Newton over what changed, or over the whole map.
+/// Relaxes the changed parts, or the whole map, by Gauss-Newton.
 Relaxation relax_by_newton(MapArrays& map, bool whole);
 
 LoopCheck check_loop(MapArrays& map, const MapAction& action);

@@ -22,9 +22,9 @@ constexpr std::int64_t first_part = 32;  // nodes that are relaxed around a chan
 constexpr int part_growth = 4;
 constexpr int most_steps = 50;
 constexpr int most_halvings = 8;
-// A step that is made with the factors of an earlier one costs so much less.
+// Cost of a step that reuses the factors of an earlier one.
 constexpr double chord_cost = 0.125;
-// One step that needs new factors, and room for those that follow: what does not fit is owed.
+// Cost of one step with new factors and of some that follow; the credit may become negative.
 constexpr double whole_cost = 2;
 // Part of the map that may be moved per action, so that large maps do not wait longer.
 constexpr double work_share = 0.02;
@@ -158,9 +158,8 @@ void solve_whole(MapArrays& map, Relaxation& done) {
   if (solved.converged) map.due.clear();
 }
 
-/// Relaxes ever larger surroundings of what is due, until those next to them are at rest or the
-/// work that may be done is used up. What is left then is the whole map's, at once where it is
-/// much.
+/// Relaxes growing surroundings of the nodes that are due, until the nodes next to them are at rest
+/// or the work is used up. The whole map takes the rest later, or at once if that is much.
 void solve_parts(MapArrays& map, Relaxation& done) {
   if (std::all_of(map.due.begin(), map.due.end(),
                   [&](std::int64_t node) { return unrest(map, node) <= calm_m; })) {

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
 // A part of the map and its least squares problem: every link's squared error over its variance;
-// links of loops count as Huber has it.
+// links of loops with Huber's loss.
 #pragma once
 
 #include <Eigen/SparseCore>
@@ -35,8 +35,8 @@ class Part {
   /// Computes the links' errors where the nodes are now.
   Sums evaluate();
 
-  /// Of what was evaluated, half the gradient and, if asked for, half of Gauss and Newton's
-  /// approximation of the Hessian: its lower triangle, of the same pattern each time.
+  /// Half the gradient at the last evaluation and, if `hessian` is not null, half of Gauss and
+  /// Newton's approximation of the Hessian: its lower triangle, of the same pattern each time.
   void linearize(Vector& gradient, Matrix* hessian) const;
 
   void move(const Vector& step, double share);

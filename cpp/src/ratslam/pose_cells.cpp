@@ -40,8 +40,8 @@ double wrap(double value, double period) {
   return rest < period ? rest : 0;  // a tiny negative rest is rounded up to the period
 }
 
-/// A way along one axis: whole cells, and the shares of what lands there and one cell further. The
-/// shares of a way and of the opposite one are exactly each other's, so that a symmetric packet
+/// A shift along one axis: whole cells, and the shares that land there and one cell further. The
+/// shares of a shift and of the opposite one are exactly each other's, so that a symmetric packet
 /// stays symmetric to the last bit.
 struct Way {
   std::size_t whole;
@@ -215,7 +215,7 @@ void PoseSheet::settle(double global_inhibition) {
            padded_.data(), blurred_.data());
   convolve(blurred_.data(), n, kernels, {kernels.blur2, inhibition, 2}, layers_.data(),
            padded_.data(), next_.data());
-  // Written to `layers_`: `cells_` stay what they are until it is known that activity is left.
+  // Written to `layers_`: `cells_` stay unchanged until it is known that activity is left.
   const double sum = kernels.inhibit(blurred_.data(), next_.data(), global_inhibition,
                                      cells_.size(), layers_.data());
   // Less than this could not be scaled to 1.

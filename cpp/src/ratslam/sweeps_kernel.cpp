@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// Each link sees what the one before has done, so there is nothing to vectorise; time goes into
-// sines. They are turned along with small corrections instead of being computed anew.
+// Each link depends on the previous one, so there is nothing to vectorise; sines dominate the time.
+// Small corrections rotate them instead of computing them again.
 #include "sweeps_kernel.hpp"
 
 #include <cmath>

@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
 // Point-to-plane ICP with projective data association (Blais and Levine 1995) in the plane: x, y
-// and yaw, from several starts. The best is judged by what each view should have seen of the other.
+// and yaw, from several starts. The best is judged by the parts of each view that the other should
+// have seen.
 #include "alignment.hpp"
 
 #include <algorithm>
@@ -15,8 +16,8 @@ namespace {
 
 constexpr std::size_t fewest_cells = 10;
 constexpr double range_share = 0.01;  // of the range, by which surfaces may differ more
-constexpr double damping = 1e-3;      // a point, against steps along what nothing holds
-constexpr double farthest_step = 3;   // m: beyond, it has gone astray
+constexpr double damping = 1e-3;      // a point, limits steps in unconstrained directions
+constexpr double farthest_step = 3;   // m: beyond, the alignment has diverged
 constexpr double widest_turn = 1.2;   // rad
 constexpr double color_limit = 60;    // of 255: another colour is another colour
 
@@ -185,7 +186,7 @@ Nearest nearest_surface(const PreparedView& view, const std::array<float, 3>& po
   return nearest;
 }
 
-/// Adds what `other` sees of the points of `view`; `sign` turns tints into those of one direction.
+/// Counts the points of `view` as seen by `other`; `sign` turns tints into those of one direction.
 void look(const PreparedView& view, const PreparedView& other,
           const std::vector<std::size_t>& chosen, const Pose& pose, double tolerance, double sign,
           Tally& tally) {

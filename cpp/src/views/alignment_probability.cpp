@@ -11,7 +11,7 @@ namespace {
 constexpr std::size_t size = AlignmentEvidence::size;
 constexpr std::size_t terms = 1 + size + size * (size + 1) / 2;
 
-// Deviations from the mean: beyond, there was nothing to fit to, and squares would go astray.
+// Limit of deviations from the mean: there were no data to fit to beyond, where squares dominate.
 constexpr double most_deviations = 4;
 
 /// Written by benchmarks/accuracy/alignment.py --write.

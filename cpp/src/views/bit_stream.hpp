@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// Numbers of few bits in bytes, for what scenes are stored as.
+// Packs numbers of few bits into bytes, in which scenes are stored.
 #pragma once
 
 #include <bit>

@@ -138,7 +138,7 @@ class Groups {
   std::vector<BoxNode<D>> nodes_;
   std::vector<std::array<double, D>> rows_;  // sorted points, while the groups are made
   std::vector<double> columns_;
-  std::vector<double> kept_x_;  // what stood in the first column before some became infinite
+  std::vector<double> kept_x_;  // the first column before some values became infinite
 };
 
 }  // namespace fusionslam::detail

@@ -33,7 +33,7 @@ struct Terms {
 /// Throws ConfigError for values out of range or if all weights are 0.
 Terms terms_of(const SimilarityConfig& config);
 
-/// Throws DataError, naming the object and what of it is not finite, or that it has no points.
+/// Throws DataError naming the object if a value of it is not finite, or it has no points.
 std::vector<ComparedObject> compared_objects(const Scene& scene, const SimilarityConfig& config);
 
 }  // namespace fusionslam::detail
