@@ -38,7 +38,7 @@ def bench_views(
     methods: Annotated[
         str,
         typer.Option(
-            "--methods", "-m", help="With commas; all: those of the tables; list: print the names."
+            "--methods", "-m", help="Names with commas; all: those of the tables; list: print them."
         ),
     ] = "all",
     frame: Annotated[
@@ -47,14 +47,16 @@ def bench_views(
     ] = "robot",
     shapes: Annotated[
         str,
-        typer.Option("--shapes", help="What rays met, if DATA has both: collision or visual."),
+        typer.Option(
+            "--shapes", help="Shapes that rays hit, if DATA has both: collision or visual."
+        ),
     ] = "collision",
     jobs: opt.Jobs = None,
 ) -> None:
     """Compare recognisers of places on DATA: accuracy, loops, bytes, time.
 
-    Beside each stand the figures of the thesis and of its program run again. Without DATA the
-    recordings below FUSIONSLAM_TEST_DATA are compared, or else drives through made worlds.
+    The tables also show the figures of the thesis and of its program run again. Without DATA the
+    recordings below FUSIONSLAM_TEST_DATA are compared, else drives through simulated worlds.
     """
     from fusionslam.config import merged
     from fusionslam.datasets.range_recording import SHAPES, RecordingConfig

@@ -25,7 +25,7 @@ def calib_check(
         Path, typer.Option("--output", "-o", help="Folder for pictures and calib_check.json.")
     ],
     pictures: Annotated[
-        int, typer.Option("--pictures", min=0, help="How many frames are drawn.")
+        int, typer.Option("--pictures", min=0, help="Number of frames to draw.")
     ] = 3,
     *,
     build_recording: "Callable[[], Recording]",

@@ -17,17 +17,14 @@ if TYPE_CHECKING:
 
 
 def config(
-    stage: Annotated[str | None, typer.Argument(metavar="[STAGE]", help="Only this one.")] = None,
-    yaml: Annotated[
-        bool, typer.Option("--yaml", help="As a file that --config reads again.")
-    ] = False,
+    stage: Annotated[
+        str | None, typer.Argument(metavar="[STAGE]", help="Print only this stage.")
+    ] = None,
+    yaml: Annotated[bool, typer.Option("--yaml", help="Print YAML that --config reads.")] = False,
     settings: opt.Settings = None,
     file: opt.ConfigFile = None,
 ) -> None:
-    """Print every value of the configuration.
-
-    Each with its unit, range and help.
-    """
+    """Print every value of the configuration with its unit, range and help."""
     from fusionslam.config import as_yaml
 
     whole = opt.read_config(settings, file)

@@ -136,8 +136,8 @@ def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
 
 
 _COSTS = (
-    "times: medians in ms a frame; peak MiB: memory that describing the largest\n"
-    "cloud took on top of what was in use, 0 where it was less than half a MiB"
+    "times: medians in ms per frame; peak MiB: additional memory to describe the largest\n"
+    "cloud, 0 if less than half a MiB"
 )
 
 

@@ -35,8 +35,8 @@ def demo(
 ) -> None:
     """Compare all descriptors on a simulated drive; needs no data.
 
-    --set sim.KEY changes the simulation: what config sim prints for the town, what the command
-    sim takes for the other worlds.
+    --set sim.KEY changes the simulation: for the town with the keys that config sim prints, for
+    the other worlds with those of the command sim.
     """
     from fusionslam.pipelines.compare_descriptors import (
         DEMO,
@@ -115,4 +115,4 @@ def _cache_can_move(cached: bool) -> "Iterator[None]":
         if not cached:
             raise
         hint = "the environment variable FUSIONSLAM_CACHE can name another folder"
-        raise DataError(f"{error}; {hint}") from error
+        raise DataError(f"{error}; {hint}", code="cache") from error

@@ -9,7 +9,7 @@ from fusionslam.cli.failures import DATA, missing_extras
 
 
 def doctor() -> None:
-    """Say what works here and what to install."""
+    """Check what works on this machine, and say what to install."""
     from fusionslam.doctor import examine
 
     findings = examine(missing_extras())

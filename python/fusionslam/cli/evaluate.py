@@ -14,10 +14,7 @@ def evaluate(
     radius: opt.Radius = None,
     window: opt.Window = None,
 ) -> None:
-    """Judge the runs in OUT against true poses.
-
-    Writes metrics.json there.
-    """
+    """Judge the runs in OUT against true poses; write metrics.json there."""
     from fusionslam.pipelines.compare_descriptors import evaluate_stored
     from fusionslam.report.loops.stored import write_stored_metrics
 

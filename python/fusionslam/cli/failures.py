@@ -68,15 +68,14 @@ class Guarded(TyperGroup):
 def keep(ctx: typer.Context, folder: Path) -> None:
     """Remember where finished work is kept, to say so if the command is interrupted."""
     ctx.meta[_KEPT] = (
-        f"interrupted: what is finished is kept in {folder}; the same command goes on from there"
+        f"interrupted: finished work is kept in {folder}; the same command resumes there"
     )
 
 
 def keep_parts(ctx: typer.Context, folder: Path) -> None:
     """As ``keep``, for a command that starts again from the beginning."""
     ctx.meta[_KEPT] = (
-        f"interrupted: some files in {folder} may be new and others not; "
-        "the same command writes all of them"
+        f"interrupted: {folder} may hold new and old files; the same command writes all of them"
     )
 
 
@@ -94,7 +93,9 @@ def needs_extra(extra: str) -> None:
     for module in _EXTRAS[extra]:
         if find_spec(module) is None:
             raise FusionSlamError(
-                f"this needs {module}, which is not installed: pip install 'fusionslam[{extra}]'"
+                f"this needs {module}, which is not installed: pip install 'fusionslam[{extra}]'",
+                code="missing-extra",
+                fields=(extra,),
             )
 
 

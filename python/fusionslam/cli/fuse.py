@@ -32,7 +32,9 @@ def fuse(
     source: opt.Source = None,
     format: Annotated[
         str | None,
-        typer.Option("--format", help="Of a folder: ply (default), pcd, or bin, without colours."),
+        typer.Option(
+            "--format", help="Of clouds in a folder: ply (default), pcd, or bin (no colours)."
+        ),
     ] = None,
     *,
     build_recording: "Callable[[], Recording]",
@@ -44,8 +46,8 @@ def fuse(
 ) -> None:
     """Write DATA's coloured clouds as a folder or bag to open again.
 
-    Their times and poses, if there are any, lie beside them. Pictures of the steps go to the
-    folder's pictures/, or beside the bag.
+    Times, and poses if known, are written beside them; pictures of the steps go to pictures/ in
+    the folder, or beside the bag.
     """
     from fusionslam.errors import ConfigError
     from fusionslam.pipelines.describe import for_source

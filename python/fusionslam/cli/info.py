@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @opt.options_of(build_recording=partial(build_recording, skip_gaps=True))
 def info(build_recording: "Callable[[], Recording]") -> None:
-    """Say what is in DATA: frames, sensors, calibration, poses, gaps."""
+    """Summarise DATA: frames, sensors, calibration, poses, gaps."""
     from fusionslam.pipelines.overview import look_at
 
     print_table(["what", "value"], look_at(build_recording()).rows)

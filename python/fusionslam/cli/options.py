@@ -74,19 +74,21 @@ SkipBad = Annotated[
     bool,
     typer.Option(
         "--skip-bad-frames",
-        help="Leave out frames that cannot be read or described; they are named.",
+        help="Leave out and name frames that cannot be read or described.",
     ),
 ]
 Truth = Annotated[
     Path | None,
-    typer.Option("--gt", metavar="FILE", help="True poses (KITTI or TUM), not those of the data."),
+    typer.Option(
+        "--gt", metavar="FILE", help="True poses (KITTI or TUM) in place of those of the data."
+    ),
 ]
 Source = Annotated[
     str | None,
     typer.Option(
         "--source",
         callback=_check_source,
-        help=f"{help_texts.SOURCE}; else the first that the data allow.",
+        help=f"{help_texts.SOURCE}; by default the first that the data allow.",
     ),
 ]
 Sources = Annotated[
@@ -94,7 +96,7 @@ Sources = Annotated[
     typer.Option(
         "--source",
         callback=_check_source,
-        help=f"{help_texts.SOURCE}; else all that the data allow.",
+        help=f"{help_texts.SOURCE}; by default all that the data allow.",
     ),
 ]
 Threshold = Annotated[float | None, typer.Option("--threshold", help=f"{help_texts.THRESHOLD}.")]
@@ -108,10 +110,12 @@ Settings = Annotated[
     typer.Option("--set", metavar="STAGE.KEY=VALUE", help="Change a value; may be repeated."),
 ]
 ConfigFile = Annotated[
-    Path | None, typer.Option("--config", metavar="FILE", help="YAML, as config --yaml prints.")
+    Path | None,
+    typer.Option("--config", metavar="FILE", help="YAML file, as config --yaml prints."),
 ]
 Jobs = Annotated[
-    int | None, typer.Option("--jobs", "-j", min=1, help="Frames at a time; else one a core.")
+    int | None,
+    typer.Option("--jobs", "-j", min=1, help="Frames in parallel; by default one per core."),
 ]
 Protocol = Annotated[
     str | None,
@@ -122,7 +126,7 @@ SceneSets = Annotated[
 ]
 Tuned = Annotated[
     str | None,
-    typer.Option("--tuned", metavar="NAME", help="Values found by tune that come with fusionslam."),
+    typer.Option("--tuned", metavar="NAME", help="Tuned values that come with fusionslam."),
 ]
 Rule = Annotated[
     str,
@@ -131,7 +135,8 @@ Rule = Annotated[
 Folder = Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Write no page, which takes a while.")]
 Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", callback=_start_logging, help="Say more, on stderr.")
+    bool,
+    typer.Option("--verbose", "-v", callback=_start_logging, help="Show more messages, on stderr."),
 ]
 
 
@@ -306,7 +311,8 @@ def check_choice(key: str, value: str | None, values: Sequence[str]) -> str | No
     from fusionslam.errors import ConfigError
 
     if value is not None and value not in values:
-        raise ConfigError(f"{key} is {value!r}, {explain_choice(value, values)}")
+        problem = explain_choice(value, values)
+        raise ConfigError(f"{key} is {value!r}, {problem}", code="choice", fields=(key, value))
     return value
 
 

@@ -33,7 +33,7 @@ def ratslam(
         str | None,
         typer.Option(
             "--views",
-            help="What recognises places: alignment (default), objects, two_stages, cm2dp, "
+            help="Recogniser of places: alignment (default), objects, two_stages, cm2dp, "
             "visual_templates, ...",
         ),
     ] = None,
@@ -41,8 +41,8 @@ def ratslam(
         str | None,
         typer.Option(
             "--odometry",
-            help="What tells the motion: topic, visual, truth or truth+noise; else the topic where "
-            "there is one, or the truth.",
+            help="Source of motion: topic, visual, truth or truth+noise; by default the topic if "
+            "there is one, else the truth.",
         ),
     ] = None,
     preset: Annotated[
@@ -50,24 +50,22 @@ def ratslam(
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option(
-            "--seed", min=0, help="Decides the noise of --odometry truth+noise, where it has some."
-        ),
+        typer.Option("--seed", min=0, help="Seed of the noise of --odometry truth+noise."),
     ] = None,
     save: Annotated[
         Path | None,
-        typer.Option("--save", metavar="STATE", help="Write a file that --resume goes on from."),
+        typer.Option("--save", metavar="STATE", help="Write a state file for --resume."),
     ] = None,
     resume: Annotated[
         Path | None,
-        typer.Option("--resume", metavar="STATE", help="Go on with the map that --save wrote."),
+        typer.Option("--resume", metavar="STATE", help="Resume with the map that --save wrote."),
     ] = None,
     live: Annotated[
         str | None,
         typer.Option(
             "--live",
             metavar="FILE.rrd",
-            help='Show the map as it grows, in a file for the viewer of rerun; "viewer" opens it.',
+            help='Show the growing map, in a file for the rerun viewer; "viewer" opens it.',
         ),
     ] = None,
     *,
@@ -77,9 +75,9 @@ def ratslam(
     jobs: opt.Jobs = None,
     no_report: opt.NoReport = False,
 ) -> None:
-    """Make a map of where a robot was, of its odometry and the places that it recognises.
+    """Build a map of a robot's path from its odometry and the places that it recognises.
 
-    Ctrl-C keeps the map so far, and what is needed to go on with it.
+    Ctrl-C keeps the map so far, and the state to resume from.
     """
     from fusionslam.pipelines.drives import open_drive
     from fusionslam.pipelines.map_events import ODOMETRY, events_of, expected_drift
@@ -144,7 +142,7 @@ def _finish(
         recorder.slam.save(save, run=run)
     print(_page(run, output, no_report or interrupted))
     if interrupted:
-        typer.echo(f"interrupted: --resume {save} goes on from there", err=True)
+        typer.echo(f"interrupted: resume with --resume {save}", err=True)
         raise typer.Exit(INTERRUPTED)
 
 
@@ -168,7 +166,11 @@ def _load_map(state: Path, options: list[str]) -> "tuple[RatSlam, RatSlamRun | N
 
     for text in options:
         if text.startswith(_OF_THE_STATE):
-            raise ConfigError(f"{text}: {state} says how its map is made; leave the option out")
+            raise ConfigError(
+                f"{text}: {state} already decides this; leave the option out",
+                code="set-by-state",
+                fields=(text,),
+            )
     return RatSlam.load(state), load_run(state)
 
 

@@ -42,7 +42,7 @@ def build_recording(
         ),
     ] = None,
     sequence: Annotated[
-        str | None, typer.Option(help="Which one, where DATA holds several.")
+        str | None, typer.Option(help="Sequence to take if DATA holds several.")
     ] = None,
     topic: Annotated[
         list[str] | None,
@@ -59,16 +59,16 @@ def build_recording(
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUE",
-            help="How a bag's images go with its scans: policy=last_before, max_difference=0.05, "
-            "...",
+            help="How a bag's images are paired with its scans: policy=last_before, "
+            "max_difference=0.05, ...",
         ),
     ] = None,
     calib: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="calib.yaml, of a bag or folder without one."),
+        typer.Option(metavar="FILE", help="calib.yaml for a bag or folder without one."),
     ] = None,
     skip_gaps: Annotated[
-        bool, typer.Option("--skip-gaps", help="Leave out frames of which a file is missing.")
+        bool, typer.Option("--skip-gaps", help="Leave out frames that lack a file.")
     ] = False,
     gt: opt.Truth = None,
 ) -> "Recording":
@@ -158,7 +158,9 @@ def _check_name(path: Path) -> None:
     hint = f"; did you mean {near[0]!r}?" if near else ""
     raise DataError(
         f"{path} does not exist: expected a recording, a world's file or one of "
-        f"{', '.join(MADE)}{hint}"
+        f"{', '.join(MADE)}{hint}",
+        code="no-such-data",
+        fields=near,
     )
 
 
@@ -184,7 +186,7 @@ def open_scenes(
     *,
     features: "Sequence[str]" = (),
     skip_empty: Annotated[
-        bool, typer.Option("--skip-empty", help="Leave out scans of which nothing is left.")
+        bool, typer.Option("--skip-empty", help="Leave out scans without points above the floor.")
     ] = False,
     jobs: opt.Jobs = None,
 ) -> "SceneSet":

@@ -17,13 +17,13 @@ def report(
     ctx: typer.Context,
     folder: opt.Results,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for the report; else OUT.")
+        Path | None, typer.Option("--output", "-o", help="Folder for the report; by default OUT.")
     ] = None,
     protocol: opt.Protocol = None,
 ) -> None:
     """Write report.html for the runs in OUT, and views.html for runs of views.
 
-    It has pictures of frames if the recording is still there.
+    Frames are pictured if the recording is still there.
     """
     from fusionslam.pipelines.compare_descriptors import evaluate_stored
     from fusionslam.pipelines.describe import run_files

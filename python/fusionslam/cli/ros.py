@@ -44,7 +44,10 @@ def run(
 @app.command(context_settings=_PASSED_ON)
 def launch(
     file: Annotated[
-        str, typer.Argument(metavar="FILE", help="A launch file, or the name of one of ours.")
+        str,
+        typer.Argument(
+            metavar="FILE", help="A launch file, or the name of one that comes with fusionslam."
+        ),
     ],
     args: Passed = None,
 ) -> None:
@@ -78,10 +81,10 @@ def check(
         typer.Option("--seconds", min=1, help="How long to wait for a sensor, and then to listen."),
     ] = 5.0,
 ) -> None:
-    """Say whether a running robot, or a bag being played, has what the nodes need.
+    """Check that a running robot, or a bag being played, has what the nodes need.
 
-    Listens to topics, transforms and calibration, publishes nothing, fuses a first cloud. The exit
-    code is 0 if data_fusion can work, else 1.
+    Listens to topics, transforms and calibration and fuses a first cloud, but publishes nothing.
+    The exit code is 0 if data_fusion can work, else 1.
     """
     from fusionslam.ros.check.robot import check_robot
 

@@ -38,41 +38,43 @@ def sim(
     ] = None,
     robot: Annotated[
         str | None,
-        typer.Option("--robot", metavar="R", help="Name or YAML file; else the world's."),
+        typer.Option("--robot", metavar="R", help="Name or YAML file; by default the world's."),
     ] = None,
     trajectory: Annotated[
         Path | None,
-        typer.Option("--trajectory", metavar="T", help="CSV t,x,y,yaw; else its own or planned."),
+        typer.Option(
+            "--trajectory", metavar="T", help="CSV t,x,y,yaw; by default the world's, or planned."
+        ),
     ] = None,
     format: Annotated[
-        str | None, typer.Option("--format", help="bag, db3, mcap or folder; else the suffix says.")
+        str | None, typer.Option("--format", help="bag, db3, mcap or folder; by default by suffix.")
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option("--seconds", help="How long; else the whole drive.")
+        float | None, typer.Option("--seconds", help="Duration; by default the whole drive.")
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", min=0, help="Decides noise, moving boxes and planned drives."),
+        typer.Option("--seed", min=0, help="Seed of noise, moving boxes and planned drives."),
     ] = None,
     obstacles: Annotated[
         int | None,
-        typer.Option("--obstacles", metavar="N", min=0, help="Moving boxes on the way."),
+        typer.Option("--obstacles", metavar="N", min=0, help="Number of moving boxes on the way."),
     ] = None,
     lenient: Annotated[
-        bool, typer.Option("--lenient", help="Go on without meshes and textures that are missing.")
+        bool, typer.Option("--lenient", help="Leave out meshes and textures that are missing.")
     ] = False,
     save_trajectory: Annotated[
         Path | None,
-        typer.Option("--save-trajectory", metavar="FILE", help="Write the drive as CSV, too."),
+        typer.Option("--save-trajectory", metavar="FILE", help="Also write the drive as CSV."),
     ] = None,
     save_map: Annotated[
         Path | None,
         typer.Option(
-            "--save-map", metavar="FILE.yaml", help="Write the map as for ROS map_server, too."
+            "--save-map", metavar="FILE.yaml", help="Also write the map as for ROS map_server."
         ),
     ] = None,
     print_config: Annotated[
-        bool, typer.Option("--print-config", help="Print all values as YAML and drive nowhere.")
+        bool, typer.Option("--print-config", help="Print all values as YAML, without a drive.")
     ] = False,
     settings: opt.Settings = None,
     config: Annotated[
@@ -84,7 +86,7 @@ def sim(
     """Drive a robot through WORLD and record what its sensors publish.
 
     --set takes robot.lidars.NAME.KEY, robot.odometry.errors.KEY, obstacles.KEY, plan.KEY and,
-    for worlds that are made, world.KEY.
+    for built-in worlds, world.KEY.
     """
     needs_extra("sim")
     from fusionslam.config import as_yaml

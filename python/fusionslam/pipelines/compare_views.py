@@ -88,7 +88,11 @@ def bench_views(
     """
     names = [drive.name for drive in drives]
     if twice := {name for name in names if names.count(name) > 1}:
-        raise DataError(f"two drives are named {min(twice)}: copy or link one to another name")
+        raise DataError(
+            f"two drives are named {min(twice)}: copy or link one to another name",
+            code="same-name",
+            fields=(min(twice),),
+        )
     found = {name: find_method(name) for name in methods}
     for frame in frames:
         if frame not in FRAMES:

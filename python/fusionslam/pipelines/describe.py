@@ -122,7 +122,9 @@ def describable(
         return list(names)
     logger.warning("%s has no colours: left out %s", dataset.name, ", ".join(colorful))
     if len(colorful) == len(names):
-        raise DataError(f"{dataset.name} has no colours, which {', '.join(names)} need")
+        raise DataError(
+            f"{dataset.name} has no colours, which {', '.join(names)} need", code="no-colours"
+        )
     return [name for name in names if name not in colorful]
 
 
@@ -153,7 +155,7 @@ def first_that_works(dataset: "Dataset", action: Callable[[int], T], bad_frames:
         except DataError:
             if bad_frames == "error":
                 raise
-    raise DataError(f"{dataset.name}: no frame can be described")
+    raise DataError(f"{dataset.name}: no frame can be described", code="no-frame")
 
 
 @dataclass(frozen=True)
@@ -256,7 +258,8 @@ class _Work:
         if not len(joined["rows"]):
             number, reason = next(iter(skipped.items()))
             raise DataError(
-                f"{self.dataset.name}: no frame can be described; frame {number}: {reason}"
+                f"{self.dataset.name}: no frame can be described; frame {number}: {reason}",
+                code="no-frame",
             )
         for number, reason in skipped.items():
             logger.warning("%s, frame %d left out: %s", self.dataset.name, number, reason)
@@ -299,7 +302,10 @@ def load_runs(folder: str | os.PathLike[str]) -> list[DescriptorRun]:
     """Load all runs in a folder. Raises DataError if there is none."""
     paths = run_files(folder)
     if not paths:
-        raise DataError(f"{folder} holds no descriptor runs: make some with fusionslam describe")
+        raise DataError(
+            f"{folder} holds no descriptor runs: make some with fusionslam describe",
+            code="no-runs",
+        )
     return [DescriptorRun.load(path) for path in paths]
 
 

@@ -113,7 +113,9 @@ class Drive:
     def true_way(self) -> Trajectory:
         """Return the ground-truth trajectory. Raises DataError if it is unknown."""
         if self.truth is None:
-            raise DataError(f"{self.name}: no true poses, in the data or beside them (gt)")
+            raise DataError(
+                f"{self.name}: no true poses, in the data or beside them (gt)", code="no-poses"
+            )
         return self.truth
 
     def scan(self, index: int, *, ground: bool) -> Any:
@@ -165,11 +167,16 @@ class Drive:
         whole = self._all_scenes
         whole.true_poses()
         if whole.frame != "robot":
-            raise DataError(f"{whole.name}: scenes in the frame {whole.frame!r}, expected 'robot'")
+            raise DataError(
+                f"{whole.name}: scenes in the frame {whole.frame!r}, expected 'robot'",
+                code="wrong-frame",
+                fields=(whole.frame,),
+            )
         scenes = whole.without_empty()
         if not len(scenes):
             raise DataError(
-                f"{whole.name}: none of {len(whole)} scans holds anything above the floor"
+                f"{whole.name}: none of {len(whole)} scans holds anything above the floor",
+                code="only-floor",
             )
         return scenes
 

@@ -96,7 +96,10 @@ def _refuse_own_input(recording: Recording, target: Path) -> None:
         source, there = Path(recording.path), path.resolve()
         inside = there.exists() and source in there.parents and (source / "metadata.yaml").exists()
         if there in source.parents or inside:
-            raise DataError(f"{target} is part of {source}, which is read: write to another place")
+            raise DataError(
+                f"{target} is part of {source}, which is read: write to another place",
+                code="output-is-input",
+            )
 
 
 def _fixed_frames(dataset: "Dataset") -> frozenset[str]:

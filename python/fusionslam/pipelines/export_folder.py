@@ -91,7 +91,10 @@ def refuse_input(recording: Recording, target: Path) -> None:
     """Raise DataError if writing to ``target`` would replace the input."""
     source, there = Path(recording.path), target.resolve()
     if there == source or (target.exists() and source.exists() and target.samefile(source)):
-        raise DataError(f"{target} is the recording that is read: write to another place")
+        raise DataError(
+            f"{target} is the recording that is read: write to another place",
+            code="output-is-input",
+        )
 
 
 def _refuse_foreign(root: Path) -> None:
@@ -101,7 +104,9 @@ def _refuse_foreign(root: Path) -> None:
     for name in ("clouds", "times.txt", "poses.txt"):
         if (root / name).exists():
             raise DataError(
-                f"{root} holds {name}, which no earlier fuse wrote: choose another folder"
+                f"{root} holds {name}, which no earlier fuse wrote: choose another folder",
+                code="other-results",
+                fields=(str(root), name),
             )
 
 

@@ -87,7 +87,8 @@ class RunEvents:
         if not motions and first == len(self.look_stamps_ns):
             seconds = max(moved_ns or 0, looked_ns or 0) / 1e9
             raise DataError(
-                f"{self.name}: nothing later than {seconds:.3f} s, where the earlier map ended"
+                f"{self.name}: nothing later than {seconds:.3f} s, where the earlier map ended",
+                code="nothing-later",
             )
         return replace(
             self,
@@ -157,7 +158,8 @@ def motions_of(
     if odometry is None and drive.topic is None and drive.truth is None:
         raise DataError(
             f"{drive.name} has neither odometry messages nor true poses; odometry may be 'visual' "
-            "where there are images"
+            "where there are images",
+            code="no-motion",
         )
     chosen = odometry or ("topic" if drive.topic is not None else "truth")
     if chosen == "topic":
@@ -207,7 +209,7 @@ def _image_looks(
     config = source.templates.config
     images = drive.images(config.bottom)
     if images is None or not len(images):
-        raise DataError(f"{drive.name}: no images, which visual templates look at")
+        raise DataError(f"{drive.name}: no images, which visual templates need", code="no-images")
     stamps_ns = image_stamps_ns(images)
     if images.key is None:
         return stamps_ns, images.image

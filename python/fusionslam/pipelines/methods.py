@@ -115,7 +115,7 @@ def run_templates(
     def run_task(task: Task) -> ViewRun:
         drive, images = task.drive, task.drive.images_with_poses(config.bottom)
         if images is None or not len(images):
-            raise DataError("no images")
+            raise DataError("no images", code="no-images")
         views = template_views(
             images, config, jobs=task.jobs, progress=task.progress(images.origin)
         )
@@ -159,7 +159,7 @@ def _match_templates(templates: VisualTemplates, built: TemplateViews) -> _Templ
 
 def _at_images(images: Images, matches: _TemplateMatches) -> dict[str, Any]:
     if images.poses is None:
-        raise DataError("the images have no true poses")
+        raise DataError("the images have no true poses", code="no-poses")
     return {
         "poses": images.poses,
         "stamps": images.seconds,
@@ -239,7 +239,7 @@ METHODS: dict[str, Method] = {
         "two_stages",
         "author",
         "both stages",
-        help="the same, and the thesis's network, trained anew, has to agree with every match",
+        help="the same, and the thesis's network, trained anew, must agree with every match",
         published="both stages",
     ),
     "visual_templates": Method(
@@ -252,7 +252,7 @@ METHODS: dict[str, Method] = {
     ),
     "visual_templates:at_scans": Method(
         "templates, at scans",
-        "the same templates, judged at the scans as all others",
+        "the same templates, judged at the scans like all others",
         run_templates(VisualTemplatesConfig()),
         any_frame=True,
         published="RatSLAM",
@@ -260,12 +260,14 @@ METHODS: dict[str, Method] = {
     "cm2dp": _by_recogniser(
         "cm2dp", "robust", "c-M2DP", help="the descriptor of the first thesis, with the ground"
     ),
-    "objects": _by_recogniser("objects", "robust", "objects, robust", help="our objects"),
+    "objects": _by_recogniser(
+        "objects", "robust", "objects, robust", help="objects, compared as robustly as we can"
+    ),
     "two_stages": _by_recogniser(
         "two_stages",
         "robust",
         "robust, two stages",
-        help="our objects, then our network, which has to agree with every match",
+        help="our objects, then our network, which must agree with every match",
     ),
     "always_new": Method(
         "no sensor: all new", "every scan is new", run_baseline("always new"), any_frame=True

@@ -93,7 +93,8 @@ class Recording:
         if not usable:
             raise problem or DataError(
                 f"{self.path}: clouds need scans and left images, or left and right images of the "
-                "same frames"
+                "same frames",
+                code="no-source",
             )
         return usable
 
@@ -177,7 +178,9 @@ class SceneRecording(CloudDataset):
     def whole_cloud(self, index: int) -> Cloud:
         """Return a stored cloud. Raises DataError if the set holds only scenes."""
         if self.scenes.clouds is None:
-            raise DataError(f"{self.name} holds no clouds: record it without --only-scenes")
+            raise DataError(
+                f"{self.name} holds no clouds: record it without --only-scenes", code="no-clouds"
+            )
         return self.scenes.clouds[index]
 
     def rows(self) -> list[tuple[str, str]]:

@@ -3,22 +3,17 @@
 """Folders of results, described by ``run.json`` so that a later command can continue."""
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fusionslam.errors import DataError
+from fusionslam.pipelines.recording import Recording
 from fusionslam.storage.archive import load_json, save_json
 
-if TYPE_CHECKING:
-    pass
-from fusionslam.pipelines.recording import Recording
-
 FORMAT = "fusionslam.work.2"
-
-
 FILE = "run.json"
 
 
@@ -72,20 +67,16 @@ def claim(folder: str | os.PathLike[str], work: Work) -> Work:
             work.dataset,
             work.about,
         ):
+            different = " made with other settings or of other frames" if earlier.about else ""
             raise DataError(
                 f"{folder} holds results of {earlier.dataset} ({earlier.recording.path})"
-                f"{_shown(earlier.about)}: choose another folder or delete this one"
+                f"{different}: choose another folder or delete this one",
+                code="other-results",
+                fields=(str(folder), earlier.dataset),
             )
-        work = replace(
-            work,
-            configs=earlier.configs | work.configs,
-        )
+        work = replace(work, configs=earlier.configs | work.configs)
     work.save(folder)
     return work
-
-
-def _shown(about: Mapping[str, Any]) -> str:
-    return " made with other settings or of other frames" if about else ""
 
 
 def forget_demo(folder: str | os.PathLike[str], recording: Recording) -> None:
@@ -100,7 +91,9 @@ def forget_demo(folder: str | os.PathLike[str], recording: Recording) -> None:
     if not earlier.demo:
         raise DataError(
             f"{folder} holds results of {earlier.dataset} ({earlier.recording.path}), which the "
-            "demo does not replace: choose another folder"
+            "demo does not replace: choose another folder",
+            code="other-results",
+            fields=(str(folder), earlier.dataset),
         )
     try:
         for path in [*_runs_of(earlier, folder), Path(folder) / FILE]:

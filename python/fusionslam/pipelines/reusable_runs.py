@@ -118,7 +118,11 @@ class _StoredRuns:
             logger.warning("%s; describing again", error)
             return None
         if run.dataset != self.dataset.name:
-            raise DataError(f"{path} is a run of {run.dataset}: choose another folder or delete it")
+            raise DataError(
+                f"{path} is a run of {run.dataset}: choose another folder or delete it",
+                code="other-results",
+                fields=(str(path), run.dataset),
+            )
         changes = [*self._changes(run, path)]
         if changes:
             logger.warning("%s is replaced by a new run: %s", path, "; ".join(changes))

@@ -95,7 +95,7 @@ def record_cloud(
     found = np.flatnonzero(data.numbers == number)
     if not len(found):
         known = f"numbered {data.numbers[0]} to {data.numbers[-1]}"
-        raise DataError(f"{data.name} has no scan {number}; its scans are {known}")
+        raise DataError(f"{data.name} has no scan {number}; its scans are {known}", code="no-scan")
     row = int(found[0])
     if isinstance(data, RangeRecording):
         config = recording or RecordingConfig()

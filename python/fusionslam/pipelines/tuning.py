@@ -142,10 +142,12 @@ def tune(
     """
     config = config or TuningConfig()
     if base.method not in (None, "objects"):
-        raise ConfigError(f"views.method is {base.method!r}: tuning needs 'objects'")
+        raise ConfigError(
+            f"views.method is {base.method!r}: tuning needs 'objects'", fields=("views.method",)
+        )
     base = merged(base, {"method": "objects"})
     if not sets:
-        raise DataError("there is no scene set to tune on")
+        raise DataError("there is no scene set to tune on", code="no-scans")
     search = _Search(base, config)
     trial = Trial(drives_of(sets, base, config.rule), base, config)
     kept = state or TuningState()
@@ -277,7 +279,9 @@ class _Search:
         except ImportError as error:
             raise FusionSlamError(
                 f"tuning needs pymoo, which is not installed ({error}): "
-                "pip install 'fusionslam[tune]'"
+                "pip install 'fusionslam[tune]'",
+                code="missing-extra",
+                fields=("tune",),
             ) from error
         problem = Problem(n_var=len(self.low), n_obj=1, xl=self.low, xu=self.high)
         kinds = {"ga": GA, "de": DE}

@@ -51,8 +51,10 @@ class TuningState:
         if stored != self._identity:
             differing = _differences(json.loads(stored), identity)
             raise DataError(
-                f"{self.path} belongs to a tuning with other {differing}: delete it, or write to "
-                "another file"
+                f"{self.path} belongs to a tuning with other {', '.join(differing)}: delete it, or "
+                "write to another file",
+                code="other-tuning",
+                fields=differing,
             )
 
     def add(self, generation: Generation) -> None:
@@ -76,8 +78,8 @@ def _read(path: Path) -> tuple[str, list[Generation]]:
         return str(about["identity"]), [Generation(*pair) for pair in zip(*parts, strict=True)]
 
 
-def _differences(before: dict[str, Any], now: dict[str, Any]) -> str:
-    """Return the names of the differing values, such as "tuning.seed, sets"."""
+def _differences(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
+    """Return the names of the differing values, such as "tuning.seed" and "sets"."""
     names = []
     for key, value in now.items():
         other = before.get(key)
@@ -85,4 +87,4 @@ def _differences(before: dict[str, Any], now: dict[str, Any]) -> str:
             names += [f"{key}.{name}" for name in value if other.get(name) != value[name]]
         elif other != value:
             names.append(key)
-    return ", ".join(names)
+    return names

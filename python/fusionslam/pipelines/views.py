@@ -163,7 +163,9 @@ def _items(scenes: SceneSet, matcher: ViewMatcher) -> Callable[[int], Any]:
     if kind.endswith("alignment") and scenes.frame == "odometry":
         raise DataError(
             f"{scenes.name}: alignment needs clouds in the robot's frame, these are in that of "
-            "odometry: record them in frame robot, or compare objects (views.method=objects)"
+            "odometry: record them in frame robot, or compare objects (views.method=objects)",
+            code="wrong-frame",
+            fields=(scenes.frame,),
         )
     if kind in ("objects", "alignment") and scenes.fits(scene_config(matcher.config)):
         return lambda index: (scenes.scenes or ())[index]
@@ -172,7 +174,11 @@ def _items(scenes: SceneSet, matcher: ViewMatcher) -> Callable[[int], Any]:
         nothing = Cloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
         return lambda index: nothing if np.isnan(rows[index]).any() else rows[index]
     if scenes.clouds is None:
-        raise DataError(f"{scenes.name} holds no clouds, and {_explain_lack(scenes, kind)}")
+        raise DataError(
+            f"{scenes.name} holds no clouds, and {_explain_lack(scenes, kind)}",
+            code="no-clouds",
+            fields=(kind,),
+        )
     return scenes.clouds.__getitem__
 
 

@@ -78,7 +78,7 @@ def estimate_motions(
     """
     images = drive.images()
     if images is None or not len(images):
-        raise DataError(f"{drive.name}: no images, which visual odometry looks at")
+        raise DataError(f"{drive.name}: no images, which visual odometry needs", code="no-images")
     odometry = VisualOdometry(config, camera=images.camera)
     if images.camera is not None and images.camera.size is not None:
         images = drive.images(odometry.rows_used(images.camera.size[1])) or images

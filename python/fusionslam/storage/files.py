@@ -46,7 +46,7 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
 
     Raises:
         DataError: the folder cannot be made or written, or the path is neither a file nor a
-            folder, such as a device, which must not be replaced.
+            folder, such as a device, which must not be replaced (code "cannot-write").
     """
     target = Path(path)
     if os.path.exists(target) and not (os.path.isfile(target) or os.path.isdir(target)):
@@ -73,7 +73,7 @@ def make_folder(folder: Path) -> Iterator[None]:
     """Make a folder for the results of the block; it is removed again if it stays empty.
 
     Raises:
-        DataError: it cannot be made or written.
+        DataError: it cannot be made or written (code "cannot-write").
     """
     # Path.exists raises if a parent folder must not be entered.
     new = [one for one in (folder, *folder.parents) if not os.path.exists(one)]
@@ -96,11 +96,14 @@ def cannot_write(target: Path, why: object) -> DataError:
 
 
 def why_not(target: Path, error: OSError) -> str:
-    """Explain why a file cannot be made: the system's reason, or a parent that is not a folder."""
+    """Explain why a file cannot be made: the system's reason, or what is wrong with its folder."""
     folder = next((one for one in target.parents if os.path.exists(one)), None)
-    if folder is None or folder.is_dir():
-        return error.strerror or str(error)
-    return f"{folder} is {'a file' if folder.is_file() else 'a device'}, expected a folder"
+    if folder is not None and not folder.is_dir():
+        return f"{folder} is {'a file' if folder.is_file() else 'a device'}, expected a folder"
+    reason = error.strerror or str(error)
+    if folder == target.parent:
+        return reason
+    return f"the folder {target.parent} cannot be made ({reason})"
 
 
 @contextmanager

@@ -13,6 +13,7 @@ import pytest
 import fusionslam
 from cli import (
     FRAMES,
+    error_of,
     fails,
     run,
     succeeds,
@@ -43,16 +44,19 @@ def test_poses_shorter_than_the_recording_are_refused(kitti: Path, tmp_path: Pat
     truth = tmp_path / "short.txt"
     truth.write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 3)
     succeeds("describe", kitti, "-d", "m2dp", "-o", tmp_path / "out")
-    assert "short.txt has 3 lines" in fails(1, "eval", tmp_path / "out", "--gt", truth)
+    assert truth.name in fails(1, "eval", tmp_path / "out", "--gt", truth)
 
 
 @pytest.mark.parametrize("command", ["describe", "loops", "bench", "fuse"])
 def test_an_output_that_cannot_be_written_is_named(
     kitti: Path, tmp_path: Path, command: str
 ) -> None:
-    (tmp_path / "file").write_text("kept")
-    assert "cannot write" in fails(1, command, kitti, "-o", tmp_path / "file" / "out")
-    assert (tmp_path / "file").read_text() == "kept"
+    file = tmp_path / "file"
+    file.write_text("kept")
+    for output in (file, file / "out"):
+        error = error_of(1, command, kitti, "-o", output)
+        assert error.code == "cannot-write" and str(file) in error.fields[0]
+    assert file.read_text() == "kept"
 
 
 def test_results_of_other_data_are_not_mixed_or_replaced(
@@ -60,10 +64,10 @@ def test_results_of_other_data_are_not_mixed_or_replaced(
 ) -> None:
     out = tmp_path / "out"
     succeeds("describe", kitti, "-d", "m2dp", "-o", out)
-    assert "choose another folder" in fails(1, "describe", recording, "-d", "m2dp", "-o", out)
+    assert error_of(1, "describe", recording, "-d", "m2dp", "-o", out).code == "other-results"
     succeeds("fuse", kitti, "-o", tmp_path / "clouds")
     words = ("-o", tmp_path / "clouds", "--set", "fusion.voxel=1")
-    assert "choose another folder" in fails(1, "fuse", kitti, *words)
+    assert error_of(1, "fuse", kitti, *words).code == "other-results"
 
 
 def test_a_truncated_scan_is_named_and_nothing_finished_is_lost(
@@ -87,7 +91,6 @@ def test_a_gap_is_reported_and_skipped_only_on_request(recording: Path, tmp_path
     assert "000005.bin" in fails(1, "bench", recording, "-d", "m2dp", "-o", tmp_path / "bench")
     result = succeeds(*words, "--skip-gaps")
     assert f"{FRAMES - 1} frames" in result.stdout
-    assert "1 frames lack a file: 5" in succeeds("info", recording).stdout
 
 
 @pytest.mark.parametrize("command", ["info", "describe", "bench"])
@@ -106,7 +109,7 @@ def test_without_colours_only_the_descriptors_that_need_none_are_made(tmp_path: 
     assert "left out cm2dp, cshot" in " ".join(result.stderr.split())
     made = sorted(path.name for path in (tmp_path / "out/descriptors").glob("*.npz"))
     assert made == ["cloud-m2dp.npz", "cloud-shot.npz"]
-    assert "needs colours" in fails(1, "loops", tmp_path / "data", "-o", tmp_path / "loops")
+    assert "cm2dp" in fails(1, "loops", tmp_path / "data", "-o", tmp_path / "loops")
 
 
 def test_errors_that_nobody_foresaw_keep_their_traceback(

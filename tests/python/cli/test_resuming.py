@@ -48,7 +48,7 @@ def test_an_interrupted_run_keeps_what_is_done_and_goes_on(
         patch.setattr(pipeline, "fuse", interrupted)
         result = run(*words, tmp_path / "parts")
     assert result.exit_code == 130
-    assert f"is kept in {tmp_path / 'parts'}; the same command goes on" in result.stderr
+    assert str(tmp_path / "parts") in result.stderr
     assert len(list((tmp_path / "parts").glob(".partial-*/*.npz"))) == 1
     fused.clear()
     monkeypatch.setattr(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cli import fails, succeeds
+from cli import error_of, fails, succeeds
 from scenes import LAPS, drive, write_recording
 
 
@@ -23,8 +23,7 @@ def test_a_set_that_is_cut_is_said_to_be(
     words: tuple[str, ...], size: int, scenes: Path, tmp_path: Path
 ) -> None:
     scenes.write_bytes(scenes.read_bytes()[:size])
-    line = fails(1, *words, scenes, "-o", tmp_path / "out")
-    assert "scenes.npz is no scene set and no range recording, or it is cut short" in line
+    assert "scenes.npz" in fails(1, *words, scenes, "-o", tmp_path / "out")
 
 
 @pytest.mark.parametrize(
@@ -35,10 +34,10 @@ def test_what_would_not_be_heard_is_refused(
 ) -> None:
     ranges = tmp_path / "ranges.npz"
     write_recording(ranges, LAPS)
-    for data, what in ((scenes, "a scene set"), (ranges, "a range recording")):
+    for data in (scenes, ranges):
         for command in ("match", "curve", "record"):
             line = fails(2, "views", command, data, "-o", tmp_path / "out", option, value)
-            assert f"{option}: {data} is {what}" in line
+            assert option in line and str(data) in line
 
 
 @pytest.mark.parametrize("method", ["alignment", "objects"])
@@ -58,21 +57,21 @@ def test_scenes_alone_are_matched_by_every_method_that_compares_them(
 
 
 @pytest.mark.parametrize(
-    ("setting", "said"),
+    ("setting", "kind"),
     [
-        ("views.method=cm2dp", "no cm2dp: record it with --features cm2dp"),
-        ("views.preset=author", "scenes of another configuration: record it with these"),
-        ("views.second_stage=places", "two stages need them: record it without --only-scenes"),
+        ("views.method=cm2dp", "cm2dp"),
+        ("views.preset=author", "objects"),
+        ("views.second_stage=places", "two stages"),
     ],
 )
 def test_a_set_without_clouds_says_what_it_lacks(
-    setting: str, said: str, scenes: Path, tmp_path: Path
+    setting: str, kind: str, scenes: Path, tmp_path: Path
 ) -> None:
     pytest.importorskip("onnxruntime")
     small = tmp_path / "small.npz"
     succeeds("views", "record", scenes, "-o", small, "--only-scenes")
-    line = fails(1, "views", "match", small, "-o", tmp_path / "out", "--set", setting)
-    assert f"boxes holds no clouds, and {said}" in line
+    error = error_of(1, "views", "match", small, "-o", tmp_path / "out", "--set", setting)
+    assert error.code == "no-clouds" and error.fields[0].startswith(kind)
 
 
 def test_a_missing_extra_is_told_before_the_work_and_only_where_it_is_needed(
@@ -82,7 +81,7 @@ def test_a_missing_extra_is_told_before_the_work_and_only_where_it_is_needed(
     plain = tmp_path / "plain.npz"
     drive(LAPS, poses=False).save(plain)
     out = tmp_path / "out"
-    assert "fusionslam[report]" in fails(1, "views", "match", scenes, "-o", out)
+    assert error_of(1, "views", "match", scenes, "-o", out).fields == ("report",)
     assert not (out / "matches.csv").exists()
     succeeds("views", "match", scenes, "-o", out, "--no-report")
     succeeds("views", "match", plain, "-o", out)

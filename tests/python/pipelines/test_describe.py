@@ -156,7 +156,7 @@ def test_a_frame_that_cannot_be_described_is_named_and_the_rest_is_kept(
     dataset, out = open_dataset(recording), tmp_path / "out"
     good = scan_path(recording, number).read_bytes()
     np.array([[5, 0, 0, 1]] * 9, np.float32).tofile(scan_path(recording, number))
-    with pytest.raises(DataError, match=rf"03, frame {number}: all points of the cloud are equal"):
+    with pytest.raises(DataError, match=rf"03, frame {number}: "):
         describe_dataset(dataset, ["m2dp"], out, jobs=jobs)
     assert bool(list(out.glob(".partial-*/000000.npz"))) == (number > CHUNK)
     scan_path(recording, number).write_bytes(good)
@@ -175,24 +175,24 @@ def test_a_damaged_remainder_is_named(recording: Path, tmp_path: Path) -> None:
     interrupted(dataset, out, 1)
     (chunk,) = out.glob(".partial-*/000000.npz")
     chunk.write_bytes(chunk.read_bytes()[: chunk.stat().st_size // 2])
-    with pytest.raises(DataError, match=r"000000\.npz cannot be read: .*delete it"):
+    with pytest.raises(DataError, match=r"000000\.npz"):
         describe_dataset(dataset, ("m2dp", "cm2dp"), out)
 
 
 def test_an_output_folder_that_cannot_be_written_is_named(recording: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("not a folder")
-    with pytest.raises(DataError, match=r"cannot write .*file"):
+    with pytest.raises(DataError, check=lambda error: error.code == "cannot-write"):
         describe_dataset(open_dataset(recording), ["m2dp"], tmp_path / "file" / "out")
 
 
 def test_an_unknown_descriptor_stops_before_any_work(recording: Path, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="unknown descriptor 'm3dp'"):
+    with pytest.raises(ConfigError, match="m3dp"):
         describe_dataset(open_dataset(recording), ["m2dp", "m3dp"], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_a_folder_without_runs_is_named(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="holds no descriptor runs"):
+    with pytest.raises(DataError, check=lambda error: error.code == "no-runs"):
         load_runs(tmp_path)
 
 
@@ -247,7 +247,7 @@ def test_a_recording_without_a_frame_that_can_be_described_is_an_error(
         scan_path(recording, number).write_bytes(b"")
     dataset = open_dataset(recording)
     for name in ("m2dp", "shot"):
-        with pytest.raises(DataError, match="no frame can be described"):
+        with pytest.raises(DataError, check=lambda error: error.code == "no-frame"):
             describe_dataset(dataset, [name], tmp_path / "out", bad_frames="skip")
     with pytest.raises(ConfigError, match="bad_frames is 'skp'"):
         describe_dataset(dataset, ["m2dp"], tmp_path / "out", bad_frames="skp")

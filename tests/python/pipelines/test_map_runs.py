@@ -71,19 +71,17 @@ def test_odometry_with_errors_is_dead_reckoning_with_errors(recording: Path) -> 
 
 
 def test_what_is_not_there_is_said(recording: Path, tmp_path: Path) -> None:
-    for views, odometry, said in (
-        (OBJECTS, "topic", "drive has no odometry messages"),
-        ("visual_templates", None, "drive: no images, which visual templates look at"),
-        (OBJECTS, "visual", "drive: no images, which visual odometry looks at"),
-    ):
-        with pytest.raises(DataError, match=said):
+    for views, odometry in (("visual_templates", None), (OBJECTS, "visual")):
+        with pytest.raises(DataError, check=lambda error: error.code == "no-images"):
             run_ratslam(recording, views, odometry)
-    with pytest.raises(ConfigError, match="odometry is 'wheels', expected one of topic, visual"):
+    with pytest.raises(DataError, match="odometry"):
+        run_ratslam(recording, OBJECTS, "topic")
+    with pytest.raises(ConfigError, match="odometry is 'wheels'"):
         run_ratslam(recording, OBJECTS, "wheels")
     with np.load(recording) as stored:
         arrays = {name: stored[name] for name in stored.files if name != "poses"}
     np.savez(tmp_path / "blind.npz", **arrays)
-    with pytest.raises(DataError, match="blind has neither odometry messages nor true poses"):
+    with pytest.raises(DataError, check=lambda error: error.code == "no-motion"):
         run_ratslam(tmp_path / "blind.npz", OBJECTS)
 
 
@@ -146,7 +144,7 @@ def test_a_run_that_is_interrupted_and_continued_equals_the_uninterrupted_one() 
     going_on = RunRecorder(taking.slam, taking.events, earlier=first)
     run_events(going_on)
     assert equal(going_on.record(), whole.record())
-    with pytest.raises(DataError, match="street: nothing later than"):
+    with pytest.raises(DataError, check=lambda error: error.code == "nothing-later"):
         run_events(going_on)
 
 

@@ -161,23 +161,23 @@ def test_more_generations_go_on_from_those_kept(tmp_path: Path) -> None:
 def test_a_state_of_another_search_or_that_is_cut_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "state"
     tune([DRIVE], BAD, quick(generations=1), state=TuningState(path))
-    with pytest.raises(DataError, match=r"state belongs to a tuning with other tuning\.seed"):
+    with pytest.raises(DataError, check=lambda error: error.fields == ("tuning.seed",)):
         tune([DRIVE], BAD, quick(seed=2), state=TuningState(path))
-    with pytest.raises(DataError, match="with other sets"):
+    with pytest.raises(DataError, check=lambda error: "sets" in error.fields):
         tune([drive((0, 1, 0))], BAD, quick(), state=TuningState(path))
-    with pytest.raises(DataError, match=r"other views\.threshold"):
+    with pytest.raises(DataError, check=lambda error: "views.threshold" in error.fields):
         tune([DRIVE], AUTHOR, quick(), state=TuningState(path))
     path.write_bytes(path.read_bytes()[:-50])
-    with pytest.raises(DataError, match="state cannot be read: expected the state of a tuning"):
+    with pytest.raises(DataError, match="state"):
         tune([DRIVE], BAD, quick(), state=TuningState(path))
 
 
 def test_what_cannot_be_tuned_is_refused() -> None:
-    with pytest.raises(DataError, match="no true poses"):
+    with pytest.raises(DataError, check=lambda error: error.code == "no-poses"):
         tune([drive(LAPS, poses=False)], BAD, quick())
-    with pytest.raises(DataError, match="no scene set"):
+    with pytest.raises(DataError, check=lambda error: error.code == "no-scans"):
         tune([], BAD, quick())
-    with pytest.raises(ConfigError, match="tuning needs 'objects'"):
+    with pytest.raises(ConfigError, check=lambda error: error.fields == ("views.method",)):
         tune([DRIVE], ViewMatcherConfig(method="cm2dp"), quick())
 
 
@@ -192,7 +192,7 @@ def test_without_pymoo_the_line_that_installs_it_is_named(monkeypatch: pytest.Mo
     for name in [name for name in sys.modules if name.split(".")[0] == "pymoo"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "pymoo", None)
-    with pytest.raises(FusionSlamError, match=r"pip install 'fusionslam\[tune\]'"):
+    with pytest.raises(FusionSlamError, check=lambda error: error.fields == ("tune",)):
         tune([DRIVE], BAD, quick())
 
 
@@ -222,7 +222,7 @@ def test_the_values_that_come_along_are_read_and_say_how_they_were_made() -> Non
         config = load_preset(name)
         assert config.threshold is not None and ViewMatcher(config).threshold == config.threshold
         assert preset_path(name).read_text().startswith("# fusionslam tune ")
-    with pytest.raises(ConfigError, match="unknown tuned values 'mine'; known: "):
+    with pytest.raises(ConfigError, match="'mine'"):
         preset_path("mine")
 
 

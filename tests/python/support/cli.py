@@ -8,6 +8,7 @@ from typer import Typer
 from typer.testing import CliRunner, Result
 
 from fusionslam.cli import app
+from fusionslam.errors import FusionSlamError
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipelines.describe import CHUNK
 
@@ -44,6 +45,16 @@ def fails(code: int, *arguments: object, command: Typer = app) -> str:
     (line,) = (line for line in result.stderr.splitlines() if line.startswith("error: "))
     assert "Traceback" not in result.output
     return line
+
+
+def error_of(code: int, *arguments: object) -> FusionSlamError:
+    """The error behind the line that a failing command writes."""
+    result = run(*arguments)
+    assert result.exit_code == code, result.output
+    assert result.exception is not None and result.exception.__context__ is not None
+    error = result.exception.__context__.__cause__
+    assert isinstance(error, FusionSlamError)
+    return error
 
 
 def last_line(result: Result) -> str:

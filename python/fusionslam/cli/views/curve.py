@@ -25,7 +25,8 @@ def curve(
     output: opt.Folder,
     rule: opt.Rule = "paper",
     loop_precision: Annotated[
-        float, typer.Option("--loop-precision", min=0, max=1, help="Demanded of a threshold.")
+        float,
+        typer.Option("--loop-precision", min=0, max=1, help="Least loop precision of a threshold."),
     ] = 0.97,
     *,
     build_recording: "Callable[[], Recording]",

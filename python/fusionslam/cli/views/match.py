@@ -32,7 +32,7 @@ def match(
     open_scenes: "Callable[..., SceneSet]",
     no_report: opt.NoReport = False,
 ) -> None:
-    """Give each scan the id of its place, as on a robot; judge the ids where there is truth."""
+    """Give each scan the id of its place, as on a robot; judge the ids if true poses are known."""
     from fusionslam.pipelines.views import run_views
     from fusionslam.views.matcher import ViewMatcher
     from fusionslam.views.recognisers import describe_method

@@ -27,17 +27,17 @@ if TYPE_CHECKING:
 def record(
     output: Annotated[Path, typer.Option("--output", "-o", help="The scene set, a .npz.")],
     features: Annotated[
-        str, typer.Option("--features", metavar="NAMES", help="Descriptors to keep, too.")
+        str, typer.Option("--features", metavar="NAMES", help="Descriptors to store as well.")
     ] = "",
     only_scenes: Annotated[
-        bool, typer.Option("--only-scenes", help="Keep scenes as configured, no clouds: small.")
+        bool, typer.Option("--only-scenes", help="Store scenes as configured, but no clouds.")
     ] = False,
     *,
     build_recording: "Callable[[], Recording]",
     views_config: Callable[[], Any],
     open_scenes: "Callable[..., SceneSet]",
 ) -> None:
-    """Write what a robot saw as a scene set: clouds without ground, true poses, descriptors."""
+    """Record DATA as a scene set: clouds without ground, true poses, descriptors."""
     from dataclasses import replace
 
     from fusionslam.views.recognisers import scene_config

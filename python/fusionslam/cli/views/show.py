@@ -31,7 +31,7 @@ def show(
     build_recording: "Callable[[], Recording]",
     views_config: Callable[[], Any],
 ) -> None:
-    """Draw a scan before and after it became objects, or which objects of two scans are alike."""
+    """Draw a scan and its objects, or the matching objects of two scans."""
     from fusionslam.errors import ConfigError
     from fusionslam.pipelines import scenes
     from fusionslam.report.views.scene_figures import write_pair_picture, write_scene_picture

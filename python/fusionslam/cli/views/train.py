@@ -66,7 +66,7 @@ def shapes(
         typer.Option("--voxels", metavar="CLASS.npy.gz", help="Voxel grids; may be repeated."),
     ] = None,
     procedural: Annotated[
-        bool, typer.Option(help="Whether shapes that need no download are among them.")
+        bool, typer.Option(help="Also use procedural shapes, which need no download.")
     ] = True,
     *,
     read_config: Callable[..., Any],
@@ -97,12 +97,12 @@ def comparison(
     ],
     shapes: Annotated[
         str | None,
-        typer.Option("--shapes", help="Of recordings: visual or collision; else what there is."),
+        typer.Option("--shapes", help="Shapes of recordings: visual or collision."),
     ] = None,
     *,
     read_config: Callable[..., Any],
 ) -> None:
-    """Train the comparison of two feature vectors on what was recorded: writes comparison.*."""
+    """Train the comparison of two feature vectors on recorded places: writes comparison.*."""
     _check_extras()
     from fusionslam.learning.pair_comparison import ComparisonTrainingConfig
     from fusionslam.learning.train import Origin, train_comparison
