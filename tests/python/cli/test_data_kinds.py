@@ -30,10 +30,10 @@ COMMANDS = {
     "ratslam": ("ratslam", "--views", "objects", "--no-report"),
     "calib-check": ("calib-check",),
 }
+NEED_CLOUDS = ("fuse", "describe", "loops", "bench", "ratslam")
 REFUSED: dict[tuple[str, str], type[Exception]] = {
     **dict.fromkeys(product(["calib-check"], KINDS), MissingSensorError),
-    **dict.fromkeys(product(["fuse", "describe", "loops", "bench"], KINDS[2:]), MissingSensorError),
-    ("ratslam", "scenes alone"): DataError,
+    **dict.fromkeys(product(NEED_CLOUDS, KINDS[2:]), DataError),
 }
 
 

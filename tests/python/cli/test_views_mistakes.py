@@ -61,7 +61,7 @@ def test_scenes_alone_are_matched_by_every_method_that_compares_them(
     [
         ("views.method=cm2dp", "cm2dp"),
         ("views.preset=author", "objects"),
-        ("views.second_stage=places", "two stages"),
+        ("views.second_stage=places", "two_stage"),
     ],
 )
 def test_a_set_without_clouds_says_what_it_lacks(
