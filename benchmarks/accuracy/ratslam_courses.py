@@ -20,7 +20,7 @@ from fusionslam.errors import DataError
 from fusionslam.evaluation import RatSlamRun
 from fusionslam.evaluation.views.rules import view_rule
 from fusionslam.geometry.odometry_noise import OdometryConfig
-from fusionslam.pipelines.compare_views import known_recordings
+from fusionslam.pipelines.compare_views import find_recordings
 from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.pipelines.map_events import RunEvents, during, events_of, motions_of
 from fusionslam.pipelines.maps import RunRecorder, truth_at
@@ -104,7 +104,7 @@ def courses(worlds: Sequence[str] = (), views: Sequence[str] = ()) -> Iterator[C
         worlds: names of drives, "simulated warehouse" for a procedural one; none for all.
         views: names of sources; none for all.
     """
-    for place in [*known_recordings(), *MADE]:
+    for place in [*find_recordings(), *MADE]:
         drive = open_drive(
             build_recording(Path(place)), render=rendered_images, jobs=os.cpu_count() or 1
         )

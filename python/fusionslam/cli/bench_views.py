@@ -94,10 +94,10 @@ def bench_views(
 
 def default_data() -> list[str]:
     """Return the default DATA: known recordings, else simulated worlds."""
-    from fusionslam.pipelines.compare_views import known_recordings
+    from fusionslam.pipelines.compare_views import find_recordings
     from fusionslam.sim.recordings import EMBEDDED
 
-    return known_recordings() or list(EMBEDDED)
+    return find_recordings() or list(EMBEDDED)
 
 
 def print_methods() -> None:

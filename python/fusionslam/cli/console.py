@@ -126,7 +126,7 @@ def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
         tables.append(published_table(ranked, protocol))
     sizes = [(name, len(group)) for name, group in groups.items()]
     for table in [*tables, cost_table(ranked)]:
-        _print_grouped(table, sizes)
+        _print_groups(table, sizes)
     for line in (_conditions(ranked, protocol), _COSTS, winner(ranked, protocol)):
         if line:
             print(line)
@@ -152,7 +152,7 @@ def left_out(run: "DescriptorRun", most: int = 8) -> str:
     return f", {len(numbers)} left out that cannot be described: {shown} ({reason})"
 
 
-def _print_grouped(table: "Table", groups: Sequence[tuple[str, int]]) -> None:
+def _print_groups(table: "Table", groups: Sequence[tuple[str, int]]) -> None:
     """Print a table with named groups of rows."""
     from rich.text import Text
 

@@ -36,7 +36,7 @@ class Guarded(TyperGroup):
         try:
             return super().make_context(*args, **more)
         except UsageError as error:
-            raise _misused(error) from error
+            raise _report_usage(error) from error
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Allow command names of two words: "bench views" beside "bench"."""
@@ -56,7 +56,7 @@ class Guarded(TyperGroup):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise typer.Exit(0) from error
         except UsageError as error:
-            raise _misused(error) from error
+            raise _report_usage(error) from error
         except FusionSlamError as error:
             print(f"error: {_one_line(str(error))}", file=sys.stderr)
             raise typer.Exit(USAGE if isinstance(error, ConfigError) else DATA) from error
@@ -108,7 +108,7 @@ def missing_extras() -> list[str]:
     ]
 
 
-def _misused(error: Any) -> Exception:
+def _report_usage(error: Any) -> Exception:
     """Return the exception to raise for a wrong option, after naming it."""
     if type(error).__name__ == "NoArgsIsHelpError":
         return error  # type: ignore[no-any-return]

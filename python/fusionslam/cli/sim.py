@@ -128,7 +128,7 @@ def sim(
             jobs=opt.cores(jobs),
             progress=label_progress(step, "driving"),
         )
-    print(f"{output}: {_counted(count, kind)}")
+    print(f"{output}: {_count_noun(count, kind)}")
 
 
 def _save(
@@ -162,12 +162,12 @@ def _announce(output: Path, kind: str, drive: "Trajectory", config: "RecordingCo
     from fusionslam.sim.simulator import recorded_seconds
 
     if not sys.stderr.isatty():
-        size = _counted(recording_size(drive, config, kind), kind)
+        size = _count_noun(recording_size(drive, config, kind), kind)
         seconds = recorded_seconds(drive, config)
         print(f"{output}: {size} of {seconds:.1f} s of driving to write", file=sys.stderr)
 
 
-def _counted(count: int, kind: str) -> str:
+def _count_noun(count: int, kind: str) -> str:
     noun = "frame" if kind == "folder" else "message"
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
 

@@ -36,7 +36,7 @@ def tune(
     An interrupted call resumes where it stopped, with the same result.
     """
     from fusionslam.pipelines.tuning import tune as find
-    from fusionslam.pipelines.tuning import write_tuned
+    from fusionslam.pipelines.tuning import write_tuning
     from fusionslam.pipelines.tuning_state import TuningState
 
     needs_extra("tune")
@@ -58,7 +58,7 @@ def tune(
             jobs=opt.cores(jobs),
             progress=show,
         )
-    write_tuned(output, result, whole.tuning, sets, opt.command_line())
+    write_tuning(output, result, whole.tuning, sets, opt.command_line())
     rows: list[list[str]] = []
     for each, report in zip(sets, result.reports, strict=True):
         rows += [[each.name, *figures(report)], *without_sensor(each, report.rule_name)]

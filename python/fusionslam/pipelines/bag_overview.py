@@ -60,7 +60,7 @@ class Inspection:
         yield "in use", ", ".join(f"{role} {roles[role]}" for role in ROLES if role in roles) or "-"
         yield "extrinsics", self._extrinsics()
         for count, first in self.source.index.refused.values():
-            yield "refused", f"{_counted(count, 'message')}: {first}"
+            yield "refused", f"{_count_noun(count, 'message')}: {first}"
 
     def fusion(self, dataset: "Dataset | None") -> FirstCloud:
         """Tell whether the bag can be fused; if not, list everything known to be missing."""
@@ -85,7 +85,7 @@ class Inspection:
         return f"{images}, {calibration or 'no calibration'}{scans}"
 
     def _topic(self, topic: Topic) -> str:
-        about = f"{topic.type}, {_counted(topic.count, 'message')}"
+        about = f"{topic.type}, {_count_noun(topic.count, 'message')}"
         if not topic.is_known:
             return f"{about}, of a type that is not read"
         series = self.source.index.series.get(topic.name)
@@ -137,11 +137,11 @@ def step_words(stamps_ns: NDArray[np.int64]) -> str:
     unusual = []
     if gaps:
         longest = f"longest step {steps.max():.3f} s, {steps.max() / median:.1f} x the median"
-        unusual.append(f"{longest}; {_counted(gaps, 'gap')}")
+        unusual.append(f"{longest}; {_count_noun(gaps, 'gap')}")
     if back:
-        unusual.append(_counted(back, "step") + " back")
+        unusual.append(_count_noun(back, "step") + " back")
     return f"{1 / median:.2f} Hz" + (f" ({', '.join(unusual)})" if unusual else "")
 
 
-def _counted(count: int, thing: str) -> str:
+def _count_noun(count: int, thing: str) -> str:
     return f"{count} {thing}" + "s" * (count != 1)

@@ -143,7 +143,7 @@ def _result(name: str, method: Method, task: Task, run: ViewRun | None, note: st
     )
 
 
-def known_recordings() -> list[str]:
+def find_recordings() -> list[str]:
     """Return the paths in ``recordings`` below the folder that FUSIONSLAM_TEST_DATA names."""
     folder = os.environ.get(DATA_VARIABLE)
     found = sorted(Path(folder).glob("recordings/*.npz")) if folder else []

@@ -30,7 +30,6 @@ from fusionslam.pipelines.recording import Recording, SceneRecording
 from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.images import Images
-from fusionslam.sensors.messages import Odometry
 from fusionslam.storage.arrays import Floats, Image
 from fusionslam.storage.progress import Step, label_progress
 from fusionslam.views.scene_set import CloudArray, SceneSet
@@ -85,15 +84,6 @@ class Drive:
     def shapes(self) -> str:
         """Shapes that the scanner saw, "collision" or "visual"; empty if unknown."""
         return self.dataset.shapes if isinstance(self.dataset, RangeRecording) else ""
-
-    @property
-    def topic(self) -> str | None:
-        """The odometry topic, or None."""
-        return self.dataset.odometry_topic
-
-    def odometry(self) -> list[Odometry]:
-        """Return the odometry messages in the order of stamps. Raises DataError without any."""
-        return self.dataset.motion("odometry")
 
     @cached_property
     def truth(self) -> Trajectory | None:

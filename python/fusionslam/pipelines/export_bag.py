@@ -76,7 +76,7 @@ def write_cloud_bag(
     dataset = recording.open(config.source)
     if target.exists():
         logger.warning("%s is there already and will be replaced", target)
-    maker = _Maker(dataset, config, _fixed_frames(dataset))
+    maker = _Maker(dataset, config, _find_fixed_frames(dataset))
     # Clouds wait for their turn in memory, so only as many as there are threads are made ahead.
     made = ordered_results(maker.events, range(len(dataset)), jobs, ahead=max(jobs, 1) + 1)
     with open_writer(target) as bag, made as frames:
@@ -102,7 +102,7 @@ def _refuse_own_input(recording: Recording, target: Path) -> None:
             )
 
 
-def _fixed_frames(dataset: "Dataset") -> frozenset[str]:
+def _find_fixed_frames(dataset: "Dataset") -> frozenset[str]:
     """Return which of the scan's and the camera's frames are fixed throughout the recording.
 
     In a bag the camera moves relative to the scan if the two are taken at different times.

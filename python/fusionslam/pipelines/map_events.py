@@ -155,20 +155,26 @@ def motions_of(
     drive: Drive, odometry: str | None, errors: OdometryConfig
 ) -> tuple[str, list[Odometry | Motion]]:
     """Return a description of the source of motion, and its messages. Raises as ``events_of``."""
-    if odometry is None and drive.topic is None and drive.truth is None:
-        raise DataError(
-            f"{drive.name} has neither odometry messages nor true poses; odometry may be 'visual' "
-            "where there are images",
-            code="no-motion",
-        )
-    chosen = odometry or ("topic" if drive.topic is not None else "truth")
+    chosen = odometry or _choose_odometry(drive)
     if chosen == "topic":
-        return f"topic {drive.topic}", [*drive.odometry()]
+        return f"topic {drive.dataset.odometry_topic}", [*drive.dataset.motion("odometry")]
     if chosen == "truth":
         return "truth", _simulate_motions(drive.true_way(), _NO_ERRORS)
     if chosen == "truth+noise":
         return _noise_title(errors), _simulate_motions(drive.true_way(), errors)
     raise ConfigError(f"odometry is {odometry!r}, expected one of {', '.join(ODOMETRY)}")
+
+
+def _choose_odometry(drive: Drive) -> OdometryName:
+    if drive.dataset.odometry_topic is not None:
+        return "topic"
+    if drive.truth is not None:
+        return "truth"
+    raise DataError(
+        f"{drive.name} has neither odometry messages nor true poses; odometry may be 'visual' "
+        "where there are images",
+        code="no-motion",
+    )
 
 
 def _simulate_motions(way: Trajectory, errors: OdometryConfig) -> list[Odometry | Motion]:

@@ -120,7 +120,7 @@ class RunRecorder:
             activity_x=x,
             activity_y=y,
         )
-        return run if self._earlier is None else joined(self._earlier, run)
+        return run if self._earlier is None else join_runs(self._earlier, run)
 
     def _sums(self, place: int) -> NDArray[np.float32]:
         size = self.slam.cells.activity.shape[0 if place == 0 else 1]
@@ -190,7 +190,7 @@ def run_events(
             progress(label, done, len(events))
 
 
-def joined(earlier: RatSlamRun, later: RatSlamRun) -> RatSlamRun:
+def join_runs(earlier: RatSlamRun, later: RatSlamRun) -> RatSlamRun:
     """Join the steps of two runs of the same ``RatSlam``; the map is that of the later one."""
     changes: dict[str, Any] = {}
     for name, value in vars(later).items():

@@ -6,6 +6,7 @@ The thesis uses a genetic algorithm, its author's program differential evolution
 """
 
 import math
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,21 +20,14 @@ from fusionslam.evaluation import ViewJudge, ViewReport
 from fusionslam.pipelines.tuning_state import Generation, TuningState
 from fusionslam.pipelines.views import views_of
 from fusionslam.storage.arrays import Floats
+from fusionslam.storage.files import atomic_path
 from fusionslam.views.comparison import View
 from fusionslam.views.matcher import ViewMatcher
-from fusionslam.views.recognisers import ViewMatcherConfig, similarity_config
+from fusionslam.views.recognisers import ViewMatcherConfig, scene_config, similarity_config
 from fusionslam.views.scene_set import SceneSet
 
 if TYPE_CHECKING:
     from pymoo.core.algorithm import Algorithm
-import os
-from typing import TYPE_CHECKING
-
-from fusionslam.storage.files import atomic_path
-
-if TYPE_CHECKING:
-    from fusionslam.views.recognisers import ViewMatcherConfig
-    from fusionslam.views.scene_set import SceneSet
 
 Bounds = dict[str, tuple[float, float]]
 
@@ -358,11 +352,11 @@ def _value(numbers: Floats) -> float:
     return _trials[0].value(numbers)
 
 
-def write_tuned(
+def write_tuning(
     path: str | os.PathLike[str],
-    result: "TuningResult",
-    config: "TuningConfig",
-    sets: "Sequence[SceneSet]",
+    result: TuningResult,
+    config: TuningConfig,
+    sets: Sequence[SceneSet],
     command: str,
 ) -> None:
     """Write the result as YAML, with all values of scenes and similarity.
@@ -385,10 +379,8 @@ def write_tuned(
         temporary.write_text("\n".join([*lines, text]), encoding="utf-8")
 
 
-def _values(config: "ViewMatcherConfig") -> dict[str, Any]:
+def _values(config: ViewMatcherConfig) -> dict[str, Any]:
     """Return every value that affects the ids, so that later changes of presets do not."""
-    from fusionslam.views.recognisers import scene_config, similarity_config
-
     values = config.model_dump(mode="json", exclude_unset=True)
     for name, core in (("scene", scene_config(config)), ("similarity", similarity_config(config))):
         options = type(core).options()

@@ -124,7 +124,7 @@ def run_views(scenes: SceneSet, matcher: ViewMatcher, progress: Progress | None 
             names it.
     """
     matches, seconds = [], np.zeros((2, len(scenes)))
-    for index, view in enumerate(_timed(scenes, matcher, seconds[0])):
+    for index, view in enumerate(_build_views(scenes, matcher, seconds[0])):
         start = time.perf_counter()
         matches.append(matcher.process(view))
         seconds[1, index] = time.perf_counter() - start
@@ -138,14 +138,16 @@ def views_of(
 ) -> list[View]:
     """Build the view of each scan once, for many runs. Raises as ``run_views``."""
     views = []
-    for view in _timed(scenes, matcher, np.zeros(len(scenes))):
+    for view in _build_views(scenes, matcher, np.zeros(len(scenes))):
         views.append(view)
         if progress is not None:
             progress(len(views), len(scenes))
     return views
 
 
-def _timed(scenes: SceneSet, matcher: ViewMatcher, seconds: NDArray[np.float64]) -> Iterator[View]:
+def _build_views(
+    scenes: SceneSet, matcher: ViewMatcher, seconds: NDArray[np.float64]
+) -> Iterator[View]:
     item_at = _items(scenes, matcher)
     for index in range(len(scenes)):
         start = time.perf_counter()

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Images along a drive: rendered in the world beside a recording, and kept as templates' views."""
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from fusionslam.errors import ShapeError
 from fusionslam.geometry.trajectory import Trajectory, write_trajectory
@@ -29,14 +29,26 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def house(test_data: Path, tmp_path: Path) -> Path:
-    """The warehouse without its drive, beside a recording."""
-    world = test_data / "worlds" / "warehouse.glb"
-    if not world.is_file():
-        pytest.skip(f"no {world}")
+def house(tmp_path: Path) -> Path:
+    """A room of coloured boxes, stacked and standing around, in the folder beside recordings."""
     (tmp_path / "worlds").mkdir()
     (tmp_path / "recordings").mkdir()
-    shutil.copy(world, tmp_path / "worlds" / "warehouse.glb")
+    rng = np.random.default_rng(1)
+    room = trimesh.Scene()
+
+    def add(low: list[float], high: list[float]) -> None:
+        box = trimesh.creation.box(bounds=[low, high])
+        color = [*rng.integers(0, 256, 3).tolist(), 255]
+        material = trimesh.visual.material.PBRMaterial(baseColorFactor=color)
+        box.visual = trimesh.visual.TextureVisuals(material=material)
+        room.add_geometry(box)
+
+    add([-6, -6, -0.1], [6, 6, 0])
+    for angle in np.linspace(0, 2 * np.pi, 24, endpoint=False):
+        x, y = 4 * np.cos(angle), 4 * np.sin(angle)
+        for height in np.arange(0, 4, 0.25):
+            add([x - 0.4, y - 0.4, height], [x + 0.4, y + 0.4, height + 0.25])
+    room.export(tmp_path / "worlds" / "warehouse.glb")
     return tmp_path / "worlds" / "warehouse.glb"
 
 

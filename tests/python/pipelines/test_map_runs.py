@@ -16,7 +16,7 @@ from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.pipelines.map_events import RunEvents, events_of
-from fusionslam.pipelines.maps import RunRecorder, joined, run_events, run_ratslam
+from fusionslam.pipelines.maps import RunRecorder, join_runs, run_events, run_ratslam
 from fusionslam.ratslam.events import Motion
 from fusionslam.ratslam.slam import RatSlam, Step
 from fusionslam.ratslam.view_sources import TemplateSource, build_view_source
@@ -152,7 +152,7 @@ def test_runs_are_joined_without_truth_where_one_has_none() -> None:
     taking = recorder(image)
     run_events(taking)
     run = taking.record()
-    twice = joined(run, run)
+    twice = join_runs(run, run)
     assert len(twice) == 2 * len(run) and twice.truth is None
     assert len(twice.nodes) == len(run.nodes) and len(twice.why) == 2 * len(run.why)
 
@@ -184,7 +184,6 @@ def test_a_bag_is_driven_by_its_topic_whatever_order_it_arrived_in(tmp_path: Pat
     for name, written in (("in_turn.bag", in_turn), ("late.bag", late)):
         write_bag(tmp_path / name, written)
         tour = open_drive(tmp_path / name)
-        assert tour.topic == "/odom"
         source = TemplateSource(columns=16, rows=8, bottom=None)
         taking = RunRecorder(RatSlam(views=source), events_of(tour, source))
         run_events(taking)

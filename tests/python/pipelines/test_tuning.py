@@ -19,7 +19,7 @@ from fusionslam.pipelines.tuning import (
     TuningResult,
     tune,
     with_numbers,
-    write_tuned,
+    write_tuning,
 )
 from fusionslam.pipelines.tuning_state import TuningState
 from fusionslam.pipelines.views import run_views
@@ -201,7 +201,7 @@ def test_what_was_found_is_written_with_all_values_and_read_again(tmp_path: Path
 
     result = tune([DRIVE], BAD, quick())
     path = tmp_path / "best.yaml"
-    write_tuned(path, result, quick(), [DRIVE], "fusionslam tune boxes.npz")
+    write_tuning(path, result, quick(), [DRIVE], "fusionslam tune boxes.npz")
     read: Any = with_file(everything(), path)
     assert np.array_equal(
         run_views(DRIVE, ViewMatcher(read.views)).ids,
