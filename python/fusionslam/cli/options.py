@@ -255,12 +255,16 @@ def pipeline_config(
     settings: Settings = None, config: ConfigFile = None, **first: Any
 ) -> "PipelineConfig":
     """As ``read_config``, for descriptors: settings of other stages are refused."""
-    from fusionslam.config import with_settings
+    from fusionslam.config import merged, with_settings
     from fusionslam.pipelines.describe import PipelineConfig
 
-    whole = read_config(None, config, **first)
-    stages = {name: getattr(whole, name) for name in PipelineConfig.model_fields}
-    return with_settings(PipelineConfig(**stages), settings or [])
+    stages = merged(PipelineConfig(), first)
+    if config is not None:
+        whole = read_config(None, config, **first)
+        stages = PipelineConfig(
+            **{name: getattr(whole, name) for name in type(stages).model_fields}
+        )
+    return with_settings(stages, settings or [])
 
 
 def views_config(
