@@ -7,7 +7,6 @@ import json
 import logging
 import os
 import shutil
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -36,6 +35,7 @@ from fusionslam.storage.archive import load_arrays, save_arrays
 from fusionslam.storage.machine import peak_memory
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
+from fusionslam.storage.timer import Stopwatch
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
@@ -239,17 +239,17 @@ class _Work:
                 raise
 
     def _describe(self, index: int) -> "_Described":
-        clock = _Clock()
-        frame = self.dataset[index]
-        _load(frame, self.config.fusion.source)
-        clock.lap("load")
-        cloud = fuse(frame, self.config.fusion)
-        clock.lap("fuse")
-        vectors = {}
+        watch, vectors = Stopwatch(), {}
+        with watch.measure("load"):
+            frame = self.dataset[index]
+            _load(frame, self.config.fusion.source)
+        with watch.measure("fuse"):
+            cloud = fuse(frame, self.config.fusion)
         for name in self.names:
-            vectors[name] = describe(cloud, name, self.config.descriptors)
-            clock.lap(name)
-        return _Described(index, vectors, len(cloud), clock.seconds)
+            with watch.measure(name):
+                vectors[name] = describe(cloud, name, self.config.descriptors)
+        seconds = {part: watch.total(part) for part in ("load", "fuse", *self.names)}
+        return _Described(index, vectors, len(cloud), seconds)
 
     def _find_skipped(self, joined: Arrays) -> dict[int, str]:
         """Return the numbers of skipped frames with the reasons, and log them."""
@@ -351,19 +351,6 @@ def _state(path: Path) -> list[Any]:
         status = path.stat()
         return [str(path), status.st_size, status.st_mtime_ns]
     return [str(path)]
-
-
-class _Clock:
-    """Seconds since the last lap, by name."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, name: str) -> None:
-        now = time.perf_counter()
-        self.seconds[name] = now - self._last
-        self._last = now
 
 
 def _load(frame: Any, source: str) -> None:

@@ -279,10 +279,10 @@ class RatSlam:
             for v, w, dt in motion.legs:
                 # openratslam takes less than a cell at a time.
                 pieces = 1 if cells.preset == "robust" else int(abs(v * dt) / cells.cell_m) + 1
-                with watch.of("cells"):
+                with watch.measure("cells"):
                     for _ in range(pieces):
                         self.cells.on_odometry(v, w, dt / pieces)
-                with watch.of("map"):
+                with watch.measure("map"):
                     self.map.on_odometry(v, w, dt)
                 self.alone.on_odometry(v, w, dt)
             self.memory.moved = True
@@ -296,13 +296,13 @@ class RatSlam:
             return event
         if self.views is None:
             raise DataError(f"view at {event.stamp_ns} ns: no view source to recognise it (views=)")
-        with watch.of("view"):
+        with watch.measure("view"):
             item = event.item if isinstance(event, Look) else event
             return self.views.look(item, event.stamp_ns)
 
     def _apply_view(self, event: Event, sighting: Sighting, watch: Stopwatch) -> None:
         if sighting.view_id != NO_VIEW:
-            with watch.of("cells"):
+            with watch.measure("cells"):
                 self.cells.on_view(
                     sighting.view_id, sighting.relative_rotation, sighting.relative_place
                 )
@@ -315,11 +315,11 @@ class RatSlam:
         # openratslam cells act on odometry only: on a view with the odometry after it.
         if motion is None and (sighting is None or self.cells.config.preset == "openratslam"):
             return _ActionResult(NOTHING)
-        with watch.of("cells"):
+        with watch.measure("cells"):
             action = self.cells.action()
         if not action.kind:
             return _ActionResult(action)
-        with watch.of("map"):
+        with watch.measure("map"):
             done = self._check_action(action)
             self.map.apply(done.action)
             # Before nodes are moved, which Ctrl-C may interrupt: each node needs a stamp and view.
@@ -377,7 +377,7 @@ class RatSlam:
             refused=done.refused,
             relaxation=done.relaxation,
             looked=sighting is not None,
-            seconds=watch.seconds,
+            seconds=(watch.total("view"), watch.total("cells"), watch.total("map")),
         )
 
     def _reasons(

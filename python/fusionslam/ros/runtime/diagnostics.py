@@ -45,7 +45,7 @@ def reported(worker: "Worker") -> Iterator[tuple[str, str]]:
     for (topic, cause), count in sorted(worker.problems.counts.items()):
         yield f"refused {topic}: {cause}", str(count)
     for share in (0.5, 0.95):
-        milliseconds = worker.watch.quantile_ms(share)
-        if milliseconds is not None:
-            yield f"latency p{100 * share:.0f} [ms]", f"{milliseconds:.2f}"
+        latency_s = worker.watch.quantile("latency", share)
+        if latency_s is not None:
+            yield f"latency p{100 * share:.0f} [ms]", f"{1e3 * latency_s:.2f}"
     yield "processor time [s]", f"{time.process_time():.2f}"

@@ -13,8 +13,8 @@ from fusionslam.errors import DataError, FusionSlamError, ShapeError, cause_of
 from fusionslam.ros.messages.types import deserialized, message_class, ros_time
 from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, Inbox
 from fusionslam.ros.runtime.node import Input, Node
-from fusionslam.ros.runtime.stopwatch import Stopwatch
 from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Message
+from fusionslam.storage.timer import Stopwatch
 
 logger = logging.getLogger(__name__)
 
@@ -27,12 +27,13 @@ class Worker:
         full_name: returns the full name of a topic, after remapping.
         now_ns: returns the time by the clock of the stamps, which may be simulated; 0 if unknown.
         is_there: tells whether a topic's publisher still exists.
-        watch: measures latencies; the publisher of messages notifies it.
+        sent: returns the number of messages that the node has published.
 
     Attributes:
         inputs: the node's inputs by topic.
         inbox: the waiting messages.
         problems: the node's problem log.
+        watch: latencies, from the arrival of messages until what they led to is published.
         is_idle: whether nothing arrived since ``idle``.
     """
 
@@ -42,13 +43,13 @@ class Worker:
         full_name: Callable[[str], str],
         now_ns: Callable[[], int],
         is_there: Callable[[str, str], bool] = lambda topic, publisher: True,
-        watch: Stopwatch | None = None,
+        sent: Callable[[], int] = lambda: 0,
     ) -> None:
         self.node, self._full_name, self._now_ns = node, full_name, now_ns
         self._common = node.config.node
         self.inputs = {each.topic: each for each in node.inputs}
         self.inbox = Inbox(self._common.queue, self._common.only_one, is_there)
-        self.problems, self.watch = node.problems, watch or Stopwatch()
+        self.problems, self.watch, self._sent = node.problems, Stopwatch(), sent
         self.is_idle = True
 
     def arrived(self, message: Any, topic: str) -> None:
@@ -80,9 +81,10 @@ class Worker:
         if arrival is None:
             return False
         self.is_idle = False
-        self.watch.start()
+        before = self._sent()
         self.guarded(arrival.topic, lambda: self._take(arrival))
-        self.watch.stop(arrival.seconds)
+        if self._sent() > before:
+            self.watch.add("latency", time.monotonic() - arrival.seconds)
         return True
 
     def keep(self) -> None:
