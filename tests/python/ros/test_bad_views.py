@@ -17,7 +17,7 @@ import pytest
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.messages import Picture, Scan
 from ros_master import needs_ros
-from ros_node import Desk, colored_cloud
+from ros_node import Desk, causes, colored_cloud
 
 pytestmark = needs_ros
 
@@ -77,30 +77,24 @@ def a_picture(scan: Scan) -> Picture:
 
 
 SPOILED = [
-    (without_colors, "no colours (a point field rgb)", "coloured clouds of data_fusion"),
-    (empty, "the cloud is empty", "does ~fusion of data_fusion keep it?"),
-    (of_nan, "the cloud is empty", "does the scanner see anything"),
-    (unstamped, "the stamp is zero", "set the parameter ~node/stamps to arrival"),
-    (short, "field 'data' has", "look at its publisher"),
-    (a_picture, "its type is sensor_msgs/Image", "remap rgb_cloud"),
+    (without_colors, "no-colours"),
+    (empty, "empty-cloud"),
+    (of_nan, "empty-cloud"),
+    (unstamped, "no-stamp"),
+    (short, "DataError"),
+    (a_picture, "wrong-type"),
 ]
 
 
 @pytest.mark.parametrize("node", ["lv_builder", "loop_closure"])
-@pytest.mark.parametrize(("spoil", "problem", "advice"), SPOILED)
+@pytest.mark.parametrize(("spoil", "cause"), SPOILED)
 def test_clouds_that_nothing_can_be_recognised_by(
-    spoil: Callable[[Scan], Any],
-    problem: str,
-    advice: str,
-    node: str,
-    caplog: pytest.LogCaptureFixture,
+    spoil: Callable[[Scan], Any], cause: str, node: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     desk = Desk(node)
     desk.outlet.wanted = {"clustered_viz", "convex_hull_viz"}
     desk.give(CLOUDS, cloud(0), spoil(cloud(1)), spoil(cloud(2)), cloud(3))
-    about = [text for text in caplog.messages if problem in text and advice in text]
-    assert len(about) == 1
-    assert [count for cause, count in desk.problems().items() if problem in cause] == [2]
+    assert causes(caplog) == [cause] and [*desk.problems().values()] == [2]
     done = {"lv_builder": "views", "loop_closure": "clouds"}[node]
     is_view = node == "lv_builder" and spoil in (empty, of_nan)
     assert desk.node.report()[done] == 2 + 2 * is_view
@@ -122,14 +116,7 @@ def test_views_of_another_configuration_or_damaged_leave_the_memory_as_it_was(
     matcher.give(VIEWS, good[0], *views(2, source="cm2dp"), damaged, nothing, strange)
     matcher.give(VIEWS, *good[1:], *views(3, first=3))
     assert ids(matcher) == [0, 1, 2, 0, 1, 2]
-    said = {
-        "comparison 'cm2dp', expected 'alignment'": "need the same configuration",
-        "cut short or damaged": "",
-        "view: begins with": "expected fusionslam.view.1",
-    }
-    for problem, advice in said.items():
-        (text,) = [text for text in caplog.messages if problem in text]
-        assert advice in text
+    assert len(causes(caplog)) == 3
     assert sorted(matcher.problems().values()) == [1, 2, 2]
 
 
@@ -145,7 +132,7 @@ def test_views_without_stamps_are_refused_or_dated_by_their_arrival(
         refusing.give(VIEWS, message)
         dating.give(VIEWS, message)
     assert not ids(refusing) and list(refusing.problems().values()) == [2]
-    assert len([text for text in caplog.messages if "the stamp is zero" in text]) == 1
+    assert causes(caplog) == ["no-stamp"]
     assert [message.header.stamp.to_nsec() for message in dating.outlet.of(IDS)] == [7 * S] * 2
 
 
@@ -171,8 +158,7 @@ def test_images_that_do_not_decode_or_are_too_small(caplog: pytest.LogCaptureFix
     tiny = replace(picture(1), image=picture(1).image[:20, :20])
     matcher.give(IMAGES, picture(0), cut, cut, tiny, tiny, picture(1), picture(3))
     assert ids(matcher) == [0, 1, 0]
-    for problem in ("no JPEG or PNG picture", "20x20, expected"):
-        assert len([text for text in caplog.messages if problem in text]) == 1
+    assert len(causes(caplog)) == 2
     assert sorted(matcher.problems().values()) == [2, 2]
 
 
@@ -260,9 +246,7 @@ def test_a_full_disk_leaves_the_last_whole_file_and_loses_no_memory(
         desk.give(each.topic, *each.made(3))
         desk.give(each.topic, *each.made(6))
         desk.node.close()
-    about = [text for text in caplog.messages if "cannot write" in text]
-    assert len(about) == 1 and "make room" in about[0]
-    assert "is lost" in caplog.text
+    assert causes(caplog) == ["cannot-write", "lost"]
     assert answers(each.started()) == before
     desk.node.close()
     last = each.started()
@@ -282,9 +266,9 @@ def test_a_damaged_memory_is_refused_at_the_start_with_what_to_do(
     path = tmp_path / "memory"
     for file in path.iterdir() if path.is_dir() else [path]:
         file.write_bytes(file.read_bytes()[:30])
-    with pytest.raises(DataError, match=r"cannot go on from ~memory/file.*move .* away") as error:
+    with pytest.raises(DataError, match="~memory/file") as error:
         each.started()
-    assert "\n" not in str(error.value)
+    assert error.value.code == "bad-state" and "\n" not in str(error.value)
     shutil.rmtree(path) if path.is_dir() else path.unlink()
     each.started()
 
@@ -307,15 +291,17 @@ def test_a_memory_of_other_parameters_is_refused(
     desk = each.started()
     desk.give(each.topic, *each.made(0))
     desk.node.close()
-    with pytest.raises(ConfigError, match=f"~{name} differs from what .*: set it as it was"):
+    with pytest.raises(ConfigError) as error:
         each.started(**other)
+    assert (error.value.code, error.value.fields) == ("other-settings", (f"~{name}",))
 
 
 @pytest.mark.parametrize("node", ["lv_matching", "loop_closure", "ratslam"])
 def test_a_file_that_is_no_memory_is_refused_with_what_to_do(node: str, tmp_path: Path) -> None:
     (tmp_path / "photo.jpg").write_bytes(b"no memory")
-    with pytest.raises(DataError, match=r"cannot go on from ~memory/file.*move .* away"):
+    with pytest.raises(DataError, match=r"photo\.jpg") as error:
         Desk(node, memory={"file": str(tmp_path / "photo.jpg")})
+    assert error.value.code == "bad-state"
     assert (tmp_path / "photo.jpg").read_bytes() == b"no memory"
 
 

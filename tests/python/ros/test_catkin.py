@@ -35,7 +35,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "src").mkdir()
     (folder / "src" / "fusionslam_ros").symlink_to(ROOT / "ros")
     command = ["catkin_make", "-C", folder, "-DPYTHON_EXECUTABLE=/usr/bin/python3", "install"]
-    built = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    built = subprocess.run(command, capture_output=True, text=True, timeout=1800)
     assert built.returncode == 0, built.stdout + built.stderr
     return folder
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.ros.world import ROOT
+from benchmarks.ros.world import PATIENCE_S, ROOT
 from ros_master import RosWorld, needs_ros, wait_until
 
 pytestmark = needs_ros
@@ -37,28 +37,24 @@ def state_of(world: RosWorld) -> tuple[set[str], set[str]]:
 
 
 @pytest.mark.parametrize(
-    ("name", "argument", "message"),
+    ("name", "argument", "parameter"),
     [
-        (
-            "data_fusion",
-            "_online/wiat:=1",
-            "unknown parameter '~online/wiat'; did you mean 'wait'?",
-        ),
-        ("lv_builder", "_source:=alignmnt", "~source is 'alignmnt': expected one of alignment"),
-        ("loop_closure", "_memory/file:={folder}", "cannot go on from ~memory/file: {folder}"),
+        ("data_fusion", "_online/wiat:=1", "~online/wiat"),
+        ("lv_builder", "_source:=alignmnt", "~source"),
+        ("loop_closure", "_memory/file:={folder}", "~memory/file"),
     ],
 )
-def test_what_a_node_cannot_start_with_is_said_in_one_line(
-    name: str, argument: str, message: str, world: RosWorld
+def test_a_parameter_that_a_node_cannot_start_with_is_named_in_one_line(
+    name: str, argument: str, parameter: str, world: RosWorld
 ) -> None:
     folder = world.folder / "no_memory"
     folder.mkdir(exist_ok=True)
     (folder / "detector.json").write_text("{")
     names = (f"__name:=wrong_{name}", argument.format(folder=folder))
     process = world.node(name, *names, ready=False)
-    assert process.wait(timeout=60) == 2
+    assert process.wait(timeout=PATIENCE_S) == 2
     (line,) = world.log(name).splitlines()
-    assert line.startswith(f"error: {name}: {message.format(folder=folder)}")
+    assert line.startswith(f"error: {name}: ") and parameter in line
     # What is wrong does not stay for the next start.
     if "memory" not in argument:
         assert master_of(world).getParam(f"/wrong_{name}") == {}
@@ -95,7 +91,7 @@ def test_two_robots_with_other_names_and_no_place_to_write_start_and_end(world: 
 def test_a_second_node_of_the_same_name_ends_the_first_one_cleanly(world: RosWorld) -> None:
     first = world.node("lv_builder")
     second = world.node("lv_builder")
-    assert first.wait(timeout=60) == 0 and second.poll() is None
+    assert first.wait(timeout=PATIENCE_S) == 0 and second.poll() is None
     assert world.end(second) == 0 and "Traceback" not in world.log("lv_builder")
 
 

@@ -16,6 +16,7 @@ from fusionslam.ros.runtime.checkpoints import Saver, SavingConfig
 from fusionslam.ros.runtime.config import CommonConfig, from_parameters
 from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, Inbox
 from fusionslam.ros.runtime.problem_log import ProblemLog
+from ros_node import causes
 
 ONE = "/driver"
 
@@ -46,10 +47,10 @@ def test_a_burst_keeps_the_newest_and_counts_the_rest(
     lists: dict[str, list[int]] = {name: [] for name in "abc"}
     lost = dict.fromkeys("abc", 0)
     for number, topic in enumerate(topics):
-        told = inbox.put(Arrival(topic, number, 0.0), ONE)
+        dropped = inbox.put(Arrival(topic, number, 0.0), ONE)
         lists[topic].append(number)
-        assert told == (TOO_MANY if len(lists[topic]) > limit else None)
-        if told:
+        assert dropped == (TOO_MANY if len(lists[topic]) > limit else None)
+        if dropped:
             lost[topic] += 1
             lists[topic].pop(0)
         if number in pauses:
@@ -136,28 +137,22 @@ def test_causes_made_of_chance_fill_neither_memory_nor_the_log(
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("given", "name"),
     [
-        (
-            {"nodes": {"queue": 1}},
-            "unknown parameter '~nodes'; did you mean 'node'? known: node",
-        ),
-        (
-            {"node": {"queu": 1}},
-            "unknown parameter '~node/queu'; did you mean 'queue'? known: queue, stamps",
-        ),
-        ({"node": {"queue": 0}}, "~node/queue is 0: Input should be greater than or equal to 1"),
-        ({"node": {"queue": "many"}}, "~node/queue is 'many'"),
-        ({"node": 3}, "~node is 3, expected keys of its own"),
-        ({"node": {"stamps": "now"}}, "~node/stamps is 'now': Input should be 'header' or"),
+        ({"nodes": {"queue": 1}}, "~nodes"),
+        ({"node": {"queu": 1}}, "~node/queu"),
+        ({"node": {"queue": 0}}, "~node/queue"),
+        ({"node": {"queue": "many"}}, "~node/queue"),
+        ({"node": 3}, "~node"),
+        ({"node": {"stamps": "now"}}, "~node/stamps"),
     ],
 )
 def test_a_wrong_parameter_is_refused_with_the_name_that_ros_has(
-    given: dict[str, Any], message: str
+    given: dict[str, Any], name: str
 ) -> None:
-    with pytest.raises(ConfigError) as error:
+    with pytest.raises(ConfigError, match=rf"{name}\b") as error:
         from_parameters(CommonConfig(), given)
-    assert str(error.value).startswith(message) and "\n" not in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 class Memory:
@@ -180,8 +175,7 @@ def test_what_cannot_be_written_now_is_written_when_there_is_room_again(
     for memory.text, memory.broken in [("a", False), ("b", True), ("c", True)]:
         memory.saver.changed()
     assert (tmp_path / "map").read_text() == "a"
-    (said,) = caplog.messages
-    assert "No space left" in said and "make room" in said
+    assert causes(caplog) == ["cannot-write"]
     assert list(memory.problems.counts.values()) == [2]
     memory.broken = False
     memory.saver.close()
@@ -193,8 +187,7 @@ def test_what_is_lost_at_the_end_is_said(tmp_path: Path, caplog: pytest.LogCaptu
     memory.broken = True
     memory.saver.changed()
     memory.saver.close()
-    last = caplog.records[-1]
-    assert last.levelno == logging.ERROR and "lost" in last.getMessage()
+    assert caplog.records[-1].levelno == logging.ERROR and causes(caplog)[-1] == "lost"
 
 
 def test_ten_times_as_many_small_messages_may_wait() -> None:
@@ -211,7 +204,7 @@ def test_a_place_that_cannot_be_written_is_said_at_the_start(
 ) -> None:
     (tmp_path / "file").write_text("")
     memory = Memory(tmp_path / folder / "map")
-    assert "cannot write" in caplog.text and "give another file" in caplog.text
+    assert causes(caplog) == ["cannot-write"]
     assert sum(memory.problems.counts.values()) == 1
 
 

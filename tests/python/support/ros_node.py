@@ -6,6 +6,7 @@ from io import BytesIO
 from typing import Any
 
 import numpy as np
+import pytest
 
 from fusionslam.ros.environment import has_ros
 from fusionslam.ros.nodes import node_class
@@ -80,6 +81,11 @@ class Desk:
         """Counts by "topic: cause"."""
         counts = self.worker.problems.counts
         return {f"{topic}: {cause}": count for (topic, cause), count in counts.items()}
+
+
+def causes(caplog: pytest.LogCaptureFixture) -> list[str]:
+    """Codes of the problems that were logged, in order."""
+    return [record.cause[0] for record in caplog.records if hasattr(record, "cause")]
 
 
 def colored_cloud(count: int = 600, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:

@@ -68,7 +68,9 @@ def deserialized(message: Any, type_name: str) -> Any:
     try:
         return typed.deserialize(message._buff)
     except Exception as error:  # genpy raises exceptions of many types
-        raise DataError(f"no {type_name}, or cut short: {error}; look at its publisher") from error
+        raise DataError(
+            f"no {type_name}, or cut short: {error}; look at its publisher", code="cut-short"
+        ) from error
 
 
 def ros_time(stamp_ns: int) -> Any:

@@ -127,7 +127,8 @@ class DataFusion(Node[DataFusionConfig]):
             if reason in _ADVICE and (sensor, reason) not in self._said:
                 self._said.add((sensor, reason))
                 why = f"{REASONS[reason]}: {_ADVICE[reason]}"
-                logger.warning("%s: %d dropped, %s; %s", sensor, count, reason, why)
+                words, cause = "%s: %d dropped, %s; %s", (reason, sensor)
+                logger.warning(words, sensor, count, reason, why, extra={"cause": cause})
 
     def _fuse(self, frame: Frame) -> None:
         cloud = fuse(frame, self.config.fusion)

@@ -66,7 +66,8 @@ def cloud_of(scan: Scan) -> Cloud:
     if scan.colors is None:
         raise DataError(
             "the cloud has no colours (a point field rgb), which places are recognised by: remap "
-            "its topic to the coloured clouds of data_fusion"
+            "its topic to the coloured clouds of data_fusion",
+            code="no-colours",
         )
     valid = np.isfinite(scan.points).all(axis=1)
     if valid.all():

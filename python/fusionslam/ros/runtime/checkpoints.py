@@ -39,7 +39,8 @@ def continued(path: Path) -> Iterator[None]:
         yield
     except DataError as error:
         raise DataError(
-            f"cannot go on from {_NAME}: {error}; move {path} away, or give another one"
+            f"cannot resume from {_NAME}: {error}; move {path} away, or give another one",
+            code="bad-state",
         ) from error
 
 
@@ -47,7 +48,9 @@ def other_settings(name: str, path: Path) -> ConfigError:
     """Return the error for a file that was made with other parameters than the node's."""
     return ConfigError(
         f"~{name} differs from what {path} was made with: set it as it was, move the file away, "
-        f"or give another {_NAME}"
+        f"or give another {_NAME}",
+        code="other-settings",
+        fields=(f"~{name}",),
     )
 
 
@@ -96,7 +99,8 @@ class Saver:
         """Write the last changes; log an error if they cannot be written."""
         self.write()
         if self.path is not None and self._is_changed:
-            logger.error("%s: what is new since the last writing is lost", self.path)
+            words = "%s: the changes since it was last written are lost"
+            logger.error(words, self.path, extra={"cause": ("lost",)})
 
     def write(self) -> None:
         """Write changes since the last write, if there are any."""

@@ -46,7 +46,8 @@ class ProblemLog:
         is_new = self._count(topic, cause, problem.partition("\n")[0])
         if is_new:
             # Outside the lock, as logging publishes.
-            logger.warning("%s: %s (logged once; /diagnostics keeps counting)", topic, problem)
+            words = "%s: %s (logged once; /diagnostics keeps counting)"
+            logger.warning(words, topic, problem, extra={"topic": topic, "cause": cause})
         return is_new
 
     def _count(self, topic: str, cause: tuple[str, ...], text: str) -> bool:

@@ -112,6 +112,7 @@ class Worker:
                 self._full_name(entry.topic),
                 " or ".join(entry.types),
                 entry.topic,
+                extra={"cause": ("silent", entry.topic)},
             )
 
     def guarded(self, topic: str, action: Callable[[], None]) -> None:
@@ -186,7 +187,8 @@ class Worker:
         if not arrival.stamp_ns:
             raise DataError(
                 "~node/stamps is arrival, but there is no time: /use_sim_time is true and nothing "
-                "publishes /clock; play the bag with --clock, or set /use_sim_time to false"
+                "publishes /clock; play the bag with --clock, or set /use_sim_time to false",
+                code="no-clock",
             )
         return arrival.stamp_ns
 
@@ -199,7 +201,8 @@ def _need_stamp(stamp_ns: int) -> None:
     if not stamp_ns:
         raise DataError(
             "the stamp is zero: its publisher has to stamp it, or set the parameter ~node/stamps "
-            "to arrival"
+            "to arrival",
+            code="no-stamp",
         )
 
 
@@ -208,10 +211,16 @@ def _typed(message: Any, entry: Input) -> tuple[Any, str]:
     header, advice = message._connection_header, f"remap {entry.topic} to the right topic"
     found = header.get("type", "unknown")
     if found not in entry.types:
-        raise DataError(f"its type is {found}, expected {' or '.join(entry.types)}: {advice}")
+        raise DataError(
+            f"its type is {found}, expected {' or '.join(entry.types)}: {advice}",
+            code="wrong-type",
+            fields=(found,),
+        )
     kind = message_class(found)
     if header.get("md5sum", kind._md5sum) not in (kind._md5sum, "*"):
         raise DataError(
-            f"its publisher has another definition of {found}: build both from the same version"
+            f"its publisher has another definition of {found}: build both from the same version",
+            code="other-definition",
+            fields=(found,),
         )
     return deserialized(message, found), found
