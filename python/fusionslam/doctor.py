@@ -93,7 +93,7 @@ def _packages() -> Iterator[Finding]:
 
 def _extras(missing: Sequence[str]) -> Iterator[Finding]:
     for extra, (packages, use) in _EXTRAS.items():
-        detail = f"{', '.join(_installed(name) for name in packages)}, for {use}"
+        detail = f"{', '.join(_describe_package(name) for name in packages)}, for {use}"
         if extra in missing:
             detail += f": pip install 'fusionslam[{extra}]'"
             yield Finding(f"extra {extra}", detail, "no-extra", (extra,), optional=True)
@@ -101,7 +101,7 @@ def _extras(missing: Sequence[str]) -> Iterator[Finding]:
             yield Finding(f"extra {extra}", detail)
 
 
-def _installed(package: str) -> str:
+def _describe_package(package: str) -> str:
     try:
         return f"{package} {metadata.version(package)}"
     except metadata.PackageNotFoundError:

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, settings
 
 from cli import FRAMES
 from kitti import write_sequence
-from ros_master import PlayedBag, played
+from ros_master import PlayedBag, find_played_bag
 
 PROJECT = Path(__file__).resolve().parents[2]
 
@@ -62,7 +62,7 @@ def ratslam_reference() -> Path:
 @pytest.fixture(scope="session")
 def played_bag() -> PlayedBag:
     """A robot's drive for a live ROS, with or without test data."""
-    return played(DATA)
+    return find_played_bag(DATA)
 
 
 @pytest.fixture(scope="session")

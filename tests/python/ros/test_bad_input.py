@@ -11,11 +11,11 @@ import pytest
 from bags import OPTICAL, extrinsics, picture, static, translation
 from bags import scan as good_scan
 from fusionslam.ros.environment import has_ros
-from fusionslam.ros.runtime.diagnostics import reported
+from fusionslam.ros.runtime.diagnostics import list_values
 from fusionslam.sensors.frame_builder import BAD_CALIBRATION, NO_CAMERA_INFO, NO_TRANSFORM
 from fusionslam.sensors.messages import FrameTransforms
 from fusionslam.sensors.synchronizer import NO_IMAGE
-from robots import IMAGES, INFOS, SCANS, Sent, only, replaced, sent, spoiled, without
+from robots import IMAGES, INFOS, SCANS, Sent, drive_messages, only, replace_values, spoil, without
 from ros_master import lacking
 from ros_node import Desk, causes
 
@@ -31,13 +31,13 @@ def message_of(value: Any, stored: str = "raw") -> Any:
     return builder.build(value, stored)
 
 
-def shortened(value: Any, stored: str = "raw") -> Any:
+def shorten(value: Any, stored: str = "raw") -> Any:
     message = message_of(value, stored)
     message.data = message.data[:20]
     return message
 
 
-def altered(value: Any, **changes: Any) -> Any:
+def alter(value: Any, **changes: Any) -> Any:
     message = message_of(value)
     for name, change in changes.items():
         setattr(message, name, change)
@@ -49,7 +49,7 @@ def moving(child: str, stamp_ns: int, x: float = 1.0) -> FrameTransforms:
     return FrameTransforms(transforms=(link,))
 
 
-def linked(parent: str, child: str) -> FrameTransforms:
+def link(parent: str, child: str) -> FrameTransforms:
     return FrameTransforms(transforms=(static(parent, child, np.eye(4)),))
 
 
@@ -60,7 +60,7 @@ def with_first(messages: Sent, topic: str, value: Any) -> Sent:
 
 def every_other(messages: Sent, topic: str, **changes: Any) -> Sent:
     numbers = iter(range(len(messages)))
-    return spoiled(
+    return spoil(
         messages, topic, lambda value: replace(value, **changes) if next(numbers) % 2 else value
     )
 
@@ -86,7 +86,7 @@ class Case:
     remedy: Sent = field(default_factory=list)
 
 
-DRIVE = sent()
+DRIVE = drive_messages()
 ALL, IMAGE_COUNT, ODOMETRY_COUNT = (len(only(DRIVE, name)) for name in (SCANS, IMAGES, "odom"))
 NO_INFO, MISFIT = "points: no CameraInfo", "points: calibration does not fit"
 NO_TF, NO_IMAGE_NEAR = "points: no transform", "points: no image near"
@@ -102,19 +102,19 @@ def cases() -> dict[str, Case]:
     return {
         "no CameraInfo": Case(without(DRIVE, INFOS), NO_CAMERA_INFO, NO_INFO, ALL),
         "K of zeros": Case(
-            replaced(DRIVE, INFOS, camera_matrix=np.zeros((3, 3))),
+            replace_values(DRIVE, INFOS, camera_matrix=np.zeros((3, 3))),
             BAD_CALIBRATION,
             MISFIT,
             ALL,
         ),
         "K of NaN": Case(
-            spoiled(DRIVE, INFOS, lambda info: altered(info, K=[float("nan")] * 9)),
+            spoil(DRIVE, INFOS, lambda info: alter(info, K=[float("nan")] * 9)),
             "DataError",
             f"refused {INFOS}",
             IMAGE_COUNT,
         ),
         "CameraInfo of another size": Case(
-            replaced(DRIVE, INFOS, size=(640, 480)),
+            replace_values(DRIVE, INFOS, size=(640, 480)),
             BAD_CALIBRATION,
             MISFIT,
             ALL,
@@ -138,17 +138,17 @@ def cases() -> dict[str, Case]:
             NO_TRANSFORM,
             NO_TF,
             ALL,
-            remedy=[("/tf_static", linked("base", "mast"))],
+            remedy=[("/tf_static", link("base", "mast"))],
         ),
         "TF in a loop": Case(
-            with_first(DRIVE, "/tf_static", linked("camera", "base")),
+            with_first(DRIVE, "/tf_static", link("camera", "base")),
             "FrameTransforms",
             REFUSED_TF,
             1,
             ALL,
         ),
         "a frame of two parents": Case(
-            with_first(DRIVE, "/tf_static", linked("mast", "camera")),
+            with_first(DRIVE, "/tf_static", link("mast", "camera")),
             "FrameTransforms",
             REFUSED_TF,
             1,
@@ -162,78 +162,82 @@ def cases() -> dict[str, Case]:
             ALL,
         ),
         "scans without stamps": Case(
-            replaced(DRIVE, SCANS, stamp_ns=0), "no-stamp", f"refused {SCANS}", ALL
+            replace_values(DRIVE, SCANS, stamp_ns=0), "no-stamp", f"refused {SCANS}", ALL
         ),
         "images without stamps": Case(
-            replaced(DRIVE, IMAGES, stamp_ns=0), "no-stamp", f"refused {IMAGES}", IMAGE_COUNT
+            replace_values(DRIVE, IMAGES, stamp_ns=0), "no-stamp", f"refused {IMAGES}", IMAGE_COUNT
         ),
         "odometry without stamps": Case(
-            replaced(DRIVE, "odom", stamp_ns=0), "no-stamp", "refused odom", ODOMETRY_COUNT, ALL
+            replace_values(DRIVE, "odom", stamp_ns=0),
+            "no-stamp",
+            "refused odom",
+            ODOMETRY_COUNT,
+            ALL,
         ),
         "empty scans": Case(
-            replaced(DRIVE, SCANS, **EMPTY), "empty-scan", "empty clouds", ALL, ALL
+            replace_values(DRIVE, SCANS, **EMPTY), "empty-scan", "empty clouds", ALL, ALL
         ),
         "scans of NaN alone": Case(
-            replaced(DRIVE, SCANS, **NAN_POINTS),
+            replace_values(DRIVE, SCANS, **NAN_POINTS),
             "empty-scan",
             "empty clouds",
             ALL,
             ALL,
         ),
         "scans that the camera does not see": Case(
-            spoiled(DRIVE, SCANS, lambda scan: replace(scan, points=-scan.points)),
+            spoil(DRIVE, SCANS, lambda scan: replace(scan, points=-scan.points)),
             "nothing-seen",
             "empty clouds",
             ALL,
             ALL,
         ),
         "scans cut short": Case(
-            spoiled(DRIVE, SCANS, shortened),
+            spoil(DRIVE, SCANS, shorten),
             "DataError",
             f"refused {SCANS}",
             ALL,
         ),
         "scans of integers": Case(
-            spoiled(DRIVE, SCANS, lambda scan: altered(scan, fields=[])),
+            spoil(DRIVE, SCANS, lambda scan: alter(scan, fields=[])),
             "DataError",
             f"refused {SCANS}",
             ALL,
         ),
         "images cut short": Case(
-            spoiled(DRIVE, IMAGES, lambda image: shortened(image, "jpeg")),
+            spoil(DRIVE, IMAGES, lambda image: shorten(image, "jpeg")),
             "UnidentifiedImageError",
             f"refused {IMAGES}",
             IMAGE_COUNT,
         ),
         "images of depth": Case(
-            spoiled(DRIVE, IMAGES, lambda image: altered(image, encoding="32FC1")),
+            spoil(DRIVE, IMAGES, lambda image: alter(image, encoding="32FC1")),
             "DataError",
             f"refused {IMAGES}",
             IMAGE_COUNT,
         ),
         "images for scans": Case(
-            spoiled(DRIVE, SCANS, lambda scan: picture(scan.stamp_ns)),
+            spoil(DRIVE, SCANS, lambda scan: picture(scan.stamp_ns)),
             "wrong-type",
             f"refused {SCANS}",
             ALL,
         ),
         "scans for images": Case(
-            spoiled(DRIVE, IMAGES, lambda image: good_scan(image.stamp_ns)),
+            spoil(DRIVE, IMAGES, lambda image: good_scan(image.stamp_ns)),
             "wrong-type",
             f"refused {IMAGES}",
             IMAGE_COUNT,
         ),
         "a camera with another clock": Case(
-            replaced(DRIVE, IMAGES, stamp_ns=5), NO_IMAGE, NO_IMAGE_NEAR, ALL
+            replace_values(DRIVE, IMAGES, stamp_ns=5), NO_IMAGE, NO_IMAGE_NEAR, ALL
         ),
         "a robot of unknown name": Case(
             without(DRIVE, "odom"),
-            "DataError",
+            "no-transform",
             f"refused {SCANS}: cannot be fused",
             ALL,
         ),
         "odometry of NaN": Case(
-            spoiled(DRIVE, "odom", unknown_place),
+            spoil(DRIVE, "odom", unknown_place),
             "DataError",
             "refused odom",
             ODOMETRY_COUNT,
@@ -248,7 +252,7 @@ def unknown_place(odometry: Any) -> Any:
     return message
 
 
-def played(desk: Desk, messages: Sent) -> int:
+def play(desk: Desk, messages: Sent) -> int:
     """Number of clouds that come of messages."""
     before = len(desk.outlet.of(CLOUDS))
     for topic, value in messages:
@@ -257,8 +261,8 @@ def played(desk: Desk, messages: Sent) -> int:
     return len(desk.outlet.of(CLOUDS)) - before
 
 
-def counted(desk: Desk, start: str) -> int:
-    return sum(int(count) for what, count in reported(desk.worker) if what.startswith(start))
+def count_reported(desk: Desk, start: str) -> int:
+    return sum(int(count) for what, count in list_values(desk.worker) if what.startswith(start))
 
 
 # Some are messages of ROS already.
@@ -268,11 +272,11 @@ def test_bad_input_is_logged_once_and_counted_and_the_node_goes_on(
 ) -> None:
     known = {} if name == "a robot of unknown name" else {"online": {"robot_frame": "base"}}
     case, desk = cases()[name], Desk("data_fusion", **known)
-    assert played(desk, case.messages) == case.clouds
-    assert counted(desk, case.reports) == case.count
+    assert play(desk, case.messages) == case.clouds
+    assert count_reported(desk, case.reports) == case.count
     assert causes(caplog).count(case.cause) == 1, caplog.text
     for seconds in (20, 40):
-        assert played(desk, case.remedy + sent(later=seconds)) == ALL
+        assert play(desk, case.remedy + drive_messages(later=seconds)) == ALL
     assert all(len(cloud.data) for cloud in desk.outlet.of(CLOUDS)[-ALL:])
     assert causes(caplog).count(case.cause) == 1
 
@@ -292,6 +296,6 @@ def test_bytes_that_are_no_message_of_the_topic(
     for scan in only(DRIVE, SCANS):
         desk.put(SCANS, message_of(scan), **header)
     desk.work()
-    assert counted(desk, f"refused {SCANS}") == ALL
+    assert count_reported(desk, f"refused {SCANS}") == ALL
     assert causes(caplog) == [cause]
-    assert played(desk, DRIVE) == ALL
+    assert play(desk, DRIVE) == ALL

@@ -40,7 +40,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def sourced(space: Path, before: dict[str, str]) -> dict[str, str]:
+def source_setup(space: Path, before: dict[str, str]) -> dict[str, str]:
     """The environment of a terminal after the set-up file of a workspace, this Python first."""
     here = Path(sys.executable).parent
     line = f'. "{space}/setup.bash" && export PATH="{here}:$PATH" && env -0'
@@ -60,7 +60,7 @@ def sums(environment: dict[str, str]) -> tuple[Path, list[str]]:
 @pytest.mark.parametrize("space", ["devel", "install"])
 def test_messages_of_catkin_are_those_that_came_with_pip(space: str, workspace: Path) -> None:
     installed, wanted = sums(dict(os.environ))
-    built, found = sums(sourced(workspace / space, dict(os.environ)))
+    built, found = sums(source_setup(workspace / space, dict(os.environ)))
     assert built.is_relative_to(workspace / space) and not installed.is_relative_to(workspace)
     assert found == wanted and len(found) == len(set(found)) == len(MESSAGES) == 8
 
@@ -70,7 +70,7 @@ def test_a_node_of_the_workspace_runs_with_the_python_of_the_terminal(
     space: str, workspace: Path, tmp_path: Path
 ) -> None:
     with RosWorld(tmp_path) as world:
-        world.environment = sourced(workspace / space, world.environment)
+        world.environment = source_setup(workspace / space, world.environment)
         node = world.run("node", ["rosrun", "fusionslam_ros", "lv_matching"])
         wait_until(lambda: "is ready" in world.log("node") or node.poll() is not None, "a node")
         assert world.end(node) == 0, world.log("node")
@@ -81,7 +81,7 @@ def test_a_node_of_the_workspace_runs_with_the_python_of_the_terminal(
 def test_launch_files_and_pictures_of_the_workspace_are_found(
     space: str, package: str, workspace: Path
 ) -> None:
-    environment = sourced(workspace / space, dict(os.environ))
+    environment = source_setup(workspace / space, dict(os.environ))
     result = subprocess.run(
         ["roslaunch", "--files", "fusionslam_ros", "ratslam.launch"],
         env=environment,

@@ -21,7 +21,7 @@ from ros_node import causes
 ONE = "/driver"
 
 
-def drained(inbox: Inbox) -> list[Any]:
+def drain(inbox: Inbox) -> list[Any]:
     found = []
     while arrival := inbox.get(0.0):
         found.append(arrival.message)
@@ -32,7 +32,7 @@ def test_messages_of_all_topics_come_out_in_the_order_in_which_they_came() -> No
     inbox = Inbox(limit=9, only_one_s=2.0)
     for number in range(9):
         inbox.put(Arrival("abc"[number % 3], number, 0.0), ONE)
-    assert drained(inbox) == list(range(9))
+    assert drain(inbox) == list(range(9))
 
 
 @given(
@@ -60,7 +60,7 @@ def test_a_burst_keeps_the_newest_and_counts_the_rest(
             lists[arrival.topic].pop(0)
             out += 1
     assert {name: inbox.dropped[name, TOO_MANY] for name in "abc"} == lost
-    rest = drained(inbox)
+    rest = drain(inbox)
     assert rest == sorted(number for each in lists.values() for number in each)
     assert sum(inbox.taken.values()) == len(topics) == out + len(rest) + sum(lost.values())
 
@@ -73,7 +73,7 @@ def test_a_second_publisher_is_heard_only_when_the_first_was_silent() -> None:
     assert inbox.put(Arrival("scan", "d", 4.0), "/two") == SECOND_PUBLISHER
     assert inbox.put(Arrival("scan", "e", 4.1), "/two") is None
     assert inbox.put(Arrival("scan", "f", 4.2), "/one") == SECOND_PUBLISHER
-    assert drained(inbox) == ["a", "c", "e"] and inbox.publisher_of("scan") == "/two"
+    assert drain(inbox) == ["a", "c", "e"] and inbox.publisher_of("scan") == "/two"
     assert inbox.dropped == {("scan", SECOND_PUBLISHER): 3}
 
 
@@ -83,7 +83,7 @@ def test_after_a_driver_is_gone_the_next_one_is_heard_at_once() -> None:
     inbox.put(Arrival("scan", "a", 0.0), "/one")
     there.remove("/one")
     assert inbox.put(Arrival("scan", "b", 0.1), "/two") is None
-    assert drained(inbox) == ["a", "b"] and not inbox.dropped
+    assert drain(inbox) == ["a", "b"] and not inbox.dropped
 
 
 def test_topics_that_many_publish_on_hear_all() -> None:
@@ -91,7 +91,7 @@ def test_topics_that_many_publish_on_hear_all() -> None:
     for number in range(90):
         assert inbox.put(Arrival("/tf", number, 0.0), None) is None
     assert inbox.put(Arrival("/tf", 90, 0.0), None) == TOO_MANY
-    assert drained(inbox) == list(range(1, 91))
+    assert drain(inbox) == list(range(1, 91))
 
 
 def test_many_threads_lose_and_double_nothing() -> None:
@@ -108,7 +108,7 @@ def test_many_threads_lose_and_double_nothing() -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    found = drained(inbox)
+    found = drain(inbox)
     assert sorted(found) == [(name, number) for name in "abcd" for number in range(count)]
     (((topic, _), total),) = problems.counts.items()
     assert (topic, total) == ("scan", 4 * count)
@@ -173,7 +173,7 @@ def test_what_cannot_be_written_now_is_written_when_there_is_room_again(
 ) -> None:
     memory = Memory(tmp_path / "map")
     for memory.text, memory.broken in [("a", False), ("b", True), ("c", True)]:
-        memory.saver.changed()
+        memory.saver.note_change()
     assert (tmp_path / "map").read_text() == "a"
     assert causes(caplog) == ["cannot-write"]
     assert list(memory.problems.counts.values()) == [2]
@@ -185,7 +185,7 @@ def test_what_cannot_be_written_now_is_written_when_there_is_room_again(
 def test_what_is_lost_at_the_end_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     memory = Memory(tmp_path / "map", every=1e9)
     memory.broken = True
-    memory.saver.changed()
+    memory.saver.note_change()
     memory.saver.close()
     assert caplog.records[-1].levelno == logging.ERROR and causes(caplog)[-1] == "lost"
 

@@ -31,7 +31,7 @@ EXPERIMENTS = {
 }
 
 
-def parsed(path: Path, *options: str) -> tuple[set[str], dict[str, Any]]:
+def parse_launch(path: Path, *options: str) -> tuple[set[str], dict[str, Any]]:
     """The nodes that roslaunch would start, and the parameters it would set."""
     from roslaunch.config import ROSLaunchConfig
     from roslaunch.xmlloader import XmlLoader
@@ -44,7 +44,7 @@ def parsed(path: Path, *options: str) -> tuple[set[str], dict[str, Any]]:
     )
 
 
-def declared(path: Path) -> dict[str, str]:
+def read_arguments(path: Path) -> dict[str, str]:
     """Arguments that can be given, with their defaults."""
     found = ElementTree.parse(path).getroot().findall("arg")
     return {each.attrib["name"]: each.get("default", "") for each in found if not each.get("value")}
@@ -59,13 +59,13 @@ def test_every_experiment_takes_every_argument_it_declares(
     path, parameters = LAUNCH / f"{name}.launch", tmp_path / "parameters.yaml"
     parameters.write_text("data_fusion: {fusion: {ground: plane}}")
     wanted = EXPERIMENTS[name]
-    assert parsed(path)[0] == wanted - {"lv_analyzer"}
-    given = {key: "any" for key, default in declared(path).items() if not default}
-    every = {**declared(path), **given, "parameters": str(parameters), "rviz": "true"}
+    assert parse_launch(path)[0] == wanted - {"lv_analyzer"}
+    given = {key: "any" for key, default in read_arguments(path).items() if not default}
+    every = {**read_arguments(path), **given, "parameters": str(parameters), "rviz": "true"}
     options = [f"{key}:={value}" for key, value in every.items()]
-    assert parsed(path, *options)[0] == wanted | {"rviz"}
+    assert parse_launch(path, *options)[0] == wanted | {"rviz"}
     through = "bag:=any.bag", f"experiment:={name}"
-    nodes, values = parsed(LAUNCH / "bag.launch", *through, *options)
+    nodes, values = parse_launch(LAUNCH / "bag.launch", *through, *options)
     assert nodes == wanted | {"rviz", "bag_player"}
     assert values["/data_fusion/fusion/ground"] == "plane" and values["/use_sim_time"] is True
     assert values["/bag_player/bag"] == "/here/any.bag"
@@ -74,9 +74,9 @@ def test_every_experiment_takes_every_argument_it_declares(
 
 
 def test_bags_take_every_argument_of_every_experiment() -> None:
-    of_bags = declared(LAUNCH / "bag.launch")
+    of_bags = read_arguments(LAUNCH / "bag.launch")
     for name in EXPERIMENTS:
-        own = declared(LAUNCH / f"{name}.launch")
+        own = read_arguments(LAUNCH / f"{name}.launch")
         assert own.items() <= of_bags.items()
 
 
@@ -90,13 +90,13 @@ def topics(name: str, **values: Any) -> set[str]:
     return {each.topic for each in node.inputs} | set(kind.outputs)
 
 
-def launched() -> Iterator[ElementTree.Element]:
+def list_nodes() -> Iterator[ElementTree.Element]:
     for path in LAUNCH.rglob("*.launch"):
         yield from ElementTree.parse(path).getroot().findall("node")
 
 
 def test_remappings_and_parameters_are_those_of_the_nodes() -> None:
-    ours = [each for each in launched() if each.attrib["type"] in NODES]
+    ours = [each for each in list_nodes() if each.attrib["type"] in NODES]
     assert {each.attrib["type"] for each in ours} == set(NODES) - {"lv_dataset_creator"}
     for each in ours:
         name = each.attrib["type"]
@@ -113,14 +113,14 @@ def test_remappings_and_parameters_are_those_of_the_nodes() -> None:
         assert {remap.attrib["from"] for remap in each.findall("remap")} <= known
 
 
-def shown(path: Path) -> set[str]:
+def read_topics(path: Path) -> set[str]:
     """Topics of a picture of RViz."""
     displays = yaml.safe_load(path.read_text())["Visualization Manager"]["Displays"]
     return {str(value) for each in displays for key, value in each.items() if key.endswith("Topic")}
 
 
 def test_pictures_show_what_the_nodes_of_their_experiment_publish() -> None:
-    pictures = {path.stem: shown(path) for path in (LAUNCH.parent / "rviz").glob("*.rviz")}
+    pictures = {path.stem: read_topics(path) for path in (LAUNCH.parent / "rviz").glob("*.rviz")}
     assert set(pictures) == {"clouds", "map", "visual", "loops"}
     for name, wanted in EXPERIMENTS.items():
         (picture,) = (

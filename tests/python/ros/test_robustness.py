@@ -14,14 +14,14 @@ from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY
 from fusionslam.sensors.frame_builder import NO_TRANSFORM
 from fusionslam.sensors.messages import FrameTransforms, Odometry, Picture, Scan
 from fusionslam.sensors.synchronizer import NO_IMAGE
-from robots import IMAGES, INFOS, SCANS, Sent, only, sent, spoiled, without
+from robots import IMAGES, INFOS, SCANS, Sent, drive_messages, only, spoil, without
 from ros_master import needs_ros
 from ros_node import Desk, causes
 
 pytestmark = needs_ros
 
 CLOUDS = "rgb_cloud"
-DRIVE = sent()
+DRIVE = drive_messages()
 SCAN_STAMPS = [scan.stamp_ns for scan in only(DRIVE, SCANS)]
 
 
@@ -92,7 +92,7 @@ def test_transforms_that_come_very_late_lose_the_scans_before_and_it_is_said(
     play(desk, without(DRIVE, "/tf_static"))
     desk.worker.idle()
     assert not stamps(desk) and causes(caplog).count(NO_TRANSFORM) == 1
-    play(desk, sent(later=10))
+    play(desk, drive_messages(later=10))
     desk.worker.idle()
     assert len(stamps(desk)) == len(SCAN_STAMPS)
 
@@ -135,7 +135,7 @@ def test_a_burst_drops_the_oldest_counts_them_and_ends_well(
     assert desk.worker.inbox.taken[IMAGES] == 300
     assert causes(caplog) == [TOO_MANY]
     desk.work()
-    play(desk, sent(later=5))
+    play(desk, drive_messages(later=5))
     desk.worker.idle()
     assert len(stamps(desk)) == len(SCAN_STAMPS)
 
@@ -160,7 +160,7 @@ def test_a_sensor_whose_driver_comes_back_under_another_name_is_heard_at_once() 
     desk = fusion()
     play(desk, DRIVE)
     desk.gone.add("/somebody")
-    for topic, value in sent(later=10):
+    for topic, value in drive_messages(later=10):
         desk.give(topic, value, callerid="/again")
     desk.worker.idle()
     assert len(stamps(desk)) == 2 * len(SCAN_STAMPS) and not desk.problems()
@@ -201,7 +201,7 @@ def test_clouds_come_from_compressed_images_as_from_raw_ones(usual: Desk) -> Non
         return value if value.stamp_ns % SECOND == 0 else builder.build(value, "png")
 
     desk = fusion()
-    play(desk, spoiled(DRIVE, IMAGES, stored))
+    play(desk, spoil(DRIVE, IMAGES, stored))
     desk.worker.idle()
     assert same(desk, usual)
 
@@ -238,7 +238,7 @@ def test_a_topic_that_nothing_arrives_on_is_named_with_how_to_remap_it(
     desk = fusion()
     play(desk, without(DRIVE, INFOS))
     caplog.clear()
-    desk.worker.say_silent()
+    desk.worker.log_silent()
     assert causes(caplog) == ["silent"] and INFOS in caplog.text
     assert [entry.topic for entry in desk.worker.silent] == [INFOS]
     play(desk, DRIVE)
@@ -257,6 +257,6 @@ def test_a_defect_in_a_node_is_said_with_its_traceback_once(
         play(desk, DRIVE)
     assert len([record for record in caplog.records if record.exc_info]) == 1
     assert causes(caplog) == ["RuntimeError"]
-    play(desk, sent(later=10))
+    play(desk, drive_messages(later=10))
     desk.worker.idle()
     assert len(stamps(desk)) >= len(SCAN_STAMPS)

@@ -95,26 +95,26 @@ Sent = list[tuple[str, Any]]
 """Topics and values of ``fusionslam.sensors.messages``, or ROS messages, in order."""
 
 
-def sent(seconds: float = 4.0, later: float = 0.0) -> Sent:
+def drive_messages(seconds: float = 4.0, later: float = 0.0) -> Sent:
     """A drive, ``later`` seconds after the usual one: a scan each half second."""
-    return [(NODE_TOPICS[e.topic], moved(e.message, round(later * SECOND))) for e in drive(seconds)]
+    return [(NODE_TOPICS[e.topic], shift(e.message, round(later * SECOND))) for e in drive(seconds)]
 
 
-def moved(value: Any, by_ns: int) -> Any:
+def shift(value: Any, by_ns: int) -> Any:
     """A value, that much later."""
     if isinstance(value, FrameTransforms):
         return value
     return dataclasses.replace(value, stamp_ns=value.stamp_ns + by_ns)
 
 
-def spoiled(messages: Sent, topic: str, how: Callable[[Any], Any]) -> Sent:
+def spoil(messages: Sent, topic: str, how: Callable[[Any], Any]) -> Sent:
     """All messages of a topic changed."""
     return [(name, how(value) if name == topic else value) for name, value in messages]
 
 
-def replaced(messages: Sent, topic: str, **changes: Any) -> Sent:
+def replace_values(messages: Sent, topic: str, **changes: Any) -> Sent:
     """All messages of a topic with other values."""
-    return spoiled(messages, topic, lambda value: dataclasses.replace(value, **changes))
+    return spoil(messages, topic, lambda value: dataclasses.replace(value, **changes))
 
 
 def without(messages: Sent, *topics: str) -> Sent:

@@ -12,7 +12,15 @@ import pytest
 from benchmarks.ros.world import Listener, RosWorld, wait_until
 from fusionslam.ros.environment import PACKAGE, has_ros
 
-__all__ = ["Listener", "PlayedBag", "RosWorld", "lacking", "needs_ros", "played", "wait_until"]
+__all__ = [
+    "Listener",
+    "PlayedBag",
+    "RosWorld",
+    "find_played_bag",
+    "lacking",
+    "needs_ros",
+    "wait_until",
+]
 
 _METRES, _IMAGES_HZ = 8.0, 5.0
 
@@ -53,7 +61,7 @@ class PlayedBag:
         return f"camera/rgb/{image}", f"camera/rgb/{info}"
 
 
-def played(data: Path) -> PlayedBag:
+def find_played_bag(data: Path) -> PlayedBag:
     """That of the folder of test data; where there is none, one that is made, and kept for ever."""
     path = data / "bags" / "small_house_20s.bag"
     if path.is_file():

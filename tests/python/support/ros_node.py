@@ -61,7 +61,7 @@ class Desk:
             "callerid": SOMEBODY,
             **header,
         }
-        self.worker.arrived(line, topic)
+        self.worker.enqueue(line, topic)
 
     def give(self, topic: str, *values: Any, **header: Any) -> None:
         """Messages, or values of ``fusionslam.sensors.messages``, arrive and are worked off."""

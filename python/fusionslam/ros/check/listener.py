@@ -15,7 +15,7 @@ import rospy
 from fusionslam.datasets.bags.reader import Bag, RawMessage, Topic
 from fusionslam.errors import DataError
 from fusionslam.ros.check.master import read_graph
-from fusionslam.ros.messages.types import CLOUD, IMAGES, deserialized
+from fusionslam.ros.messages.types import CLOUD, IMAGES, deserialize
 from fusionslam.ros.runtime.message_queue import Arrival, Inbox
 from fusionslam.ros.runtime.rospy_node import BUFFER_BYTES
 from fusionslam.ros.topic_choice import choose
@@ -66,10 +66,10 @@ class ObservedBag(Bag):
         try:
             if large_bytes and self._bytes > _LIMIT_BYTES:
                 raise DataError("not kept, there is too much data: listen for a shorter time")
-            content = deserialized(message, type_name)
+            content = deserialize(message, type_name)
             self._received.append(RawMessage(topic, type_name, time_ns, content))
         except DataError as error:
-            header = None if topic in TF_TOPICS else deserialized(message, "std_msgs/Header")
+            header = None if topic in TF_TOPICS else deserialize(message, "std_msgs/Header")
             rest = SimpleNamespace(header=header)
             self._received.append(_HeaderOnly(topic, type_name, time_ns, rest, str(error)))
 

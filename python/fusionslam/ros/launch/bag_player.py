@@ -40,7 +40,7 @@ class _Reports:
 
     def __init__(self) -> None:
         self._last: dict[str, tuple[Any, int]] = {}
-        rospy.Subscriber("/diagnostics", message_class(DIAGNOSTICS), self._heard)
+        rospy.Subscriber("/diagnostics", message_class(DIAGNOSTICS), self._count_report)
 
     def have(self, nodes: Collection[str]) -> bool:
         """Tell whether all nodes have reported."""
@@ -54,7 +54,7 @@ class _Reports:
         """Reset the counts."""
         self._last = {node: (None, 0) for node in self._last}
 
-    def _heard(self, message: Any) -> None:
+    def _count_report(self, message: Any) -> None:
         for status in message.status:
             values = [(e.key, e.value) for e in status.values if not e.key.startswith(_OWN_TIME)]
             before, count = self._last.get(status.hardware_id, (None, 0))
@@ -76,7 +76,7 @@ def play_bag() -> None:
         held = set(opened.topics)
     reports = _Reports()
     _wait(lambda nodes: reports.have(nodes))
-    played = _played(held)
+    played = _choose_topics(held)
     # Wait until every subscriber is connected: static transforms may come only once, at the start.
     options = ["--quiet", "--clock", "--wait-for-subscribers", "--delay", "1"]
     options += ["--rate", str(config.rate)]
@@ -115,7 +115,7 @@ def _ours(processes: Iterable[str]) -> set[str]:
     return {name for name in names if name.rpartition("/")[2] in NODES}
 
 
-def _played(held: Collection[str]) -> list[str]:
+def _choose_topics(held: Collection[str]) -> list[str]:
     """Return the topics of the bag that have subscribers and no publisher.
 
     Raises:

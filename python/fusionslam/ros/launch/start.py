@@ -26,7 +26,7 @@ def start(name: str, arguments: list[str] | None = None) -> None:
     Raises:
         SystemExit: 2 if the node cannot start, 130 if it is interrupted while starting.
     """
-    _guarded(name, lambda: _run(name, sys.argv if arguments is None else [name, *arguments]))
+    _exit_on_errors(name, lambda: _run(name, sys.argv if arguments is None else [name, *arguments]))
 
 
 def start_player() -> None:
@@ -38,10 +38,10 @@ def start_player() -> None:
         _init("bag_player")
         play_bag()
 
-    _guarded("bag_player", play)
+    _exit_on_errors("bag_player", play)
 
 
-def _guarded(name: str, action: Callable[[], None]) -> None:
+def _exit_on_errors(name: str, action: Callable[[], None]) -> None:
     try:
         need_ros()
         action()

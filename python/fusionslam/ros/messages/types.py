@@ -62,7 +62,7 @@ builder = MessageBuilder(make, ros=1)
 """Makes messages from scans, images, calibrations, odometry and transforms."""
 
 
-def deserialized(message: Any, type_name: str) -> Any:
+def deserialize(message: Any, type_name: str) -> Any:
     """Deserialise a raw message of rospy (AnyMsg) as its type. Raises DataError."""
     typed = message_class(type_name)()
     try:
@@ -98,16 +98,18 @@ def ground_pose(place: Ground) -> Any:
     """Return a geometry_msgs/Pose from x, y in metres and a heading in radians."""
     x, y, heading = (float(value) for value in place)
     position = make("geometry_msgs/Point", x=x, y=y, z=0.0)
-    return make("geometry_msgs/Pose", position=position, orientation=_turned(heading))
+    return make("geometry_msgs/Pose", position=position, orientation=_quaternion_of(heading))
 
 
 def ground_transform(place: Ground) -> Any:
     """Return a geometry_msgs/Transform from x, y in metres and a heading in radians."""
     x, y, heading = (float(value) for value in place)
     translation = make("geometry_msgs/Vector3", x=x, y=y, z=0.0)
-    return make("geometry_msgs/Transform", translation=translation, rotation=_turned(heading))
+    return make(
+        "geometry_msgs/Transform", translation=translation, rotation=_quaternion_of(heading)
+    )
 
 
-def _turned(heading: float) -> Any:
+def _quaternion_of(heading: float) -> Any:
     z, w = math.sin(heading / 2), math.cos(heading / 2)
     return make("geometry_msgs/Quaternion", x=0.0, y=0.0, z=z, w=w)

@@ -120,9 +120,9 @@ class DataFusion(Node[DataFusionConfig]):
             except (DataError, ShapeError) as error:
                 problem = f"cannot be fused: {error}; {_ROBOT}"
                 self.problems.add(self._lead, problem, *cause_of(error))
-        self._say_dropped()
+        self._log_dropped()
 
-    def _say_dropped(self) -> None:
+    def _log_dropped(self) -> None:
         for (sensor, reason), count in self._frames.dropped.items():
             if reason in _ADVICE and (sensor, reason) not in self._said:
                 self._said.add((sensor, reason))

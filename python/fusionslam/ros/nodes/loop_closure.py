@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node that finds loops, with the robot's pose, from coloured clouds (Perdomo 2019, chapter 3)."""
 
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -15,12 +14,10 @@ from fusionslam.loop_closure.detector import LoopConfig, LoopDetector
 from fusionslam.ros.messages.types import CLOUD, LOOP_CLOSURE, ground_pose, header, make, ros_time
 from fusionslam.ros.nodes.data_fusion import COLORED
 from fusionslam.ros.nodes.view_config import EMPTY, cloud_of
-from fusionslam.ros.runtime.checkpoints import SavingConfig, continued, other_settings
+from fusionslam.ros.runtime.checkpoints import SavingConfig, Settings
 from fusionslam.ros.runtime.config import CommonConfig
 from fusionslam.ros.runtime.node import Input, Node, Outlet
 from fusionslam.sensors.messages import Scan
-
-logger = logging.getLogger(__name__)
 
 LOOPS = "loop_closures"
 
@@ -46,33 +43,17 @@ class LoopClosure(Node[LoopClosureConfig]):
         self._loops = AlignedLoopDetector(
             LoopDetector(config.descriptor, config=config.loop_closure, describe=config.descriptors)
         )
-        self._saver = self.saved(config.memory, lambda path: self._loops.save(path))
-        self._go_on(self._saver.kept)
+        self._saver = self.make_saver(config.memory, lambda path: self._loops.save(path))
+        self._saver.resume(self._load, _settings(self._loops.detector))
 
-    def _go_on(self, path: Path | None) -> None:
-        if path is None:
-            return
-        with continued(path):
-            loops = AlignedLoopDetector.load(path)
-        wanted = _settings(self._loops.detector)
-        for name, stored in _settings(loops.detector).items():
-            if stored != wanted[name]:
-                raise other_settings(name, path)
-        self._loops = loops
-        logger.info("goes on with %d clouds of %s", len(loops), path)
+    def _load(self, path: Path) -> Settings:
+        self._loops = AlignedLoopDetector.load(path)
+        return _settings(self._loops.detector)
 
     @property
     def inputs(self) -> Sequence[Input]:
         """Inputs: coloured clouds."""
         return [Input(COLORED, [CLOUD], self._take)]
-
-    def idle(self) -> None:
-        """Save the descriptors so far."""
-        self._saver.write()
-
-    def close(self) -> None:
-        """Save all descriptors."""
-        self._saver.close()
 
     def _take(self, scan: Scan) -> None:
         cloud = cloud_of(scan)
@@ -83,10 +64,10 @@ class LoopClosure(Node[LoopClosureConfig]):
         if loop is not None:
             self.counts["loops"] += 1
             self.outlet.publish(LOOPS, _message(scan, loop))
-        self._saver.changed()
+        self._saver.note_change()
 
 
-def _settings(detector: LoopDetector) -> dict[str, Any]:
+def _settings(detector: LoopDetector) -> Settings:
     """Return the parameters that its memory depends on; the first cloud may fix the radius."""
     describe = detector.describe_config.model_dump(exclude={"threads", "normal_radius"})
     return {

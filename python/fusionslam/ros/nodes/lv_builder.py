@@ -32,7 +32,9 @@ class ViewBuilder(Node[ViewsConfig]):
         super().__init__(config, outlet)
         matcher = matcher_of(source_of(config))
         if matcher is None:
-            raise ConfigError("~source is 'visual', which compares images: lv_builder needs clouds")
+            raise ConfigError(
+                f"~source is {config.source!r}, which compares images: lv_builder needs clouds"
+            )
         self._comparison = matcher.comparison
         self._scenes = scene_config(matcher.config)
 

@@ -55,11 +55,13 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
         self._waiting: PosedInTime[Cloud | Scene] = PosedInTime(most=_MOST_WAITING)
         matcher = matcher_of(source_of(config))
         if matcher is None:
-            raise ConfigError("~source is 'visual': lv_dataset_creator keeps clouds or scenes")
+            raise ConfigError(
+                f"~source is {config.source!r}: lv_dataset_creator keeps clouds or scenes"
+            )
         self._comparison = matcher.comparison
         kept = scene_config(matcher.config) if config.keep == "scenes" else None
         self._recorder = SceneRecorder("a drive", scene_config=kept, max_scans=config.max_scans)
-        self._saver = self.saved(config.memory, lambda path: self._recorder.save(path))
+        self._saver = self.make_saver(config.memory, lambda path: self._recorder.save(path))
 
     @property
     def inputs(self) -> Sequence[Input]:
@@ -74,12 +76,12 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
     def idle(self) -> None:
         """Process the waiting scans: no more poses are expected."""
         self._keep(self._waiting.flush())
-        self._saver.write()
+        super().idle()
 
     def close(self) -> None:
         """Write the set."""
         self._keep(self._waiting.flush())
-        self._saver.close()
+        super().close()
 
     def report(self) -> Mapping[str, int]:
         """Count scans kept, dropped, and without a pose."""
@@ -111,4 +113,4 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
             except ClockError:
                 self.counts["of before a jump of the clock"] += 1
                 continue
-            self._saver.changed()
+            self._saver.note_change()

@@ -5,12 +5,11 @@
 It can also match images, as in the original RatSLAM.
 """
 
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from fusionslam.config import Section, option
+from fusionslam.config import option
 from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.ratslam.events import Sighting
 from fusionslam.ratslam.view_sources import TemplateSource, ViewSource, restore_source, save_source
@@ -18,12 +17,10 @@ from fusionslam.ros.messages.types import IMAGES, VIEW_DESCRIPTION, VIEW_TEMPLAT
 from fusionslam.ros.nodes.data_fusion import LEFT
 from fusionslam.ros.nodes.lv_builder import DESCRIPTIONS
 from fusionslam.ros.nodes.view_config import ViewsConfig, matcher_of, source_of
-from fusionslam.ros.runtime.checkpoints import SavingConfig, continued, other_settings
+from fusionslam.ros.runtime.checkpoints import SavingConfig, Settings
 from fusionslam.ros.runtime.node import Input, Node, Outlet
 from fusionslam.sensors.messages import Picture
 from fusionslam.views.serialization import view_from_bytes
-
-logger = logging.getLogger(__name__)
 
 TEMPLATES = "LocalView/Template"
 
@@ -44,19 +41,12 @@ class ViewMatching(Node[ViewMatchingConfig]):
     def __init__(self, config: ViewMatchingConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
         self._source = source_of(config)
-        self._saver = self.saved(config.memory, lambda path: save_source(self._source, path))
-        self._go_on(self._saver.kept)
+        self._saver = self.make_saver(config.memory, lambda path: save_source(self._source, path))
+        self._saver.resume(self._load, _settings(self._source))
 
-    def _go_on(self, path: Path | None) -> None:
-        if path is None:
-            return
-        wanted = _settings(self._source)
-        with continued(path):
-            restore_source(self._source, path)
-        for name, stored in _settings(self._source).items():
-            if stored != wanted[name]:
-                raise other_settings(name, path)
-        logger.info("goes on with %d places of %s", self._source.known, path)
+    def _load(self, path: Path) -> Settings:
+        restore_source(self._source, path)
+        return _settings(self._source)
 
     @property
     def inputs(self) -> Sequence[Input]:
@@ -64,14 +54,6 @@ class ViewMatching(Node[ViewMatchingConfig]):
         if matcher_of(self._source) is None:
             return [Input(LEFT[0], IMAGES, self._take_image)]
         return [Input(DESCRIPTIONS, [VIEW_DESCRIPTION], self._take_view)]
-
-    def idle(self) -> None:
-        """Save the views so far."""
-        self._saver.write()
-
-    def close(self) -> None:
-        """Save all views."""
-        self._saver.close()
 
     def _take_view(self, message: Any) -> None:
         matcher = matcher_of(self._source)
@@ -88,10 +70,10 @@ class ViewMatching(Node[ViewMatchingConfig]):
         self.counts["new places"] += sighting.view_id >= known
         self.counts["nothing recognised"] += sighting.view_id < 0
         self.outlet.publish(TEMPLATES, _template(sighting, frame_id, sighting.view_id >= known))
-        self._saver.changed()
+        self._saver.note_change()
 
 
-def _settings(source: ViewSource) -> dict[str, Section]:
+def _settings(source: ViewSource) -> Settings:
     """Return the parameters that its memory depends on."""
     matcher = matcher_of(source)
     if matcher is not None:

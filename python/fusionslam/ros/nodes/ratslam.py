@@ -5,7 +5,6 @@
 Source: Stastny 2022, 4.2.5.
 """
 
-import logging
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -36,12 +35,10 @@ from fusionslam.ros.messages.types import (
     make,
 )
 from fusionslam.ros.nodes.lv_matching import TEMPLATES
-from fusionslam.ros.runtime.checkpoints import SavingConfig, continued, other_settings
+from fusionslam.ros.runtime.checkpoints import SavingConfig, Settings
 from fusionslam.ros.runtime.config import CommonConfig, NodeConfig
 from fusionslam.ros.runtime.node import Input, Node, Outlet
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, FrameTransforms, Odometry
-
-logger = logging.getLogger(__name__)
 
 ACTIONS, PLACE = "PoseCell/TopologicalAction", "ExperienceMap/RobotPose"
 MAP, MAP_MARKERS, MAP_PATH = "ExperienceMap/Map", "ExperienceMap/MapMarker", "ExperienceMap/Path"
@@ -86,23 +83,18 @@ class Mapper(Node[MapperConfig]):
 
     def __init__(self, config: MapperConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
-        self._saver = self.saved(config.memory, lambda path: self._online.save(path))
-        self._online = self._begun(self._saver.kept)
+        self._saver = self.make_saver(config.memory, lambda path: self._online.save(path))
+        self._own = OnlineRatSlamConfig(ratslam=config.ratslam, order=config.order)
+        self._online = OnlineRatSlam(self._own)
+        self._saver.resume(self._load, {"ratslam": config.ratslam})
         self._visits: deque[int] = deque(maxlen=_SHOWN)
         self._shown_ns: int | None = None
         self._is_shown = True
         self._drawing_s = 0.0
 
-    def _begun(self, path: Path | None) -> OnlineRatSlam:
-        own = OnlineRatSlamConfig(ratslam=self.config.ratslam, order=self.config.order)
-        if path is None:
-            return OnlineRatSlam(own)
-        with continued(path):
-            online = OnlineRatSlam.load(path, own)
-        if online.slam.config != self.config.ratslam:
-            raise other_settings("ratslam", path)
-        logger.info("goes on with %d nodes of %s", len(online.slam.map.nodes), path)
-        return online
+    def _load(self, path: Path) -> Settings:
+        self._online = OnlineRatSlam.load(path, self._own)
+        return {"ratslam": self._online.slam.config}
 
     @property
     def inputs(self) -> Sequence[Input]:
@@ -116,12 +108,12 @@ class Mapper(Node[MapperConfig]):
         """Process waiting messages; publish and save the map."""
         self._publish(self._online.flush())
         self._show()
-        self._saver.write()
+        super().idle()
 
     def close(self) -> None:
         """Save and export the map."""
         self._publish(self._online.flush())
-        self._saver.close()
+        super().close()
         if self.config.export:
             here = self._online.live_map("live map", "odom")
             export_run(Path(self.config.export).expanduser(), here)
@@ -161,7 +153,7 @@ class Mapper(Node[MapperConfig]):
             self.counts["loops"] += step.action.kind == 2
             self.outlet.publish(ACTIONS, action_message(step, self.config.map_frame))
             self._is_shown = False
-            self._saver.changed()
+            self._saver.note_change()
         if not self._is_shown and self._is_due(step.stamp_ns):
             self._show()
 

@@ -5,8 +5,7 @@
 import logging
 import os
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from fusionslam.config import Section, option
@@ -16,6 +15,7 @@ from fusionslam.storage.files import make_folder
 
 logger = logging.getLogger(__name__)
 
+Settings = Mapping[str, object]
 _NAME = "~memory/file"
 _ADVICE = "nothing is kept until it can be written: make room, allow it, or give another file"
 
@@ -29,28 +29,6 @@ class SavingConfig(Section):
         "between two writings while something changes; a node that is killed loses no more",
         unit="s",
         gt=0,
-    )
-
-
-@contextmanager
-def continued(path: Path) -> Iterator[None]:
-    """Context for loading a node's saved state; adds advice to a DataError."""
-    try:
-        yield
-    except DataError as error:
-        raise DataError(
-            f"cannot resume from {_NAME}: {error}; move {path} away, or give another one",
-            code="bad-state",
-        ) from error
-
-
-def other_settings(name: str, path: Path) -> ConfigError:
-    """Return the error for a file that was made with other parameters than the node's."""
-    return ConfigError(
-        f"~{name} differs from what {path} was made with: set it as it was, move the file away, "
-        f"or give another {_NAME}",
-        code="other-settings",
-        fields=(f"~{name}",),
     )
 
 
@@ -76,16 +54,39 @@ class Saver:
         """The file; None if nothing is saved."""
         return Path(self._config.file).expanduser() if self._config.file else None
 
-    @property
-    def kept(self) -> Path | None:
-        """The saved state to resume from; None if there is none, or only an empty folder."""
+    def resume(self, load: Callable[[Path], Settings], wanted: Settings) -> None:
+        """Load the saved state, if there is one.
+
+        Args:
+            load: loads a file, and returns the parameters that it was made with.
+            wanted: the node's parameters.
+
+        Raises:
+            DataError: the file cannot be read.
+            ConfigError: it was made with other parameters.
+        """
         path = self.path
         # Path.exists raises if a parent folder is not accessible.
-        if path is None or not os.path.exists(path):
-            return None
-        return None if path.is_dir() and not any(path.iterdir()) else path
+        if path is None or not os.path.exists(path) or (path.is_dir() and not any(path.iterdir())):
+            return
+        try:
+            stored = load(path)
+        except DataError as error:
+            raise DataError(
+                f"cannot resume from {_NAME}: {error}; move {path} away, or give another one",
+                code="bad-state",
+            ) from error
+        for name, value in stored.items():
+            if value != wanted[name]:
+                raise ConfigError(
+                    f"~{name} differs from what {path} was made with: set it as it was, move the "
+                    f"file away, or give another {_NAME}",
+                    code="other-settings",
+                    fields=(f"~{name}",),
+                )
+        logger.info("resumed from %s", path)
 
-    def changed(self) -> None:
+    def note_change(self) -> None:
         """Note that the state changed; write it if a write is due."""
         self._is_changed = True
         self.write_if_due()
@@ -111,10 +112,10 @@ class Saver:
         try:
             self._save(self.path)
         except DataError as error:
-            self._complain(self.path, error)
+            self._report_failure(self.path, error)
             return
         self._is_changed = False
-        logger.debug("kept %s", self.path)
+        logger.debug("wrote %s", self.path)
 
     def _try(self, path: Path) -> None:
         """Check that the file's folder can be made, before the robot drives off."""
@@ -122,8 +123,8 @@ class Saver:
             with make_folder(path.parent):
                 pass
         except DataError as error:
-            self._complain(path, error)
+            self._report_failure(path, error)
 
-    def _complain(self, path: Path, error: Exception) -> None:
+    def _report_failure(self, path: Path, error: Exception) -> None:
         # The cause is on its own line, as it may name temporary files.
         self._problems.add(_NAME, f"cannot write {path}: {_ADVICE}\n{error}", "cannot-write")

@@ -18,7 +18,7 @@ def diagnostics(worker: "Worker") -> Any:
     """Return a DiagnosticArray of the node's current state."""
     import rospy
 
-    values = dict(reported(worker))
+    values = dict(list_values(worker))
     problems = [f"nothing has arrived on {entry.topic}" for entry in worker.silent]
     problems += [f"{t}: {cause}" for (t, cause), _ in worker.problems.counts.most_common(1)]
     status = make(
@@ -33,7 +33,7 @@ def diagnostics(worker: "Worker") -> Any:
     return make(DIAGNOSTICS, header=header(now, ""), status=[status])
 
 
-def reported(worker: "Worker") -> Iterator[tuple[str, str]]:
+def list_values(worker: "Worker") -> Iterator[tuple[str, str]]:
     """Yield all counts and measurements as (label, value) pairs."""
     taken = worker.inbox.taken
     for topic in worker.inputs:

@@ -75,7 +75,7 @@ class Node(ABC, Generic[C]):
         self.problems = ProblemLog()
         self.saver: Saver | None = None
 
-    def saved(self, config: SavingConfig, save: Callable[[Path], None]) -> Saver:
+    def make_saver(self, config: SavingConfig, save: Callable[[Path], None]) -> Saver:
         """Make the ``saver`` from the function that writes the file."""
         self.saver = Saver(config, save, self.problems)
         return self.saver
@@ -86,10 +86,14 @@ class Node(ABC, Generic[C]):
         """Its input topics."""
 
     def idle(self) -> None:
-        """Called once after a silence of all inputs: process what is waiting for more input."""
+        """Called once after a silence of all inputs; here: write the state."""
+        if self.saver is not None:
+            self.saver.write()
 
     def close(self) -> None:
-        """Called when the node ends: save its state."""
+        """Called when the node ends; here: write the state."""
+        if self.saver is not None:
+            self.saver.close()
 
     def report(self) -> Mapping[str, int]:
         """Return counts for /diagnostics."""

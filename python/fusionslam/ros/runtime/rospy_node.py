@@ -76,7 +76,7 @@ class Shell:
                     self._last_work = time.monotonic()
                 self._look_at_clock(time.monotonic())
         finally:
-            self._worker.guarded("closing", self._worker.node.close)
+            self._worker.run_guarded("closing", self._worker.node.close)
 
     def _look_at_clock(self, now: float) -> None:
         common = self.config.node
@@ -85,10 +85,13 @@ class Shell:
         self._worker.keep()
         if not self._looked_for_silence and now - self._started > common.patience:
             self._looked_for_silence = True
-            self._worker.say_silent()
+            self._worker.log_silent()
         if now - self._last_report >= common.report:
             self._last_report = now
-            self._worker.guarded(_REPORTS, lambda: _send(self._reports, diagnostics(self._worker)))
+            self._worker.run_guarded(_REPORTS, self._report)
+
+    def _report(self) -> None:
+        _send(self._reports, diagnostics(self._worker))
 
     def _publisher(self, topic: str, kind: type[Node[Any]]) -> rospy.Publisher:
         return rospy.Publisher(
@@ -103,7 +106,7 @@ class Shell:
         return rospy.Subscriber(
             topic,
             rospy.AnyMsg,
-            self._worker.arrived,
+            self._worker.enqueue,
             callback_args=topic,
             buff_size=BUFFER_BYTES,
             tcp_nodelay=True,

@@ -10,7 +10,7 @@ from typing import Any
 
 from fusionslam.datasets.bags.messages import is_known, value_of
 from fusionslam.errors import DataError, FusionSlamError, ShapeError, cause_of
-from fusionslam.ros.messages.types import deserialized, message_class, ros_time
+from fusionslam.ros.messages.types import deserialize, message_class, ros_time
 from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, Inbox
 from fusionslam.ros.runtime.node import Input, Node
 from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Message
@@ -52,7 +52,7 @@ class Worker:
         self.problems, self.watch, self._sent = node.problems, Stopwatch(), sent
         self.is_idle = True
 
-    def arrived(self, message: Any, topic: str) -> None:
+    def enqueue(self, message: Any, topic: str) -> None:
         """Queue a message delivered as rospy's AnyMsg; called in any thread."""
         sender = _sender(message)
         arrival = Arrival(topic, message, time.monotonic(), self._now_ns())
@@ -82,7 +82,7 @@ class Worker:
             return False
         self.is_idle = False
         before = self._sent()
-        self.guarded(arrival.topic, lambda: self._take(arrival))
+        self.run_guarded(arrival.topic, lambda: self._take(arrival))
         if self._sent() > before:
             self.watch.add("latency", time.monotonic() - arrival.seconds)
         return True
@@ -90,12 +90,12 @@ class Worker:
     def keep(self) -> None:
         """Write changed state if due; called periodically, even if no messages arrive."""
         if self.node.saver is not None:
-            self.guarded("keeping", self.node.saver.write_if_due)
+            self.run_guarded("keeping", self.node.saver.write_if_due)
 
     def idle(self) -> None:
         """Tell the node that nothing has arrived for a while."""
         self.is_idle = True
-        self.guarded("silence", self.node.idle)
+        self.run_guarded("silence", self.node.idle)
 
     @property
     def silent(self) -> list[Input]:
@@ -103,7 +103,7 @@ class Worker:
         taken = self.inbox.taken
         return [each for each in self.inputs.values() if not (each.optional or taken[each.topic])]
 
-    def say_silent(self) -> None:
+    def log_silent(self) -> None:
         """Log the silent topics, and what to do."""
         for entry in self.silent:
             logger.warning(
@@ -115,7 +115,7 @@ class Worker:
                 extra={"cause": ("silent", entry.topic)},
             )
 
-    def guarded(self, topic: str, action: Callable[[], None]) -> None:
+    def run_guarded(self, topic: str, action: Callable[[], None]) -> None:
         """Run an action; report any exception as a problem."""
         try:
             action()
@@ -133,9 +133,9 @@ class Worker:
 
     def _take(self, arrival: Arrival) -> None:
         entry = self.inputs[arrival.topic]
-        message, type_name = _typed(arrival.message, entry)
+        message, type_name = _deserialize_as_sent(arrival.message, entry)
         if not is_known(type_name):
-            entry.take(self._stamped_message(message, arrival))
+            entry.take(self._stamp_message(message, arrival))
             return
         try:
             read = value_of(message, type_name, entry.topic)
@@ -143,30 +143,28 @@ class Worker:
             raise DataError(
                 f"{error}; look at its publisher, {_sender(arrival.message)}"
             ) from error
-        value = self._stamped(read, arrival)
+        value = self._stamp_value(read, arrival)
         if value is not None:
             entry.take(value)
 
-    def _stamped_message(self, message: Any, arrival: Arrival) -> Any:
+    def _stamp_message(self, message: Any, arrival: Arrival) -> Any:
         if self._common.stamps == "arrival":
             message.header.stamp = ros_time(self._arrival_ns(arrival))
         _need_stamp(message.header.stamp.to_nsec())
         return message
 
-    def _stamped(self, value: Message, arrival: Arrival) -> Message | None:
+    def _stamp_value(self, value: Message, arrival: Arrival) -> Message | None:
         """Return the value with the stamp in force; None for transforms if none has a stamp."""
         if isinstance(value, CameraInfo):  # its stamp is not used
             return value
         if isinstance(value, FrameTransforms):
-            return self._stamped_transforms(value, arrival)
+            return self._stamp_transforms(value, arrival)
         if self._common.stamps == "arrival":
             return replace(value, stamp_ns=self._arrival_ns(arrival))
         _need_stamp(value.stamp_ns)
         return value
 
-    def _stamped_transforms(
-        self, value: FrameTransforms, arrival: Arrival
-    ) -> FrameTransforms | None:
+    def _stamp_transforms(self, value: FrameTransforms, arrival: Arrival) -> FrameTransforms | None:
         each = value.transforms
         if self._common.stamps == "arrival" and not all(one.static for one in each):
             now = self._arrival_ns(arrival)
@@ -206,7 +204,7 @@ def _need_stamp(stamp_ns: int) -> None:
         )
 
 
-def _typed(message: Any, entry: Input) -> tuple[Any, str]:
+def _deserialize_as_sent(message: Any, entry: Input) -> tuple[Any, str]:
     """Deserialise the message as its publisher's type. Raises DataError for a wrong type."""
     header, advice = message._connection_header, f"remap {entry.topic} to the right topic"
     found = header.get("type", "unknown")
@@ -223,4 +221,4 @@ def _typed(message: Any, entry: Input) -> tuple[Any, str]:
             code="other-definition",
             fields=(found,),
         )
-    return deserialized(message, found), found
+    return deserialize(message, found), found
