@@ -74,7 +74,7 @@ class Case:
         cause: code of the problem, which is logged once.
         reports: the start of what /diagnostics counts it as.
         count: how often.
-        clouds: how many come out all the same.
+        clouds: number of clouds that are published all the same.
         remedy: what has to arrive besides good messages.
     """
 

@@ -39,7 +39,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosWorld]:
 
 @dataclass(frozen=True)
 class Result:
-    """What was found: codes of problems by what was checked, rows of the overview, advice."""
+    """Codes of problems by what was checked, rows of the overview, advice."""
 
     works: bool
     problems: dict[str, str]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What ``fusionslam ros check`` finds in a robot's messages."""
+"""Findings of ``fusionslam ros check`` in a robot's messages."""
 
 import dataclasses
 from collections.abc import Iterable, Iterator

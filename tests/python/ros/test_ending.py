@@ -55,7 +55,7 @@ def test_a_parameter_that_a_node_cannot_start_with_is_named_in_one_line(
     assert process.wait(timeout=PATIENCE_S) == 2
     (line,) = world.log(name).splitlines()
     assert line.startswith(f"error: {name}: ") and parameter in line
-    # What is wrong does not stay for the next start.
+    # A wrong parameter does not stay for the next start.
     if "memory" not in argument:
         assert master_of(world).getParam(f"/wrong_{name}") == {}
 
@@ -82,7 +82,7 @@ def test_two_robots_with_other_names_and_no_place_to_write_start_and_end(world: 
     for name, process in robots.items():
         assert f"/{name}/LocalView/Template" in published and f"/{name}/views" in heard
         assert world.log(name).count("cannot write /proc/none/views") == 1
-        assert f"nothing can be written to {nowhere[name]}:" in world.log(name)
+        assert f"nothing can be written to {nowhere[name]};" in world.log(name)
         assert world.end(process, {"one": signal.SIGINT, "two": signal.SIGTERM}[name]) == 0
         assert "Traceback" not in world.log(name)
     assert "/one/views" not in state_of(world)[1]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What waits for a node is bounded, of one publisher, and what is dropped is counted."""
+"""The message queue is bounded, takes one publisher, and counts dropped messages."""
 
 import logging
 import threading
@@ -168,9 +168,7 @@ class Memory:
         path.write_text(self.text)
 
 
-def test_what_cannot_be_written_now_is_written_when_there_is_room_again(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_failed_write_is_tried_again(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     memory = Memory(tmp_path / "map")
     for memory.text, memory.broken in [("a", False), ("b", True), ("c", True)]:
         memory.saver.note_change()
@@ -182,7 +180,9 @@ def test_what_cannot_be_written_now_is_written_when_there_is_room_again(
     assert (tmp_path / "map").read_text() == "c"
 
 
-def test_what_is_lost_at_the_end_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_changes_lost_at_the_end_are_logged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     memory = Memory(tmp_path / "map", every=1e9)
     memory.broken = True
     memory.saver.note_change()
@@ -199,7 +199,7 @@ def test_ten_times_as_many_small_messages_may_wait() -> None:
 
 
 @pytest.mark.parametrize("folder", ["/proc/none", "file"])
-def test_a_place_that_cannot_be_written_is_said_at_the_start(
+def test_a_folder_that_cannot_be_written_is_logged_at_the_start(
     folder: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "file").write_text("")
@@ -208,6 +208,6 @@ def test_a_place_that_cannot_be_written_is_said_at_the_start(
     assert sum(memory.problems.counts.values()) == 1
 
 
-def test_where_nothing_changed_nothing_is_written(tmp_path: Path) -> None:
+def test_without_changes_nothing_is_written(tmp_path: Path) -> None:
     Memory(tmp_path / "map").saver.close()
     assert not list(tmp_path.iterdir())

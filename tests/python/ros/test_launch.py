@@ -133,7 +133,7 @@ def test_pictures_show_what_the_nodes_of_their_experiment_publish() -> None:
 
 
 def play(world: RosWorld, *arguments: str) -> int:
-    """What ``fusionslam ros launch bag`` ends with."""
+    """Exit code of ``fusionslam ros launch bag``."""
     code = "from fusionslam.__main__ import main; main()"
     command = [sys.executable, "-c", code, "ros", "launch", "bag", *arguments]
     return world.run("launch", command).wait(timeout=1800)

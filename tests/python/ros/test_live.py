@@ -37,7 +37,7 @@ OUTPUTS = (
 
 @dataclass(frozen=True)
 class Offline:
-    """What the commands make of the bag."""
+    """Results of the commands on the bag."""
 
     bag: PlayedBag
     clouds: list[Scan]
@@ -112,8 +112,8 @@ def assert_same_steps(found: dict[str, list[Any]], run: RatSlamRun) -> None:
         if stamp_of(each.header.stamp) <= run.stamps_ns[-1]
     ]
     assert stamps(actions) == run.stamps_ns[done].tolist()
-    told = [(each.action, each.src_id, each.dest_id) for each in actions]
-    assert told == [tuple(row) for row in run.actions[done].tolist()]
+    found_actions = [(each.action, each.src_id, each.dest_id) for each in actions]
+    assert found_actions == [tuple(row) for row in run.actions[done].tolist()]
 
 
 def assert_same_map(found: Any, run: RatSlamRun) -> None:
@@ -133,7 +133,7 @@ def assert_same_map(found: Any, run: RatSlamRun) -> None:
 
 
 def assert_same_pictures(found: dict[str, list[Any]], run: RatSlamRun) -> None:
-    """What RViz shows: the way from node to node, and nodes and links."""
+    """Messages that RViz shows: the way from node to node, and nodes and links."""
     nodes = run.node_ids[run.node_ids >= 0]
     visits = nodes[np.r_[True, nodes[1:] != nodes[:-1]]]
     way = found["/ExperienceMap/Path"][-1].poses

@@ -36,7 +36,7 @@ def stamps(listener: Listener) -> list[int]:
 
 
 def reports(listener: Listener) -> list[dict[str, str]]:
-    """What data_fusion said of itself, one after another."""
+    """Reports of data_fusion, one after another."""
     found = [message.status[0] for message in listener.messages()["/diagnostics"]]
     return [
         {"message": status.message, **{each.key: each.value for each in status.values}}

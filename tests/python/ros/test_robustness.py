@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What happens on every robot: late TF, lost images, bursts, two publishers, clocks that jump."""
+"""Everyday trouble of robots: late TF, lost images, bursts, two publishers, clocks that jump."""
 
 from dataclasses import replace
 from typing import Any
@@ -85,7 +85,7 @@ def test_transforms_that_come_after_the_first_scans_lose_none(usual: Desk) -> No
     assert same(desk, usual) and not desk.problems()
 
 
-def test_transforms_that_come_very_late_lose_the_scans_before_and_it_is_said(
+def test_transforms_that_come_very_late_lose_the_scans_before(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     desk = fusion()
@@ -166,7 +166,7 @@ def test_a_sensor_whose_driver_comes_back_under_another_name_is_heard_at_once() 
     assert len(stamps(desk)) == 2 * len(SCAN_STAMPS) and not desk.problems()
 
 
-def test_a_bag_played_twice_gives_the_same_twice_and_the_jump_is_said(
+def test_a_bag_played_twice_gives_the_same_twice_and_the_jump_is_logged(
     usual: Desk, caplog: pytest.LogCaptureFixture
 ) -> None:
     desk = fusion()
@@ -174,7 +174,7 @@ def test_a_bag_played_twice_gives_the_same_twice_and_the_jump_is_said(
     play(desk, DRIVE)
     desk.worker.idle()
     found = stamps(desk)
-    # What waited when the clock went back belongs to no time.
+    # Messages that waited when the clock went back are dropped.
     assert found[-len(SCAN_STAMPS) :] == SCAN_STAMPS
     assert found[: -len(SCAN_STAMPS)] == SCAN_STAMPS[: len(found) - len(SCAN_STAMPS)]
     assert desk.node.report()["jumps"] == 1 and len(found) >= 2 * len(SCAN_STAMPS) - 1
@@ -197,7 +197,7 @@ def test_clouds_come_from_compressed_images_as_from_raw_ones(usual: Desk) -> Non
     from fusionslam.ros.messages.types import builder
 
     def stored(value: Any) -> Any:
-        # Without loss, and some of them raw all the same.
+        # Without loss; some of them stay raw.
         return value if value.stamp_ns % SECOND == 0 else builder.build(value, "png")
 
     desk = fusion()
@@ -223,7 +223,7 @@ def test_sensors_that_do_not_stamp_are_dated_by_their_arrival() -> None:
     assert stamps(desk) == SCAN_STAMPS and not desk.problems()
 
 
-def test_arrival_without_a_clock_is_said(caplog: pytest.LogCaptureFixture) -> None:
+def test_arrival_without_a_clock_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     desk = fusion(node={"stamps": "arrival"})
     play(desk, DRIVE)
     assert {*causes(caplog)} == {"no-clock"}
@@ -245,7 +245,7 @@ def test_a_topic_that_nothing_arrives_on_is_named_with_how_to_remap_it(
     assert not desk.worker.silent
 
 
-def test_a_defect_in_a_node_is_said_with_its_traceback_once(
+def test_a_defect_in_a_node_is_logged_once_with_its_traceback(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def broken(*_: Any) -> None:

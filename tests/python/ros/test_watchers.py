@@ -29,7 +29,7 @@ OBJECTS = ("_source:=objects", "_views/threshold:=0.3")
 
 @dataclass(frozen=True)
 class Driven:
-    """What was heard of a drive, and the folder with all that nodes wrote."""
+    """Messages of a drive, and the folder that the nodes wrote to."""
 
     bag: Path
     folder: Path

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What listening to a robot has shown: the messages as a bag, its overview and a first cloud."""
+"""The messages of a robot as a bag, their overview, and the first cloud made of them."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress

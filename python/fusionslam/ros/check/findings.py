@@ -164,7 +164,7 @@ def _check_stamps(evidence: Evidence, role: str) -> Iterator[Finding]:
     if missing or repeated:
         what = f"{missing} of {len(stamps)} stamps are zero" if missing else "stamps do not rise"
         detail = (
-            f"{what}: the driver has to stamp each message anew; until it does, start the nodes "
+            f"{what}: the driver has to stamp each message; until it does, start the nodes "
             "with _node/stamps:=arrival"
         )
         code = "zero-stamps" if missing else "constant-stamps"

@@ -88,7 +88,7 @@ def _check_address(uri: str) -> str:
     place = urlparse(uri)
     try:
         if not place.hostname or not place.port:
-            return "that is no address such as http://robot:11311"
+            return "expected an address such as http://robot:11311"
         socket.create_connection((place.hostname, place.port), _PATIENCE_S).close()
     except ValueError as error:
         return str(error)

@@ -37,7 +37,7 @@ _FILES = {
     "two_stages": {"clouds"},
     "ratslam": {"clouds", "odometry"},
 }
-"""What nodes and launch files need; the launch file that does most is the last."""
+"""Needs of nodes and launch files; the launch file that does most is the last."""
 _LACKS = {
     "clouds": "there are no coloured clouds",
     "odometry": "ratslam lacks odometry",

@@ -32,7 +32,7 @@ class BagPlayerConfig(Section):
     """Configuration of the bag player."""
 
     bag: str = option("", "the bag")
-    rate: float = option(1.0, "how much faster than it was recorded", gt=0)
+    rate: float = option(1.0, "playback speed, relative to the recording", gt=0)
 
 
 class _Reports:
@@ -72,7 +72,7 @@ def play_bag() -> None:
     bag = Path(config.bag).expanduser()
     with open_bag(bag) as opened:
         if opened.kind != "rosbag1":
-            raise DataError(f"{bag} is of kind {opened.kind}, but ROS 1 plays only its own bags")
+            raise DataError(f"{bag} is of kind {opened.kind}, but ROS 1 plays only ROS 1 bags")
         held = set(opened.topics)
     reports = _Reports()
     _wait(lambda nodes: reports.have(nodes))
@@ -130,7 +130,7 @@ def _choose_topics(held: Collection[str]) -> list[str]:
         missed = ", ".join(_with_guess(each, held) for each in lacking)
         rospy.logwarn("not in the bag: %s; it has %s", missed, ", ".join(sorted(held)))
     if not wanted & set(held):
-        raise DataError("the bag has no topic that a node listens to: say which are which")
+        raise DataError("the bag has no topic that a node listens to: name its topics (scan:=...)")
     return sorted(wanted & set(held))
 
 

@@ -83,8 +83,8 @@ def _init(name: str, arguments: list[str] | None = None) -> None:
         raise _no_start(error) from error
     except (TypeError, OverflowError) as error:  # while sending parameters to the server
         raise ConfigError(
-            f"a parameter on the command line is nothing that ROS can hold ({error}); null is the "
-            "text \"'null'\""
+            f"ROS cannot store a parameter of the command line ({error}); null is the text "
+            "\"'null'\""
         ) from error
 
 

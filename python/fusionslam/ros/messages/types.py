@@ -69,7 +69,7 @@ def deserialize(message: Any, type_name: str) -> Any:
         return typed.deserialize(message._buff)
     except Exception as error:  # genpy raises exceptions of many types
         raise DataError(
-            f"no {type_name}, or cut short: {error}; look at its publisher", code="cut-short"
+            f"no {type_name}, or cut short: {error}; check its publisher", code="cut-short"
         ) from error
 
 

@@ -24,20 +24,20 @@ SCANS, COLORED, COLORING = "velodyne_points", "rgb_cloud", "rgb_image"
 LEFT = ("camera/rgb/image_raw", "camera/rgb/camera_info")
 RIGHT = ("camera/right/image_raw", "camera/right/camera_info")
 ODOM = "odom"
-_NO_POINTS = "a scan without points, or of NaN alone: look at the scanner"
+_NO_POINTS = "a scan has no points, or only NaN: check the scanner"
 _NOTHING_SEEN = (
-    "nothing is left of a scan: do camera and scanner look the same way (TF), and what does "
-    "~fusion leave out?"
+    "no point of a scan is left: do camera and scanner look the same way (TF), and what does "
+    "~fusion remove?"
 )
 _WENT_BACK = (
-    "the clock went back and all starts anew: a bag that is played again needs nothing, else look "
-    "at the sensors' clocks"
+    "the clock went back, so waiting messages are dropped: this is normal for a bag that is played "
+    "again; else check the sensors' clocks"
 )
 _ROBOT = "the robot's frame is ~online/robot_frame, or that of odometry: is it in TF?"
 _ADVICE = {
     DUPLICATE: "is its driver running twice?",
-    LATE: "~online/sync/lateness waits for what is out of order",
-    NO_IMAGE: "is the camera published, and do both sensors have one clock? How far it may be is "
+    LATE: "~online/sync/lateness waits for messages that are out of order",
+    NO_IMAGE: "is the camera published, and do both sensors have the same clock? The limit is "
     "~online/sync/max_difference",
     BUFFER_FULL: "are all sensors published, by one clock? ~online/sync/buffer holds more",
 }
@@ -46,12 +46,12 @@ _ADVICE = {
 class DataFusionConfig(CommonConfig):
     """Configuration of the node data_fusion."""
 
-    fusion: FusionConfig = option(ROBOT_FUSION, "what a cloud is made of, where it lies, ground")
+    fusion: FusionConfig = option(ROBOT_FUSION, "source, frame and ground of the clouds")
     # rospy has one thread per topic: when a bag is played five times as fast, odometry arrives up
     # to half a second of stamps after its scan, on a busy machine even later.
     online: OnlineConfig = option(
         OnlineConfig(wait=5.0),
-        "which image belongs to which scan; frames",
+        "pairing of images with scans; names of frames",
     )
 
 
@@ -73,7 +73,7 @@ class DataFusion(Node[DataFusionConfig]):
         super().__init__(config, outlet)
         self._sensors = SENSORS_OF[config.fusion.source]
         self._lead = SCANS if "points" in self._sensors else LEFT[0]
-        self._said: set[tuple[str, str]] = set()
+        self._logged: set[tuple[str, str]] = set()
         self._frames = frame_builder(config)
 
     @property
@@ -124,8 +124,8 @@ class DataFusion(Node[DataFusionConfig]):
 
     def _log_dropped(self) -> None:
         for (sensor, reason), count in self._frames.dropped.items():
-            if reason in _ADVICE and (sensor, reason) not in self._said:
-                self._said.add((sensor, reason))
+            if reason in _ADVICE and (sensor, reason) not in self._logged:
+                self._logged.add((sensor, reason))
                 why = f"{REASONS[reason]}: {_ADVICE[reason]}"
                 words, cause = "%s: %d dropped, %s; %s", (reason, sensor)
                 logger.warning(words, sensor, count, reason, why, extra={"cause": cause})

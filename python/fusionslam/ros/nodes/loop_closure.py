@@ -25,10 +25,12 @@ LOOPS = "loop_closures"
 class LoopClosureConfig(CommonConfig):
     """Configuration of the node loop_closure."""
 
-    descriptor: Literal["m2dp", "cm2dp", "shot", "cshot"] = option("cm2dp", "which one is compared")
+    descriptor: Literal["m2dp", "cm2dp", "shot", "cshot"] = option(
+        "cm2dp", "descriptor that is compared"
+    )
     descriptors: DescriptorConfig = option(DescriptorConfig(), "clouds to vectors")
     loop_closure: LoopConfig = option(LoopConfig(), "vectors to loops")
-    memory: SavingConfig = option(SavingConfig(), "the folder where descriptors are kept")
+    memory: SavingConfig = option(SavingConfig(), "folder of the descriptors")
 
 
 class LoopClosure(Node[LoopClosureConfig]):

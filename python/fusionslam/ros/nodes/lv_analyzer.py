@@ -48,17 +48,18 @@ class ViewAnalyzerConfig(CommonConfig):
     rule: Literal["paper", "author"] = option("paper", "how views are judged")
     output: str = option(
         "",
-        "folder for figures and pictures of false positives, at the end and as they come; "
-        "empty: none",
+        "folder for the figures (at the end) and pictures of false positives; empty: none",
     )
     max_pictures: int = option(
-        200, "pictures of false positives at most; later ones are counted", ge=0
+        200, "largest number of pictures of false positives; later ones are counted", ge=0
     )
     max_places: int = option(
-        5000, "places whose first image is remembered; the oldest make room", ge=1
+        5000,
+        "largest number of places whose first image is remembered; the oldest is forgotten",
+        ge=1,
     )
     image_difference: float = option(
-        0.2, "an image further from the view's stamp does not show it", unit="s", ge=0
+        0.2, "largest time between a view and its image", unit="s", ge=0
     )
 
 

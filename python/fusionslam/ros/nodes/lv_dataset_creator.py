@@ -34,13 +34,14 @@ class DatasetCreatorConfig(ViewsConfig):
     """Configuration of the node lv_dataset_creator."""
 
     keep: Literal["clouds", "scenes"] = option(
-        "clouds", "what is kept of a scan; scenes take little room, but cannot be built otherwise"
+        "clouds",
+        "content of the set; scenes are small, but cannot be built again with other values",
     )
     memory: SavingConfig = option(
         SavingConfig(file="scenes.npz", every=60.0),
-        "the scene set that is written; an older one of that name is replaced",
+        "file of the scene set; an older one of that name is replaced",
     )
-    max_scans: int = option(20_000, "scans kept at most; more are dropped and counted", ge=1)
+    max_scans: int = option(20_000, "largest number of scans; more are dropped and counted", ge=1)
 
 
 class DatasetCreator(Node[DatasetCreatorConfig]):
@@ -111,6 +112,6 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
             try:
                 self._recorder.add(stamp_ns, item, pose)
             except ClockError:
-                self.counts["of before a jump of the clock"] += 1
+                self.counts["before a jump of the clock"] += 1
                 continue
             self._saver.note_change()

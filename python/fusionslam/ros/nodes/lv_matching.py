@@ -28,7 +28,7 @@ TEMPLATES = "LocalView/Template"
 class ViewMatchingConfig(ViewsConfig):
     """Configuration of the node lv_matching."""
 
-    memory: SavingConfig = option(SavingConfig(), "where views are kept when the node ends")
+    memory: SavingConfig = option(SavingConfig(), "file of the views")
 
 
 class ViewMatching(Node[ViewMatchingConfig]):

@@ -52,16 +52,16 @@ _SHARE = 20
 class MapperConfig(CommonConfig):
     """Configuration of the node ratslam."""
 
-    ratslam: RatSlamConfig = option(RatSlamConfig(), "the cells and the map")
-    order: OrderConfig = option(OnlineRatSlamConfig().order, "in which order what arrives is taken")
-    memory: SavingConfig = option(SavingConfig(), "where the map is kept")
+    ratslam: RatSlamConfig = option(RatSlamConfig(), "pose cells and map")
+    order: OrderConfig = option(OnlineRatSlamConfig().order, "order of the messages")
+    memory: SavingConfig = option(SavingConfig(), "file of the map")
     export: str = option(
         "", "folder for the map as JSON, g2o, GraphML and TUM when the node ends; empty: none"
     )
     map_frame: str = option("map", "the frame of the map")
-    tf: bool = option(True, "whether to publish where the odometry frame is on the map, on /tf")
+    tf: bool = option(True, "whether to publish the pose of the odometry frame on the map on /tf")
     every: float = option(
-        1.0, "between two maps that are published; more where a map is large", unit="s", ge=0
+        1.0, "shortest time between two published maps; longer for large maps", unit="s", ge=0
     )
 
 

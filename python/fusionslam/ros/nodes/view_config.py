@@ -25,7 +25,7 @@ from fusionslam.views.visual_templates import VisualTemplatesConfig
 class ViewsConfig(CommonConfig):
     """How places are recognised; lv_builder and lv_matching must agree on it."""
 
-    source: str = option("alignment", "what recognises places, as fusionslam ratslam --views")
+    source: str = option("alignment", "recogniser of places, as fusionslam ratslam --views")
     views: ViewMatcherConfig = option(
         ViewMatcherConfig(threads=0), "how views of clouds are compared"
     )
@@ -56,7 +56,7 @@ def matcher_of(source: ViewSource) -> ViewMatcher | None:
 
 
 EMPTY = (
-    "the cloud is empty: does the scanner see anything, and does ~fusion of data_fusion keep it?"
+    "the cloud is empty: does the scanner see anything, and does ~fusion of data_fusion remove it?"
 )
 """Message about a cloud without points."""
 
@@ -65,7 +65,7 @@ def cloud_of(scan: Scan) -> Cloud:
     """Return the valid points with their colours. Raises DataError if they have no colours."""
     if scan.colors is None:
         raise DataError(
-            "the cloud has no colours (a point field rgb), which places are recognised by: remap "
+            "the cloud has no colours (a point field rgb), by which places are recognised: remap "
             "its topic to the coloured clouds of data_fusion",
             code="no-colours",
         )

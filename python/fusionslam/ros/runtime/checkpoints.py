@@ -17,16 +17,16 @@ logger = logging.getLogger(__name__)
 
 Settings = Mapping[str, object]
 _NAME = "~memory/file"
-_ADVICE = "nothing is kept until it can be written: make room, allow it, or give another file"
+_ADVICE = "nothing is stored until it can be written: free space, allow it, or give another file"
 
 
 class SavingConfig(Section):
     """Where a node saves its state."""
 
-    file: str = option("", "the file, with which the node goes on at its next start; empty: none")
+    file: str = option("", "file from which the node resumes at its next start; empty: none")
     every: float = option(
         10.0,
-        "between two writings while something changes; a node that is killed loses no more",
+        "time between two writes while the state changes; a killed node loses no more",
         unit="s",
         gt=0,
     )

@@ -14,31 +14,33 @@ class NodeConfig(Section):
     """Configuration shared by all nodes."""
 
     queue: int = option(
-        100, "messages of a topic that wait at most; the oldest make room and are counted", ge=1
+        100,
+        "largest number of waiting messages of a topic; older ones are dropped and counted",
+        ge=1,
     )
     stamps: Literal["header", "arrival"] = option(
-        "header", "when a message was measured: as its header says, or when it arrived"
+        "header", "time of a message: the stamp of its header, or its arrival"
     )
     idle: float = option(
         1.0,
-        "after so long a silence of all topics, by the wall clock, what waits for more is worked "
-        "off as it is",
+        "after such a silence of all topics (wall clock), waiting messages are processed as they "
+        "are, and files are written",
         unit="s",
         gt=0,
     )
     only_one: float = option(
         2.0,
-        "a second publisher of a topic is heard once the first one was silent for so long",
+        "a second publisher of a topic is used once the first has been silent for this time",
         unit="s",
         gt=0,
     )
     patience: float = option(
         10.0,
-        "after so long, by the wall clock, it is said which topics nothing has arrived on",
+        "after this time (wall clock) the node names topics without messages",
         unit="s",
         gt=0,
     )
-    report: float = option(1.0, "between two reports on /diagnostics", unit="s", gt=0)
+    report: float = option(1.0, "time between two reports on /diagnostics", unit="s", gt=0)
 
 
 class CommonConfig(Section):

@@ -67,4 +67,4 @@ def init_node(name: str, arguments: list[str] | None = None) -> None:
     if not any(isinstance(each, RosStreamHandler) for each in console.handlers):
         console.addHandler(RosStreamHandler())
         console.setLevel(logging.INFO)
-        rospy.logwarn("no log files, as nothing can be written to %s: set ROS_LOG_DIR", folder)
+        rospy.logwarn("no log files: nothing can be written to %s; set ROS_LOG_DIR", folder)

@@ -50,7 +50,7 @@ class Registration(threading.Thread):
         self._is_complete = False
         _register(master, name)
         self._is_complete = True
-        logger.warning("the ROS master was started anew: registered again")
+        logger.warning("the ROS master has restarted: registered again")
 
 
 def _register(master: Any, name: str) -> None:

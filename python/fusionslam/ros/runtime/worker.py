@@ -63,14 +63,14 @@ class Worker:
             first = self.inbox.publisher_of(topic)
             self.problems.add(
                 topic,
-                f"two publishers, {first} and {sender}: {sender} is not heard while the other one "
-                "is; stop one of them, or remap its topic",
+                f"two publishers, {first} and {sender}: messages of {sender} are dropped while the "
+                "other one publishes; stop one of them, or remap its topic",
                 SECOND_PUBLISHER,
             )
         elif lost == TOO_MANY:
             self.problems.add(
                 topic,
-                "messages come faster than they are worked off: the oldest are dropped; publish "
+                "messages arrive faster than they are processed: the oldest are dropped; publish "
                 "fewer, let the node do less (docs/guides/ros.md), or raise ~node/queue",
                 TOO_MANY,
             )
@@ -140,9 +140,7 @@ class Worker:
         try:
             read = value_of(message, type_name, entry.topic)
         except DataError as error:
-            raise DataError(
-                f"{error}; look at its publisher, {_sender(arrival.message)}"
-            ) from error
+            raise DataError(f"{error}; check its publisher, {_sender(arrival.message)}") from error
         value = self._stamp_value(read, arrival)
         if value is not None:
             entry.take(value)
