@@ -131,8 +131,8 @@ def test_a_burst_drops_the_oldest_counts_them_and_ends_well(
     image = only(DRIVE, IMAGES)[0]
     for k in range(300):
         desk.put(IMAGES, builder.build(replace(image, stamp_ns=START + k)))
-    assert desk.worker.inbox.dropped == {(IMAGES, TOO_MANY): 290}
-    assert desk.worker.inbox.taken[IMAGES] == 300
+    assert desk.worker.queue.dropped == {(IMAGES, TOO_MANY): 290}
+    assert desk.worker.queue.taken[IMAGES] == 300
     assert causes(caplog) == [TOO_MANY]
     desk.work()
     play(desk, drive_messages(later=5))
@@ -152,7 +152,7 @@ def test_of_two_publishers_the_first_is_heard(
             number += 1
     desk.worker.idle()
     assert same(desk, usual)
-    assert desk.worker.inbox.dropped == {(SCANS, SECOND_PUBLISHER): number}
+    assert desk.worker.queue.dropped == {(SCANS, SECOND_PUBLISHER): number}
     assert causes(caplog) == [SECOND_PUBLISHER]
 
 
@@ -229,7 +229,7 @@ def test_arrival_without_a_clock_is_logged(caplog: pytest.LogCaptureFixture) -> 
     assert {*causes(caplog)} == {"no-clock"}
     desk.now_ns = START
     desk.give(SCANS, only(DRIVE, SCANS)[0])
-    assert desk.node.report()["frames"] == 0 and desk.worker.inbox.taken[SCANS] == 10
+    assert desk.node.report()["frames"] == 0 and desk.worker.queue.taken[SCANS] == 10
 
 
 def test_a_topic_that_nothing_arrives_on_is_named_with_how_to_remap_it(

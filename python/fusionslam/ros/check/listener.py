@@ -16,7 +16,7 @@ from fusionslam.datasets.bags.reader import Bag, RawMessage, Topic
 from fusionslam.errors import DataError
 from fusionslam.ros.check.master import read_graph
 from fusionslam.ros.messages.types import CLOUD, IMAGES, deserialize
-from fusionslam.ros.runtime.message_queue import Arrival, Inbox
+from fusionslam.ros.runtime.message_queue import Arrival, MessageQueue
 from fusionslam.ros.runtime.rospy_node import BUFFER_BYTES
 from fusionslam.ros.topic_choice import choose
 from fusionslam.sensors.messages import Message
@@ -100,7 +100,7 @@ class TopicListener:
     Args:
         asked: topics of the nodes by role, and the remapped names of /tf and /tf_static; rospy
             itself must know no remappings, or it would remap the guesses.
-        only_one_s: as ``Inbox``.
+        only_one_s: as ``MessageQueue``.
 
     Attributes:
         bag: the messages that arrived.
@@ -115,7 +115,7 @@ class TopicListener:
     def __init__(self, asked: Mapping[str, str], only_one_s: float) -> None:
         self.bag, self.roles = ObservedBag(), dict[str, str]()
         self._asked = {role: topic for role, topic in asked.items() if role not in TF_TOPICS}
-        self._inbox = Inbox(_QUEUE, only_one_s)
+        self._waiting = MessageQueue(_QUEUE, only_one_s)
         self._subscribers: dict[str, Any] = {}
         # Subscribe before anyone publishes: a bag sends its static transforms once, at its start.
         for role in TF_TOPICS:
@@ -143,7 +143,7 @@ class TopicListener:
         begin = looked = time.monotonic()
         while (since := time.monotonic() - begin) < seconds and not done():
             progress(what, int(since), round(seconds))
-            arrival = self._inbox.get(_POLL_S)
+            arrival = self._waiting.get(_POLL_S)
             if arrival is not None:
                 self.bag.add(arrival)
             if time.monotonic() - looked > _LOOK_S:
@@ -179,4 +179,4 @@ class TopicListener:
         now_ns = rospy.Time.now().to_nsec()
         # Like the nodes, listen only to the first of two publishers.
         publisher = None if topic in TF_TOPICS else message._connection_header["callerid"]
-        self._inbox.put(Arrival(topic, message, time.monotonic(), now_ns), publisher)
+        self._waiting.put(Arrival(topic, message, time.monotonic(), now_ns), publisher)

@@ -53,8 +53,8 @@ class Check:
     Attributes:
         overview: what arrived, as ``fusionslam info`` summarises a bag.
         findings: one for each aspect checked.
-        remappings: remappings that the nodes need to find their topics.
-        again: the arguments given, together with these remappings; empty without any.
+        again: the arguments given, with the remappings that the nodes need to find their topics;
+            empty if they need none.
         nodes: the nodes that can work.
         files: the launch files that can work.
         lacking: what some nodes lack: "clouds", "odometry" or "truth".
@@ -64,7 +64,6 @@ class Check:
 
     overview: Overview
     findings: Sequence[Finding]
-    remappings: Sequence[str]
     again: Sequence[str]
     nodes: Sequence[str]
     files: Sequence[str]
@@ -75,7 +74,7 @@ class Check:
     @property
     def verdict(self) -> str:
         """Which nodes and launch files can work, and what the others lack."""
-        start = "With these remappings, this" if self.remappings else "This"
+        start = "With these remappings, this" if self.again else "This"
         launch = f" (launch files {', '.join(self.files)})" if self.files else ""
         suffices = f"{start} suffices for {', '.join(self.nodes) or 'none of the nodes'}{launch}"
         return "; ".join([suffices, *(_LACKS[what] for what in self.lacking)]) + "."
@@ -182,7 +181,6 @@ def judge(evidence: Evidence) -> Check:
     return Check(
         overview=evidence.overview,
         findings=[*list_findings(evidence)],
-        remappings=remappings,
         again=[*others, *remappings] if remappings else [],
         nodes=[name for name, needs in _NODES.items() if needs <= present],
         files=files,

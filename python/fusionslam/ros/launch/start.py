@@ -59,19 +59,19 @@ def _run(name: str, arguments: list[str]) -> None:
     to_rosout = ToRosout()
     logging.getLogger("fusionslam").addHandler(to_rosout)
     logging.getLogger(__package__).setLevel(logging.INFO)
-    from fusionslam.ros.runtime.rospy_node import Shell
+    from fusionslam.ros.runtime.rospy_node import RospyNode
 
     try:
-        shell = Shell(kind)
+        node = RospyNode(kind)
     except (OSError, rospy.ROSException) as error:  # while reading parameters from the master
         raise _no_start(error) from error
     except ConfigError:
         _forget_parameters(arguments)
         raise
-    to_rosout.problems = shell.problems
-    heard = ", ".join(rospy.resolve_name(topic) for topic in shell.inputs)
+    to_rosout.problems = node.problems
+    heard = ", ".join(rospy.resolve_name(topic) for topic in node.inputs)
     rospy.loginfo("%s is ready: it listens to %s", kind.name, heard)
-    shell.run()
+    node.run()
 
 
 def _init(name: str, arguments: list[str] | None = None) -> None:

@@ -35,10 +35,10 @@ def diagnostics(worker: "Worker") -> Any:
 
 def list_values(worker: "Worker") -> Iterator[tuple[str, str]]:
     """Yield all counts and measurements as (label, value) pairs."""
-    taken = worker.inbox.taken
+    taken = worker.queue.taken
     for topic in worker.inputs:
         yield f"received {topic}", str(taken[topic])
-    for (topic, reason), count in sorted(worker.inbox.dropped.items()):
+    for (topic, reason), count in sorted(worker.queue.dropped.items()):
         yield f"dropped {topic}: {reason}", str(count)
     for what, count in worker.node.report().items():
         yield what, str(count)

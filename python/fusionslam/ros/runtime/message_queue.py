@@ -31,7 +31,7 @@ class Arrival:
     stamp_ns: int = 0
 
 
-class Inbox:
+class MessageQueue:
     """Takes messages from any thread and returns them in the order of arrival.
 
     Args:

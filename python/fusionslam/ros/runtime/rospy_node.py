@@ -22,7 +22,7 @@ _POLL_S = 0.1
 _REPORTS = "/diagnostics"
 
 
-class Shell:
+class RospyNode:
     """Runs one node until ROS shuts down.
 
     Args:

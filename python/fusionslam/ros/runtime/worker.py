@@ -11,7 +11,7 @@ from typing import Any
 from fusionslam.datasets.bags.messages import is_known, value_of
 from fusionslam.errors import DataError, FusionSlamError, ShapeError, cause_of
 from fusionslam.ros.messages.types import deserialize, message_class, ros_time
-from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, Inbox
+from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, MessageQueue
 from fusionslam.ros.runtime.node import Input, Node
 from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Message
 from fusionslam.storage.timer import Stopwatch
@@ -31,7 +31,7 @@ class Worker:
 
     Attributes:
         inputs: the node's inputs by topic.
-        inbox: the waiting messages.
+        queue: the waiting messages.
         problems: the node's problem log.
         watch: latencies, from the arrival of messages until what they led to is published.
         is_idle: whether nothing arrived since ``idle``.
@@ -48,7 +48,7 @@ class Worker:
         self.node, self._full_name, self._now_ns = node, full_name, now_ns
         self._common = node.config.node
         self.inputs = {each.topic: each for each in node.inputs}
-        self.inbox = Inbox(self._common.queue, self._common.only_one, is_there)
+        self.queue = MessageQueue(self._common.queue, self._common.only_one, is_there)
         self.problems, self.watch, self._sent = node.problems, Stopwatch(), sent
         self.is_idle = True
 
@@ -58,9 +58,9 @@ class Worker:
         arrival = Arrival(topic, message, time.monotonic(), self._now_ns())
         entry = self.inputs[topic]
         publisher = None if entry.shared else sender
-        lost = self.inbox.put(arrival, publisher, is_small=entry.small)
+        lost = self.queue.put(arrival, publisher, is_small=entry.small)
         if lost == SECOND_PUBLISHER:
-            first = self.inbox.publisher_of(topic)
+            first = self.queue.publisher_of(topic)
             self.problems.add(
                 topic,
                 f"two publishers, {first} and {sender}: messages of {sender} are dropped while the "
@@ -77,7 +77,7 @@ class Worker:
 
     def work(self, timeout_s: float) -> bool:
         """Process the message that waited longest; return False if none comes within the time."""
-        arrival = self.inbox.get(timeout_s)
+        arrival = self.queue.get(timeout_s)
         if arrival is None:
             return False
         self.is_idle = False
@@ -100,7 +100,7 @@ class Worker:
     @property
     def silent(self) -> list[Input]:
         """Required inputs that have not received anything."""
-        taken = self.inbox.taken
+        taken = self.queue.taken
         return [each for each in self.inputs.values() if not (each.optional or taken[each.topic])]
 
     def log_silent(self) -> None:

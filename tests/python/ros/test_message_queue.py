@@ -14,25 +14,25 @@ from hypothesis import strategies as st
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.ros.runtime.checkpoints import Saver, SavingConfig
 from fusionslam.ros.runtime.config import CommonConfig, from_parameters
-from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, Inbox
+from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, MessageQueue
 from fusionslam.ros.runtime.problem_log import ProblemLog
 from ros_node import causes
 
 ONE = "/driver"
 
 
-def drain(inbox: Inbox) -> list[Any]:
+def drain(queue: MessageQueue) -> list[Any]:
     found = []
-    while arrival := inbox.get(0.0):
+    while arrival := queue.get(0.0):
         found.append(arrival.message)
     return found
 
 
 def test_messages_of_all_topics_come_out_in_the_order_in_which_they_came() -> None:
-    inbox = Inbox(limit=9, only_one_s=2.0)
+    queue = MessageQueue(limit=9, only_one_s=2.0)
     for number in range(9):
-        inbox.put(Arrival("abc"[number % 3], number, 0.0), ONE)
-    assert drain(inbox) == list(range(9))
+        queue.put(Arrival("abc"[number % 3], number, 0.0), ONE)
+    assert drain(queue) == list(range(9))
 
 
 @given(
@@ -43,11 +43,11 @@ def test_messages_of_all_topics_come_out_in_the_order_in_which_they_came() -> No
 def test_a_burst_keeps_the_newest_and_counts_the_rest(
     topics: list[str], limit: int, pauses: set[int]
 ) -> None:
-    inbox, out = Inbox(limit, 2.0), 0
+    queue, out = MessageQueue(limit, 2.0), 0
     lists: dict[str, list[int]] = {name: [] for name in "abc"}
     lost = dict.fromkeys("abc", 0)
     for number, topic in enumerate(topics):
-        dropped = inbox.put(Arrival(topic, number, 0.0), ONE)
+        dropped = queue.put(Arrival(topic, number, 0.0), ONE)
         lists[topic].append(number)
         assert dropped == (TOO_MANY if len(lists[topic]) > limit else None)
         if dropped:
@@ -55,60 +55,60 @@ def test_a_burst_keeps_the_newest_and_counts_the_rest(
             lists[topic].pop(0)
         if number in pauses:
             first = min(each[0] for each in lists.values() if each)
-            arrival = inbox.get(0.0)
+            arrival = queue.get(0.0)
             assert arrival is not None and arrival.message == first
             lists[arrival.topic].pop(0)
             out += 1
-    assert {name: inbox.dropped[name, TOO_MANY] for name in "abc"} == lost
-    rest = drain(inbox)
+    assert {name: queue.dropped[name, TOO_MANY] for name in "abc"} == lost
+    rest = drain(queue)
     assert rest == sorted(number for each in lists.values() for number in each)
-    assert sum(inbox.taken.values()) == len(topics) == out + len(rest) + sum(lost.values())
+    assert sum(queue.taken.values()) == len(topics) == out + len(rest) + sum(lost.values())
 
 
 def test_a_second_publisher_is_heard_only_when_the_first_was_silent() -> None:
-    inbox = Inbox(limit=9, only_one_s=2.0)
-    assert inbox.put(Arrival("scan", "a", 0.0), "/one") is None
-    assert inbox.put(Arrival("scan", "b", 1.9), "/two") == SECOND_PUBLISHER
-    assert inbox.put(Arrival("scan", "c", 2.0), "/one") is None
-    assert inbox.put(Arrival("scan", "d", 4.0), "/two") == SECOND_PUBLISHER
-    assert inbox.put(Arrival("scan", "e", 4.1), "/two") is None
-    assert inbox.put(Arrival("scan", "f", 4.2), "/one") == SECOND_PUBLISHER
-    assert drain(inbox) == ["a", "c", "e"] and inbox.publisher_of("scan") == "/two"
-    assert inbox.dropped == {("scan", SECOND_PUBLISHER): 3}
+    queue = MessageQueue(limit=9, only_one_s=2.0)
+    assert queue.put(Arrival("scan", "a", 0.0), "/one") is None
+    assert queue.put(Arrival("scan", "b", 1.9), "/two") == SECOND_PUBLISHER
+    assert queue.put(Arrival("scan", "c", 2.0), "/one") is None
+    assert queue.put(Arrival("scan", "d", 4.0), "/two") == SECOND_PUBLISHER
+    assert queue.put(Arrival("scan", "e", 4.1), "/two") is None
+    assert queue.put(Arrival("scan", "f", 4.2), "/one") == SECOND_PUBLISHER
+    assert drain(queue) == ["a", "c", "e"] and queue.publisher_of("scan") == "/two"
+    assert queue.dropped == {("scan", SECOND_PUBLISHER): 3}
 
 
 def test_after_a_driver_is_gone_the_next_one_is_heard_at_once() -> None:
     there = {"/one", "/two"}
-    inbox = Inbox(9, 2.0, is_there=lambda topic, publisher: publisher in there)
-    inbox.put(Arrival("scan", "a", 0.0), "/one")
+    queue = MessageQueue(9, 2.0, is_there=lambda topic, publisher: publisher in there)
+    queue.put(Arrival("scan", "a", 0.0), "/one")
     there.remove("/one")
-    assert inbox.put(Arrival("scan", "b", 0.1), "/two") is None
-    assert drain(inbox) == ["a", "b"] and not inbox.dropped
+    assert queue.put(Arrival("scan", "b", 0.1), "/two") is None
+    assert drain(queue) == ["a", "b"] and not queue.dropped
 
 
 def test_topics_that_many_publish_on_hear_all() -> None:
-    inbox = Inbox(9, 2.0)
+    queue = MessageQueue(9, 2.0)
     for number in range(90):
-        assert inbox.put(Arrival("/tf", number, 0.0), None) is None
-    assert inbox.put(Arrival("/tf", 90, 0.0), None) == TOO_MANY
-    assert drain(inbox) == list(range(1, 91))
+        assert queue.put(Arrival("/tf", number, 0.0), None) is None
+    assert queue.put(Arrival("/tf", 90, 0.0), None) == TOO_MANY
+    assert drain(queue) == list(range(1, 91))
 
 
 def test_many_threads_lose_and_double_nothing() -> None:
-    inbox, count, problems = Inbox(10_000, 2.0), 500, ProblemLog()
+    queue, count, problems = MessageQueue(10_000, 2.0), 500, ProblemLog()
 
     def work(name: str) -> None:
         for number in range(count):
-            inbox.put(Arrival(name, (name, number), 0.0), ONE)
+            queue.put(Arrival(name, (name, number), 0.0), ONE)
             problems.add("scan", f"{number} is wrong", "wrong")
-            assert sum(problems.counts.values()) and sum(inbox.taken.values())
+            assert sum(problems.counts.values()) and sum(queue.taken.values())
 
     threads = [threading.Thread(target=work, args=(name,)) for name in "abcd"]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    found = drain(inbox)
+    found = drain(queue)
     assert sorted(found) == [(name, number) for name in "abcd" for number in range(count)]
     (((topic, _), total),) = problems.counts.items()
     assert (topic, total) == ("scan", 4 * count)
@@ -191,10 +191,10 @@ def test_changes_lost_at_the_end_are_logged(
 
 
 def test_ten_times_as_many_small_messages_may_wait() -> None:
-    inbox = Inbox(limit=3, only_one_s=1.0)
-    lost = [inbox.put(Arrival("odom", k, 0.0, 0), "/base", is_small=True) for k in range(31)]
+    queue = MessageQueue(limit=3, only_one_s=1.0)
+    lost = [queue.put(Arrival("odom", k, 0.0, 0), "/base", is_small=True) for k in range(31)]
     assert lost == [None] * 30 + [TOO_MANY]
-    first = inbox.get(0.0)
+    first = queue.get(0.0)
     assert first is not None and first.message == 1
 
 
