@@ -81,7 +81,7 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="put it into the docs")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        text = table(HEADER, [judged(case) for case in cases(data_folder(), Path(scratch))])
+        text = table(HEADER, [judge_case(case) for case in cases(data_folder(), Path(scratch))])
     print(text)
     if arguments.write:
         write_between(PAGE, "calibration", text)
@@ -89,14 +89,14 @@ def main() -> None:
 
 def cases(data: Path, scratch: Path) -> Iterator[Case]:
     """Real and simulated recordings, as they are and with what was put in."""
-    drive = opened(data / "kitti" / "raw_2011_09_26")
+    drive = open_bag_dataset(data / "kitti" / "raw_2011_09_26")
     yield from turns("KITTI raw", drive, len(drive))
-    yield from turns(BAG.name, opened(data / BAG), 20)
+    yield from turns(BAG.name, open_bag_dataset(data / BAG), 20)
     for delay in (DELAY_S, -DELAY_S):
-        late = restamped(data / BAG, delay, scratch / f"{delay}.bag")
-        yield Case(BAG.name, opened(late), f"images stamped {delay:+g} s", 40)
-    yield Case("KITTI object", opened(data / "kitti" / "object"), "nothing", 1)
-    yield Case("simulated town", opened(embedded_drive()), "nothing", 10)
+        late = restamp_bag(data / BAG, delay, scratch / f"{delay}.bag")
+        yield Case(BAG.name, open_bag_dataset(late), f"images stamped {delay:+g} s", 40)
+    yield Case("KITTI object", open_bag_dataset(data / "kitti" / "object"), "nothing", 1)
+    yield Case("simulated town", open_bag_dataset(embedded_drive()), "nothing", 10)
 
 
 def turns(name: str, recording: Recording, frames: int) -> Iterator[Case]:
@@ -106,11 +106,11 @@ def turns(name: str, recording: Recording, frames: int) -> Iterator[Case]:
     yield Case(name, Turned(recording, WRONG_TURN), words, frames)
 
 
-def opened(path: Path) -> fusionslam.Dataset:
+def open_bag_dataset(path: Path) -> fusionslam.Dataset:
     return fusionslam.open_dataset(path, sensors=["points", "left"])
 
 
-def restamped(bag: Path, seconds: float, copy: Path) -> Path:
+def restamp_bag(bag: Path, seconds: float, copy: Path) -> Path:
     """A copy of a bag whose images claim to be taken that much later than they were."""
     delay = round(seconds * 1e9)
     with open_bag(bag) as source, open_writer(copy, images="jpeg") as target:
@@ -122,7 +122,7 @@ def restamped(bag: Path, seconds: float, copy: Path) -> Path:
     return copy
 
 
-def judged(case: Case) -> list[object]:
+def judge_case(case: Case) -> list[object]:
     """A row of the table."""
     found = check_calibration(case.recording, CalibrationCheckConfig(frames=case.frames))
     angles = ", ".join(f"{angle:+.1f}" for angle in found.turn.degrees)

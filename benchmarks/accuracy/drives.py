@@ -61,7 +61,7 @@ def drives_table() -> str:
     for name, world in worlds():
         assert world.map is not None
         for length_m in LENGTHS:
-            found = list(planned(world.map, length_m))
+            found = list(plan_drives(world.map, length_m))
             all_planned += found
             rows.append([name, f"{length_m:.0f}" if length_m else "none", *driven(found)])
         if world.trajectory is not None:
@@ -76,7 +76,7 @@ def worlds() -> Iterator[tuple[str, World]]:
         yield name, load_world(path)
 
 
-def planned(grid: OccupancyMap, length_m: float | None) -> Iterator[Drive]:
+def plan_drives(grid: OccupancyMap, length_m: float | None) -> Iterator[Drive]:
     """A drive for each seed; DataError where one does not keep its clearance."""
     for seed in SEEDS:
         config = PlanConfig(seed=seed, length_m=length_m)
@@ -92,7 +92,10 @@ def driven(drives: list[Drive]) -> list[str]:
     paths = [drive.trajectory for drive in drives]
     metres = spread(path.length_m for path in paths)
     seconds = spread(path.duration_s for path in paths)
-    near = [[100 * covered(d.trajectory, d.room, within) for d in drives] for within in (1, 1.5)]
+    near = [
+        [100 * measure_coverage(d.trajectory, d.room, within) for d in drives]
+        for within in (1, 1.5)
+    ]
     back = zip(*(revisits(path) for path in paths), strict=True)
     shares = [*near, *([100 * share for share in shares] for shares in back)]
     times = [drive.seconds for drive in drives if drive.seconds is not None]
@@ -106,7 +109,7 @@ def spread(values: Iterable[float], digits: int = 0) -> str:
     return " to ".join(dict.fromkeys(ends))
 
 
-def covered(path: Trajectory, room: OccupancyMap, within_m: float) -> float:
+def measure_coverage(path: Trajectory, room: OccupancyMap, within_m: float) -> float:
     """Share of the room's reachable cells that are so near to a place of the path."""
     cells = np.column_stack(room.centres(*np.nonzero(room.reachable)))
     apart, _ = cKDTree(np.column_stack([path.x, path.y])).query(cells)

@@ -93,7 +93,7 @@ def main() -> None:
     arguments = parser.parse_args()
     header = ["world", "sensor", "points", "ground", *removals("robot", 0.1)]
     found = list(cases())
-    text = f"{table(header, [judged(case) for case in found])}\n\n{with_values_of_a_car(found)}"
+    text = f"{table(header, [judge_case(case) for case in found])}\n\n{with_values_of_a_car(found)}"
     print(text)
     if arguments.write:
         write_between(PAGE, "ground", text)
@@ -110,7 +110,7 @@ def removals(frame: CloudFrame, low: float) -> dict[str, Removal]:
     }
 
 
-def judged(case: Case) -> list[object]:
+def judge_case(case: Case) -> list[object]:
     """A row of the table: precision, recall and time of each way."""
     scores = {name: Score() for name in removals(case.frame, case.low)}
     times: dict[str, list[float]] = {name: [] for name in scores}

@@ -124,8 +124,8 @@ def unlike(first: Floats, second: Floats) -> float:
 def row(name: str) -> list[object]:
     """A world's size, how well its two scenes agree, and what it takes to make it."""
     indoor_textures.cache_clear()
-    world, cold = made(name)
-    _, warm = made(name)
+    world, cold = time_world(name)
+    _, warm = time_world(name)
     corners = world.visual.mesh.triangles.reshape(-1, 3)
     size = " x ".join(f"{metres:.1f}" for metres in np.ptp(corners, axis=0))
     triangles = [f"{len(scene.mesh):,}" for scene in (world.visual, world.collision)]
@@ -134,7 +134,7 @@ def row(name: str) -> list[object]:
     return [name, f"{size} m", *triangles, len(world.visual.names), close, *times]
 
 
-def made(name: str) -> tuple[World, float]:
+def time_world(name: str) -> tuple[World, float]:
     """A world and the processor time it took, seconds."""
     start = time.process_time()
     world = make_indoor(INDOOR_WORLDS[name].config())

@@ -138,7 +138,7 @@ def with_false_matches(course: Course, share: float, seed: int = 0) -> tuple[lis
         apart = np.linalg.norm(np.array(first).reshape(-1, 2) - here, axis=1)
         elsewhere = np.flatnonzero(apart > 2 * radius)
         if sighting.view_id == NO_VIEW or chance >= share or not elsewhere.size:
-            told.append(_renumbered(sighting, here, known, first))
+            told.append(_renumber(sighting, here, known, first))
             continue
         view = int(elsewhere[int(which * elsewhere.size)])
         told.append(Sighting(sighting.stamp_ns, view, reason="told wrongly"))
@@ -146,7 +146,7 @@ def with_false_matches(course: Course, share: float, seed: int = 0) -> tuple[lis
     return told, wrong
 
 
-def _renumbered(
+def _renumber(
     sighting: Sighting,
     here: NDArray[np.float64],
     known: dict[int, int],

@@ -64,7 +64,7 @@ def main() -> None:
     rendered = list(drives())
     found = {
         "ratslam-visual-odometry": table(
-            HEADER, [row for seen in (*rendered, *made_drives()) for row in rows(seen)]
+            HEADER, [row for seen in (*rendered, *simulate_drives()) for row in rows(seen)]
         ),
         "ratslam-camera": table(MAPS, [row for seen in rendered for row in map_rows(seen)]),
     }
@@ -88,7 +88,7 @@ def drives() -> Iterator[Seen]:
         )
 
 
-def made_drives() -> Iterator[Seen]:
+def simulate_drives() -> Iterator[Seen]:
     for name in MADE:
         drive = open_drive(build_recording(Path(name)))
         made = drive.images()

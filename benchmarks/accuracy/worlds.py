@@ -40,14 +40,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true", help="put the table into the docs")
     arguments = parser.parse_args()
-    rows = [row for name in WORLDS for row in compared(data_folder(), name)]
+    rows = [row for name in WORLDS for row in compare_world(data_folder(), name)]
     text = table(HEADER, rows)
     print(text)
     if arguments.write:
         write_between(PAGE, "files", text)
 
 
-def compared(data: Path, name: str) -> list[list[object]]:
+def compare_world(data: Path, name: str) -> list[list[object]]:
     """A row for the visual and one for the collision shapes of a world."""
     pair = load_world(data / "worlds" / f"{name}.glb"), load_world(data / "worlds_sdf" / name)
     rows: list[list[object]] = []

@@ -22,11 +22,11 @@ class ShapesTrainingConfig(Section):
 
     network: PointNetConfig = option(PointNetConfig(), "sizes of the network")
     head: HeadConfig = option(HeadConfig(), "the classifier")
-    optimiser: OptimiserConfig = option(OptimiserConfig(epochs=12), "how it is trained")
-    augment: AugmentConfig = option(AugmentConfig(), "how shapes are varied")
-    procedural: ProceduralConfig = option(ProceduralConfig(), "shapes that need no download")
-    points: int = option(512, "points of a shape that the network sees", ge=1)
-    batch: int = option(32, "shapes in a batch", ge=2)
+    optimiser: OptimiserConfig = option(OptimiserConfig(epochs=12), "optimiser")
+    augment: AugmentConfig = option(AugmentConfig(), "augmentation of shapes")
+    procedural: ProceduralConfig = option(ProceduralConfig(), "procedural shapes")
+    points: int = option(512, "points per shape given to the network", ge=1)
+    batch: int = option(32, "shapes per batch", ge=2)
     penalty: float = option(0.001, "weight of the input transform's penalty (Qi 2016)", ge=0)
 
 

@@ -28,12 +28,10 @@ class SightAugmentConfig(Section):
     """Augmentation of sights; values per batch are the same for all sights in it."""
 
     jitter_m: float = option(0.01, "standard deviation of each coordinate", unit="m", ge=0)
-    dropout: float = option(
-        0.4, "up to this share of the points of a sight is left out", ge=0, lt=1
-    )
-    mirror: bool = option(True, "every second batch has left and right exchanged")
-    recolor: bool = option(True, "a batch's colour channels are exchanged, inverted or scaled")
-    light: float = option(0.15, "a sight is up to this share brighter or darker", ge=0, lt=1)
+    dropout: float = option(0.4, "largest share of points dropped from a sight", ge=0, lt=1)
+    mirror: bool = option(True, "mirror left and right in every second batch")
+    recolor: bool = option(True, "permute, invert or scale the colour channels of a batch")
+    light: float = option(0.15, "largest relative change of a sight's brightness", ge=0, lt=1)
 
 
 class MetricTrainingConfig(Section):
@@ -42,13 +40,13 @@ class MetricTrainingConfig(Section):
     network: PointNetConfig = option(
         PointNetConfig(embedding=256, colors=True, normalisation="robot"), "sizes of the network"
     )
-    optimiser: OptimiserConfig = option(OptimiserConfig(epochs=20), "how it is trained")
-    augment: SightAugmentConfig = option(SightAugmentConfig(), "how sights are varied")
-    pairs: PairConfig = option(PairConfig(), "what the same place is, and pairs that are judged")
-    points: int = option(512, "points of a sight that the network sees", ge=1)
-    batch: int = option(48, "pairs in a batch", ge=2)
-    worlds: int = option(3, "worlds in a batch: few make the other places look alike", ge=1)
-    batches: int = option(60, "batches in an epoch", ge=1)
+    optimiser: OptimiserConfig = option(OptimiserConfig(epochs=20), "optimiser")
+    augment: SightAugmentConfig = option(SightAugmentConfig(), "augmentation of sights")
+    pairs: PairConfig = option(PairConfig(), "limits of the same place, and test pairs")
+    points: int = option(512, "points per sight given to the network", ge=1)
+    batch: int = option(48, "pairs per batch", ge=2)
+    worlds: int = option(3, "worlds per batch: the fewer, the more alike are the negatives", ge=1)
+    batches: int = option(60, "batches per epoch", ge=1)
     temperature: float = option(0.1, "of the similarities", gt=0)
     penalty: float = option(0.001, "weight of the input transform's penalty (Qi 2016)", ge=0)
 

@@ -22,14 +22,12 @@ class ComparisonTrainingConfig(Section):
     """Training of the comparison."""
 
     network: ComparisonConfig = option(ComparisonConfig(), "sizes of the network")
-    optimiser: OptimiserConfig = option(
-        OptimiserConfig(epochs=30, weight_decay=1e-3), "how it is trained"
-    )
+    optimiser: OptimiserConfig = option(OptimiserConfig(epochs=30, weight_decay=1e-3), "optimiser")
     pairs: PairConfig = option(PairConfig(), "pairs of sights")
     held_out: float = option(
-        0.3, "share of each world, apart from the rest, that pairs are judged on", gt=0, lt=1
+        0.3, "share of each world, spatially apart from the rest, kept for test pairs", gt=0, lt=1
     )
-    batch: int = option(256, "pairs in a batch", ge=2)
+    batch: int = option(256, "pairs per batch", ge=2)
 
 
 def features_of(network: PointNet, places: Places) -> Floats32:

@@ -26,8 +26,8 @@ class SamePlaceConfig(Section):
     angle_deg: float = option(36.0, "headings are nearer than this", unit="deg", gt=0, le=180)
     doubt_m: float = option(
         1.0,
-        "unlike sights nearer than this, and turned less than twice angle_deg, count for "
-        "neither in metric learning",
+        "metric learning ignores other pairs nearer than this and rotated by less than twice "
+        "angle_deg",
         unit="m",
         ge=0,
     )
@@ -148,10 +148,12 @@ def split_places(places: Places, share: float) -> tuple[Places, Places]:
 class PairConfig(Section):
     """Selection of the pairs of sights for training and evaluation."""
 
-    place: SamePlaceConfig = option(SamePlaceConfig(), "what the same place is")
-    most: int = option(20_000, "pairs of the same place, at most", ge=1)
+    place: SamePlaceConfig = option(SamePlaceConfig(), "limits of the same place")
+    most: int = option(20_000, "most pairs of the same place", ge=1)
     unlike: float = option(3.0, "pairs of different places for each pair of the same", gt=0)
-    near_m: float = option(4.0, "every second of these pairs is nearer than this", unit="m", ge=0)
+    near_m: float = option(
+        4.0, "half of the pairs of different places are nearer than this", unit="m", ge=0
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,10 +39,10 @@ class ShapeSet:
 class ProceduralConfig(Section):
     """Procedural shapes, which need no download."""
 
-    seed: int = option(0, "decides proportions and points", ge=0)
-    train: int = option(60, "shapes of each class to train on", ge=1)
-    test: int = option(15, "shapes of each class to judge on", ge=1)
-    points: int = option(1024, "points of a shape", ge=1)
+    seed: int = option(0, "seed of proportions and points", ge=0)
+    train: int = option(60, "training shapes per class", ge=1)
+    test: int = option(15, "test shapes per class", ge=1)
+    points: int = option(1024, "points per shape", ge=1)
 
 
 def generate_shapes(config: ProceduralConfig) -> tuple[ShapeSet, ShapeSet]:

@@ -30,19 +30,23 @@ from fusionslam.storage.progress import Progress
 class SimulatedPlacesConfig(Section):
     """The worlds, and the poses that they are seen from."""
 
-    seed: int = option(0, "decides worlds and poses", ge=0)
+    seed: int = option(0, "seed of worlds and poses", ge=0)
     kinds: tuple[Literal["house", "hospital", "warehouse"], ...] = option(
         ("house", "hospital", "warehouse"), "kinds of world, in turn", min_length=1
     )
     worlds: int = option(18, "number of worlds", ge=1, le=1000)
     places: int = option(60, "places in each world", ge=1)
     sights: int = option(6, "sights of each place", ge=2)
-    spread_m: float = option(0.3, "sights lie this far around the place", unit="m", ge=0)
-    spread_deg: float = option(20.0, "and are turned by this much either way", unit="deg", ge=0)
-    clearance_m: float = option(0.35, "room between the robot's middle and things", unit="m", gt=0)
+    spread_m: float = option(
+        0.3, "largest offset of a sight from its place, in x and y", unit="m", ge=0
+    )
+    spread_deg: float = option(
+        20.0, "largest rotation of a sight, to either side", unit="deg", ge=0
+    )
+    clearance_m: float = option(0.35, "free space around the robot's centre", unit="m", gt=0)
     ground_m: float = option(0.1, "points not above this are dropped", unit="m")
-    least: int = option(50, "points that a sight must have", ge=1)
-    robot: str = option("turtlebot3_waffle_pi", "the robot, whose first LiDAR sees")
+    least: int = option(50, "fewest points of a sight", ge=1)
+    robot: str = option("turtlebot3_waffle_pi", "the robot; its first LiDAR records the sights")
 
 
 def simulate_places(

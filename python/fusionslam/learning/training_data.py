@@ -28,10 +28,11 @@ class SimulatedConfig(Section):
     """The simulated worlds for training, and other ones for evaluation."""
 
     train: SimulatedPlacesConfig = option(
-        SimulatedPlacesConfig(seed=1, worlds=48), "worlds to train on"
+        SimulatedPlacesConfig(seed=1, worlds=48), "training worlds"
     )
     judged: SimulatedPlacesConfig = option(
-        SimulatedPlacesConfig(seed=101, worlds=9, places=10), "worlds to judge and calibrate on"
+        SimulatedPlacesConfig(seed=101, worlds=9, places=10),
+        "worlds for evaluation and calibration",
     )
 
 

@@ -29,10 +29,10 @@ Progress = Callable[[int, int, Mapping[str, float]], None]
 class OptimiserConfig(Section):
     """Adam with a cosine learning rate schedule, used by every training here."""
 
-    seed: int = option(0, "decides first weights, batches and variation", ge=0, lt=2**32)
-    epochs: int = option(10, "how often the data are gone through", ge=1)
+    seed: int = option(0, "seed of initial weights, batches and augmentation", ge=0, lt=2**32)
+    epochs: int = option(10, "passes over the data", ge=1)
     learning_rate: float = option(1e-3, "at the start", gt=0)
-    weight_decay: float = option(1e-4, "pull of the weights towards 0", ge=0)
+    weight_decay: float = option(1e-4, "L2 penalty of the weights", ge=0)
 
 
 class Task(Protocol):

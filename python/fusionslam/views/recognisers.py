@@ -79,7 +79,7 @@ class ViewMatcherConfig(Section):
         None, "second_stage: path of the comparison in ONNX, for features without calibration"
     )
     second_threshold: float = option(
-        0.5, "second_stage: the probability from which it agrees", ge=0, le=1
+        0.5, "second_stage: lowest probability that it accepts", ge=0, le=1
     )
     second_start: float | None = option(
         None,
@@ -90,22 +90,24 @@ class ViewMatcherConfig(Section):
     )
     min_objects: int = option(
         1,
-        "a scan with fewer objects has nothing to recognise: its id is -1, it is not stored",
+        "scans with fewer objects get id -1 and are not stored",
         ge=0,
     )
     policy: Literal["first", "several"] = option(
-        "first", "what is stored of a place: its first view, or several that differ"
+        "first", "stored views of a place: the first, or several that differ"
     )
     store_below: float = option(
         0.85,
-        "several: a match less similar than this is stored as another view of the place",
+        "several: store a match less similar than this as another view of its place",
         ge=0,
         le=1,
     )
-    per_place: int = option(5, "several: views of one place at most", ge=1)
-    threads: int = option(1, "that compare scenes; 0 is one a core; ids stay the same", ge=0)
+    per_place: int = option(5, "several: most views of one place", ge=1)
+    threads: int = option(
+        1, "threads that compare scenes; 0 is one per core; ids stay the same", ge=0
+    )
     max_views: int = option(
-        0, "views stored at most; the one not matched for longest makes room; 0 is no bound", ge=0
+        0, "most stored views; the least recently used is dropped; 0 is no limit", ge=0
     )
 
     @field_validator("method")

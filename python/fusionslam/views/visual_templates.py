@@ -35,20 +35,28 @@ class VisualTemplatesConfig(Section):
     columns: int = option(60, "blocks across a template", ge=1, le=4096)
     rows: int = option(20, "blocks down a template", ge=1, le=4096)
     top: int = option(0, "first row of the image that is used", unit="px", ge=0)
-    bottom: int | None = option(150, "row after the last; none: the image's end", unit="px", ge=1)
+    bottom: int | None = option(
+        150, "first row below the part that is used; none: the image's end", unit="px", ge=1
+    )
     left: int = option(0, "first column of the image that is used", unit="px", ge=0)
-    right: int | None = option(None, "column after the last; none: its end", unit="px", ge=1)
-    shift: int = option(4, "templates are compared this far aside, both ways", unit="blocks", ge=0)
-    step: int = option(1, "from one shift to the next", unit="blocks", ge=1)
-    panoramic: bool = option(False, "whether images go all round: every rotation is compared")
+    right: int | None = option(
+        None, "first column right of that part; none: the image's end", unit="px", ge=1
+    )
+    shift: int = option(
+        4, "templates are compared at shifts up to this, to both sides", unit="blocks", ge=0
+    )
+    step: int = option(1, "distance between two shifts", unit="blocks", ge=1)
+    panoramic: bool = option(
+        False, "images cover 360 degrees: templates are compared at every rotation"
+    )
     threshold: float = option(0.03, "largest mean absolute difference of a match", ge=0, le=1)
     mean_margin: float = option(
-        0.005, "templates whose mean differs by more than threshold and this are passed over", ge=0
+        0.005, "skip templates whose mean differs by more than threshold plus this", ge=0
     )
-    mean: float | None = option(None, "mean that templates are scaled to; none: as they are", gt=0)
+    mean: float | None = option(None, "scale every template to this mean; none: do not scale", gt=0)
     patch: int = option(
         0,
-        "side of the patches, an odd number, that values are normalised in; 0: they are not",
+        "normalise values within square patches of this odd side; 0: do not normalise",
         ge=0,
     )
 

@@ -29,7 +29,7 @@ from fusionslam.learning.weight_files import load_pointnet, save_weights  # noqa
 CALIBRATED = Calibration(4.0, 8.0)
 
 
-def lived_in(network: Any) -> Any:
+def randomize(network: Any) -> Any:
     """As after some training: no bias, scale or mean is 0 or 1 any more."""
     generator = torch.Generator().manual_seed(3)
     for name, value in network.state_dict().items():
@@ -41,7 +41,7 @@ def lived_in(network: Any) -> Any:
 
 
 def pointnet(folder: Path, config: PointNetConfig, calibration: Calibration | None = None) -> Any:
-    network = lived_in(PointNet(config))
+    network = randomize(PointNet(config))
     about = About("pointnet", config, calibration)
     save_weights(folder / "features.safetensors", network, about)
     export_pointnet(folder / "features.onnx", network, about)
@@ -49,7 +49,7 @@ def pointnet(folder: Path, config: PointNetConfig, calibration: Calibration | No
 
 
 def comparison(folder: Path, config: ComparisonConfig) -> Any:
-    network = lived_in(Comparison(config))
+    network = randomize(Comparison(config))
     save_weights(folder / "comparison.safetensors", network, About("comparison", config))
     export_comparison(folder / "comparison.onnx", network, About("comparison", config))
     return network
@@ -165,7 +165,7 @@ def test_onnx_of_others_or_of_another_version_is_refused(
 
 
 def test_a_graph_that_takes_other_rows_than_it_says_is_refused(tmp_path: Path) -> None:
-    network = lived_in(PointNet(TINY))
+    network = randomize(PointNet(TINY))
     export_pointnet(tmp_path / "odd.onnx", network, About("pointnet", TINY_COLORED, CALIBRATED))
     with pytest.raises(DataError, match=r"'points': 3.*'points': 6"):
         SecondStage(tmp_path / "odd.onnx")

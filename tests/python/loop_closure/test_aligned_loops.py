@@ -17,24 +17,29 @@ THERE: Pose = (0.2, -0.3, 0.5)
 BACK: Pose = (0.4, -0.2, 0.6)
 
 
-def seen(pose: Pose, number: int = 0) -> Cloud:
+def scan_from(pose: Pose, number: int = 0) -> Cloud:
     return scan(room(number), pose, AHEAD, seed=number)
 
 
-DRIVE = [seen(THERE), seen((0.0, 0.0, 3.0), 1), seen((0.5, 0.5, 1.0), 2), seen(BACK)]
+DRIVE = [
+    scan_from(THERE),
+    scan_from((0.0, 0.0, 3.0), 1),
+    scan_from((0.5, 0.5, 1.0), 2),
+    scan_from(BACK),
+]
 
 
 def detector() -> AlignedLoopDetector:
     return AlignedLoopDetector(LoopDetector("cm2dp", window=1, threshold=2.0))
 
 
-def driven(loops: AlignedLoopDetector, clouds: list[Cloud]) -> list[AlignedLoop | None]:
+def add_all(loops: AlignedLoopDetector, clouds: list[Cloud]) -> list[AlignedLoop | None]:
     first = len(loops)
     return [loops.add(cloud, 10 * (first + k)) for k, cloud in enumerate(clouds)]
 
 
 def test_the_pose_is_that_of_the_newer_cloud_in_the_frame_of_the_older() -> None:
-    found = driven(detector(), DRIVE)[-1]
+    found = add_all(detector(), DRIVE)[-1]
     assert found is not None and found.pose is not None and found.probability is not None
     assert (found.loop.query, found.loop.match, found.match_stamp_ns) == (3, 0, 0)
     assert found.probability > 0.9
@@ -43,7 +48,7 @@ def test_the_pose_is_that_of_the_newer_cloud_in_the_frame_of_the_older() -> None
 
 @pytest.mark.parametrize("pose", [(1.2, -0.3, 0.5), (0.2, -0.3, 1.2)])
 def test_clouds_farther_apart_than_allowed_have_a_pose_of_probability_0(pose: Pose) -> None:
-    found = driven(detector(), [*DRIVE[:3], seen(pose)])[-1]
+    found = add_all(detector(), [*DRIVE[:3], scan_from(pose)])[-1]
     assert found is not None and (found.loop.match, found.probability) == (0, 0.0)
     assert found.pose is not None
     np.testing.assert_allclose(found.pose, seen_from(THERE, pose), atol=0.03)
@@ -52,31 +57,31 @@ def test_clouds_farther_apart_than_allowed_have_a_pose_of_probability_0(pose: Po
 def test_clouds_with_too_little_to_align_have_no_pose() -> None:
     points = np.array([[2, 0, 0], [3, 1, 0.5], [2, -1, 1], [4, 0, 0.2]], np.float32)
     few = Cloud(points, np.full((4, 3), 90, np.uint8))
-    found = driven(detector(), [few, *DRIVE[1:3], few])[-1]
+    found = add_all(detector(), [few, *DRIVE[1:3], few])[-1]
     assert found is not None and found.loop.match == 0
     assert found.pose is None and found.probability is None
 
 
 def test_a_stored_detector_goes_on_as_if_it_had_never_stopped(tmp_path: Path) -> None:
     whole, first = detector(), detector()
-    wanted = driven(whole, DRIVE)
-    driven(first, DRIVE[:2])
+    wanted = add_all(whole, DRIVE)
+    add_all(first, DRIVE[:2])
     first.save(tmp_path)
-    assert driven(AlignedLoopDetector.load(tmp_path), DRIVE[2:]) == wanted[2:]
+    assert add_all(AlignedLoopDetector.load(tmp_path), DRIVE[2:]) == wanted[2:]
 
 
 def test_a_refused_cloud_leaves_no_trace() -> None:
     loops = detector()
-    driven(loops, DRIVE[:3])
+    add_all(loops, DRIVE[:3])
     for bad in (replace(DRIVE[3], colors=None), Cloud(np.zeros((0, 3), np.float32), None)):
         with pytest.raises(DataError):
             loops.add(bad, 30)
-    assert len(loops) == 3 and driven(loops, DRIVE[3:]) == driven(detector(), DRIVE)[3:]
+    assert len(loops) == 3 and add_all(loops, DRIVE[3:]) == add_all(detector(), DRIVE)[3:]
 
 
 def test_a_damaged_file_is_refused_whatever_is_wrong_with_it(tmp_path: Path) -> None:
     loops = detector()
-    driven(loops, DRIVE[:2])
+    add_all(loops, DRIVE[:2])
     loops.save(tmp_path)
     path = tmp_path / "scenes.npz"
     whole, random = path.read_bytes(), np.random.default_rng(5)
@@ -98,7 +103,7 @@ def test_a_damaged_file_is_refused_whatever_is_wrong_with_it(tmp_path: Path) -> 
 
 def test_a_file_of_another_version_is_named(tmp_path: Path) -> None:
     loops = detector()
-    driven(loops, DRIVE[:2])
+    add_all(loops, DRIVE[:2])
     loops.save(tmp_path)
     path = tmp_path / "scenes.npz"
     with np.load(path) as stored:

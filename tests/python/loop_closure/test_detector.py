@@ -178,7 +178,7 @@ def test_a_saved_detector_goes_on_exactly(tmp_path: Path, descriptor: str, pause
     assert part.describe_config == whole.describe_config
 
 
-def saved(folder: Path) -> Path:
+def save_detector(folder: Path) -> Path:
     detector = LoopDetector("m2dp", window=2)
     for cloud in DRIVE[:5]:
         detector.add(cloud)
@@ -187,8 +187,8 @@ def saved(folder: Path) -> Path:
 
 
 def test_saving_again_replaces_the_files_and_leaves_nothing_else(tmp_path: Path) -> None:
-    folder = saved(tmp_path / "loops")
-    saved(folder)
+    folder = save_detector(tmp_path / "loops")
+    save_detector(folder)
     index = json.loads((folder / "detector.json").read_text())["index"]
     assert sorted(os.listdir(folder)) == sorted([index, "detector.json"])
 
@@ -196,7 +196,7 @@ def test_saving_again_replaces_the_files_and_leaves_nothing_else(tmp_path: Path)
 def test_a_save_that_is_cut_off_between_its_files_leaves_the_old_pair(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = saved(tmp_path / "loops")
+    folder = save_detector(tmp_path / "loops")
     before = LoopDetector.load(folder)
     before.add(DRIVE[7])
 
@@ -221,7 +221,7 @@ def test_an_empty_detector_has_nothing_to_save(tmp_path: Path) -> None:
 def test_an_output_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("not a folder")
     with pytest.raises(DataError):
-        saved(tmp_path / "file" / "loops")
+        save_detector(tmp_path / "file" / "loops")
 
 
 def change_about(folder: Path, **changes: Any) -> None:
@@ -251,14 +251,14 @@ def test_a_folder_that_is_no_detector_is_refused(tmp_path: Path) -> None:
 def test_a_detector_of_another_version_or_kind_is_refused(
     tmp_path: Path, changes: dict[str, Any]
 ) -> None:
-    change_about(saved(tmp_path), **changes)
+    change_about(save_detector(tmp_path), **changes)
     with pytest.raises(DataError, match=r"detector\.json"):
         LoopDetector.load(tmp_path)
 
 
 def test_files_cut_in_half_are_refused(tmp_path: Path) -> None:
     for pattern in ("descriptors-*.index", "detector.json"):
-        (path,) = saved(tmp_path).glob(pattern)
+        (path,) = save_detector(tmp_path).glob(pattern)
         name = path.name
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
         with pytest.raises(DataError, match=name.replace(".", r"\.")):
@@ -266,7 +266,7 @@ def test_files_cut_in_half_are_refused(tmp_path: Path) -> None:
 
 
 def test_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
-    change_about(saved(tmp_path), frames=4)
+    change_about(save_detector(tmp_path), frames=4)
     with pytest.raises(DataError, match=r"5 .*4"):
         LoopDetector.load(tmp_path)
 
@@ -352,7 +352,7 @@ def test_options_out_of_range_are_refused(options: dict[str, Any], message: str)
         LoopDetector(**options)
 
 
-def test_what_is_neither_a_frame_nor_a_cloud_is_refused() -> None:
+def test_items_other_than_frames_and_clouds_are_refused() -> None:
     detector = LoopDetector("m2dp")
     with pytest.raises(ShapeError, match="ndarray"):
         detector.add(np.ones((9, 3), np.float32))

@@ -141,7 +141,7 @@ def test_only_the_views_that_look_most_alike_are_aligned() -> None:
     assert len(found) == 2 and found[0][0] == 6
 
 
-def test_what_is_removed_is_not_found_and_the_rest_moves_up() -> None:
+def test_removed_scenes_are_not_found_and_later_ones_move_up() -> None:
     scenes = many_scenes()
     index = AlignmentIndex()
     for scene in scenes:
@@ -248,7 +248,7 @@ def nan_cloud() -> Cloud:
     return Cloud(points, cloud.colors)
 
 
-def test_what_cannot_be_compared_is_refused_and_changes_nothing() -> None:
+def test_items_that_cannot_be_compared_are_refused_and_change_nothing() -> None:
     matcher = ViewMatcher()
     cloud = scan(room(0), (0, 0, 0))
     matcher.process(cloud)

@@ -24,7 +24,7 @@ def hull_of(points: ArrayLike) -> np.void:
     return row
 
 
-def turned(points: ArrayLike, seed: int) -> NDArray[np.float64]:
+def turn_points(points: ArrayLike, seed: int) -> NDArray[np.float64]:
     rotation = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
     return np.asarray(points, float) @ rotation.T
 
@@ -64,10 +64,10 @@ def test_a_box_with_points_on_its_faces_has_the_volume_and_area_of_the_box() -> 
 def test_a_flat_object_has_no_volume_and_the_area_of_one_side(seed: int, offset: float) -> None:
     sheet = np.random.default_rng(seed).uniform(0, 1, (200, 3)) * [2, 1, 0]
     sheet[:4, :2] = [[0, 0], [2, 0], [0, 1], [2, 1]]
-    flat = hull_of(turned(sheet, seed) + offset)
+    flat = hull_of(turn_points(sheet, seed) + offset)
     assert flat["volume"] == 0
     assert flat["area"] == pytest.approx(2, rel=1e-4)
-    np.testing.assert_allclose(flat["center"], turned([1, 0.5, 0], seed) + offset, atol=1e-4)
+    np.testing.assert_allclose(flat["center"], turn_points([1, 0.5, 0], seed) + offset, atol=1e-4)
 
 
 def test_a_flat_hull_is_that_of_scipy_in_the_plane() -> None:
@@ -81,9 +81,9 @@ def test_a_flat_hull_is_that_of_scipy_in_the_plane() -> None:
 def test_a_straight_object_has_neither_volume_nor_area(seed: int) -> None:
     along = np.random.default_rng(seed).uniform(-1, 3, (50, 1))
     along[:2] = [[-1], [3]]
-    line = hull_of(turned(along * [1, 0, 0], seed))
+    line = hull_of(turn_points(along * [1, 0, 0], seed))
     assert (line["volume"], line["area"]) == (0, 0)
-    np.testing.assert_allclose(line["center"], turned([1, 0, 0], seed), atol=1e-6)
+    np.testing.assert_allclose(line["center"], turn_points([1, 0, 0], seed), atol=1e-6)
     np.testing.assert_allclose(line["extents"], [4, 0, 0], atol=1e-6)
 
 
@@ -117,7 +117,7 @@ def test_nearly_flat_objects_of_any_thickness_pass_without_a_word(
     rng = np.random.default_rng(1)
     for exponent in np.arange(-12, 0, 0.5):
         sheet = rng.uniform(-1, 1, (80, 3)) * [1, 1, 10**exponent]
-        flat = hull_of(turned(sheet, seed=2))
+        flat = hull_of(turn_points(sheet, seed=2))
         assert 0 <= flat["volume"] <= 8 * 10**exponent + 1e-6
         assert 1 < flat["area"] < 10
     assert capfd.readouterr() == ("", "")

@@ -139,7 +139,7 @@ def test_memory_is_bounded_by_dropping_what_was_not_needed_for_longest() -> None
 
 
 @pytest.mark.parametrize("values", [{}, SCENES, DESCRIPTOR])
-def test_what_is_stored_is_counted_in_bytes(values: dict[str, Any], tmp_path: Path) -> None:
+def test_stored_views_are_counted_in_bytes(values: dict[str, Any], tmp_path: Path) -> None:
     one = matcher(**values, max_views=4)
     ids(one)
     state = one.comparison.state()
@@ -207,7 +207,7 @@ def test_values_out_of_range_are_refused_by_name(values: dict[str, Any]) -> None
         config(**values)
 
 
-def saved(path: Path) -> Path:
+def save_matcher(path: Path) -> Path:
     one = matcher()
     ids(one)
     one.save(path)
@@ -215,7 +215,7 @@ def saved(path: Path) -> Path:
 
 
 def test_a_file_that_is_cut_foreign_or_missing_is_refused(tmp_path: Path) -> None:
-    path = saved(tmp_path / "views")
+    path = save_matcher(tmp_path / "views")
     whole = path.read_bytes()
     for size in (0, 10, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole[:size])
@@ -228,7 +228,7 @@ def test_a_file_that_is_cut_foreign_or_missing_is_refused(tmp_path: Path) -> Non
         ViewMatcher.load(tmp_path / "none")
 
 
-def rewritten(path: Path, about: dict[str, Any] | None = None, **arrays: Any) -> None:
+def rewrite(path: Path, about: dict[str, Any] | None = None, **arrays: Any) -> None:
     with np.load(path) as stored:
         content = {name: stored[name] for name in stored.files}
     if about is not None:
@@ -238,19 +238,19 @@ def rewritten(path: Path, about: dict[str, Any] | None = None, **arrays: Any) ->
 
 
 def test_a_file_of_another_version_or_that_does_not_fit_is_refused(tmp_path: Path) -> None:
-    path = saved(tmp_path / "views")
-    rewritten(path, slots=np.zeros((2, 3), np.int64))
+    path = save_matcher(tmp_path / "views")
+    rewrite(path, slots=np.zeros((2, 3), np.int64))
     with pytest.raises(DataError, match=r"\(2, 3\)"):
         ViewMatcher.load(path)
-    saved(path)
-    rewritten(path, {"comparison": "cm2dp"})
+    save_matcher(path)
+    rewrite(path, {"comparison": "cm2dp"})
     with refuses("other-kind", "cm2dp", "alignment"):
         ViewMatcher.load(path)
-    saved(path)
-    rewritten(path, {"format": "fusionslam.view_matcher.0"})
+    save_matcher(path)
+    rewrite(path, {"format": "fusionslam.view_matcher.0"})
     with pytest.raises(DataError, match=r"view_matcher\.0.*view_matcher\.1"):
         ViewMatcher.load(path)
-    saved(path)
-    rewritten(path, {"views": {"threshold": 3.0}})
+    save_matcher(path)
+    rewrite(path, {"views": {"threshold": 3.0}})
     with pytest.raises(DataError, match="threshold"):
         ViewMatcher.load(path)

@@ -66,7 +66,7 @@ def test_a_range_image_is_what_a_plain_loop_makes(steps: tuple[float, float]) ->
     assert np.array_equal(image.cells["color"], expected[:, 3:])
 
 
-def test_what_the_sensor_cannot_see_is_left_out() -> None:
+def test_points_outside_the_sensors_range_are_left_out() -> None:
     far = np.array([[31, 0, 0.3], [5, 0, 0.3], [0, 0, 0.17]], np.float32)
     cloud = Cloud(far, np.full((3, 3), 100, np.uint8))
     image = scene_of(cloud).image

@@ -42,7 +42,7 @@ def test_bytes_bring_back_the_scene_to_half_a_step(size: int) -> None:
         np.testing.assert_array_equal(back.objects[name], back.objects["center"])
 
 
-def test_what_came_from_bytes_gives_the_same_bytes() -> None:
+def test_a_scene_from_bytes_gives_the_same_bytes() -> None:
     data = random_scene(3, 20).to_bytes()
     assert Scene.from_bytes(data).to_bytes() == data
 
@@ -63,7 +63,7 @@ def test_flat_small_and_distant_objects_are_stored() -> None:
     np.testing.assert_allclose(back["center"][2], [-3e6, 3e6, 0], atol=1e-4)
 
 
-def test_what_does_not_fit_is_refused_when_it_is_stored() -> None:
+def test_values_that_cannot_be_stored_are_refused() -> None:
     objects = random_scene(1, 1).objects.copy()
     objects["center"] = 1e30
     with pytest.raises(DataError, match=r"center .*1e\+30"):

@@ -48,7 +48,7 @@ def differing(one: SceneSet, other: SceneSet) -> list[str]:
     ]
 
 
-def recorded(scenes: SceneSet, **options: Any) -> SceneRecorder:
+def record(scenes: SceneSet, **options: Any) -> SceneRecorder:
     """What a recorder makes of the clouds of a set when they come one by one."""
     assert scenes.clouds is not None
     recorder = SceneRecorder(scenes.name, frame=scenes.frame, **options)
@@ -70,7 +70,7 @@ def test_recorded_scans_give_the_set_that_views_record_writes(
     flags = ["--only-scenes"] if only_scenes else []
     succeeds("views", "record", source, "-o", tmp_path / "set.npz", *flags)
     whole = record_scenes(RangeRecording.open(source))
-    recorded(whole, scene_config=SceneConfig() if only_scenes else None).save(tmp_path / "live.npz")
+    record(whole, scene_config=SceneConfig() if only_scenes else None).save(tmp_path / "live.npz")
     live, written = (SceneSet.load(tmp_path / f"{name}.npz") for name in ("live", "set"))
     assert differing(live, written) == [] and live.empty.any()
     assert live.fits(SceneConfig()) is only_scenes
@@ -97,9 +97,9 @@ def test_a_bag_gives_its_set_frame_by_frame(tmp_path: Path) -> None:
     assert differing(replace(live, poses=whole.poses), whole) == []
 
 
-def test_what_it_writes_is_matched_judged_and_tuned_on(tmp_path: Path) -> None:
+def test_a_recorded_set_can_be_matched_and_tuned_on(tmp_path: Path) -> None:
     path = tmp_path / "live.npz"
-    recorded(drive((*LAPS, -1))).save(path)
+    record(drive((*LAPS, -1))).save(path)
     succeeds("views", "match", path, "-o", tmp_path / "out", "--no-report")
     stats = json.loads((tmp_path / "out" / "matches.json").read_text())["stats"]
     counts = {name: stats[name] for name in ("processed", "matched", "new", "nothing")}
@@ -122,7 +122,7 @@ def test_scans_without_a_pose_are_left_out_and_counted() -> None:
 
 
 def test_no_more_scans_are_kept_than_allowed_and_the_others_are_counted() -> None:
-    recorder = recorded(drive(LAPS), max_scans=5)
+    recorder = record(drive(LAPS), max_scans=5)
     assert (len(recorder), recorder.dropped) == (5, len(LAPS) - 5)
     assert recorder.scene_set().numbers.tolist() == [0, 1, 2, 3, 4]
 
@@ -162,7 +162,7 @@ def test_a_clock_that_goes_back_is_refused_and_changes_nothing() -> None:
     assert recorder.scene_set().numbers.tolist() == [0, 1]
 
 
-def broken(row: int) -> Cloud:
+def break_cloud(row: int) -> Cloud:
     cloud = place(0)
     cloud.points[row, 1] = np.inf
     return cloud
@@ -172,7 +172,7 @@ def broken(row: int) -> Cloud:
     ("item", "pose", "error", "code"),
     [
         (Cloud(place(0).points), (0, 0, 0), DataError, "no-colors"),
-        (broken(3), (0, 0, 0), DataError, "not-finite"),
+        (break_cloud(3), (0, 0, 0), DataError, "not-finite"),
         (Cloud(np.zeros((2, 3)), np.zeros((2, 3), "u1")), (0, 0, 0), ShapeError, "shape"),
         (Cloud(place(0).points, place(1).colors[:4]), (0, 0, 0), ShapeError, "shape"),
         (build_scene(NOTHING.points, NOTHING.colors), (0, 0, 0), ShapeError, "shape"),

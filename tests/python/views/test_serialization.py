@@ -42,13 +42,13 @@ def matcher(kind: str) -> ViewMatcher:
     return ViewMatcher(merged(ViewMatcherConfig(), KINDS[kind]))
 
 
-def sent(builder: Comparison, one: ViewMatcher, clouds: list[Cloud]) -> list[ViewMatch]:
+def send(builder: Comparison, one: ViewMatcher, clouds: list[Cloud]) -> list[ViewMatch]:
     """What a matcher says of views that another comparison made and that came as bytes."""
     taken = [view_to_bytes(builder, builder.view(cloud)) for cloud in clouds]
     return [one.process(view_from_bytes(one.comparison, data)) for data in taken]
 
 
-def made_clouds() -> list[Cloud]:
+def make_clouds() -> list[Cloud]:
     clouds = drive((*LAPS, -1, 3, 7, -1, 0)).clouds
     assert clouds is not None
     few = Cloud(place(0).points[:3], place(0).colors[:3])
@@ -57,26 +57,26 @@ def made_clouds() -> list[Cloud]:
 
 @pytest.mark.parametrize("kind", [*KINDS, TWO_STAGES])
 def test_views_sent_as_bytes_are_recognised_as_their_clouds_are(kind: str, tmp_path: Path) -> None:
-    clouds = made_clouds()
+    clouds = make_clouds()
     straight, distant = matcher(kind), matcher(kind)
     expected = [straight.process(cloud) for cloud in clouds]
-    assert sent(matcher(kind).comparison, distant, clouds) == expected
+    assert send(matcher(kind).comparison, distant, clouds) == expected
     assert {match.is_new for match in expected} == {True, False}
     assert straight.stats == distant.stats
     distant.save(tmp_path / "views")
     fresh = matcher(kind).comparison if kind == TWO_STAGES else None
     again = ViewMatcher.load(tmp_path / "views", comparison=fresh)
-    assert sent(matcher(kind).comparison, again, clouds) == [straight.process(c) for c in clouds]
+    assert send(matcher(kind).comparison, again, clouds) == [straight.process(c) for c in clouds]
 
 
 @pytest.mark.parametrize("kind", ["alignment", "objects with images", "paper", "cm2dp"])
-def test_so_are_views_of_simulated_scans(kind: str) -> None:
+def test_views_of_simulated_scans_sent_as_bytes_are_recognised(kind: str) -> None:
     scans = [load_made(name) for name in ("house_000", "house_006", "house_016", "town_040")]
     # Every other point is a visit of its own.
     clouds = [Cloud(points[k::2], colors[k::2]) for k in range(2) for points, colors in scans]
     straight, distant = matcher(kind), matcher(kind)
     expected = [straight.process(cloud) for cloud in clouds]
-    assert sent(matcher(kind).comparison, distant, clouds) == expected
+    assert send(matcher(kind).comparison, distant, clouds) == expected
     assert any(not match.is_new for match in expected) and straight.stats == distant.stats
 
 
@@ -84,8 +84,8 @@ def test_the_shipped_second_stage_is_told_the_same() -> None:
     pytest.importorskip("onnxruntime")
     config = ViewMatcherConfig(second_stage="places")
     straight, distant = ViewMatcher(config), ViewMatcher(config)
-    expected = [straight.process(cloud) for cloud in made_clouds()]
-    assert sent(ViewMatcher(config).comparison, distant, made_clouds()) == expected
+    expected = [straight.process(cloud) for cloud in make_clouds()]
+    assert send(ViewMatcher(config).comparison, distant, make_clouds()) == expected
     short = two_stages(MeanColor()).comparison  # has three features
     data = view_to_bytes(short, short.view(place(0)))
     with refuses("other-settings", "comparison"):
@@ -93,7 +93,7 @@ def test_the_shipped_second_stage_is_told_the_same() -> None:
 
 
 def test_scenes_come_back_as_they_were_with_boxes_and_image() -> None:
-    for cloud in made_clouds():
+    for cloud in make_clouds():
         scene = build_scene(cloud.points, cloud.colors)
         assert scene_from_arrays(scene_to_arrays(scene)) == scene
 
@@ -173,7 +173,7 @@ def refusal(kind: str, change: dict[str, Any]) -> str:
     return str(caught.value)
 
 
-def changed(name: str, field: str, value: float) -> dict[str, Any]:
+def change_field(name: str, field: str, value: float) -> dict[str, Any]:
     cloud = place(0)
     array = scene_to_arrays(build_scene(cloud.points, cloud.colors))[name].copy()
     array[field][0] = value
@@ -184,10 +184,10 @@ def changed(name: str, field: str, value: float) -> dict[str, Any]:
     ("kind", "change", "words"),
     [
         ("alignment", {"objects": None}, "objects"),
-        ("alignment", changed("objects", "volume", np.nan), "volume"),
-        ("alignment", changed("objects", "center", np.inf), "center"),
-        ("alignment", changed("objects", "points", 0), "points"),
-        ("alignment", changed("cells", "column", 9999), "cell"),
+        ("alignment", change_field("objects", "volume", np.nan), "volume"),
+        ("alignment", change_field("objects", "center", np.inf), "center"),
+        ("alignment", change_field("objects", "points", 0), "points"),
+        ("alignment", change_field("cells", "column", 9999), "cell"),
         ("alignment", {"cells": np.zeros(3)}, "float64 (3,)"),
         ("alignment", {"directions": np.full(5, np.nan, np.float32)}, "directions"),
         ("alignment", {"directions": np.zeros(4, np.float32)}, "directions"),
@@ -232,7 +232,7 @@ def test_views_that_were_made_otherwise_are_refused(
         view_from_bytes(taker, data)
 
 
-def test_so_are_views_with_features_of_another_network() -> None:
+def test_views_with_features_of_another_network_are_refused() -> None:
     pytest.importorskip("onnxruntime")
     builder, taker = (
         ViewMatcher(ViewMatcherConfig(second_stage=name)).comparison
@@ -244,7 +244,7 @@ def test_so_are_views_with_features_of_another_network() -> None:
 
 
 @pytest.mark.parametrize("kind", ["alignment", "cm2dp"])
-def test_what_only_the_matcher_needs_may_differ(kind: str) -> None:
+def test_settings_that_only_the_matcher_needs_may_differ(kind: str) -> None:
     builder = matcher(kind).comparison
     data = view_to_bytes(builder, builder.view(place(0)))
     values = {**KINDS[kind], "threshold": 0.5, "min_objects": 4, "policy": "several"}

@@ -106,7 +106,7 @@ def test_steps_leave_out_the_shifts_between() -> None:
         assert templates.process(np.ascontiguousarray(wide[:, 4:52])).is_new is not found
 
 
-def test_of_equally_near_templates_the_first_is_taken() -> None:
+def test_the_first_of_equally_near_templates_matches() -> None:
     templates = VisualTemplates(**SMALL, threshold=0.01, mean_margin=1.0)
     for value in (100, 110, 105):
         match = templates.process(flat(value))
@@ -284,7 +284,7 @@ def test_files_of_another_version_or_with_values_that_do_not_fit_are_refused(
         VisualTemplates.load(path)
 
 
-def test_what_is_kept_of_an_image_can_be_recognised_later() -> None:
+def test_the_view_of_an_image_can_be_recognised_later() -> None:
     whole, parts = VisualTemplates(**SMALL), VisualTemplates(**SMALL)
     images = [picture(seed % 3) for seed in range(6)]
     views = [parts.view(image) for image in images]

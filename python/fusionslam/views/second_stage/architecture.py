@@ -15,10 +15,10 @@ class PointNetConfig(Section):
     """A small PointNet (Qi et al. 2016; sizes of Stastny 2022, 4.6.1)."""
 
     transform_points: Sizes = option(
-        (64, 128, 256), "input transform: layers a point", min_length=1
+        (64, 128, 256), "input transform: layers per point", min_length=1
     )
     transform_head: Sizes = option((128, 64), "input transform: layers after pooling")
-    points: Sizes = option((64, 128, 256), "layers a point; the last is pooled", min_length=1)
+    points: Sizes = option((64, 128, 256), "layers per point; the last is pooled", min_length=1)
     embedding: int | None = option(
         None,
         "size of a linear layer after pooling, whose output gets length 1; null for none",
@@ -26,7 +26,7 @@ class PointNetConfig(Section):
     )
     colors: bool = option(False, "whether points have colours")
     normalisation: Literal["sphere", "robot"] = option(
-        "sphere", "clouds are fitted into the unit sphere, or stay in the robot's frame"
+        "sphere", "fit clouds into the unit sphere, or keep the robot's frame"
     )
     range_m: float = option(5.0, "normalisation robot: length that becomes 1", unit="m", gt=0)
 
@@ -54,8 +54,9 @@ class ComparisonConfig(Section):
     features: int = option(256, "length of a feature vector", ge=1)
     hidden: int = option(256, "neurons of the hidden layer", ge=1)
     activation: Literal["relu", "none"] = option(
-        "relu", "between the layers; none is the thesis's program, whose two layers are one"
+        "relu",
+        "between the layers; none as in the thesis's program, where two linear layers act as one",
     )
     standardise: bool = option(
-        True, "features are shifted and scaled as those trained on; false is the thesis's way"
+        True, "standardise features by the training set; false as in the thesis"
     )

@@ -15,10 +15,12 @@ from fusionslam.views.second_stage.architecture import PointNetConfig
 class AugmentConfig(Section):
     """Data augmentation in training (Qi et al. 2016, 4.1; point drop-out as in PointNet++)."""
 
-    turn: bool = option(True, "turn about the axis that points up")
-    jitter: float = option(0.01, "standard deviation of each coordinate, cut at 5 of it", ge=0)
-    scale: float = option(0.2, "each axis is scaled by 1 plus or minus up to this", ge=0, lt=1)
-    dropout: float = option(0.5, "up to this share of the points is left out", ge=0, lt=1)
+    turn: bool = option(True, "rotate about the vertical axis by a random angle")
+    jitter: float = option(
+        0.01, "standard deviation of each coordinate, clipped at 5 deviations", ge=0
+    )
+    scale: float = option(0.2, "largest relative change of scale, per axis", ge=0, lt=1)
+    dropout: float = option(0.5, "largest share of points dropped", ge=0, lt=1)
 
 
 def network_input(
