@@ -97,11 +97,11 @@ def test_arrays_that_do_not_fit_are_named(name: str, wrong: Any) -> None:
 
 
 def test_a_node_that_is_not_there_is_named() -> None:
-    with pytest.raises(DataError, match="a step names node 2 of 2"):
+    with pytest.raises(DataError, match="node 2"):
         record(node_ids=np.array([-1, 0, 2], np.int64))
     links = record().links.copy()
     links["source"][0] = -1
-    with pytest.raises(DataError, match="a link names node -1 of 2"):
+    with pytest.raises(DataError, match="node -1"):
         record(links=links)
 
 
@@ -112,7 +112,7 @@ def test_another_version_is_refused(tmp_path: Path) -> None:
         arrays = dict(stored)
     about = json.loads(str(arrays.pop("about"))) | {"format": "fusionslam.ratslam_run.99"}
     np.savez(path, about=np.array(json.dumps(about)), **arrays)
-    with pytest.raises(DataError, match=r"run\.npz: is of format fusionslam\.ratslam_run\.99"):
+    with pytest.raises(DataError, match=r"run\.npz.*ratslam_run\.99"):
         RatSlamRun.load(path)
 
 
@@ -127,7 +127,7 @@ def test_a_run_that_is_cut_short_is_refused(tmp_path: Path, share: float) -> Non
 
 
 def test_a_missing_run_is_named(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"none\.npz is missing"):
+    with pytest.raises(DataError, match=r"none\.npz"):
         RatSlamRun.load(tmp_path / "none.npz")
 
 

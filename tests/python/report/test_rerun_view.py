@@ -249,8 +249,9 @@ def test_until_it_is_closed_the_old_file_stays(tmp_path: Path) -> None:
     view.close()
     view.close()
     assert rows(path)["/robot/live"]
-    with pytest.raises(DataError, match="closed"):
+    with pytest.raises(DataError) as caught:
         view.step(slam.step(Motion(START + MS, 0.5, 0.0)), slam)
+    assert caught.value.code == "closed"
 
 
 def test_a_view_without_a_step_is_a_file_without_rows(tmp_path: Path) -> None:
@@ -274,7 +275,7 @@ try:
             step = slam.step(Sighting(k * 10**9, k))
             view.step(step, slam, Look(0, noise.integers(0, 255, (240, 320, 3), np.uint8)))
 except DataError as error:
-    print(error)
+    print(type(error).__name__, error)
 """
 
 
@@ -286,7 +287,7 @@ def test_a_full_disk_is_an_error_and_leaves_no_file(tmp_path: Path) -> None:
         text=True,
         timeout=60,
     )
-    assert result.stdout == f"cannot write {path}: File too large\n", result.stderr
+    assert result.stdout.startswith("DataError") and str(path) in result.stdout, result.stderr
     assert list(tmp_path.iterdir()) == []
 
 
@@ -294,9 +295,9 @@ def test_what_cannot_be_written_is_named_before_the_run(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "folder.rrd").mkdir()
     for name in ("file/run.rrd", "folder.rrd"):
-        with pytest.raises(DataError, match="cannot write"):
+        with pytest.raises(DataError, match=name):
             LiveView(tmp_path / name)
-    with pytest.raises(ConfigError, match=r"ends in \.rrd"):
+    with pytest.raises(ConfigError, match=r"run\.mcap"):
         LiveView(tmp_path / "run.mcap")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder.rrd"]
 
@@ -305,8 +306,9 @@ def test_without_rerun_the_line_that_installs_it_is_named(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(FusionSlamError, match=r"pip install 'fusionslam\[live\]'"):
+    with pytest.raises(FusionSlamError) as caught:
         LiveView(tmp_path / "run.rrd")
+    assert (caught.value.code, caught.value.fields) == ("missing-extra", ("live",))
 
 
 class Viewer:
@@ -339,8 +341,9 @@ class Viewer:
 def test_a_viewer_that_does_not_start_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     viewer = Viewer(spawns=False, stays=False)
     monkeypatch.setattr("rerun.RecordingStream", lambda *_, **__: viewer)
-    with pytest.raises(FusionSlamError, match=r"does not start.*no executable"):
+    with pytest.raises(FusionSlamError, match="no executable") as caught:
         LiveView()
+    assert caught.value.code == "no-viewer"
 
 
 def test_closing_the_viewer_does_not_end_the_run(
@@ -353,4 +356,4 @@ def test_closing_the_viewer_does_not_end_the_run(
         for event in drive(1.0):
             view.step(slam.step(event), slam, event)
     assert viewer.rows and viewer.left
-    assert "closed before the end" in caplog.text
+    assert [record.levelname for record in caplog.records] == ["WARNING"]

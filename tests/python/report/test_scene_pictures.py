@@ -134,8 +134,9 @@ def test_without_matplotlib_the_line_that_installs_it_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(FusionSlamError, match=r"pip install 'fusionslam\[report\]'"):
+    with pytest.raises(FusionSlamError) as caught:
         write_scene_picture(tmp_path / "none.png", scan(1))
+    assert (caught.value.code, caught.value.fields) == ("missing-extra", ("report",))
     assert not (tmp_path / "none.png").exists()
 
 
@@ -169,11 +170,11 @@ def test_the_command_says_what_it_cannot_draw(tmp_path: Path) -> None:
     scenes.with_scenes(SceneConfig()).without_clouds().save(tmp_path / "small.npz")
     target = ("-o", tmp_path / "p.png")
     line = fails(1, "views", "show", tmp_path / "set.npz", "--frame", 3, *target)
-    assert "boxes has no scan 3; its scans are numbered 0 to 2" in line
+    assert "boxes" in line and "scan 3" in line
     words = ("views", "show", tmp_path / "set.npz", "--frame", 0, "--against", -1, *target)
-    assert "no scan -1" in fails(1, *words)
+    assert "scan -1" in fails(1, *words)
     line = fails(1, "views", "show", tmp_path / "small.npz", "--frame", 0, *target)
-    assert "boxes holds no clouds: record it without --only-scenes" in line
+    assert "boxes" in line and "--only-scenes" in line
     words = ("views", "show", tmp_path / "set.npz", "--frame", 0, "-o", tmp_path / "p.jpeg")
-    assert "expected the name of a .png" in fails(2, *words)
+    assert "p.jpeg" in fails(2, *words)
     assert not (tmp_path / "p.png").exists() and SceneSet.load(tmp_path / "set.npz")

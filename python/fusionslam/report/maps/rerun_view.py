@@ -115,10 +115,11 @@ class LiveView:
             self._recording.spawn()
             self._recording.flush(timeout_sec=_ANSWER_S)
         except (RuntimeError, OSError) as error:
-            raise FusionSlamError(
+            problem = (
                 f"the viewer of rerun does not start ({error}): is there a screen? A .rrd file "
                 "needs none"
-            ) from error
+            )
+            raise FusionSlamError(problem, code="no-viewer") from error
 
     def __enter__(self) -> "LiveView":
         return self
@@ -138,7 +139,7 @@ class LiveView:
             DataError: the view is closed.
         """
         if self._closed:
-            raise DataError("the live view is closed: make another one")
+            raise DataError("the live view is closed: make another one", code="closed")
         if self._first_ns is None:
             self._first_ns = step.stamp_ns
         begins, self._last = self._last is None, (step, slam)
@@ -315,7 +316,8 @@ def _rerun() -> Any:
     try:
         import rerun
     except ImportError as error:
-        raise FusionSlamError(
+        problem = (
             "the live view needs rerun, which is not installed: pip install 'fusionslam[live]'"
-        ) from error
+        )
+        raise FusionSlamError(problem, code="missing-extra", fields=("live",)) from error
     return rerun

@@ -39,7 +39,8 @@ def use_style() -> Any:
     try:
         import matplotlib
     except ImportError as error:
-        raise FusionSlamError("pictures need: pip install 'fusionslam[report]'") from error
+        problem = "pictures need: pip install 'fusionslam[report]'"
+        raise FusionSlamError(problem, code="missing-extra", fields=("report",)) from error
     return matplotlib.rc_context(_STYLE)
 
 

@@ -28,7 +28,8 @@ def check_extra() -> None:
     """Raise FusionSlamError if a package that reports need is not installed."""
     for module in ("jinja2", "matplotlib"):
         if find_spec(module) is None:
-            raise FusionSlamError("the report needs: pip install 'fusionslam[report]'")
+            problem = "the report needs: pip install 'fusionslam[report]'"
+            raise FusionSlamError(problem, code="missing-extra", fields=("report",))
 
 
 def about_report(dataset: str, command: str, config: Mapping[str, Any]) -> dict[str, Any]:
