@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cli import error_of, fails, run, succeeds
+from cli import fails, succeeds
 from fusionslam.cli.bench_views import default_data
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import judge_views, published_views, rerun_views
@@ -293,13 +293,6 @@ def test_several_frames_have_a_page_each(path: Path, tmp_path: Path) -> None:
         assert (tmp_path / frame / "views.html").is_file()
 
 
-def test_the_command_beside_it_still_compares_descriptors(tmp_path: Path) -> None:
-    assert "--descriptors" in succeeds("bench", "--help").stdout
-    assert "--methods" in succeeds("bench", "views", "--help").stdout
-    assert "bench views" in succeeds("--help").stdout
-    assert error_of(1, "bench", tmp_path / "nothing").code == "no-such-data"
-
-
 @pytest.mark.parametrize(
     ("words", "code", "named"),
     [
@@ -316,11 +309,6 @@ def test_a_mistake_is_named_in_a_line(
     words = tuple(str(path) if word == "PATH" else word for word in words)
     assert named in fails(code, "bench", "views", *words, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_the_ways_are_listed_with_what_they_are() -> None:
-    text = run("bench", "views", "-m", "list").stdout
-    assert all(name in text for name in METHODS)
 
 
 def test_costs_have_the_thesis_beside_them(drive: Drive) -> None:

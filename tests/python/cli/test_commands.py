@@ -89,13 +89,11 @@ def test_loops_are_listed_and_counted(kitti: Path, tmp_path: Path) -> None:
     ]
 
 
-def test_without_loops_it_says_why(kitti: Path, tmp_path: Path) -> None:
-    words = ("loops", kitti, "-o", tmp_path / "out", "--set", "loop_closure.window=18")
-    text = succeeds(*words, "--threshold", "0").stdout
-    assert "0 loops in 20 queries: 19 without candidates, 1 above threshold 0, best 0." in text
+def test_the_window_advised_for_a_short_recording_finds_candidates(
+    kitti: Path, tmp_path: Path
+) -> None:
     result = succeeds("loops", kitti, "-o", tmp_path / "short")
-    assert "20 without candidates" in result.stdout
-    (setting,) = re.findall(r"there are 20: --set (loop_closure.window=5)\n", result.stdout)
+    (setting,) = re.findall(r"--set (\S+)", result.stdout)
     better = succeeds("loops", kitti, "-o", tmp_path / "short", "--set", setting)
     assert "evaluation.window" not in better.stderr and "6 without candidates" in better.stdout
 

@@ -12,7 +12,6 @@ import fusionslam
 from cli import (
     FRAMES,
     NO_WINDOW,
-    fusionslam_descriptors,
     run,
     succeeds,
     vectors,
@@ -21,14 +20,6 @@ from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipelines import describe as pipeline
 from fusionslam.pipelines.describe import CHUNK
 from fusionslam.sensors.frame import Cloud, Frame
-
-
-def test_one_or_two_jobs_give_the_same_runs(kitti: Path, tmp_path: Path) -> None:
-    for jobs in ("1", "2"):
-        succeeds("describe", kitti, "-o", tmp_path / jobs, "--jobs", jobs)
-    for name in fusionslam_descriptors():
-        one, two = (vectors(tmp_path / jobs / f"lidar-{name}.npz") for jobs in ("1", "2"))
-        assert one == two
 
 
 def test_an_interrupted_run_keeps_what_is_done_and_goes_on(

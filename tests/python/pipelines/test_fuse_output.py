@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bags import drive, odometry, translation, without, write_bag
-from cli import error_of, fails, succeeds
+from cli import error_of, succeeds
 from fusionslam import DataError, FusionConfig
 from fusionslam.datasets import open_dataset
 from fusionslam.datasets.bags import open_bag
@@ -166,12 +166,6 @@ def test_fuse_says_how_many_frames_it_has_written(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "d.bag", drive())
     for out in (tmp_path / "made", tmp_path / "made.bag", tmp_path / "made"):
         assert succeeds("fuse", path, "-o", out).stdout.splitlines() == [f"{out}: 5 frames"]
-
-
-def test_a_format_of_clouds_is_none_of_bags(tmp_path: Path) -> None:
-    path, out = write_bag(tmp_path / "d.bag", drive()), tmp_path / "made.bag"
-    line = fails(2, "fuse", path, "-o", out, "--format", "pcd")
-    assert "--format" in line and not out.exists()
 
 
 def test_titles_of_pictures_name_what_is_drawn(tmp_path: Path) -> None:
