@@ -313,7 +313,9 @@ def move_clouds(scenes: SceneSet, frame: FrameName) -> SceneSet:
     if frame == "robot":
         return scenes
     if scenes.clouds is None:
-        raise DataError(f"{scenes.name} holds no clouds: its frame is {scenes.frame} for good")
+        raise DataError(
+            f"{scenes.name} holds no clouds: its frame cannot be changed", code="no-clouds"
+        )
     errors = DRIFT if frame == "drift" else OdometryConfig()
     places = measured_places(scenes.true_poses(), scenes.seconds, errors)
     clouds = []

@@ -172,6 +172,6 @@ def _feature(scenes: dict[str, Any], name: str, config: DescriptorConfig) -> NDA
             failed.append((index, str(error)))
     if failed:
         numbers = [int(scenes["numbers"][index]) for index, _ in failed]
-        logger.warning("%s of %d scans cannot be had: %s", name, len(failed), failed[0][1])
-        logger.info("without %s: %s", name, numbers)
+        logger.warning("%d scans cannot be described with %s: %s", len(failed), name, failed[0][1])
+        logger.info("scans without %s: %s", name, numbers)
     return rows

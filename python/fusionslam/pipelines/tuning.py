@@ -75,12 +75,12 @@ class TuningConfig(Section):
     )
     numbers: Literal["thesis", "robust"] = option(
         "thesis",
-        "which are looked for: thesis: colour, distance, volume, ratio and the "
+        "parameters to search for: thesis: colour, distance, volume, ratio and the "
         "threshold; robust: colour, distance, extents, range_slack and the threshold",
     )
-    population: int = option(40, "runs of a generation", ge=4)
-    generations: int = option(100, "generations", ge=1)
-    seed: int = option(0, "decides the random choices", ge=0)
+    population: int = option(40, "runs per generation", ge=4)
+    generations: int = option(100, "number of generations", ge=1)
+    seed: int = option(0, "seed of the random choices", ge=0)
     false_positives: float = option(1.0, "weight of the share of false positives", ge=0)
     false_negatives: float = option(1.0, "weight of the share of false negatives", ge=0)
     loop_recall: float = option(0.0, "weight of 1 - loop recall", ge=0)
@@ -254,8 +254,9 @@ class _Search:
             if number < len(known):
                 if not np.array_equal(numbers, known[number].numbers):
                     raise DataError(
-                        f"generation {number} of the tuning kept differs from this one's: another "
-                        "version of pymoo? Delete the state and begin anew"
+                        f"generation {number} of the stored tuning cannot be repeated, perhaps "
+                        "because pymoo changed: delete the state and start again",
+                        code="other-tuning",
                     )
                 values = known[number].values
             else:
