@@ -35,9 +35,8 @@ def tune(
 
     An interrupted call resumes where it stopped, with the same result.
     """
+    from fusionslam.pipelines.tuning import TuningState, write_tuning
     from fusionslam.pipelines.tuning import tune as find
-    from fusionslam.pipelines.tuning import write_tuning
-    from fusionslam.pipelines.tuning_state import TuningState
 
     needs_extra("tune")
     whole = views_config()

@@ -5,11 +5,13 @@
 The thesis uses a genetic algorithm, its author's program differential evolution, both from pymoo.
 """
 
+import json
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -17,8 +19,8 @@ import numpy as np
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.evaluation import ViewJudge, ViewReport
-from fusionslam.pipelines.tuning_state import Generation, TuningState
 from fusionslam.pipelines.views import views_of
+from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.files import atomic_path
 from fusionslam.views.comparison import View
@@ -63,6 +65,7 @@ BOUNDS = {"thesis": _THESIS, "robust": _ROBUST}
 """Parameters to tune and their bounds, by name: those of Stastny's thesis and of our preset."""
 _DIGITS = 6
 """Significant digits of each parameter; the values written are exactly those tried."""
+_STATE_FORMAT = "fusionslam.tuning.1"
 _WORST = 1e6
 """The objective for invalid parameters, such as weights that are all 0."""
 
@@ -103,6 +106,79 @@ class TuningResult:
     value: float
     reports: Sequence[ViewReport]
     best_values: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Generation:
+    """Parameters that were tried, float64 (k, d), and their values, float64 (k,)."""
+
+    numbers: Floats
+    values: Floats
+
+
+class TuningState:
+    """The generations of a tuning, in a file or, without a path, in memory.
+
+    Args:
+        path: of the file, which need not exist.
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None = None) -> None:
+        self.path = None if path is None else Path(path)
+        self.generations: list[Generation] = []
+        self._identity = ""
+
+    def begin(self, identity: dict[str, Any]) -> None:
+        """Load the generations in the file.
+
+        Raises:
+            DataError: the file is truncated, of another version, or of a tuning with other data
+                or settings.
+        """
+        self._identity = json.dumps(identity, sort_keys=True)
+        if self.path is None or not self.path.exists():
+            return
+        stored, self.generations = _read_state(self.path)
+        if stored != self._identity:
+            differing = _differences(json.loads(stored), identity)
+            raise DataError(
+                f"{self.path} belongs to a tuning with other {', '.join(differing)}: delete it, or "
+                "write to another file",
+                code="other-tuning",
+                fields=differing,
+            )
+
+    def add(self, generation: Generation) -> None:
+        """Store a generation. Raises DataError if the file cannot be written."""
+        self.generations.append(generation)
+        if self.path is None:
+            return
+        sizes = np.array([len(each.values) for each in self.generations], np.int64)
+        arrays = {
+            "sizes": sizes,
+            "numbers": np.concatenate([each.numbers for each in self.generations]),
+            "values": np.concatenate([each.values for each in self.generations]),
+        }
+        save_archive(self.path, _STATE_FORMAT, {"identity": self._identity}, arrays)
+
+
+def _read_state(path: Path) -> tuple[str, list[Generation]]:
+    with load_archive(path, _STATE_FORMAT, "the state of a tuning") as (about, stored):
+        edges = np.cumsum(stored["sizes"])[:-1]
+        parts = (np.split(stored[name], edges) for name in ("numbers", "values"))
+        return str(about["identity"]), [Generation(*pair) for pair in zip(*parts, strict=True)]
+
+
+def _differences(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
+    """Return the names of the differing values, such as "tuning.seed" and "sets"."""
+    names = []
+    for key, value in now.items():
+        other = before.get(key)
+        if isinstance(value, dict) and isinstance(other, dict):
+            names += [f"{key}.{name}" for name in value if other.get(name) != value[name]]
+        elif other != value:
+            names.append(key)
+    return names
 
 
 Progress = Callable[[int, int, float], None]

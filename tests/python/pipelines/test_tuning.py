@@ -17,11 +17,11 @@ from fusionslam.pipelines.tuning import (
     BOUNDS,
     TuningConfig,
     TuningResult,
+    TuningState,
     tune,
     with_numbers,
     write_tuning,
 )
-from fusionslam.pipelines.tuning_state import TuningState
 from fusionslam.pipelines.views import run_views
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.presets import load_preset, preset_names, preset_path
