@@ -34,14 +34,14 @@ class Section(BaseModel):
     @classmethod
     def _sequences_are_tuples(cls, values: Any) -> Any:
         """Turn lists into tuples, which YAML and JSON do not have."""
-        return _tupled(values)
+        return _as_tuples(values)
 
 
-def _tupled(value: Any) -> Any:
+def _as_tuples(value: Any) -> Any:
     if isinstance(value, list):
-        return tuple(_tupled(item) for item in value)
+        return tuple(_as_tuples(item) for item in value)
     if isinstance(value, dict):
-        return {key: _tupled(item) for key, item in value.items()}
+        return {key: _as_tuples(item) for key, item in value.items()}
     return value
 
 
@@ -111,15 +111,15 @@ def merged(
         if key in section.former_keys:
             raise ConfigError(f"unknown configuration key {path!r}: {section.former_keys[key]}")
         if key not in known:
-            raise ConfigError(_unknown(path, key, known))
+            raise ConfigError(_explain_unknown_key(path, key, known))
         current, kind = getattr(section, key), _named_sections(section, key)
         if isinstance(current, Section):
-            values[key] = _inner(current, value, path, new_names)
+            values[key] = _merge_inner(current, value, path, new_names)
         elif kind is not None and isinstance(value, Mapping):
             if not new_names:
                 _check_names(key, where, value, current)
             values[key] = current | {
-                name: _inner(current.get(name, kind()), inner, f"{path}.{name}", new_names)
+                name: _merge_inner(current.get(name, kind()), inner, f"{path}.{name}", new_names)
                 for name, inner in value.items()
             }
         else:
@@ -139,7 +139,7 @@ def flatten(values: Mapping[str, Any], where: str = "") -> dict[str, Any]:
     return flat
 
 
-def _inner(current: Section, value: Any, path: str, new_names: bool) -> Section:
+def _merge_inner(current: Section, value: Any, path: str, new_names: bool) -> Section:
     if not isinstance(value, Mapping):
         raise ConfigError(f"{path} is {value!r}, expected keys of its own: {_names(current)}")
     return merged(current, value, f"{path}.", new_names=new_names)
@@ -304,7 +304,7 @@ def _names(section: Section) -> str:
     return ", ".join(type(section).model_fields)
 
 
-def _unknown(path: str, key: str, known: list[str]) -> str:
+def _explain_unknown_key(path: str, key: str, known: list[str]) -> str:
     if not known:
         return f"unknown configuration key {path!r}: there is nothing to configure"
     return f"unknown configuration key {path!r}; {_hint(key, known)}known: {', '.join(known)}"

@@ -61,13 +61,13 @@ def describe(
         DataError: colours are needed and missing, or the cloud cannot be described (empty, NaN,
             all points equal, ...).
     """
-    kind = descriptor_named(name)
+    kind = find_descriptor(name)
     if kind.needs_colors and cloud.colors is None:
         raise DataError(f"{name} needs colours and the cloud has none", code="no-colors")
     return kind.compute(cloud, config or DescriptorConfig())
 
 
-def descriptor_named(name: str) -> Descriptor:
+def find_descriptor(name: str) -> Descriptor:
     """Look up a kind of descriptor. Raises ConfigError that lists the known names."""
     if name not in DESCRIPTORS:
         raise ConfigError(f"unknown descriptor {name!r}; known: {', '.join(DESCRIPTORS)}")

@@ -124,22 +124,22 @@ def fuse(frame: Frame, config: FusionConfig | None = None) -> Cloud:
             needs, and the message names it; or an image does not have the calibration's size.
     """
     config = config or FusionConfig()
-    cloud = without_ground(frame, colored(frame, config), config)
-    cloud = _moved(cloud, frame_from_points(frame, config.frame))
-    return _downsampled(cloud, config.voxel) if config.voxel > 0 else cloud
+    cloud = remove_ground(frame, color_cloud(frame, config), config)
+    cloud = _transform(cloud, frame_from_points(frame, config.frame))
+    return _downsample(cloud, config.voxel) if config.voxel > 0 else cloud
 
 
-def colored(frame: Frame, config: FusionConfig) -> Cloud:
+def color_cloud(frame: Frame, config: FusionConfig) -> Cloud:
     """First step: the coloured cloud in the scan's frame, ground included."""
     make = {"lidar": _lidar_cloud, "stereo": _stereo_cloud, "cloud": _plain_cloud}[config.source]
     return make(frame, config)
 
 
-def without_ground(frame: Frame, cloud: Cloud, config: FusionConfig) -> Cloud:
+def remove_ground(frame: Frame, cloud: Cloud, config: FusionConfig) -> Cloud:
     """Second step: remove the ground from a cloud in the scan's frame."""
     if config.ground == "none" or not len(cloud):
         return cloud
-    points = _moved(cloud, frame_from_points(frame, _ground_frame(config))).points
+    points = _transform(cloud, frame_from_points(frame, _ground_frame(config))).points
     kept = _above_ground(points, config)
     if len(kept) == len(cloud):
         logger.warning("frame %d: no ground found, all points are kept", frame.index)
@@ -279,7 +279,7 @@ def _is_cars(config: FusionConfig) -> bool:
     return _ground_frame(config) == "scan"
 
 
-def _moved(cloud: Cloud, a_from_b: NDArray[np.float64]) -> Cloud:
+def _transform(cloud: Cloud, a_from_b: NDArray[np.float64]) -> Cloud:
     """Transform a cloud from frame b to frame a."""
     if np.array_equal(a_from_b, np.eye(4)):
         return cloud
@@ -288,7 +288,7 @@ def _moved(cloud: Cloud, a_from_b: NDArray[np.float64]) -> Cloud:
     return Cloud(turned.astype(np.float32), cloud.colors)
 
 
-def _downsampled(cloud: Cloud, size: float) -> Cloud:
+def _downsample(cloud: Cloud, size: float) -> Cloud:
     points, colors, _ = voxel_downsample(cloud.points, cloud.colors, size=size)
     return Cloud(points, None if cloud.colors is None else colors)
 

@@ -40,11 +40,11 @@ def loops(
 ) -> None:
     """Find the loops in DATA frame after frame, as a robot would."""
     from fusionslam.config import merged
-    from fusionslam.descriptors import descriptor_named
+    from fusionslam.descriptors import find_descriptor
     from fusionslam.pipelines.describe import for_source
     from fusionslam.pipelines.loops import find_loops
 
-    name = descriptor_named(descriptor).name
+    name = find_descriptor(descriptor).name
     chosen = pipeline_config()
     if threshold is not None:
         chosen = merged(chosen, {"loop_closure": {"threshold": threshold}})

@@ -303,10 +303,10 @@ def choose_source(chosen: str | None, config: "PipelineConfig", recording: "Reco
 
 def parse_names(text: str) -> list[str]:
     """Return the named descriptors without repetition. Raises ConfigError for an unknown one."""
-    from fusionslam.descriptors import DESCRIPTORS, descriptor_named
+    from fusionslam.descriptors import DESCRIPTORS, find_descriptor
 
     names = list(DESCRIPTORS) if text == "all" else [name.strip() for name in text.split(",")]
-    return list(dict.fromkeys(descriptor_named(name).name for name in names))
+    return list(dict.fromkeys(find_descriptor(name).name for name in names))
 
 
 def check_choice(key: str, value: str | None, values: Sequence[str]) -> str | None:

@@ -18,6 +18,7 @@ from fusionslam.datasets.streams import (
     Stream,
     choose,
     files_in,
+    find_existing,
     frame_numbers,
     itself,
     regular_stamps,
@@ -49,7 +50,7 @@ def open_folder(path: Path, request: Request) -> Dataset:
     streams, name_stamps = _number({s: paths for s, paths in _files(root).items() if s in wanted})
     chosen = choose(streams, request, root)
     numbers, gaps = frame_numbers(chosen, request)
-    poses = request.poses or _poses(root)
+    poses = request.poses or find_existing(root / "poses.txt")
     stamps = _stamps(root, numbers, name_stamps, poses)
     return FileDataset(
         kind="folder",
@@ -61,7 +62,7 @@ def open_folder(path: Path, request: Request) -> Dataset:
         pose_frame="points",
         body_from_points=np.eye(4),
         poses=match_poses(poses, numbers, stamps) if poses else None,
-        cameras=_cameras(request.calibration or _calibration(root), chosen),
+        cameras=_cameras(request.calibration or find_existing(root / "calib.yaml"), chosen),
         gaps=gaps,
     )
 
@@ -121,16 +122,6 @@ def _stamps(
     if poses is None or pose_stamps is None:
         return regular_stamps(numbers, str(times))
     return pick(pose_stamps, numbers, poses)
-
-
-def _poses(root: Path) -> Path | None:
-    path = root / "poses.txt"
-    return path if path.exists() else None
-
-
-def _calibration(root: Path) -> Path | None:
-    path = root / "calib.yaml"
-    return path if path.exists() else None
 
 
 def _cameras(path: Path | None, streams: dict[str, Stream]) -> dict[str, Camera]:

@@ -16,6 +16,7 @@ from fusionslam.datasets.streams import (
     Stream,
     choose,
     entries,
+    find_existing,
     frame_numbers,
     itself,
     one_of,
@@ -41,10 +42,15 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
     numbers, gaps = frame_numbers(chosen, request)
     stamps = _stamps(root, numbers)
     calibration = _calibration(root, chosen)
-    poses = request.poses or _existing(root / "poses.txt", root / f"../../poses/{root.name}.txt")
+    poses = request.poses or find_existing(
+        root / "poses.txt", root / f"../../poses/{root.name}.txt"
+    )
     return FileDataset(
         kind="kitti-odometry",
-        name=_name(root),
+        # The simulator writes KITTI's layout, but figures published for KITTI do not apply to it.
+        name="simulated drive"
+        if (root.parent.parent / "sim.json").exists()
+        else f"KITTI odometry {root.name}",
         root=root,
         streams=chosen,
         numbers=numbers,
@@ -55,12 +61,6 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
         cameras=_cameras(calibration, cameras, chosen) if calibration else {},
         gaps=gaps,
     )
-
-
-def _name(root: Path) -> str:
-    # The simulator writes KITTI's layout, but figures published for KITTI do not apply to it.
-    simulated = (root.parent.parent / "sim.json").exists()
-    return "simulated drive" if simulated else f"KITTI odometry {root.name}"
 
 
 def find_streams(
@@ -93,7 +93,7 @@ def _sequence(path: Path, name: str | None) -> Path:
 
 
 def _stamps(root: Path, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    path = _existing(root / "times.txt", root / f"../../times/times_{root.name}.txt")
+    path = find_existing(root / "times.txt", root / f"../../times/times_{root.name}.txt")
     if path is None:
         return regular_stamps(numbers, str(root / "times.txt"))
     return pick(read_times(path), numbers, path)
@@ -126,10 +126,6 @@ def _cameras(
         for name, n in cameras.items()
         if name in streams
     }
-
-
-def _existing(*paths: Path) -> Path | None:
-    return next((path.resolve() for path in paths if path.exists()), None)
 
 
 def is_kitti_odometry(path: Path) -> bool:

@@ -19,6 +19,7 @@ from fusionslam.datasets.streams import (
     Stream,
     choose,
     entries,
+    find_existing,
     frame_numbers,
     itself,
     one_of,
@@ -82,7 +83,7 @@ def _stamps(
     """Stamps of the scans or, if they have none, of the first sensor that has some."""
     folders = [stream.expected(int(numbers[0])).parent.parent for stream in streams.values()]
     paths = [folder / "timestamps.txt" for folder in folders]
-    path = next((path for path in paths if path.exists()), None)
+    path = find_existing(*paths)
     if path is None:
         return regular_stamps(numbers, str(paths[0]))
     return pick(read_timestamps(path), numbers, path)
@@ -108,7 +109,7 @@ def _camera(
 
 def _calibration(root: Path, name: str) -> Calibration:
     """Read a calibration file of the drive or of its date's folder, as in the published data."""
-    path = next((folder / name for folder in (root, root.parent) if (folder / name).exists()), None)
+    path = find_existing(root / name, root.parent / name)
     if path is None:
         raise DataError(f"{root / name} is missing, and so is {root.parent / name}")
     return read_calibration(path)

@@ -22,7 +22,7 @@ from fusionslam.config import Section, option
 from fusionslam.datasets.base import CloudDataset
 from fusionslam.datasets.streams import Request, check_scans, check_self_contained
 from fusionslam.errors import DataError
-from fusionslam.geometry.odometry_noise import OdometryConfig, measured_places
+from fusionslam.geometry.odometry_noise import OdometryConfig, add_odometry_errors
 from fusionslam.geometry.se2 import transform_points
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.frame import Cloud
@@ -149,7 +149,7 @@ class RangeRecording(CloudDataset):
         if self.places is None:
             message = f"{self.name} has no poses, which the frame of odometry needs"
             raise DataError(message, code="no-poses")
-        return measured_places(self.places, self.seconds, config.odometry)
+        return add_odometry_errors(self.places, self.seconds, config.odometry)
 
 
 def is_recording(path: str | os.PathLike[str]) -> bool:

@@ -66,19 +66,7 @@ class Stream:
 
 @dataclass(frozen=True)
 class Request:
-    """Arguments of ``open_dataset``.
-
-    Attributes:
-        sequence: the one to open in a root folder.
-        sensors: those that every frame must have; None for all that the folder has.
-        gaps: "error" or "skip".
-        poses: pose file to use instead of the one found beside the data.
-        topics: topics of a bag by role.
-        stamps: time at which the messages of a bag were measured: "header" or "bag".
-        sync: how images of a bag are paired with scans.
-        calibration: calib.yaml to use instead of the recording's own calibration.
-        shapes: shapes that the scanner of a range recording saw; None for the first that it has.
-    """
+    """Arguments of ``open_dataset``, which describes them."""
 
     sequence: str | None = None
     sensors: Sequence[str] | None = None
@@ -143,6 +131,11 @@ def files_in(folder: Path, suffixes: Sequence[str]) -> list[Path]:
         for path in entries(folder)
         if path.suffix.lower() in suffixes and not path.name.startswith(".")
     )
+
+
+def find_existing(*paths: Path) -> Path | None:
+    """Find the first of these paths that exists, without links; None if none does."""
+    return next((path.resolve() for path in paths if path.exists()), None)
 
 
 def entries(folder: Path) -> list[Path]:

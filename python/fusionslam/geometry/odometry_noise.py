@@ -83,7 +83,7 @@ def simulate_odometry(
     return OdometryTrack(stamps, ground_poses(x, y, yaw), _rates(way, gap), _turn_rates(turn, gap))
 
 
-def measured_places(places: Floats, seconds: Floats, config: OdometryConfig) -> Floats:
+def add_odometry_errors(places: Floats, seconds: Floats, config: OdometryConfig) -> Floats:
     """Simulate odometry at the given poses of a drive.
 
     Args:

@@ -113,7 +113,7 @@ def read_trajectory(path: PathLike) -> Trajectory:
     path = Path(path)
     with reading(path, _EXPECTED):
         text = path.read_text(encoding="utf-8-sig")
-        lines = list(_filled(text))
+        lines = list(_nonempty_lines(text))
     if not lines or tuple(name.strip() for name in lines[0][1]) != _COLUMNS:
         found = repr(",".join(lines[0][1])) if lines else "nothing"
         raise DataError(f"{path} starts with {found}: expected {_EXPECTED}")
@@ -141,7 +141,7 @@ def write_trajectory(path: PathLike, trajectory: Trajectory) -> None:
         temporary.write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
-def _filled(text: str) -> Iterator[tuple[int, list[str]]]:
+def _nonempty_lines(text: str) -> Iterator[tuple[int, list[str]]]:
     """Yield the non-empty lines of a CSV text with their numbers from 1."""
     reader = csv.reader(text.splitlines())
     for cells in reader:

@@ -17,7 +17,7 @@ from fusionslam.config import Section, merged, option
 from fusionslam.descriptors import (
     DescriptorConfig,
     describe,
-    descriptor_named,
+    find_descriptor,
     for_sequence,
     length_of,
 )
@@ -79,7 +79,7 @@ class LoopDetector:
     ) -> None:
         given = {"threshold": threshold, "window": window, "window_seconds": window_seconds}
         changes = {key: value for key, value in given.items() if value is not None}
-        self.descriptor = descriptor_named(descriptor).name
+        self.descriptor = find_descriptor(descriptor).name
         self.config = merged(config or LoopConfig(), changes, "loop_closure.")
         self.describe_config = describe or DescriptorConfig()
         self.fusion_config = fusion or FusionConfig()
@@ -108,7 +108,7 @@ class LoopDetector:
         else:
             raise ShapeError(f"expected a Frame or a Cloud, got {type(frame_or_cloud).__name__}")
         config = self.describe_config
-        if descriptor_named(self.descriptor).needs_normals and len(self) == 0:
+        if find_descriptor(self.descriptor).needs_normals and len(self) == 0:
             config = for_sequence(config, cloud)
         vector = describe(cloud, self.descriptor, config)
         loop = self.add_descriptor(vector, stamp_ns=stamp_ns)

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.datasets.bags.calibrated import CALIBRATED
+from fusionslam.datasets.bags.calibration import CALIBRATED
 from fusionslam.datasets.bags.index import Series
 from fusionslam.datasets.bags.indexed_bag import IndexedBag
-from fusionslam.datasets.bags.pairing import open_indexed
+from fusionslam.datasets.bags.pairing import open_indexed_bag
 from fusionslam.datasets.bags.reader import Topic
 from fusionslam.datasets.bags.topics import ROLES
 from fusionslam.errors import DataError, one_line
@@ -43,8 +43,8 @@ class Inspection:
         stamps: str,
         calibration: Path | None = None,
     ) -> "Inspection":
-        """Pass through a bag. Raises DataError and ConfigError as ``open_indexed``."""
-        return cls(open_indexed(path, topics, stamps, calibration=calibration, everything=True))
+        """Pass through a bag. Raises DataError and ConfigError as ``open_indexed_bag``."""
+        return cls(open_indexed_bag(path, topics, stamps, calibration=calibration, everything=True))
 
     def rows(self) -> Iterator[tuple[str, str]]:
         """Yield (label, value) pairs about the bag itself."""

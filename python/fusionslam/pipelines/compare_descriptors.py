@@ -15,7 +15,7 @@ from typing import Any
 
 from fusionslam.config import merged
 from fusionslam.datasets import match_poses
-from fusionslam.descriptors import DESCRIPTORS, descriptor_named
+from fusionslam.descriptors import DESCRIPTORS, find_descriptor
 from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun, Evaluation, EvaluationConfig, evaluate
 from fusionslam.pipelines.describe import PipelineConfig, describable, for_source, load_runs
@@ -85,7 +85,7 @@ def benchmark(
     configs = configs or {source: PipelineConfig() for source in recording.sources()}
     wanted = names if isinstance(names, Mapping) else dict.fromkeys(configs, names)
     for name in (name for source in configs for name in wanted[source]):
-        descriptor_named(name)
+        find_descriptor(name)
     evaluations = []
     for source, config in configs.items():
         own = for_source(config, source)

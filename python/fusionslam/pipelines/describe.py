@@ -23,7 +23,7 @@ from fusionslam.config import Section, merged, option
 from fusionslam.descriptors import (
     DescriptorConfig,
     describe,
-    descriptor_named,
+    find_descriptor,
     for_sequence,
 )
 from fusionslam.errors import ConfigError, DataError
@@ -93,7 +93,7 @@ def describe_dataset(
     if bad_frames not in BAD_FRAMES:
         raise ConfigError(f"bad_frames is {bad_frames!r}, expected one of {', '.join(BAD_FRAMES)}")
     for name in names:
-        descriptor_named(name)
+        find_descriptor(name)
     settings = fix_radius(dataset, names, settings, bad_frames)
     work = _Work(dataset, tuple(names), settings, Path(folder), bad_frames)
     done = 0
@@ -117,7 +117,7 @@ def describable(
     def has_colors(index: int) -> bool:
         return fuse(dataset[index], config.fusion).colors is not None
 
-    colorful = [name for name in names if descriptor_named(name).needs_colors]
+    colorful = [name for name in names if find_descriptor(name).needs_colors]
     if not colorful or first_that_works(dataset, has_colors, bad_frames):
         return list(names)
     logger.warning("%s has no colours: left out %s", dataset.name, ", ".join(colorful))
@@ -132,7 +132,7 @@ def fix_radius(
     dataset: "Dataset", names: Sequence[str], config: PipelineConfig, bad_frames: str = "error"
 ) -> PipelineConfig:
     """Return the configuration with the radius of normals, which depends on the first frame."""
-    if not any(descriptor_named(name).needs_normals for name in names):
+    if not any(find_descriptor(name).needs_normals for name in names):
         return config
 
     def with_radius(index: int) -> DescriptorConfig:

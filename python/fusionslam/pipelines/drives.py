@@ -23,7 +23,7 @@ from fusionslam.datasets.range_recording import (
 from fusionslam.errors import DataError
 from fusionslam.evaluation.views.published import world_of
 from fusionslam.fusion import ROBOT_FUSION
-from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, measured_places
+from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, add_odometry_errors
 from fusionslam.geometry.se2 import places_of, transform_points
 from fusionslam.geometry.trajectory import Trajectory, read_trajectory
 from fusionslam.pipelines.recording import Recording, SceneRecording
@@ -317,7 +317,7 @@ def move_clouds(scenes: SceneSet, frame: FrameName) -> SceneSet:
             f"{scenes.name} holds no clouds: its frame cannot be changed", code="no-clouds"
         )
     errors = DRIFT if frame == "drift" else OdometryConfig()
-    places = measured_places(scenes.true_poses(), scenes.seconds, errors)
+    places = add_odometry_errors(scenes.true_poses(), scenes.seconds, errors)
     clouds = []
     for index, place in enumerate(places.tolist()):
         cloud = scenes.clouds[index]

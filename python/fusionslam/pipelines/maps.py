@@ -22,7 +22,7 @@ from fusionslam.ratslam.events import Event
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.ratslam.view_sources import SourceOptions, build_view_source
 from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
-from fusionslam.storage.files import uninterrupted
+from fusionslam.storage.files import delay_interrupts
 from fusionslam.storage.progress import Step as Progress
 from fusionslam.views.match import NO_VIEW
 
@@ -68,7 +68,7 @@ class RunRecorder:
         if isinstance(event, Unreadable):
             self._refuse(event.error)
             return None
-        with uninterrupted():
+        with delay_interrupts():
             try:
                 step = self.slam.step(event)
             except (DataError, ShapeError) as error:

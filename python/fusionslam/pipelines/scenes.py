@@ -13,7 +13,7 @@ from fusionslam.datasets.range_recording import RangeRecording, RecordingConfig
 from fusionslam.descriptors import (
     DescriptorConfig,
     describe,
-    descriptor_named,
+    find_descriptor,
     for_sequence,
     length_of,
 )
@@ -63,7 +63,7 @@ def record_scenes(
         ConfigError: an unknown descriptor.
     """
     for name in features:
-        descriptor_named(name)
+        find_descriptor(name)
     if isinstance(data, SceneRecording):
         return data.scenes
     if isinstance(data, RangeRecording):
@@ -162,7 +162,7 @@ def _feature(scenes: dict[str, Any], name: str, config: DescriptorConfig) -> NDA
     """float32 (n, D); NaN where a cloud cannot be described, which is logged."""
     clouds: CloudArray = scenes["clouds"]
     rows = np.full((len(clouds), length_of(name, config)), np.nan, np.float32)
-    if descriptor_named(name).needs_normals and len(clouds.points):
+    if find_descriptor(name).needs_normals and len(clouds.points):
         config = for_sequence(config, clouds[int(np.flatnonzero(clouds.sizes)[0])])
     failed = []
     for index in range(len(clouds)):

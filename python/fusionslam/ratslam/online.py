@@ -30,7 +30,7 @@ from fusionslam.ratslam.odometry import Ground, odometry_of
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.sensors.messages import NANOSECONDS, Odometry
 from fusionslam.storage.arrays import Matrix
-from fusionslam.storage.files import uninterrupted
+from fusionslam.storage.files import delay_interrupts
 
 logger = logging.getLogger(__name__)
 
@@ -110,12 +110,12 @@ class OnlineRatSlam:
             event: odometry, or a ``Look`` at a ``GivenView``. A bad event is left out, counted and
                 logged once per cause; the map is unchanged.
         """
-        with uninterrupted(), self._lock:
+        with delay_interrupts(), self._lock:
             return self._process_events(self._order_events(event))
 
     def flush(self) -> list[Step]:
         """Process all waiting events at the end of the input; returns their steps."""
-        with uninterrupted(), self._lock:
+        with delay_interrupts(), self._lock:
             return self._process_events(self._order.flush())
 
     @property
@@ -130,7 +130,7 @@ class OnlineRatSlam:
             name: human-readable name of the drive.
             odometry: human-readable name of the odometry.
         """
-        with uninterrupted(), self._lock:
+        with delay_interrupts(), self._lock:
             return LiveMap.of(self.slam, name, odometry)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -141,7 +141,7 @@ class OnlineRatSlam:
         Raises:
             DataError: the file cannot be written.
         """
-        with uninterrupted(), self._lock:
+        with delay_interrupts(), self._lock:
             self.slam.save(path)
 
     @classmethod

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
-from fusionslam.fusion import FusionConfig, colored, without_ground
+from fusionslam.fusion import FusionConfig, color_cloud, remove_ground
 from fusionslam.report.page.figures import new_figure, use_style
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.storage.files import atomic_path
@@ -77,8 +77,8 @@ def draw_stages(frame: Frame, config: FusionConfig) -> "Figure":
     Raises:
         DataError: as ``fuse``. FusionSlamError: matplotlib is missing.
     """
-    cloud = colored(frame, config)
-    kept = without_ground(frame, cloud, config)
+    cloud = color_cloud(frame, config)
+    kept = remove_ground(frame, cloud, config)
     scan = frame.points if frame.points is not None else cloud.points
     scan = scan[np.isfinite(scan).all(axis=1)]
     eye = _Eye(cloud.points, config)

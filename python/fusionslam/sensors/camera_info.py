@@ -84,7 +84,7 @@ def check_pair(left: CameraInfo, right: CameraInfo, names: Mapping[str, str]) ->
         )
 
 
-def rectified(picture: Picture, info: CameraInfo, name: str = "camera") -> Image:
+def rectify(picture: Picture, info: CameraInfo, name: str = "camera") -> Image:
     """Rectify and undistort an image for the projection of its CameraInfo.
 
     Raises:

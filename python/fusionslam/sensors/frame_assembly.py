@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.sensors.camera_info import camera_from, cameras_from, check_size, rectified
+from fusionslam.sensors.camera_info import camera_from, cameras_from, check_size, rectify
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.messages import CameraInfo, Picture, Scan
 from fusionslam.sensors.robot_frames import RobotFrames
@@ -48,21 +48,23 @@ def frame_from_pair(
     for name, picture in pictures.items():
         check_size(picture, infos[name], name)
     lead = scan or pictures["left"]
-    points, colors = _returned(scan)
+    points, colors = _select_returns(scan)
     return Frame(
         index=index,
         stamp_ns=lead.stamp_ns,
         points=points,
         colors=colors,
         pose=pose,
-        images={name: partial(rectified, p, infos[name], name) for name, p in pictures.items()},
-        cameras=_placed_cameras(scan, pictures, infos, frames, still),
+        images={name: partial(rectify, p, infos[name], name) for name, p in pictures.items()},
+        cameras=_place_cameras(scan, pictures, infos, frames, still),
         odometry=None if still else frames.odometry_from_robot(lead.stamp_ns),
         robot_from_points=_robot_from_points(scan, pictures, infos, frames, still),
     )
 
 
-def _returned(scan: Scan | None) -> tuple[NDArray[np.float32] | None, NDArray[np.uint8] | None]:
+def _select_returns(
+    scan: Scan | None,
+) -> tuple[NDArray[np.float32] | None, NDArray[np.uint8] | None]:
     """Points and colours of the rays that returned."""
     if scan is None:
         return None, None
@@ -95,7 +97,7 @@ def _optical_frame(
     return infos[name].frame_id or pictures[name].frame_id
 
 
-def _placed_cameras(
+def _place_cameras(
     scan: Scan | None,
     pictures: Mapping[str, Picture],
     infos: Mapping[str, CameraInfo],

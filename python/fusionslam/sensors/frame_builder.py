@@ -209,18 +209,18 @@ class FrameBuilder:
 
     def _synchronise(self, sensor: str, message: Scan | Picture) -> None:
         jumps = self.sync.jumps
-        pairs = self._paired(sensor, message)
+        pairs = self._pair(sensor, message)
         if self.sync.jumps > jumps:
-            self._start_anew()
+            self._restart()
             # Odometry and TF that already have the new time are kept.
             self.robot.forget_after(message.stamp_ns + self._jump_ns)
         self._pending.extend(pairs)
-        self._see(message.stamp_ns)
+        self._advance(message.stamp_ns)
         if len(self._pending) > self.config.sync.buffer:
             self._pending.popleft()
             self._give_up(BUFFER_FULL, "too many scans wait")
 
-    def _paired(self, sensor: str, message: Scan | Picture) -> list[Pair]:
+    def _pair(self, sensor: str, message: Scan | Picture) -> list[Pair]:
         """Add a message and return the pairs it completes; left and right images pair first."""
         if self.stereo is None or sensor not in _PAIR:
             return self.sync.add(sensor, message.stamp_ns, message)
@@ -232,7 +232,7 @@ class FrameBuilder:
     def _move(self, message: FrameTransforms | Odometry) -> None:
         if self.robot.goes_back(message, self._jump_ns):
             self.robot.forget_moving()
-            self._start_anew()
+            self._restart()
         try:
             self.robot.add(message)
         except DataError as error:
@@ -241,12 +241,12 @@ class FrameBuilder:
         else:
             # Transforms may be stamped ahead, as a localiser's are: they do not advance the time.
             if isinstance(message, Odometry):
-                self._see(message.stamp_ns)
+                self._advance(message.stamp_ns)
 
-    def _see(self, stamp_ns: int) -> None:
+    def _advance(self, stamp_ns: int) -> None:
         self._newest_ns = stamp_ns if self._newest_ns is None else max(self._newest_ns, stamp_ns)
 
-    def _start_anew(self) -> None:
+    def _restart(self) -> None:
         """Give up all waiting scans after the clock jumped back."""
         self._newest_ns = None
         while self._pending:
@@ -257,7 +257,8 @@ class FrameBuilder:
         frames = []
         while self._pending:
             pair = self._pending[0]
-            late = final or self._waited(pair) > self.config.wait * NANOSECONDS
+            newest = pair.stamp_ns if self._newest_ns is None else self._newest_ns
+            late = final or newest - pair.stamp_ns > self.config.wait * NANOSECONDS
             try:
                 frame = self._frame(pair, late)
             except _NotYetError:
@@ -268,9 +269,6 @@ class FrameBuilder:
                 frames.append(frame)
         return frames
 
-    def _waited(self, pair: Pair) -> int:
-        return 0 if self._newest_ns is None else self._newest_ns - pair.stamp_ns
-
     def _frame(self, pair: Pair, late: bool) -> Frame | None:
         """Frame of a pair, or None if it had to be given up. Raises _NotYetError."""
         missing = [name for name in _pictures(pair) if name not in self._infos]
@@ -280,7 +278,7 @@ class FrameBuilder:
             self._give_up(NO_CAMERA_INFO, f"none arrived for {', '.join(missing)}", *missing)
             return None
         try:
-            return self._placed(pair, late)
+            return self._assemble(pair, late)
         except TransformError as error:
             if error.may_come and not late:
                 raise _NotYetError from error
@@ -289,7 +287,7 @@ class FrameBuilder:
             self._give_up(BAD_CALIBRATION, str(error), *cause_of(error))
         return None
 
-    def _placed(self, pair: Pair, late: bool) -> Frame:
+    def _assemble(self, pair: Pair, late: bool) -> Frame:
         """Frame of a pair, without odometry if only that is missing."""
         scan = pair.item if isinstance(pair.item, Scan) else None
         pose = self._true_pose(pair.stamp_ns, late)

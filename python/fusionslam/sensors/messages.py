@@ -96,6 +96,16 @@ class Odometry:
     linear: Matrix = field(default_factory=lambda: np.zeros(3))
     angular: Matrix = field(default_factory=lambda: np.zeros(3))
 
+    @property
+    def transform(self) -> "FrameTransform":
+        """The pose as a moving transform."""
+        return FrameTransform(
+            stamp_ns=self.stamp_ns,
+            parent=self.frame_id,
+            child=self.child_frame_id,
+            parent_from_child=self.pose,
+        )
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FrameTransform:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Interpolates a robot's pose on the ground at any time from odometry that may arrive late.
 
-poses = PosesInTime()
+poses = PoseBuffer()
 poses.add(odometry)
 try:
     x, y, yaw = poses.at(stamp_ns)
@@ -11,11 +11,12 @@ except TransformError as error:
 """
 
 from collections import deque
+from dataclasses import replace
 from math import atan2
 from typing import Generic, TypeVar
 
 from fusionslam.errors import ClockError, DataError
-from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, Odometry
+from fusionslam.sensors.messages import NANOSECONDS, Odometry
 from fusionslam.sensors.synchronizer import SyncConfig
 from fusionslam.sensors.transforms import TransformError, TransformTree
 
@@ -24,7 +25,7 @@ Ground = tuple[float, float, float]
 """x, y in metres and yaw in radians."""
 
 
-class PosesInTime:
+class PoseBuffer:
     """A buffer of one robot's odometry that interpolates poses.
 
     Use a new one after the clock jumped back.
@@ -60,14 +61,7 @@ class PosesInTime:
         if newest is not None and newest - odometry.stamp_ns > self._jump_ns:
             back = (newest - odometry.stamp_ns) / NANOSECONDS
             raise ClockError(f"odometry lies {back:g} s before the newest")
-        self._tree.add(
-            FrameTransform(
-                stamp_ns=odometry.stamp_ns,
-                parent=names[0],
-                child=names[1],
-                parent_from_child=odometry.pose,
-            )
-        )
+        self._tree.add(replace(odometry.transform, parent=names[0], child=names[1]))
         self._names = names
 
     def at(self, stamp_ns: int) -> Ground:
@@ -82,7 +76,7 @@ class PosesInTime:
         return float(pose[0, 3]), float(pose[1, 3]), atan2(pose[1, 0], pose[0, 0])
 
 
-class PosedInTime(Generic[T]):
+class PoseQueue(Generic[T]):
     """A queue of items that wait until odometry gives the robot's pose at their stamps.
 
     Args:
@@ -99,7 +93,7 @@ class PosedInTime(Generic[T]):
         self._start()
 
     def _start(self) -> None:
-        self._poses = PosesInTime(history_s=self._history_s)
+        self._poses = PoseBuffer(history_s=self._history_s)
         self._waiting: deque[tuple[int, T]] = deque()
         self._newest_ns: int | None = None
 
@@ -107,35 +101,35 @@ class PosedInTime(Generic[T]):
         """Add an item; returns what is now decided, in order: stamp, item, pose or None."""
         newest, done = self._newest_ns, []
         if newest is not None and newest - stamp_ns > NANOSECONDS * SyncConfig().jump:
-            newest, done = None, self._start_anew()
+            newest, done = None, self._restart()
         self._newest_ns = stamp_ns if newest is None else max(newest, stamp_ns)
         self._waiting.append((stamp_ns, item))
-        return done + self._decided()
+        return done + self._release()
 
     def move(self, odometry: Odometry) -> list[tuple[int, T, Ground | None]]:
-        """Add odometry; returns what is now decided. Raises DataError as ``PosesInTime.add``."""
+        """Add odometry; returns what is now decided. Raises DataError as ``PoseBuffer.add``."""
         done = []
         try:
             self._poses.add(odometry)
         except ClockError:
-            poses = PosesInTime(history_s=self._history_s)
+            poses = PoseBuffer(history_s=self._history_s)
             poses.add(odometry)  # raises on invalid odometry, before anything changes
-            done = self._start_anew()
+            done = self._restart()
             self._poses = poses
-        return done + self._decided()
+        return done + self._release()
 
     def flush(self) -> list[tuple[int, T, Ground | None]]:
         """Return all waiting items, with poses if known; no more odometry is expected."""
-        return self._decided(final=True)
+        return self._release(final=True)
 
-    def _start_anew(self) -> list[tuple[int, T, Ground | None]]:
+    def _restart(self) -> list[tuple[int, T, Ground | None]]:
         """Return all waiting items and empty the buffers after the clock jumped back."""
-        done = self._decided(final=True)
+        done = self._release(final=True)
         self.jumps += 1
         self._start()
         return done
 
-    def _decided(self, *, final: bool = False) -> list[tuple[int, T, Ground | None]]:
+    def _release(self, *, final: bool = False) -> list[tuple[int, T, Ground | None]]:
         done: list[tuple[int, T, Ground | None]] = []
         while self._waiting:
             stamp_ns, item = self._waiting[0]

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from fusionslam.errors import DataError
-from fusionslam.sensors.messages import FrameTransform, FrameTransforms, Odometry
+from fusionslam.sensors.messages import FrameTransforms, Odometry
 from fusionslam.sensors.transforms import TransformTree
 from fusionslam.storage.arrays import Matrix
 
@@ -57,20 +57,17 @@ class RobotFrames:
             DataError: as ``TransformTree.add``, for the first invalid transform; the valid ones
                 of the same message are added.
         """
-        if isinstance(message, FrameTransforms):
-            self._add_all(message.transforms)
+        if isinstance(message, Odometry):
+            ends = message.frame_id, message.child_frame_id
+            if self._is_true(message):
+                self._true_moves.add(message.transform)
+                self._true = ends
+            else:
+                self._moves.add(message.transform)
+                self._measured = ends
             return
-        ends = message.frame_id, message.child_frame_id
-        if self._is_true(message):
-            self._true_moves.add(_as_transform(message))
-            self._true = ends
-        else:
-            self._moves.add(_as_transform(message))
-            self._measured = ends
-
-    def _add_all(self, transforms: Iterable[FrameTransform]) -> None:
         errors = []
-        for transform in transforms:
+        for transform in message.transforms:
             try:
                 self.tree.add(transform)
             except DataError as error:
@@ -80,9 +77,8 @@ class RobotFrames:
 
     def forget_moving(self) -> None:
         """Drop all moving transforms after the clock jumped back."""
-        self.tree.forget_moving()
-        self._moves.forget_moving()
-        self._true_moves.forget_moving()
+        for tree in (self.tree, self._moves, self._true_moves):
+            tree.forget_moving()
 
     def forget_after(self, stamp_ns: int) -> None:
         """Drop moving transforms later than a stamp, to which the clock jumped back."""
@@ -172,12 +168,3 @@ class RobotFrames:
     def _first(self, names: Iterable[str]) -> str | None:
         frames = self.tree.frames
         return next((name for name in names if name in frames), None)
-
-
-def _as_transform(message: Odometry) -> FrameTransform:
-    return FrameTransform(
-        stamp_ns=message.stamp_ns,
-        parent=message.frame_id,
-        child=message.child_frame_id,
-        parent_from_child=message.pose,
-    )

@@ -144,7 +144,7 @@ class Synchronizer:
         self.jumps = 0
         self._lateness = round(self.config.lateness * NANOSECONDS)
         self._reach = round(self.config.max_difference * NANOSECONDS)
-        self._start_anew()
+        self._restart()
 
     @property
     def waiting(self) -> dict[str, int]:
@@ -165,10 +165,10 @@ class Synchronizer:
         if sensor not in self._buffers:
             raise ConfigError(f"sensor is {sensor!r}, expected one of {', '.join(self._buffers)}")
         self.added[sensor] += 1
-        if self._jumped(sensor, stamp_ns):
-            self._forget()
+        if self._is_jump(sensor, stamp_ns):
+            self._drop_all()
         self._insert(sensor, stamp_ns, item)
-        return self._decided()
+        return self._decide_all()
 
     def flush(self) -> list[Pair]:
         """Decide all waiting scans; no more messages are expected."""
@@ -177,21 +177,21 @@ class Synchronizer:
             self._retire(camera, len(self._buffers[camera].stamps))
         return pairs
 
-    def _start_anew(self) -> None:
+    def _restart(self) -> None:
         self._buffers = {name: _Waiting([], [], []) for name in (self.scans, *self.cameras)}
         self._scans = self._buffers[self.scans]
         # All scans decided from now on have later stamps.
         self._decided_ns: int | None = None
 
-    def _jumped(self, sensor: str, stamp_ns: int) -> bool:
+    def _is_jump(self, sensor: str, stamp_ns: int) -> bool:
         newest = self._buffers[sensor].newest
         return newest is not None and newest - stamp_ns > self.config.jump * NANOSECONDS
 
-    def _forget(self) -> None:
+    def _drop_all(self) -> None:
         self.jumps += 1
         for sensor, count in self.waiting.items():
             self._drop(sensor, CLOCK_JUMP, count)
-        self._start_anew()
+        self._restart()
 
     def _drop(self, sensor: str, reason: str, count: int = 1) -> None:
         if count:
@@ -219,9 +219,9 @@ class Synchronizer:
         far = self._decided_ns - self._reach
         return max(stamps[place - 1], far) if place else far
 
-    def _decided(self) -> list[Pair]:
+    def _decide_all(self) -> list[Pair]:
         pairs = []
-        while self._scans.stamps and (self._settled(self._scans.stamps[0]) or self._full()):
+        while self._scans.stamps and (self._is_settled(self._scans.stamps[0]) or self._full()):
             if pair := self._decide():
                 pairs.append(pair)
         for camera in self.cameras:
@@ -232,10 +232,10 @@ class Synchronizer:
     def _full(self) -> bool:
         return any(len(buffer.stamps) > self.config.buffer for buffer in self._buffers.values())
 
-    def _settled(self, stamp_ns: int) -> bool:
-        return all(self._camera_settled(camera, stamp_ns) for camera in self.cameras)
+    def _is_settled(self, stamp_ns: int) -> bool:
+        return all(self._is_camera_settled(camera, stamp_ns) for camera in self.cameras)
 
-    def _camera_settled(self, camera: str, stamp_ns: int) -> bool:
+    def _is_camera_settled(self, camera: str, stamp_ns: int) -> bool:
         place = self._match(camera, stamp_ns)
         distance = self._reach
         if place is not None:
@@ -244,9 +244,9 @@ class Synchronizer:
             if distance == 0 and self._lateness == 0:
                 return True
         ahead = distance if self.config.policy == "nearest" else 0
-        return self._passed(camera, stamp_ns + ahead)
+        return self._has_passed(camera, stamp_ns + ahead)
 
-    def _passed(self, camera: str, stamp_ns: int) -> bool:
+    def _has_passed(self, camera: str, stamp_ns: int) -> bool:
         newest = self._buffers[camera].newest
         return newest is not None and newest > stamp_ns + self._lateness
 

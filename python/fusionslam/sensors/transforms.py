@@ -166,7 +166,7 @@ class TransformTree:
         name = _name(frame)
         return [name, *self._ancestors(name)][-1]
 
-    def drawn(self) -> str:
+    def draw(self) -> str:
         """Text of all trees, one frame per line, children indented below their parents."""
         roots = [name for name in self.frames if name not in self._links]
         return "\n".join(line for root in roots for line in self._branch(root, ""))
@@ -191,18 +191,20 @@ class TransformTree:
 
     def _ways(self, target: str, source: str) -> tuple[list[str], list[str]]:
         """Frames from source and from target up to below their nearest common ancestor."""
-        ups, downs = ([name, *self._ancestors(name)] for name in map(self._known, (source, target)))
+        ups, downs = (
+            [name, *self._ancestors(name)] for name in map(self._resolve, (source, target))
+        )
         common = next((name for name in ups if name in downs), None)
         if common is None:
             raise TransformError(
-                f"no transform links '{target}' and '{source}'; the trees are\n{self.drawn()}",
+                f"no transform links '{target}' and '{source}'; the trees are\n{self.draw()}",
                 may_come=True,
                 code="frames-not-linked",
                 fields=(target, source),
             )
         return ups[: ups.index(common)], downs[: downs.index(common)]
 
-    def _known(self, name: str) -> str:
+    def _resolve(self, name: str) -> str:
         frames, bare = self.frames, _name(name)
         if bare in frames:
             return bare

@@ -107,7 +107,7 @@ def why_not(target: Path, error: OSError) -> str:
 
 
 @contextmanager
-def uninterrupted() -> Iterator[None]:
+def delay_interrupts() -> Iterator[None]:
     """Delay Ctrl-C and SIGTERM while third-party code changes a file.
 
     They take effect at the end of the block. Threads other than the main one are never interrupted.

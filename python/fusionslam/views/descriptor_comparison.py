@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import DescriptorIndex
-from fusionslam.descriptors import DescriptorConfig, describe, descriptor_named, length_of
+from fusionslam.descriptors import DescriptorConfig, describe, find_descriptor, length_of
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views.comparison import Arrays, Candidate, Item, View
@@ -28,7 +28,7 @@ class DescriptorComparison:
     """
 
     def __init__(self, name: str, config: DescriptorConfig, max_distance: float) -> None:
-        self._descriptor, self._config = descriptor_named(name), config
+        self._descriptor, self._config = find_descriptor(name), config
         self.kind = name
         self.threshold = similarity_at(max_distance)
         self._rows: list[NDArray[np.float32]] = []

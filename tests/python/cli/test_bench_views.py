@@ -15,7 +15,7 @@ from cli import fails, succeeds
 from fusionslam.cli.bench_views import default_data
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import judge_views, published_views, rerun_views
-from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, measured_places
+from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, add_odometry_errors
 from fusionslam.pipelines import methods
 from fusionslam.pipelines.compare_views import bench_views
 from fusionslam.pipelines.drives import Drive, move_clouds, open_drive, places_at
@@ -183,8 +183,10 @@ def test_clouds_of_one_place_meet_in_the_frame_of_odometry(drive: Drive) -> None
 def test_drift_takes_clouds_where_odometry_believes_to_be(drive: Drive) -> None:
     turned = replace(drive.scenes, poses=drive.scenes.true_poses() + np.array([0, 0, np.pi / 2]))
     scenes = move_clouds(turned, "drift")
-    places = measured_places(turned.true_poses(), turned.seconds, DRIFT)
-    assert not np.allclose(places, measured_places(turned.poses, turned.seconds, OdometryConfig()))
+    places = add_odometry_errors(turned.true_poses(), turned.seconds, DRIFT)
+    assert not np.allclose(
+        places, add_odometry_errors(turned.poses, turned.seconds, OdometryConfig())
+    )
     assert scenes.clouds is not None and turned.clouds is not None
     points = turned.clouds[9].points
     x, y, yaw = places[9]

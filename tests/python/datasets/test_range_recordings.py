@@ -11,7 +11,11 @@ import pytest
 from error_codes import has_code
 from fusionslam.datasets.range_recording import RangeRecording, RecordingConfig, is_recording
 from fusionslam.errors import DataError
-from fusionslam.geometry.odometry_noise import OdometryConfig, measured_places, simulate_odometry
+from fusionslam.geometry.odometry_noise import (
+    OdometryConfig,
+    add_odometry_errors,
+    simulate_odometry,
+)
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.pipelines.scenes import record_scenes
 from scenes import LAPS, write_recording
@@ -57,9 +61,9 @@ def test_odometry_at_places_is_that_of_the_simulator() -> None:
     )
     track = simulate_odometry(Trajectory(seconds, *places.T), config, 2.0)
     wrapped = np.column_stack([places[:, :2], np.angle(np.exp(1j * places[:, 2]))])
-    found = measured_places(wrapped, seconds, config)
+    found = add_odometry_errors(wrapped, seconds, config)
     assert found[:, :2] == pytest.approx(track.poses[:, :2, 3])
-    assert np.array_equal(measured_places(places, seconds, OdometryConfig()), places)
+    assert np.array_equal(add_odometry_errors(places, seconds, OdometryConfig()), places)
 
 
 def test_a_recording_without_poses_has_scenes_but_no_odometry(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import fusionslam
-from fusionslam.storage.files import uninterrupted
+from fusionslam.storage.files import delay_interrupts
 
 
 class Alarm(Exception):
@@ -79,7 +79,7 @@ def test_what_others_write_is_not_cut_in_the_middle() -> None:
     before = signal.signal(signal.SIGINT, handler)
     done = []
     try:
-        with pytest.raises(Alarm), uninterrupted():
+        with pytest.raises(Alarm), delay_interrupts():
             signal.raise_signal(signal.SIGINT)
             done.append("the rest")
         assert done == ["the rest"]

@@ -15,7 +15,7 @@ import bags
 import fusionslam
 from fusionslam.datasets.bags import open_bag
 from fusionslam.errors import DataError
-from fusionslam.sensors.camera_info import camera_from, rectified
+from fusionslam.sensors.camera_info import camera_from, rectify
 from fusionslam.sensors.frame_builder import (
     BAD_CALIBRATION,
     NO_CAMERA_INFO,
@@ -192,8 +192,8 @@ def test_the_cameras_rectification_turns_points() -> None:
 def test_only_distorted_images_are_changed() -> None:
     image = np.random.default_rng(0).integers(0, 255, (48, 64), dtype=np.uint8)
     taken = Picture(stamp_ns=0, frame_id="camera", image=image)
-    assert rectified(taken, info()) is image
-    bent = rectified(taken, info(distortion=np.array([-0.3, 0.1, 0, 0, 0])))
+    assert rectify(taken, info()) is image
+    bent = rectify(taken, info(distortion=np.array([-0.3, 0.1, 0, 0, 0])))
     assert bent.shape == image.shape and (bent != image).mean() > 0.3
     assert bent[24, 32] == image[24, 32]  # the principal point stays
 
@@ -210,7 +210,7 @@ def test_a_lens_that_nobody_knows_is_an_error_of_the_data(
 ) -> None:
     unknown = info(**{"distortion": np.full(5, 0.1), **changes})
     with pytest.raises(DataError, match=f"/image: .*{message}"):
-        rectified(picture(0), unknown, "/image")
+        rectify(picture(0), unknown, "/image")
 
 
 def test_a_wrong_transform_does_not_take_the_others_along() -> None:

@@ -16,7 +16,7 @@ from fusionslam.datasets.bags.reader import open_bag
 from fusionslam.errors import ClockError, DataError
 from fusionslam.geometry.se2 import places_of
 from fusionslam.sensors.messages import Odometry
-from fusionslam.sensors.pose_buffer import Ground, PosedInTime, PosesInTime
+from fusionslam.sensors.pose_buffer import Ground, PoseBuffer, PoseQueue
 from fusionslam.sensors.transforms import TransformError
 
 S = 1_000_000_000
@@ -30,16 +30,16 @@ def odometry(seconds: float, x: float, y: float, yaw: float, **names: str) -> Od
     return Odometry(stamp_ns=round(seconds * S), pose=pose, **ends)
 
 
-def driven(until: float, **options: float) -> PosesInTime:
+def driven(until: float, **options: float) -> PoseBuffer:
     """Along a line at 2 m/s, turning left at 0.3 rad/s, ten times a second from 100 s on."""
-    poses = PosesInTime(**options)
+    poses = PoseBuffer(**options)
     for step in range(round(until * 10) + 1):
         t = step / 10
         poses.add(odometry(100 + t, 2 * t, 1 - t, 0.3 * t))
     return poses
 
 
-def why_not(poses: PosesInTime, seconds: float) -> TransformError:
+def why_not(poses: PoseBuffer, seconds: float) -> TransformError:
     with pytest.raises(TransformError) as caught:
         poses.at(round(seconds * S))
     return caught.value
@@ -53,7 +53,7 @@ def test_between_two_messages_the_pose_is_interpolated() -> None:
 
 
 def test_what_is_not_known_yet_may_come_and_what_was_before_never_will() -> None:
-    poses = PosesInTime()
+    poses = PoseBuffer()
     assert why_not(poses, 100).may_come and why_not(poses, 100).code == "no-odometry"
     poses = driven(5)
     late, early = why_not(poses, 105.02), why_not(poses, 99.9)
@@ -90,14 +90,14 @@ def test_odometry_of_two_robots_or_that_is_no_pose_is_refused() -> None:
     with pytest.raises(DataError, check=has_code("no-transform", "odom", "base")):
         poses.add(bad)
     assert poses.at(105 * S) == before
-    fresh = PosesInTime()
+    fresh = PoseBuffer()
     with pytest.raises(DataError, check=has_code("no-transform")):
         fresh.add(bad)
     assert why_not(fresh, 105).code == "no-odometry"
 
 
 def test_drivers_that_leave_the_names_empty_are_understood() -> None:
-    poses = PosesInTime()
+    poses = PoseBuffer()
     poses.add(odometry(1, 3, 4, 0.5, frame_id="", child_frame_id=""))
     assert poses.at(S) == pytest.approx((3, 4, 0.5))
 
@@ -105,7 +105,7 @@ def test_drivers_that_leave_the_names_empty_are_understood() -> None:
 def test_in_a_bag_it_says_where_the_frames_truly_were(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     path = write_bag(tmp_path / "drive.bag", drive(10))
-    poses = PosesInTime()
+    poses = PoseBuffer()
     with open_bag(path) as bag:
         for event in bag.events(["/odom"]):
             assert isinstance(event.message, Odometry)
@@ -116,9 +116,9 @@ def test_in_a_bag_it_says_where_the_frames_truly_were(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, places_of(dataset.poses), atol=1e-9)
 
 
-def waiting(**options: Any) -> PosedInTime[str]:
+def waiting(**options: Any) -> PoseQueue[str]:
     """Odometry up to 101 s is known."""
-    posed: PosedInTime[str] = PosedInTime(**options)
+    posed: PoseQueue[str] = PoseQueue(**options)
     for step in range(11):
         assert posed.move(odometry(100 + step / 10, step, 0, 0)) == []
     return posed

@@ -156,7 +156,7 @@ def test_loops_and_second_parents_are_refused(
     tree = robot()
     with pytest.raises(DataError, check=has_code(code, *frames)):
         tree.add(link(parent, child, np.eye(4)))
-    assert tree.drawn() == robot().drawn()
+    assert tree.draw() == robot().draw()
 
 
 @pytest.mark.parametrize(

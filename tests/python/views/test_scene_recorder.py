@@ -18,7 +18,7 @@ from fusionslam.fusion import ROBOT_FUSION, fuse
 from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.messages import Odometry
-from fusionslam.sensors.pose_buffer import PosesInTime
+from fusionslam.sensors.pose_buffer import PoseBuffer
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.scene_recorder import SceneRecorder
 from fusionslam.views.scene_set import SceneSet
@@ -84,7 +84,7 @@ def test_a_bag_gives_its_set_frame_by_frame(tmp_path: Path) -> None:
 
     path = write_bag(tmp_path / "drive.bag", bag_drive(4.0))
     dataset = open_dataset(path)
-    poses, recorder = PosesInTime(), SceneRecorder(dataset.name)
+    poses, recorder = PoseBuffer(), SceneRecorder(dataset.name)
     with open_bag(path) as bag:
         for event in bag.events(["/odom"]):
             assert isinstance(event.message, Odometry)

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets.bags import pairing
 from fusionslam.datasets.bags.indexed_bag import IndexedBag
-from fusionslam.datasets.bags.pairing import Matched, match, open_indexed, with_poses
+from fusionslam.datasets.bags.pairing import Matched, match, open_indexed_bag, with_poses
 from fusionslam.datasets.bags.topics import INFO_ROLES
 from fusionslam.datasets.base import Dataset, OdometryOrigin, PosesOrigin
 from fusionslam.datasets.pose_files import match_poses
 from fusionslam.datasets.streams import SENSORS, MissingSensorError, Request, itself
 from fusionslam.errors import DataError, naming
-from fusionslam.sensors.camera_info import cameras_from, check_pair, rectified
+from fusionslam.sensors.camera_info import cameras_from, check_pair, rectify
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.images import Images
 from fusionslam.sensors.messages import CameraInfo, Odometry, Picture, Scan
@@ -57,7 +57,6 @@ class BagDataset(Dataset):
 
     @property
     def truth_topic(self) -> str | None:
-        """Topic of ground truth poses, whether or not ``poses`` come from it; None if absent."""
         return self.source.roles.get("truth")
 
     @property
@@ -70,7 +69,6 @@ class BagDataset(Dataset):
 
     @property
     def odometry_topic(self) -> str | None:
-        """Topic of odometry messages; None if absent."""
         return self.source.roles.get("odometry")
 
     @property
@@ -131,7 +129,7 @@ class BagDataset(Dataset):
             cameras=_cameras(self.source, self.matched, index),
             pose=None if self.poses is None else self.poses[index],
             odometry=self.source.odometry_at(stamp_ns),
-            robot_from_points=self.source.placed_in(robot, self.matched.points_frame, stamp_ns)
+            robot_from_points=self.source.find_transform(robot, self.matched.points_frame, stamp_ns)
             if robot and (has_points or places is not None)
             else None,
         )
@@ -148,7 +146,7 @@ class BagDataset(Dataset):
         if info is None:
             return picture.image
         with naming(self.root):
-            return rectified(picture, info, self.source.roles[camera])
+            return rectify(picture, info, self.source.roles[camera])
 
     def _message(self, sensor: str, index: int) -> Any:
         row = int(self.matched.rows[sensor][index])
@@ -165,7 +163,7 @@ def open_bag_dataset(path: Path, request: Request) -> BagDataset:
         ConfigError: an unknown role or kind of stamps.
     """
     itself(path, request.sequence)
-    source = open_indexed(path, request.topics, request.stamps, calibration=request.calibration)
+    source = open_indexed_bag(path, request.topics, request.stamps, calibration=request.calibration)
     return dataset_of(source, request)
 
 
@@ -189,7 +187,7 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
         stamps_ns=stamps_ns,
         pose_frame=moved.body or "the robot",
         origin=origin,
-        body_from_points=source.placed_in(moved.body, matched.points_frame, int(stamps_ns[0]))
+        body_from_points=source.find_transform(moved.body, matched.points_frame, int(stamps_ns[0]))
         if has_points
         else None,
         poses=poses,

@@ -110,7 +110,7 @@ def compressed_image_of(message: Any) -> Pixels:
         raise DataError(f"field 'format' is '{message.format}', expected a JPEG or PNG picture")
     try:
         with Image.open(io.BytesIO(data), formats=("JPEG", "PNG")) as picture:
-            pixels = _decoded(picture)
+            pixels = _decode(picture)
     except DataError:
         raise
     except _UNDECODABLE as error:
@@ -123,7 +123,7 @@ def compressed_image_of(message: Any) -> Pixels:
     return np.ascontiguousarray(pixels[:, :, ::-1]) if swapped and pixels.ndim == 3 else pixels
 
 
-def _decoded(picture: Image.Image) -> Pixels:
+def _decode(picture: Image.Image) -> Pixels:
     if picture.mode in _GREY_MODES:
         return np.array(picture.convert("L"))
     if picture.mode in _COLOR_MODES:
@@ -133,7 +133,7 @@ def _decoded(picture: Image.Image) -> Pixels:
 
 def image_parts(image: Pixels) -> dict[str, Any]:
     """Fields of a sensor_msgs/Image except its header."""
-    _need_pixels(image)
+    _check_pixels(image)
     return {
         "height": image.shape[0],
         "width": image.shape[1],
@@ -146,7 +146,7 @@ def image_parts(image: Pixels) -> dict[str, Any]:
 
 def compressed_parts(image: Pixels, stored: str) -> dict[str, Any]:
     """Fields of a sensor_msgs/CompressedImage except its header; ``stored``: "jpeg" or "png"."""
-    _need_pixels(image)
+    _check_pixels(image)
     memory = io.BytesIO()
     quality = {"quality": JPEG_QUALITY} if stored == "jpeg" else {"compress_level": 1}
     Image.fromarray(np.ascontiguousarray(image)).save(memory, stored.upper(), **quality)
@@ -162,7 +162,7 @@ def _encoding(image: Pixels) -> str:
     return "rgb8" if image.ndim == 3 else "mono8"
 
 
-def _need_pixels(image: Pixels) -> None:
+def _check_pixels(image: Pixels) -> None:
     shape = image.shape
     if image.dtype != np.uint8 or not (len(shape) == 2 or shape[2:] == (3,)) or not image.size:
         raise DataError(

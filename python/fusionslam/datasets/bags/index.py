@@ -17,7 +17,6 @@ from fusionslam.datasets.bags.topics import TRANSFORM_TYPES
 from fusionslam.errors import DataError, cause_of
 from fusionslam.sensors.messages import (
     CameraInfo,
-    FrameTransform,
     FrameTransforms,
     Message,
     Odometry,
@@ -126,7 +125,7 @@ def index_bag(
         series = index.series.setdefault(raw.topic, Series(stamps == "bag"))
         stamp_ns = series.add(raw)
         try:
-            _keep(index, raw, roles, stamp_ns if series.by_arrival else None)
+            _store(index, raw, roles, stamp_ns if series.by_arrival else None)
         except DataError as error:
             count, first = index.refused.get(cause_of(error), (0, str(error)))
             index.refused[cause_of(error)] = count + 1, first
@@ -142,14 +141,22 @@ def _header(content: Any) -> Any:
     return content.transforms[0].header if content.transforms else None
 
 
-def _keep(index: BagIndex, raw: RawMessage, roles: Mapping[str, str], stamp: int | None) -> None:
+def _store(index: BagIndex, raw: RawMessage, roles: Mapping[str, str], stamp: int | None) -> None:
     """Store a small message in the index."""
-    if raw.type in TRANSFORM_TYPES or raw.topic == roles.get("odometry"):
-        index.frames.add(restamp(raw.value(), stamp))  # type: ignore[arg-type]
-    elif raw.topic == roles.get("truth"):
-        _add_truth(index, restamp(raw.value(), stamp))
-    elif raw.type == "sensor_msgs/CameraInfo":
-        _add_info(index, raw.topic, restamp(raw.value(), stamp))
+    is_motion = raw.type in TRANSFORM_TYPES or raw.topic == roles.get("odometry")
+    is_truth = raw.topic == roles.get("truth")
+    if not is_motion and not is_truth and raw.type != "sensor_msgs/CameraInfo":
+        return
+    value = restamp(raw.value(), stamp)
+    if isinstance(value, CameraInfo):
+        infos = index.infos.setdefault(raw.topic, [])
+        if not infos or not _same_camera(infos[-1], value):
+            infos.append(value)
+    elif isinstance(value, Odometry) and is_truth and not is_motion:
+        index.truth_frames = value.frame_id, value.child_frame_id
+        index.truth.add(value.transform)
+    elif isinstance(value, FrameTransforms | Odometry):
+        index.frames.add(value)
 
 
 def restamp(value: Message, stamp_ns: int | None) -> Message:
@@ -160,26 +167,6 @@ def restamp(value: Message, stamp_ns: int | None) -> Message:
         moved = (replace(each, stamp_ns=stamp_ns) for each in value.transforms)
         return FrameTransforms(transforms=tuple(moved))
     return replace(value, stamp_ns=stamp_ns)
-
-
-def _add_truth(index: BagIndex, value: Message) -> None:
-    assert isinstance(value, Odometry)
-    index.truth_frames = value.frame_id, value.child_frame_id
-    index.truth.add(
-        FrameTransform(
-            stamp_ns=value.stamp_ns,
-            parent=value.frame_id,
-            child=value.child_frame_id,
-            parent_from_child=value.pose,
-        )
-    )
-
-
-def _add_info(index: BagIndex, topic: str, value: Message) -> None:
-    assert isinstance(value, CameraInfo)
-    infos = index.infos.setdefault(topic, [])
-    if not infos or not _same_camera(infos[-1], value):
-        infos.append(value)
 
 
 def _same_camera(first: CameraInfo, second: CameraInfo) -> bool:

@@ -81,14 +81,14 @@ class IndexedBag:
 
     def odometry_at(self, stamp_ns: int) -> Matrix | None:
         """float64 (4, 4), odom_from_robot, or None if it is not known."""
-        return _known(lambda: self.index.frames.odometry_from_robot(stamp_ns))
+        return lookup_or_none(lambda: self.index.frames.odometry_from_robot(stamp_ns))
 
-    def placed_in(self, body: str, frame: str, stamp_ns: int) -> Matrix | None:
+    def find_transform(self, body: str, frame: str, stamp_ns: int) -> Matrix | None:
         """float64 (4, 4), body_from_frame, or None if it is not known."""
-        return _known(lambda: self.index.frames.tree.lookup(body, frame, stamp_ns))
+        return lookup_or_none(lambda: self.index.frames.tree.lookup(body, frame, stamp_ns))
 
 
-def _known(lookup: Callable[[], Matrix | None]) -> Matrix | None:
+def lookup_or_none(lookup: Callable[[], Matrix | None]) -> Matrix | None:
     try:
         return lookup()
     except TransformError:

@@ -85,15 +85,7 @@ def _scan(message: Any) -> Scan:
     return scan_from(message, stamp_of(message.header.stamp), message.header.frame_id)
 
 
-def _picture(message: Any) -> Picture:
-    return _picture_of(message, image_of(message))
-
-
-def _compressed_picture(message: Any) -> Picture:
-    return _picture_of(message, compressed_image_of(message))
-
-
-def _picture_of(message: Any, image: NDArray[np.uint8]) -> Picture:
+def _picture(message: Any, image: NDArray[np.uint8]) -> Picture:
     header = message.header
     return Picture(stamp_ns=stamp_of(header.stamp), frame_id=header.frame_id, image=image)
 
@@ -149,8 +141,8 @@ def _transforms(message: Any, static: bool) -> FrameTransforms:
 
 _VALUES: dict[str, Callable[[Any], Message]] = {
     "sensor_msgs/PointCloud2": _scan,
-    "sensor_msgs/Image": _picture,
-    "sensor_msgs/CompressedImage": _compressed_picture,
+    "sensor_msgs/Image": lambda message: _picture(message, image_of(message)),
+    "sensor_msgs/CompressedImage": lambda m: _picture(m, compressed_image_of(m)),
     "sensor_msgs/CameraInfo": _camera_info,
     "nav_msgs/Odometry": _odometry,
 }

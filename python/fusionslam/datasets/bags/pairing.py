@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.datasets.bags.calibrated import calibrated
+from fusionslam.datasets.bags.calibration import apply_calibration
 from fusionslam.datasets.bags.index import STAMPS, index_bag
-from fusionslam.datasets.bags.indexed_bag import IndexedBag, _known
+from fusionslam.datasets.bags.indexed_bag import IndexedBag, lookup_or_none
 from fusionslam.datasets.bags.reader import open_bag
 from fusionslam.datasets.bags.topics import choose_topics
 from fusionslam.datasets.base import PosesOrigin
@@ -32,7 +32,7 @@ NO_PAIRS = "no-pairs"
 """Code of the error for sensors none of whose messages lie near in time."""
 
 
-def open_indexed(
+def open_indexed_bag(
     path: Path,
     named: Mapping[str, str],
     stamps: str,
@@ -58,12 +58,12 @@ def open_indexed(
     files = sorted(path.iterdir()) if path.is_dir() else [path]
     files += [calibration] if calibration is not None and calibration.exists() else []
     state = tuple((str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
-    return _indexed(path, tuple(sorted(named.items())), stamps, calibration, everything, state)
+    return _open_cached(path, tuple(sorted(named.items())), stamps, calibration, everything, state)
 
 
 # Commands open a recording once per source of clouds.
 @functools.lru_cache(maxsize=2)
-def _indexed(
+def _open_cached(
     path: Path,
     named: tuple[tuple[str, str], ...],
     stamps: str,
@@ -76,7 +76,7 @@ def _indexed(
     known = [topic.name for topic in bag.topics.values() if topic.is_known]
     index = index_bag(bag, known if everything else roles.values(), roles, stamps)
     source = IndexedBag(bag, roles, index, stamps)
-    return source if calibration is None else calibrated(source, calibration)
+    return source if calibration is None else apply_calibration(source, calibration)
 
 
 class Matched(NamedTuple):
@@ -108,10 +108,10 @@ def match(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> M
     """
     for role in (*sensors, *(role for role in ("odometry", "truth") if role in source.roles)):
         _check_clock(source, role, config)
-    rows = _paired(source, sensors, config)
+    rows = _pair_messages(source, sensors, config)
     places, points_frame = None, source.points_frame(sensors)
     if "left" in sensors and len(sensors) > 1:
-        places, rows = _placed(source, rows, sensors[0], points_frame)
+        places, rows = _find_camera_poses(source, rows, sensors[0], points_frame)
     ranks = np.argsort(np.argsort(source.series(sensors[0]).stamps_ns, kind="stable"))
     numbers = ranks[rows[sensors[0]]].astype(np.int64)
     gaps = np.setdiff1d(ranks, numbers).tolist()
@@ -140,7 +140,9 @@ def _check_clock(source: IndexedBag, role: str, config: SyncConfig) -> None:
         )
 
 
-def _paired(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> dict[str, Rows]:
+def _pair_messages(
+    source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig
+) -> dict[str, Rows]:
     """Group messages by ascending stamp: first left and right images, then scans with images."""
     if "right" not in sensors:
         sync = Synchronizer(config, cameras=sensors[1:], scans=sensors[0])
@@ -169,7 +171,7 @@ def _rows(
         if sensor != "left" or left is None or row in left:
             pairs += sync.add(sensor, stamp_ns, row)
     pairs += sync.flush()
-    _say_dropped(source, sync.dropped)
+    _log_dropped(source, sync.dropped)
     if not pairs:
         what = " and ".join(source.roles[sensor] for sensor in sensors)
         raise DataError(
@@ -195,7 +197,7 @@ def _arrivals(source: IndexedBag, sensors: tuple[str, ...]) -> list[tuple[str, i
     return [(sensors[rank], row, stamp_ns) for _, rank, row, stamp_ns in sorted(every)]
 
 
-def _say_dropped(source: IndexedBag, dropped: Counter[tuple[str, str]]) -> None:
+def _log_dropped(source: IndexedBag, dropped: Counter[tuple[str, str]]) -> None:
     for (sensor, reason), count in dropped.items():
         logger.warning(
             "%s: %d messages of %s left out: %s",
@@ -206,7 +208,7 @@ def _say_dropped(source: IndexedBag, dropped: Counter[tuple[str, str]]) -> None:
         )
 
 
-def _placed(
+def _find_camera_poses(
     source: IndexedBag, rows: dict[str, Rows], lead: str, points_frame: str
 ) -> tuple[Matrix, dict[str, Rows]]:
     """Pose of the left camera for each frame, and the frames for which it is known."""
@@ -275,7 +277,7 @@ def _motion(
     stamps_ns: NDArray[np.int64],
     lookup: Callable[[int], Matrix | None],
 ) -> Motion:
-    poses = [_known(functools.partial(lookup, stamp_ns)) for stamp_ns in stamps_ns.tolist()]
+    poses = [lookup_or_none(functools.partial(lookup, stamp_ns)) for stamp_ns in stamps_ns.tolist()]
     known = np.array([pose is not None for pose in poses])
     found = [pose for pose in poses if pose is not None]
     return Motion(body, np.stack(found) if found else None, known, origin)

@@ -31,7 +31,7 @@ def scan_from(message: Any, stamp_ns: int, frame_id: str) -> Scan:
             has an unknown type, or x, y, z are missing or not floating point.
     """
     cells = _cells(message)
-    _need_axes(message, cells)
+    _check_axes(message, cells)
     points = np.stack([cells[axis].astype(np.float32) for axis in _AXES], axis=1)
     packed = next((name for name in _PACKED if name in (cells.dtype.names or ())), None)
     return Scan(
@@ -39,7 +39,7 @@ def scan_from(message: Any, stamp_ns: int, frame_id: str) -> Scan:
         frame_id=frame_id,
         points=points,
         fields=dict(_others(cells, packed)),
-        colors=None if packed is None else _unpacked(cells[packed], packed),
+        colors=None if packed is None else _unpack_colors(cells[packed], packed),
         width=int(message.width) if message.height > 1 else 0,
     )
 
@@ -87,7 +87,7 @@ def _record(message: Any) -> np.dtype[Any]:
     )
 
 
-def _need_axes(message: Any, cells: NDArray[Any]) -> None:
+def _check_axes(message: Any, cells: NDArray[Any]) -> None:
     names = cells.dtype.names or ()
     for axis in _AXES:
         if axis not in names:
@@ -110,7 +110,7 @@ def _others(cells: NDArray[Any], packed: str | None) -> Iterator[tuple[str, NDAr
             yield from ((f"{name}_{k}", native[:, k].copy()) for k in range(native.shape[1]))
 
 
-def _unpacked(values: NDArray[Any], name: str) -> NDArray[np.uint8]:
+def _unpack_colors(values: NDArray[Any], name: str) -> NDArray[np.uint8]:
     if values.dtype.itemsize != 4 or values.ndim != 1:
         raise DataError(f"point field '{name}' is {values.dtype}, expected four packed bytes")
     # Reinterpret the bits: as floats some colours are NaN.

@@ -119,7 +119,7 @@ class Bag:
     def __init__(self, path: Path) -> None:
         need_rosbags()
         self.path = path
-        self.kind = _checked_kind(path)
+        self.kind = _find_kind(path)
         self.is_cut = False
         self._lock = threading.Lock()
         self._reader = self._open()
@@ -218,7 +218,7 @@ class Bag:
         connections: list[Any] = [each for each in reader.connections if each.topic in names]
         if not connections:
             return
-        with _readable(self.path):
+        with _reading_bag(self.path):
             for connection, time_ns, data in reader.messages(connections, start, stop):
                 content = self._content(connection, int(time_ns), data)
                 yield RawMessage(
@@ -257,9 +257,9 @@ class Bag:
         from rosbags.rosbag1 import Reader as First
         from rosbags.rosbag2 import Reader as Second
 
-        path = _whole(self.path)
+        path = _find_bag(self.path)
         try:
-            with _readable(self.path):
+            with _reading_bag(self.path):
                 reader = First(path) if self.kind == "rosbag1" else Second(path)
                 reader.open()
                 return reader
@@ -288,14 +288,14 @@ def _ros1_digest(name: str) -> str:
     return type_store(1).generate_msgdef(name)[1]
 
 
-def _whole(path: Path) -> Path:
+def _find_bag(path: Path) -> Path:
     """The folder, or its only file if the folder lacks the bag's metadata."""
     if path.is_dir() and not (path / _ABOUT).exists():
         return _storage(path) or path
     return path
 
 
-def _checked_kind(path: Path) -> str:
+def _find_kind(path: Path) -> str:
     if not path.exists():
         raise DataError(f"{path} does not exist: expected a bag")
     storage = _storage(path)
@@ -315,7 +315,7 @@ def _checked_kind(path: Path) -> str:
 
 
 @contextmanager
-def _readable(path: Path) -> Iterator[None]:
+def _reading_bag(path: Path) -> Iterator[None]:
     """Turn any error that rosbags raises on a damaged file into a DataError."""
     try:
         yield

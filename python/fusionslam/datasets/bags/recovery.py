@@ -4,7 +4,8 @@
 
 Both formats are sequences of records with an index at the end, which such a file lacks. rosbags
 needs the index; these readers rebuild it from the records (format 2.0 of ROS 1 bags; MCAP's
-specification).
+specification). They extend rosbags' readers, so that all bags are read alike without another
+dependency: its versions are pinned.
 """
 
 from collections import defaultdict
@@ -53,7 +54,7 @@ class _CutRosbag1(Reader):
         self.bio = self.path.open("rb")
         if self.bio.read(len(_ROS1_MAGIC)) != _ROS1_MAGIC:
             raise ReaderError("File magic is invalid.")
-        listed = self._listed_chunks()
+        listed = self._list_chunks()
         self.chunk_infos = [_chunk_info(position, entries) for position, entries in listed.items()]
         for position, entries in listed.items():
             if not {each.id for each in self.connections}.issuperset(entries):
@@ -69,7 +70,7 @@ class _CutRosbag1(Reader):
             each._replace(msgcount=len(indexes[each.id])) for each in self.connections
         ]
 
-    def _listed_chunks(self) -> dict[int, dict[int, list[IndexData]]]:
+    def _list_chunks(self) -> dict[int, dict[int, list[IndexData]]]:
         """Positions of messages, by position of the chunk and by connection."""
         listed: dict[int, dict[int, list[IndexData]]] = {}
         chunk = -1

@@ -103,7 +103,7 @@ def candidates(topics: Mapping[str, Topic], role: str, chosen: Mapping[str, str]
         infos = _of_type(topics, "camera_info")
         free = [name for name in names if name != chosen.get("right")]
         names = [name for name in free if not any(_is_twin(name, other) for other in free)]
-        return sorted(names, key=lambda name: (_has(name, _NOT_LEFT), not _near(name, infos)))
+        return sorted(names, key=lambda name: (_has(name, _NOT_LEFT), not _has_info(name, infos)))
     if role == "camera_info":
         camera = chosen.get("left", "")
         own = [
@@ -112,7 +112,7 @@ def candidates(topics: Mapping[str, Topic], role: str, chosen: Mapping[str, str]
             if name != chosen.get("right_camera_info")
             and (_is_right(camera) or not _is_right(name))
         ]
-        return sorted(own, key=lambda name: -_shared(name, camera))
+        return sorted(own, key=lambda name: -_shared_parts(name, camera))
     if role == "right":
         return _right_images(names, chosen.get("left", ""))
     if role == "right_camera_info":
@@ -131,9 +131,9 @@ def _right_images(names: Iterable[str], left: str) -> list[str]:
         and name != left
         and _is_right(name)
         and not _has(name, ("depth",))
-        and (_is_twin(name, left) or _shared(name, left))
+        and (_is_twin(name, left) or _shared_parts(name, left))
     ]
-    return sorted(fitting, key=lambda name: (not _is_twin(name, left), -_shared(name, left)))
+    return sorted(fitting, key=lambda name: (not _is_twin(name, left), -_shared_parts(name, left)))
 
 
 def _right_infos(names: Iterable[str], chosen: Mapping[str, str]) -> list[str]:
@@ -144,9 +144,11 @@ def _right_infos(names: Iterable[str], chosen: Mapping[str, str]) -> list[str]:
         for name in names
         if right
         and name != taken
-        and (_is_twin(name, taken) or _shared(name, right) > _shared(name, left))
+        and (_is_twin(name, taken) or _shared_parts(name, right) > _shared_parts(name, left))
     ]
-    return sorted(fitting, key=lambda name: (not _is_twin(name, taken), -_shared(name, right)))
+    return sorted(
+        fitting, key=lambda name: (not _is_twin(name, taken), -_shared_parts(name, right))
+    )
 
 
 def _is_right(name: str) -> bool:
@@ -162,11 +164,11 @@ def _has(name: str, parts: Iterable[str]) -> bool:
     return any(part in name.lower() for part in parts)
 
 
-def _near(name: str, infos: Iterable[str]) -> bool:
-    return any(_shared(name, info) for info in infos)
+def _has_info(name: str, infos: Iterable[str]) -> bool:
+    return any(_shared_parts(name, info) for info in infos)
 
 
-def _shared(first: str, second: str) -> int:
+def _shared_parts(first: str, second: str) -> int:
     """Number of leading parts that two names have in common."""
     pairs = list(zip(first.strip("/").split("/"), second.strip("/").split("/"), strict=False))
     return next((k for k, (a, b) in enumerate(pairs) if a != b), len(pairs))

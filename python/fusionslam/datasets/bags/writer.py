@@ -17,7 +17,7 @@ from fusionslam.datasets.bags.messages import MessageBuilder, is_static, ros_typ
 from fusionslam.datasets.bags.stores import KINDS, make_in, need_rosbags, type_store
 from fusionslam.errors import ConfigError, DataError, naming
 from fusionslam.sensors.messages import NANOSECONDS, Event, FrameTransforms
-from fusionslam.storage.files import cannot_write, uninterrupted, why_not
+from fusionslam.storage.files import cannot_write, delay_interrupts, why_not
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos
@@ -68,7 +68,7 @@ def open_writer(
             yield writer
             writer._close()
         except BaseException as error:
-            with uninterrupted():
+            with delay_interrupts():
                 kept = writer._keep()
             if writer.broken:
                 raise DataError(f"{error}; {kept}") from error
@@ -94,7 +94,7 @@ class BagWriter:
         self._path = scratch / (f"{target.stem}.bag" if kind == "rosbag1" else target.stem)
         self._connections: dict[str, Connection] = {}
         self._uncommitted = 0
-        self._writer = self._guarded(self._open)
+        self._writer = self._run(self._open)
 
     def write(self, event: Event) -> None:
         """Write a message as it arrived.
@@ -108,11 +108,11 @@ class BagWriter:
             raise DataError(f"{self._target} cannot be written any further")
         _check(event, self._kind)
         with naming(event.topic):
-            message = self._builder.build(event.message, self._stored(event.topic))
-        self._guarded(self._write, event, message)
+            message = self._builder.build(event.message, self._format_of(event.topic))
+        self._run(self._write, event, message)
         self.count += 1
 
-    def _stored(self, topic: str) -> str:
+    def _format_of(self, topic: str) -> str:
         return self._images if isinstance(self._images, str) else self._images.get(topic, "raw")
 
     def _write(self, event: Event, message: Any) -> None:
@@ -125,14 +125,14 @@ class BagWriter:
         self._commit(len(data))
 
     def _connection(self, event: Event) -> "Connection":
-        name = ros_type(event.message, self._stored(event.topic))
+        name = ros_type(event.message, self._format_of(event.topic))
         if event.topic not in self._connections:
             how: dict[str, Any] = {"typestore": self._store}
             # Late subscribers need static transforms too.
             if is_static(event.topic) and self._kind == "rosbag1":
                 how["latching"] = 1
             elif is_static(event.topic):
-                how["offered_qos_profiles"] = [_latched()]
+                how["offered_qos_profiles"] = [_latched_qos()]
             self._connections[event.topic] = self._writer.add_connection(event.topic, name, **how)
         connection = self._connections[event.topic]
         if connection.msgtype != name:
@@ -166,12 +166,12 @@ class BagWriter:
     def _close(self) -> None:
         if self.broken:
             raise DataError(f"{self._target} could not be written")
-        self._guarded(self._writer.close)
+        self._run(self._writer.close)
 
-    def _guarded(self, action: Any, *arguments: Any) -> Any:
+    def _run(self, action: Any, *arguments: Any) -> Any:
         """Run an action on the file; errors of the system become a DataError."""
         try:
-            with uninterrupted():
+            with delay_interrupts():
                 return action(*arguments)
         except (OSError, sqlite3.Error) as error:
             self.broken = True
@@ -278,7 +278,7 @@ def _scratch_beside(target: Path) -> Iterator[Path]:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
-def _latched() -> "Qos":
+def _latched_qos() -> "Qos":
     from rosbags.interfaces import (
         Qos,
         QosDurability,

@@ -30,7 +30,7 @@ from fusionslam.ros.nodes.lv_matching import TEMPLATES
 from fusionslam.ros.runtime.config import CommonConfig
 from fusionslam.ros.runtime.node import Input, Node, Outlet
 from fusionslam.sensors.messages import NANOSECONDS, Odometry, Picture
-from fusionslam.sensors.pose_buffer import Ground, PosedInTime
+from fusionslam.sensors.pose_buffer import Ground, PoseQueue
 from fusionslam.storage.files import atomic_path
 
 logger = logging.getLogger(__name__)
@@ -74,7 +74,7 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
     def __init__(self, config: ViewAnalyzerConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
         self._running = RunningViews(config.rule)
-        self._waiting: PosedInTime[int] = PosedInTime()
+        self._waiting: PoseQueue[int] = PoseQueue()
         self._views = GivenViews()
         self._images: deque[tuple[int, bytes]] = deque(maxlen=_RECENT)
         self._first: OrderedDict[int, bytes | None] = OrderedDict()

@@ -19,7 +19,7 @@ from fusionslam.ros.runtime.checkpoints import SavingConfig
 from fusionslam.ros.runtime.node import Input, Node, Outlet
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.messages import Odometry, Scan
-from fusionslam.sensors.pose_buffer import Ground, PosedInTime
+from fusionslam.sensors.pose_buffer import Ground, PoseQueue
 from fusionslam.views.recognisers import scene_config
 from fusionslam.views.scene_recorder import SceneRecorder
 from fusionslam.views.scenes import Scene
@@ -53,7 +53,7 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
 
     def __init__(self, config: DatasetCreatorConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
-        self._waiting: PosedInTime[Cloud | Scene] = PosedInTime(most=_MOST_WAITING)
+        self._waiting: PoseQueue[Cloud | Scene] = PoseQueue(most=_MOST_WAITING)
         matcher = matcher_of(source_of(config))
         if matcher is None:
             raise ConfigError(

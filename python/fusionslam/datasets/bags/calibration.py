@@ -21,7 +21,7 @@ CALIBRATED = "camera of calib.yaml"
 """The camera's frame: a name that no robot uses, so that it cannot clash with the bag's TF."""
 
 
-def calibrated(source: "IndexedBag", path: Path) -> "IndexedBag":
+def apply_calibration(source: "IndexedBag", path: Path) -> "IndexedBag":
     """Use the cameras of a file instead of a bag's CameraInfo; its TF still places all else.
 
     Images are used as they are: the projections are for images without distortion.
