@@ -86,10 +86,7 @@ SOURCES = tuple(SENSORS_OF)
 class FusionConfig(Section):
     """Configuration of how frames become coloured clouds."""
 
-    source: Source = option(
-        "lidar",
-        help_texts.SOURCE,
-    )
+    source: Source = option("lidar", help_texts.SOURCE)
     interpolation: Literal["nearest", "bilinear"] = option("nearest", "how a pixel is read")
     frame: CloudFrame = option("scan", help_texts.CLOUD_FRAME)
     ground: Literal["none", "height", "plane", "segments"] = option("none", help_texts.GROUND)
@@ -126,13 +123,17 @@ def fuse(frame: Frame, config: FusionConfig | None = None) -> Cloud:
     config = config or FusionConfig()
     cloud = remove_ground(frame, color_cloud(frame, config), config)
     cloud = _transform(cloud, frame_from_points(frame, config.frame))
-    return _downsample(cloud, config.voxel) if config.voxel > 0 else cloud
+    if config.voxel == 0:
+        return cloud
+    points, colors, _ = voxel_downsample(cloud.points, cloud.colors, size=config.voxel)
+    return Cloud(points, None if cloud.colors is None else colors)
 
 
 def color_cloud(frame: Frame, config: FusionConfig) -> Cloud:
     """First step: the coloured cloud in the scan's frame, ground included."""
-    make = {"lidar": _lidar_cloud, "stereo": _stereo_cloud, "cloud": _plain_cloud}[config.source]
-    return make(frame, config)
+    if config.source == "cloud":
+        return _scan(frame)
+    return (_lidar_cloud if config.source == "lidar" else _stereo_cloud)(frame, config)
 
 
 def remove_ground(frame: Frame, cloud: Cloud, config: FusionConfig) -> Cloud:
@@ -201,10 +202,6 @@ def _stereo_cloud(frame: Frame, config: FusionConfig) -> Cloud:
         config=settings,
     )
     return Cloud(points, colors)
-
-
-def _plain_cloud(frame: Frame, config: FusionConfig) -> Cloud:
-    return _scan(frame)
 
 
 def _scan(frame: Frame) -> Cloud:
@@ -286,11 +283,6 @@ def _transform(cloud: Cloud, a_from_b: NDArray[np.float64]) -> Cloud:
     # Not a matrix product: BLAS would start all its threads for three columns.
     turned = np.einsum("ij,kj->ik", cloud.points, a_from_b[:3, :3]) + a_from_b[:3, 3]
     return Cloud(turned.astype(np.float32), cloud.colors)
-
-
-def _downsample(cloud: Cloud, size: float) -> Cloud:
-    points, colors, _ = voxel_downsample(cloud.points, cloud.colors, size=size)
-    return Cloud(points, None if cloud.colors is None else colors)
 
 
 ROBOT_FUSION = FusionConfig(frame="robot", ground="height")

@@ -181,7 +181,6 @@ class FileDataset(Dataset):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of files by sensor, including those of frames that were left out."""
         return {sensor: len(stream.files) for sensor, stream in self.streams.items()}
 
     def files(self) -> list[Path]:

@@ -40,19 +40,11 @@ class Calibration:
         return values
 
     def matrix(self, key: str, rows: int, columns: int) -> NDArray[np.float64]:
-        """float64 (rows, columns): the numbers of a key, row by row.
-
-        Raises:
-            DataError: the key is missing, or its text is not that many numbers.
-        """
+        """float64 (rows, columns): the numbers of a key, row by row; raises as ``numbers``."""
         return self.numbers(key, rows * columns).reshape(rows, columns)
 
     def transform(self, *keys: str) -> NDArray[np.float64]:
-        """float64 (4, 4): homogeneous matrix of [R t] in one key, or of R and t in two.
-
-        Raises:
-            DataError: a key is missing, or its text is not the expected count of numbers.
-        """
+        """float64 (4, 4) of [R t] in one key, or of R and t in two; raises as ``numbers``."""
         if len(keys) == 1:
             return homogeneous(self.matrix(keys[0], 3, 4))
         rotation, translation = keys

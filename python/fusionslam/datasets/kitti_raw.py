@@ -43,7 +43,9 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
     numbers, gaps = frame_numbers(chosen, request)
     stamps = _stamps(root, numbers, chosen)
     cam_to_cam = _calibration(root, "calib_cam_to_cam.txt")
-    rectified_from_points = _rectified_from_points(root, cam_to_cam)
+    velo_to_cam = _calibration(root, "calib_velo_to_cam.txt")
+    rectified_from_camera = homogeneous(cam_to_cam.matrix("R_rect_00", 3, 3))
+    rectified_from_points = rectified_from_camera @ velo_to_cam.transform("R", "T")
     return FileDataset(
         kind="kitti-raw",
         name=f"KITTI raw {root.name}",
@@ -87,12 +89,6 @@ def _stamps(
     if path is None:
         return regular_stamps(numbers, str(paths[0]))
     return pick(read_timestamps(path), numbers, path)
-
-
-def _rectified_from_points(root: Path, cam_to_cam: Calibration) -> NDArray[np.float64]:
-    rectified_from_camera = homogeneous(cam_to_cam.matrix("R_rect_00", 3, 3))
-    camera_from_points = _calibration(root, "calib_velo_to_cam.txt").transform("R", "T")
-    return rectified_from_camera @ camera_from_points
 
 
 def _camera(

@@ -226,10 +226,11 @@ def _exact_stamps(path: Path) -> NDArray[np.int64]:
     """Read the first column, seconds, as int64 (N) nanoseconds; float64 would lose digits."""
     with reading(path, "times in seconds that fit 64 bits as nanoseconds"):
         stamps = np.loadtxt(
-            path, dtype=object, usecols=0, ndmin=1, encoding="utf-8", converters=_nanoseconds
+            path,
+            dtype=object,
+            usecols=0,
+            ndmin=1,
+            encoding="utf-8",
+            converters=lambda seconds: round(Decimal(seconds).scaleb(9)),
         )
         return stamps.astype(np.int64)
-
-
-def _nanoseconds(seconds: str) -> int:
-    return round(Decimal(seconds).scaleb(9))

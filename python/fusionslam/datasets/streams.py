@@ -54,14 +54,8 @@ class Stream:
     def expected(self, number: int) -> Path:
         """Path of a frame's file, whether or not it exists."""
         sample = next(iter(self.files.values()))
-        return self.files.get(number) or sample.with_name(
-            self._stem(number, sample.stem) + sample.suffix
-        )
-
-    def _stem(self, number: int, sample: str) -> str:
-        if number in self.stems:
-            return self.stems[number]
-        return re.sub(r"\d+$", lambda digits: f"{number:0{len(digits[0])}d}", sample)
+        stem = re.sub(r"\d+$", lambda digits: f"{number:0{len(digits[0])}d}", sample.stem)
+        return self.files.get(number) or sample.with_stem(self.stems.get(number, stem))
 
 
 @dataclass(frozen=True)

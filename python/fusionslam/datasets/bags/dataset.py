@@ -73,7 +73,6 @@ class BagDataset(Dataset):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of messages by sensor, including those that are not part of a frame."""
         return {sensor: len(self.source.series(sensor).stamps) for sensor in self.matched.rows}
 
     def files(self) -> list[Path]:
@@ -107,7 +106,6 @@ class BagDataset(Dataset):
         return replace(images, seconds=seconds[inside], image=image, origin="images of the bag")
 
     def motion(self, role: str) -> list[Odometry]:
-        """Messages of role "odometry" or "truth", sorted by stamp."""
         found, by_arrival = [], self.source.stamps == "bag"
         for event in self.source.bag.events([self.source.roles[role]]):
             assert isinstance(event.message, Odometry)

@@ -60,18 +60,14 @@ def value_of(message: Any, type_name: str, topic: str) -> Message:
     Raises:
         DataError: the message is inconsistent or cannot be used; names topic, stamp and field.
     """
-    with naming(f"{topic}{_when(message)}"):
+    when = ""
+    if hasattr(message, "header"):
+        seconds, nanoseconds = divmod(stamp_of(message.header.stamp), NANOSECONDS)
+        when = f" at {seconds}.{nanoseconds:09d} s"
+    with naming(topic + when):
         if plain_type(type_name) in _TRANSFORMS:
             return _transforms(message, is_static(topic))
         return _VALUES[plain_type(type_name)](message)
-
-
-def _when(message: Any) -> str:
-    """Stamp of a message for error messages; empty if it has none."""
-    if not hasattr(message, "header"):
-        return ""
-    seconds, nanoseconds = divmod(stamp_of(message.header.stamp), NANOSECONDS)
-    return f" at {seconds}.{nanoseconds:09d} s"
 
 
 def stamp_of(time: Any) -> int:

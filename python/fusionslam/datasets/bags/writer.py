@@ -255,13 +255,9 @@ def _refuse_other(target: Path, kind: str) -> None:
     if kind == "rosbag2" and target.is_file():
         raise DataError(f"{target} is a file, expected a folder to write")
     if target.is_dir():
-        others = [path for path in target.iterdir() if not _belongs_to_bag(path)]
-        if others:
-            raise DataError(f"{target} holds {others[0].name}, which is no part of a bag")
-
-
-def _belongs_to_bag(path: Path) -> bool:
-    return path.name == "metadata.yaml" or path.suffix in (".db3", ".mcap")
+        for path in target.iterdir():
+            if path.name != "metadata.yaml" and path.suffix not in (".db3", ".mcap"):
+                raise DataError(f"{target} holds {path.name}, which is no part of a bag")
 
 
 @contextmanager
