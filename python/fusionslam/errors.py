@@ -59,7 +59,7 @@ _CODES_OF_CLASSES = {each.code for each in (FusionSlamError, DataError, ConfigEr
 def naming(subject: object) -> Iterator[None]:
     """Put the file or topic that errors in the block are about before their messages.
 
-    They become a ``DataError``, which keeps their fields and, unless it is that of a class, code.
+    They become a ``DataError`` with the same fields and, unless it is a class's own, the same code.
     """
     try:
         yield

@@ -128,7 +128,7 @@ def files_in(folder: Path, suffixes: Sequence[str]) -> list[Path]:
 
 
 def find_existing(*paths: Path) -> Path | None:
-    """Find the first of these paths that exists, without links; None if none does."""
+    """Return the first of these paths that exists, links resolved; None if none does."""
     return next((path.resolve() for path in paths if path.exists()), None)
 
 
