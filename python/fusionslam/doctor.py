@@ -5,7 +5,7 @@
 import platform
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 
@@ -55,18 +55,20 @@ def examine(missing_extras: Sequence[str] = ()) -> list[Finding]:
     Args:
         missing_extras: names of the extras that are not installed.
     """
+    from fusionslam.storage.machine import machine
+
     return [
         Finding("python", f"{platform.python_version()} on {platform.platform()}"),
-        _core(),
-        *_packages(),
-        *_extras(missing_extras),
-        Finding("cores", str(_machine_cores())),
-        _simd_level(),
-        _cache(),
+        _check_core(),
+        *_check_packages(),
+        *_check_extras(missing_extras),
+        Finding("cores", str(machine()["cores"])),
+        _check_simd_level(),
+        _check_cache(),
     ]
 
 
-def _core() -> Finding:
+def _check_core() -> Finding:
     try:
         from fusionslam import _core
     except ImportError as error:
@@ -74,7 +76,7 @@ def _core() -> Finding:
     return Finding("core", f"fusionslam {_core.__version__}, {_core.__file__}")
 
 
-def _simd_level() -> Finding:
+def _check_simd_level() -> Finding:
     import fusionslam
 
     try:
@@ -83,7 +85,7 @@ def _simd_level() -> Finding:
         return Finding("instructions", str(error), "unknown-simd-level")
 
 
-def _packages() -> Iterator[Finding]:
+def _check_packages() -> Iterator[Finding]:
     for name in _PACKAGES:
         try:
             yield Finding(name, metadata.version(name))
@@ -91,7 +93,7 @@ def _packages() -> Iterator[Finding]:
             yield Finding(name, f"pip install {name}", "no-package", (name,))
 
 
-def _extras(missing: Sequence[str]) -> Iterator[Finding]:
+def _check_extras(missing: Sequence[str]) -> Iterator[Finding]:
     for extra, (packages, use) in _EXTRAS.items():
         detail = f"{', '.join(_describe_package(name) for name in packages)}, for {use}"
         if extra in missing:
@@ -108,27 +110,15 @@ def _describe_package(package: str) -> str:
         return f"no {package}"
 
 
-def _machine_cores() -> int:
-    from fusionslam.storage.machine import machine
-
-    return int(machine()["cores"])
-
-
-def _cache() -> Finding:
+def _check_cache() -> Finding:
     from fusionslam.storage.cache import cache_folder
 
     folder = cache_folder()
     present = next(place for place in (folder, *folder.parents) if place.exists())
-    if not _works(lambda: tempfile.TemporaryFile(dir=present).close()):
+    try:
+        tempfile.TemporaryFile(dir=present).close()
+    except OSError:
         hint = "the environment variable FUSIONSLAM_CACHE can name another folder"
         return Finding("cache", f"{folder} cannot be written: {hint}", "cache-not-writable")
     free = shutil.disk_usage(present).free / 2**30
     return Finding("cache", f"{folder}, {free:.1f} GiB free")
-
-
-def _works(action: Callable[[], object]) -> bool:
-    try:
-        action()
-    except OSError:
-        return False
-    return True

@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -229,14 +228,6 @@ def test_doctor_fails_where_something_is_broken(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.undo()
     result = run("doctor")
     assert result.exit_code == 0
-    names = ("embreex", "pycollada", "rosbags", "matplotlib", "torch", "onnxruntime", "pymoo")
-    for name in (*names, "rerun-sdk"):
-        assert f"{name} {version(name)}" in " ".join(result.stdout.split())
-    monkeypatch.setattr("fusionslam.cli.failures.find_spec", lambda name: name != "rosbags" or None)
-    result = run("doctor")
-    assert result.exit_code == 0
-    line = next(line for line in result.stdout.splitlines() if "extra bags" in line)
-    assert "missing" in line and "pip install 'fusionslam[bags]'" in " ".join(result.stdout.split())
 
 
 def test_a_report_leaves_the_loops_of_another_command_alone(kitti: Path, tmp_path: Path) -> None:
