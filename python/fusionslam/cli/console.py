@@ -136,8 +136,8 @@ def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
 
 
 _COSTS = (
-    "times: medians in ms per frame; peak MiB: additional memory to describe the largest\n"
-    "cloud, 0 if less than half a MiB"
+    "times: medians in ms per frame; peak MiB: additional memory to describe the\n"
+    "largest cloud, 0 if less than half a MiB"
 )
 
 
