@@ -66,9 +66,9 @@ def _describe_parameter(parameter: Any) -> str:
 def describe_configuration() -> Iterator[str]:
     """Yield the lines of one section for each stage's configuration, with a table of its keys."""
     from fusionslam.cli.config import list_values
-    from fusionslam.cli.options import everything
+    from fusionslam.cli.system_config import SystemConfig
 
-    whole = everything()
+    whole = SystemConfig()
     for stage, definition in type(whole).model_fields.items():
         yield f"\n## {stage}\n\n{definition.description}\n"
         yield "| key | default | unit | range | meaning |\n|---|---|---|---|---|"

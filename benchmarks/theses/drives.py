@@ -17,7 +17,7 @@ from fusionslam.errors import DataError
 from fusionslam.evaluation.views.published import world_of
 from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.pipelines.recording import Recording
-from fusionslam.sensors.images import Images
+from fusionslam.sensors.image_series import Images
 from fusionslam.sim.rendered_images import rendered_images
 from fusionslam.storage.progress import Step
 

@@ -4,7 +4,6 @@
 
 import functools
 import inspect
-import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,11 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any, get_origin
 import typer
 
 from fusionslam import help_texts
+from fusionslam.storage.parallel import available_cores
 
 if TYPE_CHECKING:
     from logging import LogRecord
 
-    from fusionslam.config import Section
     from fusionslam.pipelines.describe import PipelineConfig
     from fusionslam.pipelines.recording import Recording
 
@@ -191,51 +190,7 @@ _VERBOSE = inspect.Parameter(
 
 def cores(jobs: int | None) -> int:
     """Return the number of jobs asked for, else one per core that this process may use."""
-    if jobs is not None:
-        return jobs
-    # macOS has no CPU affinity.
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def everything() -> "Section":
-    """Return the defaults of all stages and of the simulator."""
-    from fusionslam.calibration.search import CalibrationCheckConfig
-    from fusionslam.config import Section, option
-    from fusionslam.datasets.range_recording import RecordingConfig
-    from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
-    from fusionslam.pipelines.describe import PipelineConfig
-    from fusionslam.pipelines.tuning import TuningConfig
-    from fusionslam.ratslam.slam import RatSlamConfig
-    from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
-    from fusionslam.sim import SimConfig
-    from fusionslam.views.recognisers import ViewMatcherConfig
-    from fusionslam.views.visual_templates import VisualTemplatesConfig
-
-    class SystemConfig(PipelineConfig):
-        """The whole configuration."""
-
-        sim: SimConfig = option(SimConfig(), "the simulated drive of the demo")
-        calib_check: CalibrationCheckConfig = option(
-            CalibrationCheckConfig(), "what calib-check tries"
-        )
-        views: ViewMatcherConfig = option(ViewMatcherConfig(), "scenes to views")
-        recording: RecordingConfig = option(
-            RecordingConfig(), "how scans of a .npz recording become clouds"
-        )
-        tuning: TuningConfig = option(TuningConfig(), "how parameters of views are looked for")
-        ratslam: RatSlamConfig = option(RatSlamConfig(), "views and odometry to a map")
-        visual_templates: VisualTemplatesConfig = option(
-            VisualTemplatesConfig(), "ratslam: views of images, --views visual_templates"
-        )
-        visual_odometry: VisualOdometryConfig = option(
-            VisualOdometryConfig(), "ratslam: speed out of images, --odometry visual"
-        )
-        odometry: OdometryConfig = option(
-            DRIFT, "ratslam: how far odometry is off, --odometry truth+noise"
-        )
-
-    whole: Section = SystemConfig()
-    return whole
+    return available_cores() if jobs is None else jobs
 
 
 def read_config(settings: Settings = None, config: ConfigFile = None, **first: Any) -> Any:
@@ -243,9 +198,10 @@ def read_config(settings: Settings = None, config: ConfigFile = None, **first: A
 
     It is the defaults, changed by ``first``, then by the file, then by the settings.
     """
+    from fusionslam.cli.system_config import SystemConfig
     from fusionslam.config import merged, with_file, with_settings
 
-    whole = merged(everything(), first)
+    whole = merged(SystemConfig(), first)
     if config is not None:
         whole = with_file(whole, config)
     return with_settings(whole, settings or [])

@@ -19,7 +19,7 @@ from fusionslam.datasets.pose_files import read_timestamps
 from fusionslam.datasets.streams import Stream
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera, Cloud, Frame
-from fusionslam.sensors.images import Images
+from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import Odometry
 from fusionslam.storage.arrays import Image
 
@@ -138,11 +138,11 @@ class Dataset(ABC):
         """Whether the frames have both images of a stereo pair."""
         return "left" in self.sensors and "right" in self.sensors
 
-    def camera_images(self) -> Images | None:
+    def camera_images(self) -> ImageSeries | None:
         """The left camera's images, one per frame, without poses; None without such a camera."""
         if "left" not in self.sensors:
             return None
-        return Images(
+        return ImageSeries(
             self.stamps_ns / 1e9,
             None,
             lambda index: self[index].images["left"],

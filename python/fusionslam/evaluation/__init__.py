@@ -21,6 +21,7 @@ judges the map that RatSLAM made from them.
 from fusionslam.evaluation.loops.costs import Costs, StageCost, summarise_costs
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
 from fusionslam.evaluation.loops.evaluation import Evaluation, evaluate
+from fusionslam.evaluation.loops.judge import RANKS, evaluate_matches, precision_recall
 from fusionslam.evaluation.loops.nearest_matches import Matches, find_matches
 from fusionslam.evaluation.loops.precision_recall import PrecisionRecall
 from fusionslam.evaluation.loops.protocols import (
@@ -32,7 +33,6 @@ from fusionslam.evaluation.loops.protocols import (
 )
 from fusionslam.evaluation.loops.published import CITATION, kitti_sequence, published_figures
 from fusionslam.evaluation.loops.revisits import DIRECTIONS, Visit, visits
-from fusionslam.evaluation.loops.threshold_sweep import RANKS, evaluate_matches, precision_recall
 from fusionslam.evaluation.maps.judge import judge_map, pose_errors
 from fusionslam.evaluation.maps.report import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import REFUSED, RatSlamRun

@@ -29,7 +29,7 @@ from fusionslam.geometry.trajectory import Trajectory, read_trajectory
 from fusionslam.pipelines.recording import Recording, SceneRecording
 from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.sensors.frame import Cloud
-from fusionslam.sensors.images import Images
+from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.storage.arrays import Floats, Image
 from fusionslam.storage.progress import Step, label_progress
 from fusionslam.views.scene_set import CloudArray, SceneSet
@@ -37,7 +37,7 @@ from fusionslam.views.scene_set import CloudArray, SceneSet
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
 
-Render = Callable[..., Images]
+Render = Callable[..., ImageSeries]
 """Renders a drive's images in a world: ``fusionslam.sim.rendered_images.rendered_images``."""
 FrameName = Literal["robot", "odometry", "drift"]
 
@@ -124,7 +124,7 @@ class Drive:
             return self.dataset.whole_cloud(index)
         return self.dataset[index]
 
-    def images(self, bottom: int | None = None) -> Images | None:
+    def images(self, bottom: int | None = None) -> ImageSeries | None:
         """Return the camera images, or None if there are none.
 
         Args:
@@ -138,7 +138,7 @@ class Drive:
             return None
         return self._render(world, dataset.seconds, dataset.places, bottom=bottom)
 
-    def images_with_poses(self, bottom: int | None = None) -> Images | None:
+    def images_with_poses(self, bottom: int | None = None) -> ImageSeries | None:
         """Return ``images`` with ground-truth poses, interpolated between those of the scans."""
         images = self.images(bottom)
         if images is None or images.poses is not None:

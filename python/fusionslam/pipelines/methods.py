@@ -20,7 +20,7 @@ from fusionslam.evaluation import ViewRun, baselines
 from fusionslam.pipelines.drives import Drive, FrameName, move_clouds
 from fusionslam.pipelines.template_views import TemplateViews, template_views
 from fusionslam.pipelines.views import run_views
-from fusionslam.sensors.images import Images
+from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.progress import Progress, Step, label_progress
 from fusionslam.views.matcher import ViewMatcher
@@ -157,7 +157,7 @@ def _match_templates(templates: VisualTemplates, built: TemplateViews) -> _Templ
     return _TemplateMatches(ids, similarities, np.full(count, built.build_ms / 1e3), spent)
 
 
-def _at_images(images: Images, matches: _TemplateMatches) -> dict[str, Any]:
+def _at_images(images: ImageSeries, matches: _TemplateMatches) -> dict[str, Any]:
     if images.poses is None:
         raise DataError("the images have no true poses", code="no-poses")
     return {
@@ -167,7 +167,7 @@ def _at_images(images: Images, matches: _TemplateMatches) -> dict[str, Any]:
     }
 
 
-def _at_scans(drive: Drive, images: Images, matches: _TemplateMatches) -> dict[str, Any]:
+def _at_scans(drive: Drive, images: ImageSeries, matches: _TemplateMatches) -> dict[str, Any]:
     scenes = drive.scenes
     return {
         "poses": scenes.true_poses(),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
-from fusionslam.sensors.images import Images
+from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.storage.archive import load_arrays, save_arrays
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
@@ -36,7 +36,7 @@ class TemplateViews:
 
 
 def template_views(
-    images: Images,
+    images: ImageSeries,
     config: VisualTemplatesConfig,
     *,
     jobs: int = 1,
@@ -65,7 +65,7 @@ def template_views(
 
 
 def _make_views(
-    images: Images, config: VisualTemplatesConfig, jobs: int, progress: Progress | None
+    images: ImageSeries, config: VisualTemplatesConfig, jobs: int, progress: Progress | None
 ) -> TemplateViews:
     templates = VisualTemplates(config)
     views = np.empty((len(images), config.columns * config.rows), np.float32)
@@ -88,7 +88,9 @@ def _cache_path(key: str, config: VisualTemplatesConfig) -> Path:
     return cache_folder() / f"template-views-{hashlib.sha256(text.encode()).hexdigest()[:12]}.npz"
 
 
-def _load_views(path: Path, images: Images, config: VisualTemplatesConfig) -> TemplateViews | None:
+def _load_views(
+    path: Path, images: ImageSeries, config: VisualTemplatesConfig
+) -> TemplateViews | None:
     """Load cached views; return None if there are none, or for a file that is not ours."""
     try:
         with load_arrays(path, "template views") as stored:

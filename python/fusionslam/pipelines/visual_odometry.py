@@ -21,7 +21,7 @@ from fusionslam.ratslam.visual_odometry import (
     VisualOdometryConfig,
     VisualSpeed,
 )
-from fusionslam.sensors.images import Images
+from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import Odometry
 from fusionslam.storage.archive import load_arrays, save_arrays
 from fusionslam.storage.parallel import ordered_results
@@ -37,7 +37,11 @@ _DOUBTS = {
 
 
 def visual_speeds(
-    images: Images, odometry: VisualOdometry, *, jobs: int = 1, progress: Progress | None = None
+    images: ImageSeries,
+    odometry: VisualOdometry,
+    *,
+    jobs: int = 1,
+    progress: Progress | None = None,
 ) -> list[VisualSpeed | None]:
     """Return the speed from visual odometry at each image; None where it has no estimate.
 
@@ -106,13 +110,13 @@ def visual_motions(
     ]
 
 
-def image_stamps_ns(images: Images) -> NDArray[np.int64]:
+def image_stamps_ns(images: ImageSeries) -> NDArray[np.int64]:
     """int64 (n): time stamps of the images."""
     return np.round(images.seconds * 1e9).astype(np.int64)
 
 
 def _load_sights(
-    images: Images, odometry: VisualOdometry, jobs: int, progress: Progress | None
+    images: ImageSeries, odometry: VisualOdometry, jobs: int, progress: Progress | None
 ) -> list[Sight]:
     """Return the part of each image that is used; for rendered images it is cached.
 

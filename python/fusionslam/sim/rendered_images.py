@@ -12,7 +12,7 @@ import numpy as np
 from fusionslam.config import merged
 from fusionslam.geometry.trajectory import Trajectory, read_trajectory
 from fusionslam.sensors.frame import Camera
-from fusionslam.sensors.images import Images
+from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sim.camera import CameraMount, photograph
 from fusionslam.sim.robot import base_from_camera, robot_named
 from fusionslam.sim.scene import RayCaster
@@ -34,7 +34,7 @@ def rendered_images(
     bottom: int | None = None,
     robot: str = "turtlebot3_waffle_pi",
     rate_hz: float = RATE_HZ,
-) -> Images:
+) -> ImageSeries:
     """Images of the robot's camera along its drive through a world, rendered on demand.
 
     Args:
@@ -57,7 +57,7 @@ def rendered_images(
     times = start + np.arange(int(np.floor((stop - start) * rate_hz + 1e-6)) + 1) / rate_hz
     times = np.minimum(times, stop)
     camera = next(iter(robot_named(robot).cameras.values()))
-    return Images(
+    return ImageSeries(
         times,
         np.stack(drive.places(times), axis=1),
         _Renderer(world, drive, robot, _upper_part(camera, bottom), times),

@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Software versions and machine that a result was made with."""
 
-import os
 import platform
 from collections.abc import Callable
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
+
+from fusionslam.storage.parallel import available_cores
 
 
 def versions() -> dict[str, str]:
@@ -22,9 +23,7 @@ def versions() -> dict[str, str]:
 
 def machine() -> dict[str, str | int]:
     """The processor's name and the number of cores that this process may use."""
-    # macOS has no affinity and no /proc.
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return {"cpu": _cpu_model(), "cores": count or 1}
+    return {"cpu": _cpu_model(), "cores": available_cores()}
 
 
 def _version(package: str) -> str:

@@ -38,7 +38,7 @@ class AlignmentComparison(SceneComparison):
     Args:
         scene: how scenes with range images are built from clouds.
         alignment: how scenes are aligned.
-        threshold: the lowest probability of a match.
+        default_threshold: the lowest probability of a match if the configuration gives none.
         threads: as in ``SceneComparison``.
 
     Raises:
@@ -52,7 +52,7 @@ class AlignmentComparison(SceneComparison):
         self,
         scene: SceneConfig,
         alignment: AlignmentConfig,
-        threshold: float,
+        default_threshold: float,
         *,
         threads: int = 1,
     ) -> None:
@@ -63,7 +63,7 @@ class AlignmentComparison(SceneComparison):
                 "others with views.scene.image=true",
                 code="no-range-image",
             )
-        super().__init__(scene, threshold, threads)
+        super().__init__(scene, default_threshold, threads)
 
     def _empty_index(self) -> AlignmentIndex:
         return AlignmentIndex(self._alignment)

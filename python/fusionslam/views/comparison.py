@@ -61,11 +61,11 @@ class Comparison(Protocol):
 
     Attributes:
         kind: its name in saved files.
-        threshold: the lowest similarity of a match if the configuration gives none.
+        default_threshold: the lowest similarity of a match if the configuration gives none.
     """
 
     kind: str
-    threshold: float
+    default_threshold: float
 
     def settings(self) -> dict[str, Any]:
         """Every setting that views depend on, as JSON values; comparable views share them."""
@@ -121,7 +121,7 @@ class SceneComparison(ABC):
 
     Args:
         scene: how scenes are built from clouds.
-        threshold: as in ``Comparison``.
+        default_threshold: as in ``Comparison``.
         threads: number of threads for comparison; 0 means one per core.
 
     Attributes:
@@ -131,8 +131,8 @@ class SceneComparison(ABC):
     kind: str
     measure: str
 
-    def __init__(self, scene: SceneConfig, threshold: float, threads: int) -> None:
-        self.threshold = threshold
+    def __init__(self, scene: SceneConfig, default_threshold: float, threads: int) -> None:
+        self.default_threshold = default_threshold
         self._scene, self._threads = scene, threads
         self._bytes: list[bytes] = []
         self._index = self._empty_index()

@@ -30,7 +30,7 @@ class DescriptorComparison:
     def __init__(self, name: str, config: DescriptorConfig, max_distance: float) -> None:
         self._descriptor, self._config = find_descriptor(name), config
         self.kind = name
-        self.threshold = similarity_at(max_distance)
+        self.default_threshold = similarity_at(max_distance)
         self._rows: list[NDArray[np.float32]] = []
         self._length = length_of(name, config)
         self._index = DescriptorIndex(self._length)

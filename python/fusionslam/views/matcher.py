@@ -61,7 +61,7 @@ class ViewMatcher:
             comparison = build_comparison(self.config, self.descriptor_config)
         self.comparison = comparison
         given = self.config.threshold
-        self.threshold = self.comparison.threshold if given is None else given
+        self.threshold = self.comparison.default_threshold if given is None else given
         self._slots: list[Slot] = []
         self._stats = ViewStats()
 

@@ -18,7 +18,7 @@ class ObjectComparison(SceneComparison):
 
     Args:
         similarity: how scenes are compared.
-        scene, threshold, threads: as in ``SceneComparison``.
+        scene, default_threshold, threads: as in ``SceneComparison``.
     """
 
     kind = "objects"
@@ -28,12 +28,12 @@ class ObjectComparison(SceneComparison):
         self,
         scene: SceneConfig,
         similarity: SimilarityConfig,
-        threshold: float,
+        default_threshold: float,
         *,
         threads: int = 1,
     ) -> None:
         self._similarity = similarity
-        super().__init__(scene, threshold, threads)
+        super().__init__(scene, default_threshold, threads)
 
     def _empty_index(self) -> SceneIndex:
         return SceneIndex(self._similarity)

@@ -59,8 +59,8 @@ class TwoStageComparison:
         start: float | None = None,
         most: int = 10,
     ) -> None:
-        self.threshold = first.threshold
-        start = first.threshold if start is None else start
+        self.default_threshold = first.default_threshold
+        start = first.default_threshold if start is None else start
         for name, value in (("threshold", threshold), ("start", start)):
             if not 0 <= value <= 1:
                 raise ConfigError(f"second stage: {name} is {value}, expected 0 to 1")

@@ -21,7 +21,7 @@ from fusionslam.pipelines.compare_views import bench_views
 from fusionslam.pipelines.drives import Drive, move_clouds, open_drive, places_at
 from fusionslam.pipelines.methods import METHODS, Task, latest, run_templates
 from fusionslam.report.views.comparison_tables import accuracy_table, as_json, cost_table, markdown
-from fusionslam.sensors.images import Images
+from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 from recordings import PLACES, write_drive
 
@@ -44,22 +44,22 @@ def drive(path: Path) -> Drive:
 class Pictured(Drive):
     """A drive with other images."""
 
-    def __init__(self, drive: Drive, images: Images) -> None:
+    def __init__(self, drive: Drive, images: ImageSeries) -> None:
         self.__dict__.update(drive.__dict__)
         self._found = images
 
-    def images_with_poses(self, bottom: int | None = None) -> Images:
+    def images_with_poses(self, bottom: int | None = None) -> ImageSeries:
         return self._found
 
 
-def images_of(drive: Drive, per_scan: int = 5) -> Images:
+def images_of(drive: Drive, per_scan: int = 5) -> ImageSeries:
     """A few images a scan; all of one place are alike, and places differ."""
     ends = drive.scenes.seconds
     seconds = np.arange(0, ends[-1] + 0.1, 2.0 / per_scan)
     places = (np.floor(seconds / 2.0) % PLACES).astype(int)
     shades = np.random.default_rng(3).integers(0, 256, (PLACES, 24, 48)).astype(np.uint8)
     poses = places_at(seconds, ends, drive.scenes.poses)
-    return Images(seconds, poses, lambda i: shades[places[i]], "nowhere")
+    return ImageSeries(seconds, poses, lambda i: shades[places[i]], "nowhere")
 
 
 def test_a_drive_leaves_out_the_scans_that_see_the_floor_only(drive: Drive) -> None:
@@ -159,7 +159,7 @@ def test_templates_can_be_judged_at_every_image(drive: Drive) -> None:
         run_templates(SMALL, every_image=True)(Task("templates", unplaced, "robot"))
 
 
-def ids_of(images: Images) -> list[int]:
+def ids_of(images: ImageSeries) -> list[int]:
     alone = VisualTemplates(SMALL)
     return [alone.process(images.image(row)).id for row in range(len(images))]
 

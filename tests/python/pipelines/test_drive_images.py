@@ -13,7 +13,7 @@ from fusionslam.errors import ShapeError
 from fusionslam.geometry.trajectory import Trajectory, write_trajectory
 from fusionslam.pipelines.drives import places_at, world_beside
 from fusionslam.pipelines.template_views import template_views
-from fusionslam.sensors.images import Images
+from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sim.rendered_images import rendered_images
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 
@@ -52,11 +52,11 @@ def house(tmp_path: Path) -> Path:
     return tmp_path / "worlds" / "warehouse.glb"
 
 
-def given(count: int = 5, key: str | None = "some") -> Images:
+def given(count: int = 5, key: str | None = "some") -> ImageSeries:
     """Images of one brightness each."""
     seconds = np.arange(count) / 10
     shades = [np.full((24, 48), 40 * i, np.uint8) for i in range(count)]
-    return Images(seconds, None, shades.__getitem__, "nowhere", key)
+    return ImageSeries(seconds, None, shades.__getitem__, "nowhere", key)
 
 
 def test_a_world_is_found_beside_the_folder_of_the_recording(house: Path) -> None:

@@ -197,12 +197,12 @@ def test_without_pymoo_the_line_that_installs_it_is_named(monkeypatch: pytest.Mo
 
 
 def test_what_was_found_is_written_with_all_values_and_read_again(tmp_path: Path) -> None:
-    from fusionslam.cli.options import everything
+    from fusionslam.cli.system_config import SystemConfig
 
     result = tune([DRIVE], BAD, quick())
     path = tmp_path / "best.yaml"
     write_tuning(path, result, quick(), [DRIVE], "fusionslam tune boxes.npz")
-    read: Any = with_file(everything(), path)
+    read: Any = with_file(SystemConfig(), path)
     assert np.array_equal(
         run_views(DRIVE, ViewMatcher(read.views)).ids,
         run_views(DRIVE, ViewMatcher(result.config)).ids,

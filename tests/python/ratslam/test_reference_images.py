@@ -24,7 +24,7 @@ from fusionslam.pipelines.visual_odometry import (
 )
 from fusionslam.ratslam import Look, Motion, RatSlam, TemplateSource
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualOdometryConfig
-from fusionslam.sensors.images import Images
+from fusionslam.sensors.image_series import ImageSeries
 from worlds import VIEW, room_image
 
 TENTH = 100_000_000
@@ -104,8 +104,8 @@ class PaintedRoom(Drive):
     def scan(self, index: int, *, ground: bool) -> None:
         raise DataError("there is no scanner")
 
-    def images(self, bottom: int | None = None) -> Images:
-        return Images(self._times, None, lambda n: room_image(yaw=self._yaw[n]), "painted")
+    def images(self, bottom: int | None = None) -> ImageSeries:
+        return ImageSeries(self._times, None, lambda n: room_image(yaw=self._yaw[n]), "painted")
 
 
 @pytest.mark.parametrize("preset", ["robust", "openratslam"])
@@ -164,7 +164,7 @@ def test_images_that_give_no_speed_stand_still_and_are_logged(
 ) -> None:
     blank = np.full((24, 320), 9, np.uint8)
     pictures = [room_image(yaw=0.05), room_image(yaw=0.1), blank, room_image(yaw=0.15)]
-    images = Images(np.array([0.0, 0.1, 0.2, 2.0]), None, pictures.__getitem__, "made")
+    images = ImageSeries(np.array([0.0, 0.1, 0.2, 2.0]), None, pictures.__getitem__, "made")
     speeds = visual_speeds(images, VisualOdometry())
     motions = visual_motions(image_stamps_ns(images), speeds)
     assert [bool(motion.w) for motion in motions] == [False, True, False, False]
@@ -181,7 +181,7 @@ def test_profiles_of_rendered_images_are_cached_and_a_damaged_cache_is_replaced(
         asked.append(index)
         return room_image(yaw=0.04 * index)
 
-    images = Images(np.arange(5) / 10, None, render, "rendered", key="a room")
+    images = ImageSeries(np.arange(5) / 10, None, render, "rendered", key="a room")
     first = visual_speeds(images, VisualOdometry(), jobs=2)
     assert visual_speeds(images, VisualOdometry()) == first and sorted(asked) == [*range(5)]
     assert visual_speeds(images, VisualOdometry(distance_m=2.0)) != first and len(asked) == 5

@@ -22,7 +22,7 @@ from fusionslam.datasets.streams import SENSORS, MissingSensorError, Request, it
 from fusionslam.errors import DataError, naming
 from fusionslam.sensors.camera_info import cameras_from, check_pair, rectify
 from fusionslam.sensors.frame import Camera, Frame
-from fusionslam.sensors.images import Images
+from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import CameraInfo, Odometry, Picture, Scan
 
 logger = logging.getLogger(__name__)
@@ -87,7 +87,7 @@ class BagDataset(Dataset):
         """Stamps of the sensor's messages in each frame, int64 (N)."""
         return _stamps(self.source, self.matched, sensor)
 
-    def camera_images(self) -> Images | None:
+    def camera_images(self) -> ImageSeries | None:
         """All images of the left camera from the first frame to the last, by their stamps."""
         images = super().camera_images()
         if images is None:

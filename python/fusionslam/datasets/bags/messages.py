@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.datasets.bags.images import (
+from fusionslam.datasets.bags.image_messages import (
     compressed_image_of,
     compressed_parts,
     image_of,

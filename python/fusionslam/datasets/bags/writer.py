@@ -12,7 +12,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from fusionslam.datasets.bags.images import STORED
+from fusionslam.datasets.bags.image_messages import STORED
 from fusionslam.datasets.bags.messages import MessageBuilder, is_static, ros_type
 from fusionslam.datasets.bags.stores import KINDS, make_in, need_rosbags, type_store
 from fusionslam.errors import ConfigError, DataError, naming

@@ -10,12 +10,12 @@ import numpy as np
 
 from fusionslam.evaluation.loops.costs import Costs, summarise_costs
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
+from fusionslam.evaluation.loops.judge import RANKS, evaluate_matches
 from fusionslam.evaluation.loops.nearest_matches import Matches, find_matches
 from fusionslam.evaluation.loops.precision_recall import PrecisionRecall
 from fusionslam.evaluation.loops.protocols import DEFAULTS, PROTOCOLS, validate_config
 from fusionslam.evaluation.loops.published import kitti_sequence, published_figures
 from fusionslam.evaluation.loops.revisits import DIRECTIONS, visits
-from fusionslam.evaluation.loops.threshold_sweep import RANKS, evaluate_matches
 
 
 @dataclass(frozen=True, eq=False)

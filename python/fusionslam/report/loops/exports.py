@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fusionslam.evaluation import CITATION, Evaluation
-from fusionslam.evaluation.loops.threshold_sweep import metres_between
+from fusionslam.evaluation.loops.judge import metres_between
 from fusionslam.report.loops.outcomes import judge_queries, nearest_of
 
 MATCH_COLUMNS = (

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.evaluation import DescriptorRun, Evaluation, PrecisionRecall
-from fusionslam.evaluation.loops.threshold_sweep import metres_between
+from fusionslam.evaluation.loops.judge import metres_between
 from fusionslam.storage.arrays import Mask
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.evaluation import DescriptorRun, PrecisionRecall
-from fusionslam.evaluation.loops.threshold_sweep import metres_between
+from fusionslam.evaluation.loops.judge import metres_between
 from fusionslam.report.loops.outcomes import judge_queries
 from fusionslam.report.page.figures import (
     CURVE_COLORS,

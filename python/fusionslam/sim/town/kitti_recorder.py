@@ -31,6 +31,7 @@ from fusionslam.sim.town.route import Drive, DriveConfig, make_drive
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.cache import cache_folder
 from fusionslam.storage.files import atomic_path
+from fusionslam.storage.parallel import available_cores
 from fusionslam.storage.progress import Progress
 
 # Part of the cache key: increment when the same configuration gives different bytes.
@@ -138,7 +139,7 @@ def embedded_drive(*, jobs: int | None = None, progress: Progress | None = None)
     Raises:
         DataError: the cache cannot be written.
     """
-    threads = os.cpu_count() or 1 if jobs is None else jobs
+    threads = available_cores() if jobs is None else jobs
     return record(SimConfig(), embedded_folder(), jobs=threads, progress=progress)
 
 

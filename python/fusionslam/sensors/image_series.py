@@ -12,7 +12,7 @@ from fusionslam.storage.arrays import Floats, Image
 
 
 @dataclass(frozen=True, eq=False)
-class Images:
+class ImageSeries:
     """Images of one camera in order of time.
 
     Attributes:
