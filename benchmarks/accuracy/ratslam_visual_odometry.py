@@ -29,7 +29,7 @@ from fusionslam.pipelines.maps import RunRecorder, run_events
 from fusionslam.pipelines.visual_odometry import image_stamps_ns, visual_motions, visual_speeds
 from fusionslam.ratslam import RatSlam, RatSlamConfig, TemplateSource
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualSpeed, fit_speed
-from fusionslam.sensors.image_series import Images
+from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sim.rendered_images import rendered_images
 
 PAGE = ROOT / "docs" / "guides" / "visual_odometry.md"
@@ -53,7 +53,7 @@ class Seen:
     """
 
     name: str
-    images: Images
+    images: ImageSeries
     way: Trajectory
 
 

@@ -17,7 +17,7 @@ from fusionslam.errors import DataError
 from fusionslam.evaluation.views.published import world_of
 from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.pipelines.recording import Recording
-from fusionslam.sensors.image_series import Images
+from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sim.rendered_images import rendered_images
 from fusionslam.storage.progress import Step
 
@@ -146,16 +146,18 @@ class ThinnedDrive(Drive):
         """Number of dropped scans in the whole drive."""
         return self._whole.dropped
 
-    def images_with_poses(self, bottom: int | None = None) -> Images | None:
+    def images_with_poses(self, bottom: int | None = None) -> ImageSeries | None:
         """Return the latest image at or before each scan."""
         found = self._whole.images_with_poses(bottom)
         return None if found is None else _thin_images(found, self.scenes.seconds)
 
 
-def _thin_images(images: Images, seconds: np.ndarray[Any, np.dtype[np.float64]]) -> Images:
+def _thin_images(
+    images: ImageSeries, seconds: np.ndarray[Any, np.dtype[np.float64]]
+) -> ImageSeries:
     """Return the latest image at or before each scan."""
     rows = np.unique(np.maximum(np.searchsorted(images.seconds, seconds + 1e-6, "right") - 1, 0))
-    return Images(
+    return ImageSeries(
         images.seconds[rows],
         None if images.poses is None else images.poses[rows],
         lambda index: images.image(int(rows[index])),
