@@ -13,7 +13,7 @@
 #include <random>
 
 #include "clouds.hpp"
-#include "descriptors/local_reference_frame.hpp"
+#include "descriptors/shot_reference_frame.hpp"
 #include "fusionslam/descriptors.hpp"
 #include "levels.hpp"
 #include "refused.hpp"
@@ -231,14 +231,14 @@ TEST_CASE("all levels give the same frame and the same votes") {
   for (const std::size_t size : {20, 255, 256, 257, 5000}) {
     const Support support(size);
     const auto baseline = detail::shot_kernels(SimdLevel::baseline);
-    const auto frame = detail::local_reference_frame(support.view, 1, baseline);
+    const auto frame = detail::shot_reference_frame(support.view, 1, baseline);
     REQUIRE(frame.has_value());
     std::vector<double> expected(detail::shot_shape_size + detail::shot_color_size);
     baseline.vote(support.view, 0, size, *frame, expected.data());
     for (const SimdLevel level : simd_levels()) {
       const auto kernels = detail::shot_kernels(level);
       for (const int threads : {1, 2}) {
-        const auto other = detail::local_reference_frame(support.view, threads, kernels);
+        const auto other = detail::shot_reference_frame(support.view, threads, kernels);
         REQUIRE(other.has_value());
         for (std::size_t k = 0; k < 3; ++k) {
           CHECK(other->x[k] == frame->x[k]);
@@ -255,10 +255,10 @@ TEST_CASE("all levels give the same frame and the same votes") {
 
 TEST_CASE("a keypoint with fewer than five points in its support has no frame") {
   const auto kernels = detail::shot_kernels(best_simd_level());
-  CHECK_FALSE(detail::local_reference_frame(Support(4).view, 1, kernels).has_value());
+  CHECK_FALSE(detail::shot_reference_frame(Support(4).view, 1, kernels).has_value());
   Support far(50);
   far.view.squared_radius = 0;
-  CHECK_FALSE(detail::local_reference_frame(far.view, 1, kernels).has_value());
+  CHECK_FALSE(detail::shot_reference_frame(far.view, 1, kernels).has_value());
 }
 
 }  // namespace

@@ -161,7 +161,8 @@ def _kind(root: Path, name: str | None) -> Kind:
         if name != "ranges" and is_recording(root):
             check_self_contained(root, "a range recording", {"--kind": name})
         return KINDS[name]
-    recognised = next((kind for kind in KINDS.values() if kind.recognises(root)), None)
+    possible = (kind for kind in KINDS.values() if root.is_dir() or not kind.folder)
+    recognised = next((kind for kind in possible if kind.recognises(root)), None)
     if recognised is None:
         looked_for = "; ".join(f"{kind.name}: {kind.layout}" for kind in KINDS.values())
         message = f"{root} is no recording that is known here; looked for {looked_for}"

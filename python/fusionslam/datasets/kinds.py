@@ -24,6 +24,7 @@ class Kind(NamedTuple):
         layout: what it is recognised by, in a few words for messages.
         recognises: whether a path is of this kind.
         open: opens it.
+        folder: whether it is always a folder, so that files need not be looked at.
         topics: whether it has topics to choose.
         calibration: whether another calibration can be used instead of its own.
     """
@@ -32,12 +33,15 @@ class Kind(NamedTuple):
     layout: str
     recognises: Callable[[Path], bool]
     open: Callable[[Path, Request], Dataset]
+    folder: bool = False
     topics: bool = False
     calibration: bool = False
 
 
 def _bag(name: str, suffix: str) -> Kind:
-    return Kind(name, suffix, lambda path: bag_kind(path) == name, _open_bag, True, True)
+    return Kind(
+        name, suffix, lambda path: bag_kind(path) == name, _open_bag, topics=True, calibration=True
+    )
 
 
 def _open_bag(path: Path, request: Request) -> Dataset:
@@ -57,24 +61,28 @@ KINDS = {
             "calib/ with velodyne/ or image_2/",
             is_kitti_object,
             open_kitti_object,
+            folder=True,
         ),
         Kind(
             "kitti-odometry",
             "sequences/, velodyne/ or image_0/ ... image_3/",
             is_kitti_odometry,
             open_kitti_odometry,
+            folder=True,
         ),
         Kind(
             "kitti-raw",
             "velodyne_points/ or image_00/ ... image_03/",
             is_kitti_raw,
             open_kitti_raw,
+            folder=True,
         ),
         Kind(
             "folder",
             "files in clouds/, points/, images/ or left/",
             is_folder,
             open_folder,
+            folder=True,
             calibration=True,
         ),
         Kind("ranges", "a .npz with stamps, rays and lidar_xyz", is_recording, open_recording),

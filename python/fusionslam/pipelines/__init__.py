@@ -1,3 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Process whole recordings: each command of the command line calls one of these modules."""
+"""Process whole recordings: what commands call, and programs can.
+
+recording and drives open DATA. describe, loops, compare_descriptors, export_folder and export_bag
+work on coloured clouds; scenes, views, methods, compare_views and tuning on views; maps,
+map_events and visual_odometry on maps. overview, bag_overview and first_frame look at a recording;
+results and reusable_runs keep a folder of results.
+"""

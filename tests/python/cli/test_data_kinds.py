@@ -2,12 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every command with every kind of DATA: it does its work, or says what it found and lacks."""
 
+import inspect
 from itertools import product
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from cli import error_of, fails, run, succeeds
+from fusionslam import datasets
+from fusionslam.cli.recordings import build_recording
 from fusionslam.datasets.base import OdometryOrigin, PosesOrigin
 from fusionslam.datasets.streams import MissingSensorError
 from fusionslam.pipelines.drives import open_drive
@@ -118,3 +122,9 @@ def test_options_are_checked_before_a_world_is_recorded(
 ) -> None:
     monkeypatch.setattr("fusionslam.sim.recordings.record_world", pytest.fail)
     fails(2, *words, "warehouse", "-o", tmp_path / "out")
+
+
+def test_the_help_of_kind_names_all_kinds() -> None:
+    option = get_args(inspect.signature(build_recording).parameters["kind"].annotation)[-1]
+    named = set(option.help.rstrip(".").replace(" or ", ", ").split(", "))
+    assert named == {*datasets.KINDS, "scenes"}

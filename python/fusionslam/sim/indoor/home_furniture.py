@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Furniture of homes whose size or contents vary: tables, sofas, beds, shelves, plants, pictures.
 
-Fronts face -y. Legs and frames are modelled, because a low camera sees little else.
+Pieces of fixed shape are rows of furniture.yaml. Fronts face -y. Legs and frames are modelled,
+because a low camera sees little else.
 """
 
 from itertools import pairwise

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Furniture of hospitals whose size varies: curtains, benches, handrails, number plates."""
+"""Furniture of hospitals whose size varies: curtains, benches, handrails, number plates.
+
+Pieces of fixed shape are rows of furniture.yaml; hospital.py places both.
+"""
 
 import numpy as np
 

@@ -13,7 +13,7 @@ inline constexpr std::size_t shot_chunk = 4096;
 
 /// SHOT's repeatable frame (Tombari, Salti, Di Stefano 2010, 3.1): eigenvectors of the offsets
 /// weighted by radius - distance, turned to where most points are. None for fewer than 5 points.
-std::optional<ShotFrame> local_reference_frame(const ShotSupport& support, int threads,
-                                               const ShotKernels& kernels);
+std::optional<ShotFrame> shot_reference_frame(const ShotSupport& support, int threads,
+                                              const ShotKernels& kernels);
 
 }  // namespace fusionslam::detail

@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-#include "local_reference_frame.hpp"
+#include "shot_reference_frame.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -88,8 +88,8 @@ void turn(Eigen::Vector3d& axis, std::size_t ahead, std::size_t count, const Sho
 
 }  // namespace
 
-std::optional<ShotFrame> local_reference_frame(const ShotSupport& support, int threads,
-                                               const ShotKernels& kernels) {
+std::optional<ShotFrame> shot_reference_frame(const ShotSupport& support, int threads,
+                                              const ShotKernels& kernels) {
   const ShotScatter sum = scatter(support, threads, kernels);
   if (sum.count < 5) return std::nullopt;
   Eigen::Matrix3d covariance;
