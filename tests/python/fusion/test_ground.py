@@ -139,7 +139,7 @@ def test_the_comparison_on_simulated_truth_counts_what_is_ground(
     case = ground.Case("made", "lidar", scene, lidar, lifted, np.eye(4)[None], 0.2, "scan")
     (points, is_ground), *_ = ground.scans(case)
     assert np.array_equal(is_ground, points[:, 2] < 0.15) and 0 < is_ground.mean() < 1
-    row = ground.judged(case)
+    row = ground.judge_case(case)
     assert [cell.split(",")[0] for cell in row[4:]] == ["1.000 / 1.000"] * 3
     score = ground.Score()
     score.add(np.array([0, 1]), np.array([True, False, True, False, True]))  # 2, 3 and 4 are gone

@@ -4,6 +4,7 @@
 
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -101,3 +102,15 @@ def test_a_node_that_waits_for_the_master_can_be_interrupted(tmp_path: Path) -> 
     wait_until(lambda: "master may not be running" in alone.log("lv_builder"), "the attempt")
     assert alone.end(process) == 130
     assert "Traceback" not in alone.log("lv_builder")
+
+
+def test_a_node_works_off_the_main_thread_in_which_the_handler_of_ctrl_c_runs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from fusionslam.ros.launch import start
+
+    threads: list[threading.Thread] = []
+    monkeypatch.setattr(start, "_init", lambda *given: None)
+    monkeypatch.setattr(start, "_serve", lambda *given: threads.append(threading.current_thread()))
+    start.start("lv_matching", [])
+    assert len(threads) == 1 and threads[0] is not threading.main_thread()

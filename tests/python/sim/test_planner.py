@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from benchmarks.accuracy.drives import covered, exceeds, revisits
+from benchmarks.accuracy.drives import exceeds, measure_coverage, revisits
 from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.geometry.trajectory import Trajectory
@@ -202,7 +202,7 @@ def test_a_planned_drive_sees_all_rooms_and_comes_back_in_both_directions(seed: 
     found = plan_trajectory(grid, config)
     check_trajectory(found, grid, config.clearance_m)
     assert max(exceeds(found, config.limits).values()) < 1 + 1e-6
-    assert covered(found, grid.inflate(config.clearance_m), within_m=1.5) > 0.9
+    assert measure_coverage(found, grid.inflate(config.clearance_m), within_m=1.5) > 0.9
     assert min(revisits(found)) > 0.25
 
 

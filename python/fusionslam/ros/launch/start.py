@@ -6,11 +6,14 @@ import logging
 import os
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 from fusionslam.errors import ConfigError, FusionSlamError
 from fusionslam.ros.environment import need_ros
 from fusionslam.ros.nodes import node_class
 from fusionslam.ros.runtime.logs import ToRosout, init_node
+from fusionslam.ros.runtime.node import Node
 
 _WRONG, _INTERRUPTED = 2, 130
 
@@ -36,7 +39,7 @@ def start_player() -> None:
         from fusionslam.ros.launch.bag_player import play_bag
 
         _init("bag_player")
-        play_bag()
+        _off_main_thread(play_bag)
 
     _exit_on_errors("bag_player", play)
 
@@ -52,10 +55,15 @@ def _exit_on_errors(name: str, action: Callable[[], None]) -> None:
 
 
 def _run(name: str, arguments: list[str]) -> None:
-    import rospy
-
     kind = node_class(name)
     _init(kind.name, arguments)
+    _off_main_thread(lambda: _serve(kind, arguments))
+
+
+def _serve(kind: type[Node[Any]], arguments: list[str]) -> None:
+    """Make a node and run it until ROS shuts down."""
+    import rospy
+
     to_rosout = ToRosout()
     logging.getLogger("fusionslam").addHandler(to_rosout)
     logging.getLogger(__package__).setLevel(logging.INFO)
@@ -72,6 +80,13 @@ def _run(name: str, arguments: list[str]) -> None:
     heard = ", ".join(rospy.resolve_name(topic) for topic in node.inputs)
     rospy.loginfo("%s is ready: it listens to %s", kind.name, heard)
     node.run()
+
+
+def _off_main_thread(action: Callable[[], None]) -> None:
+    # rospy's handler of SIGINT runs in the main thread, between any two of its steps, and takes
+    # locks that publishing holds: a node that publishes there may hang at Ctrl-C.
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(action).result()
 
 
 def _init(name: str, arguments: list[str] | None = None) -> None:
