@@ -52,7 +52,11 @@ def check_config(config: ReproduceConfig) -> ReproduceConfig:
     for key, names in known.items():
         given = getattr(config, key)
         if not given:
-            raise ConfigError(f"{key}: expected some of {', '.join(names or method_names())}")
+            raise ConfigError(
+                f"{key}: expected some of {', '.join(names or method_names())}",
+                code="empty",
+                fields=(key,),
+            )
         for name in given:
             if names is None:
                 find_method(name, key)

@@ -111,7 +111,9 @@ def merged(
         if key in section.former_keys:
             raise ConfigError(f"unknown configuration key {path!r}: {section.former_keys[key]}")
         if key not in known:
-            raise ConfigError(_explain_unknown_key(path, key, known))
+            raise ConfigError(
+                _explain_unknown_key(path, key, known), code="unknown-key", fields=(path,)
+            )
         current, kind = getattr(section, key), _named_sections(section, key)
         if isinstance(current, Section):
             values[key] = _merge_inner(current, value, path, new_names)
@@ -151,7 +153,9 @@ def _check_names(key: str, where: str, given: Mapping[str, Any], known: Collecti
             what = key.removesuffix("s")
             listed = ", ".join(known) or "none"
             raise ConfigError(
-                f"{where}{key}: unknown {what} {name!r}; {_hint(name, known)}known: {listed}"
+                f"{where}{key}: unknown {what} {name!r}; {_hint(name, known)}known: {listed}",
+                code="unknown-name",
+                fields=(f"{where}{key}", name),
             )
 
 

@@ -213,13 +213,22 @@ def _check_rotations(path: Path, matrices: NDArray[np.float64]) -> None:
     mirrored = np.linalg.det(matrices) < 0
     if (bad := np.flatnonzero((apart > ROTATION_TOLERANCE) | mirrored)).size:
         line = _line_of(path, bad[0])
-        raise DataError(f"{path}, line {line}: the first three columns of [R t] are no rotation")
+        raise DataError(
+            f"{path}, line {line}: the first three columns of [R t] are no rotation",
+            code="not-a-rotation",
+            fields=(str(path), str(line)),
+        )
 
 
 def _check_order(path: Path, stamps: NDArray[np.int64]) -> None:
     """Raise DataError if the stamps decrease."""
     if (back := np.flatnonzero(np.diff(stamps) < 0)).size:
-        raise DataError(f"{path}, line {_line_of(path, back[0] + 1)}: earlier than the line before")
+        line = _line_of(path, back[0] + 1)
+        raise DataError(
+            f"{path}, line {line}: earlier than the line before",
+            code="stamps-decrease",
+            fields=(str(path), str(line)),
+        )
 
 
 def _exact_stamps(path: Path) -> NDArray[np.int64]:

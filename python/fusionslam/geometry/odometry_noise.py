@@ -115,13 +115,19 @@ def _add_errors(
 
 def _stamps(trajectory: Trajectory, rate_hz: float) -> NDArray[np.int64]:
     if not (np.isfinite(rate_hz) and rate_hz > 0):
-        raise ConfigError(f"rate_hz is {rate_hz}, expected more than 0")
+        raise ConfigError(
+            f"rate_hz is {rate_hz}, expected more than 0",
+            code="out-of-range",
+            fields=("rate_hz", str(rate_hz)),
+        )
     # A last stamp that rounding puts after the last pose is meant to be at it.
     count = int(np.floor(trajectory.duration_s * rate_hz + 1e-6)) + 1
     if count < 2:
         raise ConfigError(
             f"rate_hz is {rate_hz}: fewer than two stamps in the {trajectory.duration_s:.3f} s "
-            "of the trajectory"
+            "of the trajectory",
+            code="out-of-range",
+            fields=("rate_hz", str(rate_hz)),
         )
     after = np.round(np.arange(count) / rate_hz * 1e9).astype(np.int64)
     return after + round(float(trajectory.seconds[0]) * 1e9)

@@ -45,10 +45,18 @@ class Trajectory:
         if len(set(shapes)) > 1 or len(shapes[0]) != 1 or shapes[0][0] < 2:
             raise ShapeError(f"seconds, x, y, yaw have shapes {shapes}, expected (N,), N >= 2")
         if (bad := np.flatnonzero(~np.isfinite(arrays).all(axis=0))).size:
-            raise DataError(f"place {bad[0]} of the trajectory is not finite")
+            raise DataError(
+                f"place {bad[0]} of the trajectory is not finite",
+                code="not-finite",
+                fields=(str(bad[0]),),
+            )
         if (back := np.flatnonzero(np.diff(self.seconds) <= 0)).size:
             time = self.seconds[back[0] + 1]
-            raise DataError(f"place {back[0] + 1} of the trajectory, at {time} s, is not later")
+            raise DataError(
+                f"place {back[0] + 1} of the trajectory, at {time} s, is not later",
+                code="not-later",
+                fields=(str(back[0] + 1), str(time)),
+            )
 
     def __len__(self) -> int:
         return len(self.seconds)
@@ -75,7 +83,9 @@ class Trajectory:
         if outside.any():
             raise DataError(
                 f"the trajectory has no place at {times[outside][0]} s: it lasts from {first} "
-                f"to {last} s"
+                f"to {last} s",
+                code="no-pose",
+                fields=(str(times[outside][0]),),
             )
         x, y, yaw = (np.interp(times, self.seconds, v) for v in (self.x, self.y, self.yaw))
         return x, y, yaw
@@ -116,14 +126,26 @@ def read_trajectory(path: PathLike) -> Trajectory:
         lines = list(_nonempty_lines(text))
     if not lines or tuple(name.strip() for name in lines[0][1]) != _COLUMNS:
         found = repr(",".join(lines[0][1])) if lines else "nothing"
-        raise DataError(f"{path} starts with {found}: expected {_EXPECTED}")
+        raise DataError(
+            f"{path} starts with {found}: expected {_EXPECTED}",
+            code="bad-header",
+            fields=(str(path), found),
+        )
     if len(lines) < 3:
         places = "no place" if len(lines) == 1 else "one place"
-        raise DataError(f"{path} has {places}, expected at least two")
+        raise DataError(
+            f"{path} has {places}, expected at least two",
+            code="too-short",
+            fields=(str(path), str(len(lines) - 1)),
+        )
     rows = np.array([_row(path, number, cells) for number, cells in lines[1:]])
     if (back := np.flatnonzero(np.diff(rows[:, 0]) <= 0)).size:
         number = lines[back[0] + 2][0]
-        raise DataError(f"{path}, line {number}: not later than the line before")
+        raise DataError(
+            f"{path}, line {number}: not later than the line before",
+            code="not-later",
+            fields=(str(path), str(number)),
+        )
     t, x, y, yaw = np.ascontiguousarray(rows.T)
     return Trajectory(t, x, y, np.unwrap(yaw))
 
@@ -151,11 +173,23 @@ def _nonempty_lines(text: str) -> Iterator[tuple[int, list[str]]]:
 
 def _row(path: Path, number: int, cells: list[str]) -> list[float]:
     if len(cells) != len(_COLUMNS):
-        raise DataError(f"{path}, line {number}: {len(cells)} values, expected {_EXPECTED}")
+        raise DataError(
+            f"{path}, line {number}: {len(cells)} values, expected {_EXPECTED}",
+            code="wrong-columns",
+            fields=(str(path), str(number), str(len(cells))),
+        )
     try:
         values = [float(cell) for cell in cells]
     except ValueError as error:
-        raise DataError(f"{path}, line {number}: {error}, expected numbers") from error
+        raise DataError(
+            f"{path}, line {number}: {error}, expected numbers",
+            code="not-a-number",
+            fields=(str(path), str(number)),
+        ) from error
     if not np.isfinite(values).all():
-        raise DataError(f"{path}, line {number}: NaN or infinity, expected numbers")
+        raise DataError(
+            f"{path}, line {number}: NaN or infinity, expected numbers",
+            code="not-finite",
+            fields=(str(path), str(number)),
+        )
     return values

@@ -122,5 +122,9 @@ def load_simulated_places(
         names = tuple(stored["names"].tolist())
         places = Places(clouds, stored["poses"], stored["worlds"], names)
     if found != about:
-        raise ConfigError(f"{path} holds places of another configuration; take another folder")
+        raise ConfigError(
+            f"{path} holds places of another configuration; take another folder",
+            code="other-settings",
+            fields=(str(path),),
+        )
     return places

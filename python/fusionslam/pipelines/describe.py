@@ -91,7 +91,11 @@ def describe_dataset(
     """
     settings = config or PipelineConfig()
     if bad_frames not in BAD_FRAMES:
-        raise ConfigError(f"bad_frames is {bad_frames!r}, expected one of {', '.join(BAD_FRAMES)}")
+        raise ConfigError(
+            f"bad_frames is {bad_frames!r}, expected one of {', '.join(BAD_FRAMES)}",
+            code="choice",
+            fields=("bad_frames", bad_frames),
+        )
     for name in names:
         find_descriptor(name)
     settings = fix_radius(dataset, names, settings, bad_frames)

@@ -162,7 +162,11 @@ def motions_of(
         return "truth", _simulate_motions(drive.true_way(), _NO_ERRORS)
     if chosen == "truth+noise":
         return _noise_title(errors), _simulate_motions(drive.true_way(), errors)
-    raise ConfigError(f"odometry is {odometry!r}, expected one of {', '.join(ODOMETRY)}")
+    raise ConfigError(
+        f"odometry is {odometry!r}, expected one of {', '.join(ODOMETRY)}",
+        code="choice",
+        fields=("odometry", str(odometry)),
+    )
 
 
 def _choose_odometry(drive: Drive) -> OdometryName:

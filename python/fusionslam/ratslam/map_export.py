@@ -248,7 +248,11 @@ def _information(links: NDArray[np.void]) -> Floats:
     deviations = np.stack([links["sd_m"], links["sd_rad"]], axis=1)
     if (wrong := np.flatnonzero((deviations <= 0).any(axis=1))).size:
         found = deviations[wrong[0]].tolist()
-        raise DataError(f"links: row {wrong[0]} deviates by {found} m and rad, expected above 0")
+        raise DataError(
+            f"links: row {wrong[0]} deviates by {found} m and rad, expected above 0",
+            code="no-deviation",
+            fields=(str(wrong[0]),),
+        )
     return deviations**-2.0
 
 

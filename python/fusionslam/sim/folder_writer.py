@@ -186,7 +186,11 @@ class FolderWriter:
 def first_lidar(robot: RobotConfig) -> LidarMount:
     """The LiDAR whose scans define the frames. Raises ConfigError if there is none."""
     if not robot.lidars:
-        raise ConfigError("lidars is empty: a folder of frames needs a LiDAR")
+        raise ConfigError(
+            "lidars is empty: a folder of frames needs a LiDAR",
+            code="missing-sensor",
+            fields=("lidars",),
+        )
     return next(iter(robot.lidars.values()))
 
 

@@ -97,7 +97,9 @@ def plan_obstacles(
         if obstacle is None:
             raise DataError(
                 f"obstacles.number is {config.number}: no room for number {number + 1} near the "
-                "robot's way; fewer, smaller ones or a greater near_m may do"
+                "robot's way; fewer, smaller ones or a greater near_m may do",
+                code="no-room",
+                fields=(str(config.number), str(number + 1)),
             )
         found.append(obstacle)
         others.append((obstacle.places, obstacle.radius_m))

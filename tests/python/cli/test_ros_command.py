@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from cli import fails, run, succeeds
+from error_codes import has_code
 from fusionslam.errors import FusionSlamError
 from fusionslam.ros import environment
 from fusionslam.ros.launch import files as launching
@@ -81,5 +82,5 @@ def test_an_installation_without_the_package_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(launching, "_PLACES", (tmp_path,))
-    with pytest.raises(FusionSlamError, match="lacks fusionslam_ros: install it again"):
+    with pytest.raises(FusionSlamError, check=has_code("no-package", "fusionslam_ros")):
         launching.package_folder()

@@ -17,6 +17,7 @@ pytest.importorskip("embreex", reason="the simulator is an extra")
 
 import fusionslam
 from cli import fails, succeeds
+from error_codes import has_code
 from fusionslam.config import merged
 from fusionslam.datasets import open_dataset
 from fusionslam.errors import ConfigError, DataError
@@ -223,7 +224,7 @@ def test_a_folder_cannot_hold_distorted_pictures(tmp_path: Path, way: Path) -> N
 def test_a_folder_of_a_robot_without_lidar_is_refused(tmp_path: Path) -> None:
     robot = robot_named("turtlebot3_waffle_pi").model_copy(update={"lidars": {}})
     with (
-        pytest.raises(ConfigError, match="lidars is empty"),
+        pytest.raises(ConfigError, check=has_code("missing-sensor", "lidars")),
         folder_writer(tmp_path / "out", robot),
     ):
         pass

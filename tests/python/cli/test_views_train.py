@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+from error_codes import has_code
 from fusionslam.cli.views.train import app
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.views.second_stage import SecondStage
@@ -99,10 +100,10 @@ def test_simulated_places_of_other_settings_or_damaged_are_refused(tmp_path: Pat
         about=np.array('{"format": "fusionslam.places.1"}'),
         **{name: np.zeros(1) for name in _FIELDS},
     )
-    with pytest.raises(ConfigError, match=r"train\.npz holds places of another configuration"):
+    with pytest.raises(ConfigError, check=has_code("other-settings", path)):
         load_simulated_places(SimulatedPlacesConfig(), path)
     path.write_bytes(path.read_bytes()[:100])
-    with pytest.raises(DataError, match=r"train\.npz"):
+    with pytest.raises(DataError, check=has_code("damaged-file", path)):
         load_simulated_places(SimulatedPlacesConfig(), path)
 
 

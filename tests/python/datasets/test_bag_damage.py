@@ -58,16 +58,18 @@ def test_a_bag_below_a_file_is_refused_with_the_files_name(tmp_path: Path, suffi
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_files_that_are_no_bags_are_refused_by_name(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"drive.{suffix}"
-    with pytest.raises(DataError, match=str(path)):
+    with pytest.raises(DataError, check=has_code("missing-file", path)):
         open_bag(path)
     path.write_bytes(b"")
-    with pytest.raises(DataError, match=rf"{path}"):
+    with pytest.raises(DataError, check=has_code("empty-file", path)):
         open_bag(path)
     path.write_bytes(b"what is this?" * 100)
-    with pytest.raises(DataError, match=rf"{path}.*b'what is this\?wha'"):
+    with pytest.raises(DataError, match=r"b'what is this\?wha'", check=has_code("not-a-bag", path)):
         open_bag(path)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(DataError, match=r"empty .*\.db3 or \.mcap"):
+    with pytest.raises(
+        DataError, match=r"\.db3 .*\.mcap", check=has_code("not-a-bag", tmp_path / "empty")
+    ):
         open_bag(tmp_path / "empty")
 
 

@@ -240,11 +240,11 @@ def test_jpeg_colours_are_those_that_the_format_says_were_encoded(text: str, ord
         (image("yuv422", RGB[..., :2]), "7 wide"),
         (image("rgb8", RGB, data=b"\0" * 104), "'data'"),
         (image("rgb8", RGB, step=20), "'step'"),
-        (image("mono8", RGB[..., 0], height=0), "is 7x0"),
+        (image("mono8", RGB[..., 0], height=0), "7x0"),
     ],
 )
 def test_an_image_that_cannot_be_read_names_the_field(message: Message, word: str) -> None:
-    with pytest.raises(DataError, match=r"/image at 1700000000\.000000005 s") as error:
+    with pytest.raises(DataError, match=r"/image .*1700000000\.000000005 s") as error:
         read_image(message)
     assert word in str(error.value)
 

@@ -56,7 +56,7 @@ def test_the_robust_preset_is_the_default_and_keeps_the_lengths() -> None:
 
 @pytest.mark.parametrize("sizes", [{"azimuths": 6}, {"sectors": 9}])
 def test_sizes_that_the_robust_rule_cannot_use_are_refused_by_name(sizes: dict[str, int]) -> None:
-    with pytest.raises(fusionslam.ConfigError, match=rf"m2dp\.{next(iter(sizes))} is "):
+    with pytest.raises(fusionslam.ConfigError, match=rf"m2dp\.{next(iter(sizes))}\b"):
         fusionslam.m2dp(street(9)[0], config=fusionslam.M2dpConfig(**sizes))
 
 

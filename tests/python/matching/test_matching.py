@@ -68,7 +68,7 @@ def test_k_must_be_positive_and_an_index_within_range() -> None:
             index.query(np.zeros(7, np.float32), k=k, stamp_ns=0)
         with pytest.raises(ConfigError, match=f"k .*{k}"):
             nearest_causal(np.zeros((3, 7), np.float32), window=0, k=k)
-    with pytest.raises(ShapeError, match="descriptor 20 of 20"):
+    with pytest.raises(ShapeError, match=r"descriptor 20\b"):
         index.descriptor(20)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import fusionslam
+from error_codes import has_code
 from fusionslam import ConfigError, DataError, PipelineConfig, describe_dataset, open_dataset
 from fusionslam.config import with_settings
 from fusionslam.datasets import Dataset
@@ -156,7 +157,7 @@ def test_a_frame_that_cannot_be_described_is_named_and_the_rest_is_kept(
     dataset, out = open_dataset(recording), tmp_path / "out"
     good = scan_path(recording, number).read_bytes()
     np.array([[5, 0, 0, 1]] * 9, np.float32).tofile(scan_path(recording, number))
-    with pytest.raises(DataError, match=rf"03, frame {number}: "):
+    with pytest.raises(DataError, match=rf"03, \w+ {number}: "):
         describe_dataset(dataset, ["m2dp"], out, jobs=jobs)
     assert bool(list(out.glob(".partial-*/000000.npz"))) == (number > CHUNK)
     scan_path(recording, number).write_bytes(good)
@@ -166,7 +167,7 @@ def test_a_frame_that_cannot_be_described_is_named_and_the_rest_is_kept(
 
 def test_a_frame_that_cannot_be_read_is_named(recording: Path, tmp_path: Path) -> None:
     scan_path(recording, 2).write_bytes(bytes(33))
-    with pytest.raises(DataError, match=r"frame 2: .*000002\.bin"):
+    with pytest.raises(DataError, match=r" 2: .*000002\.bin"):
         describe_dataset(open_dataset(recording), ["m2dp"], tmp_path / "out")
 
 
@@ -217,7 +218,7 @@ def test_frames_that_cannot_be_described_are_left_out_on_request(
     whole = describe_dataset(open_dataset(recording), ["m2dp"], tmp_path / "whole")[0]
     make_bad(recording)
     dataset, out = open_dataset(recording), tmp_path / "out"
-    with pytest.raises(DataError, match="frame 0: "):
+    with pytest.raises(DataError, match=r"03, \w+ 0: "):
         describe_dataset(dataset, ["m2dp"], out, jobs=jobs)
     (run,) = describe_dataset(dataset, ["m2dp"], out, jobs=jobs, bad_frames="skip")
     assert list(run.skipped) == [0, 5, LARGEST] and "000019.bin" in run.skipped[LARGEST]
@@ -249,7 +250,7 @@ def test_a_recording_without_a_frame_that_can_be_described_is_an_error(
     for name in ("m2dp", "shot"):
         with pytest.raises(DataError, check=lambda error: error.code == "no-frame"):
             describe_dataset(dataset, [name], tmp_path / "out", bad_frames="skip")
-    with pytest.raises(ConfigError, match="bad_frames is 'skp'"):
+    with pytest.raises(ConfigError, check=has_code("choice", "bad_frames", "skp")):
         describe_dataset(dataset, ["m2dp"], tmp_path / "out", bad_frames="skp")
 
 

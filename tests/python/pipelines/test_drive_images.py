@@ -145,7 +145,7 @@ def test_a_damaged_file_in_the_cache_is_made_anew(cache: Path, damage: str) -> N
 
 def test_an_image_that_cannot_become_a_template_stops_the_work(cache: Path) -> None:
     tiny = replace(given(), image=lambda index: np.zeros((2, 48), np.uint8))
-    with pytest.raises(ShapeError, match="48x2 after cropping"):
+    with pytest.raises(ShapeError, match=r"\b48x2\b"):
         template_views(tiny, SMALL)
     assert not cache.exists()
 

@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
+from error_codes import has_code
 from fusionslam.errors import DataError
 from fusionslam.sim.lidar import LidarMount, lidar_rays, scan
 from fusionslam.sim.motion.occupancy import OccupancyMap, occupancy_of
@@ -109,7 +110,7 @@ def test_too_many_boxes_are_an_error_that_says_how_many_there_is_room_for(
     grid: OccupancyMap,
 ) -> None:
     config = ObstacleConfig(number=25, size_m=(1.5, 1.5, 1.0))
-    with pytest.raises(DataError, match=r"obstacles\.number is 25"):
+    with pytest.raises(DataError, match=r"obstacles\.number", check=has_code("no-room", 25)):
         plan_obstacles(config, grid, straight(10.0), 0.22, seed=1)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from benchmarks.accuracy.maps import off_borders, overlay
+from error_codes import has_code
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.sim.mesh import Mesh, Paint, box, join_meshes, panels
 from fusionslam.sim.motion.map_files import read_map, write_map
@@ -158,7 +159,7 @@ def test_a_start_chooses_the_room() -> None:
     two = scene(room(8, 4), wall((5, 0), (5, 4), 0, 2))
     assert list(occupancy_of(two).is_free([2, 7], [2, 2])) == [True, False]
     assert list(occupancy_of(two, start=(7.0, 2.0)).is_free([2, 7], [2, 2])) == [False, True]
-    with pytest.raises(DataError, match=r"start \(5.0, 2.0\)"):
+    with pytest.raises(DataError, check=has_code("not-free", "5.0", "2.0")):
         occupancy_of(two, start=(5.0, 2.0))
 
 
@@ -172,13 +173,13 @@ def test_scenes_and_settings_without_sense_are_refused() -> None:
     empty = Scene(
         Mesh(*(np.zeros((0, *s), np.float32) for s in ((3, 3), (3, 2), (), (3,), (3,)))), []
     )
-    with pytest.raises(DataError, match="triangles"):
+    with pytest.raises(DataError, check=has_code("empty-world")):
         occupancy_of(empty)
-    with pytest.raises(DataError, match="triangle 0"):
+    with pytest.raises(DataError, check=has_code("not-finite", 0)):
         occupancy_of(Scene(replace(room(4, 4), triangles=np.full((8, 3, 3), np.inf)), []))
     with pytest.raises(ConfigError, match="low_m"):
         occupancy_of(scene(room(4, 4)), low_m=1.0, high_m=0.5)
-    with pytest.raises(ConfigError, match="resolution_m is 0"):
+    with pytest.raises(ConfigError, check=has_code("out-of-range", "resolution_m", "0.0")):
         occupancy_of(scene(room(4, 4)), resolution_m=0.0)
     with pytest.raises(ConfigError, match="resolution_m"):
         occupancy_of(scene(room(4, 4)), resolution_m=1e-5)
@@ -186,13 +187,13 @@ def test_scenes_and_settings_without_sense_are_refused() -> None:
 
 @pytest.mark.parametrize("radius", [-0.1, float("nan"), float("inf")])
 def test_a_radius_that_is_no_length_is_refused(radius: float) -> None:
-    with pytest.raises(ConfigError, match=f"radius_m is {radius}"):
+    with pytest.raises(ConfigError, check=has_code("out-of-range", "radius_m", str(radius))):
         grid_of(np.zeros((3, 3), bool)).inflate(radius)
 
 
 def test_grids_that_do_not_belong_together_are_refused() -> None:
     free = np.zeros((3, 4), bool)
-    with pytest.raises(ShapeError, match=r"\(3, 4\), reachable \(4, 3\)"):
+    with pytest.raises(ShapeError, match=r"\(3, 4\).*reachable.*\(4, 3\)"):
         OccupancyMap(free, free.T, 0.1, (0.0, 0.0))
     with pytest.raises(DataError, match="occupied"):
         OccupancyMap(~free, ~free, 0.1, (0.0, 0.0))

@@ -11,6 +11,7 @@ import pytest
 
 pytest.importorskip("collada", reason="the simulator is an extra")
 
+from error_codes import has_code
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.sim.worlds import load_world
 
@@ -210,5 +211,7 @@ def test_a_folder_of_several_worlds_wants_one_to_be_chosen(room: Path) -> None:
 
 def test_without_pycollada_the_message_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "collada", None)
-    with pytest.raises(FusionSlamError, match=r"pip install 'fusionslam\[sim\]'"):
+    with pytest.raises(
+        FusionSlamError, match=r"fusionslam\[sim\]", check=has_code("missing-extra", "sim")
+    ):
         load_world(ROOM)

@@ -297,19 +297,33 @@ def _find_bag(path: Path) -> Path:
 
 def _find_kind(path: Path) -> str:
     if not path.exists():
-        raise DataError(f"{path} does not exist: expected a bag")
+        raise DataError(
+            f"{path} does not exist: expected a bag", code="missing-file", fields=(str(path),)
+        )
     storage = _storage(path)
     if storage is None:
-        raise DataError(f"{path} is no bag: expected a .db3 or .mcap file in it")
+        raise DataError(
+            f"{path} is no bag: expected a .db3 or .mcap file in it",
+            code="not-a-bag",
+            fields=(str(path),),
+        )
     if not storage.stat().st_size:
-        raise DataError(f"{storage} is empty: expected a bag")
+        raise DataError(
+            f"{storage} is empty: expected a bag", code="empty-file", fields=(str(storage),)
+        )
     kind = bag_kind(path)
     if kind is None:
-        raise DataError(f"{path} is no bag: expected a ROS 1, ROS 2 SQLite or MCAP file")
+        raise DataError(
+            f"{path} is no bag: expected a ROS 1, ROS 2 SQLite or MCAP file",
+            code="not-a-bag",
+            fields=(str(path),),
+        )
     start, magic = _start(storage), {kind: magic for magic, kind in _MAGIC.items()}[kind]
     if not start.startswith(magic) and storage.suffix != ".zstd":
         raise DataError(
-            f"{storage} cannot be read as a bag: it begins with {start!r}, expected {magic!r}"
+            f"{storage} cannot be read as a bag: it begins with {start!r}, expected {magic!r}",
+            code="not-a-bag",
+            fields=(str(storage),),
         )
     return kind
 

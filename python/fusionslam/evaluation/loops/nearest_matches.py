@@ -113,4 +113,8 @@ def _check_finite(name: str, rows: NDArray[np.floating[Any]]) -> None:
     broken = np.flatnonzero(~np.isfinite(rows).all(axis=1))
     if broken.size:
         count = f"{broken.size} of {len(rows)} rows"
-        raise DataError(f"{name}: row {broken[0]} is not finite ({count})")
+        raise DataError(
+            f"{name}: row {broken[0]} is not finite ({count})",
+            code="not-finite",
+            fields=(name, str(broken[0])),
+        )

@@ -72,7 +72,11 @@ class _Judge:
 
         self.run, self.rule = run, rule
         if (back := np.flatnonzero(np.diff(run.stamps_ns) < 0)).size:
-            raise DataError(f"stamps_ns: row {back[0] + 1} is earlier than the one before")
+            raise DataError(
+                f"stamps_ns: row {back[0] + 1} is earlier than the one before",
+                code="stamps-decrease",
+                fields=(str(back[0] + 1),),
+            )
         _check_ids("actions", run.actions[:, 1:], len(run.nodes))
         _check_ids("refused", run.refused["target"], len(run.nodes))
         for name in ("nodes", "poses", "offsets", "dead_reckoning"):
@@ -213,11 +217,19 @@ def _within(poses: Floats, others: Floats, distance: float, angle: float) -> Mas
 def _check_ids(name: str, ids: Integers, count: int) -> None:
     """Raise DataError for unknown nodes; if there are no nodes, 0 stands for none."""
     if (wrong := ids[(ids < 0) | (ids >= max(count, 1))]).size:
-        raise DataError(f"{name}: node {wrong[0]}, and there are {count}")
+        raise DataError(
+            f"{name}: node {wrong[0]}, and there are {count}",
+            code="unknown-node",
+            fields=(name, str(wrong[0])),
+        )
 
 
 def _check_finite(name: str, poses: Floats, wanted: Mask | None = None) -> None:
     """Raise DataError that names the first row, of those wanted, that is not finite."""
     broken = ~np.isfinite(poses).all(axis=1) & (True if wanted is None else wanted)
     if (bad := np.flatnonzero(broken)).size:
-        raise DataError(f"{name}: row {bad[0]} is {poses[bad[0]].tolist()}, expected numbers")
+        raise DataError(
+            f"{name}: row {bad[0]} is {poses[bad[0]].tolist()}, expected numbers",
+            code="not-finite",
+            fields=(name, str(bad[0])),
+        )

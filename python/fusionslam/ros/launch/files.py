@@ -26,7 +26,11 @@ def package_folder() -> Path:
     for folder in _PLACES:
         if (folder / "package.xml").is_file():
             return folder
-    raise FusionSlamError(f"this installation of fusionslam lacks {PACKAGE}: install it again")
+    raise FusionSlamError(
+        f"this installation of fusionslam lacks {PACKAGE}: install it again",
+        code="no-package",
+        fields=(PACKAGE,),
+    )
 
 
 def launch_file(name: str) -> Path:

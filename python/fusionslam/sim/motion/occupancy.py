@@ -97,7 +97,11 @@ class OccupancyMap:
             ConfigError: the radius is negative or not finite.
         """
         if not (np.isfinite(radius_m) and radius_m >= 0):
-            raise ConfigError(f"radius_m is {radius_m}: expected metres, 0 or more")
+            raise ConfigError(
+                f"radius_m is {radius_m}: expected metres, 0 or more",
+                code="out-of-range",
+                fields=("radius_m", str(radius_m)),
+            )
         # Tolerance: the distance transform's roots are rounded, but equal distances must match.
         near = self.clearance() <= radius_m * (1 + 1e-9)
         occupied = self.occupied | near
@@ -150,7 +154,11 @@ def occupancy_of(
     if not (np.isfinite([low_m, high_m, resolution_m]).all() and low_m < high_m):
         raise ConfigError(f"low_m is {low_m} and high_m {high_m}: expected low_m < high_m")
     if resolution_m <= 0:
-        raise ConfigError(f"resolution_m is {resolution_m}: expected more than 0")
+        raise ConfigError(
+            f"resolution_m is {resolution_m}: expected more than 0",
+            code="out-of-range",
+            fields=("resolution_m", str(resolution_m)),
+        )
     triangles = np.concatenate(
         [np.zeros((0, 3, 3)), *(scene.mesh.triangles for scene in scenes)], dtype=np.float64
     )
@@ -162,7 +170,11 @@ def occupancy_of(
     else:
         bare = OccupancyMap(occupied, free, resolution_m, origin)
         if not bare.is_free(*start):
-            raise DataError(f"the start {start} is occupied or off the map: expected a free place")
+            raise DataError(
+                f"the start {start} is occupied or off the map: expected a free place",
+                code="not-free",
+                fields=tuple(map(str, start)),
+            )
         row, column, _ = bare.cells(*start)
         reachable = part_holding(free, int(row), int(column))
     return OccupancyMap(occupied, reachable, resolution_m, origin)
@@ -173,9 +185,13 @@ def _grid(
 ) -> tuple[tuple[float, float], tuple[int, int]]:
     """Origin and (rows, columns) of a grid around the triangles in the band, or all if none is."""
     if not len(triangles):
-        raise DataError("the scene has no triangles: expected something to map")
+        raise DataError("the scene has no triangles: expected something to map", code="empty-world")
     if (bad := np.flatnonzero(~np.isfinite(triangles).all(axis=(1, 2)))).size:
-        raise DataError(f"triangle {bad[0]} of the scene has a corner that is not finite")
+        raise DataError(
+            f"triangle {bad[0]} of the scene has a corner that is not finite",
+            code="not-finite",
+            fields=(str(bad[0]),),
+        )
     height = triangles[:, :, 2]
     standing = (height.max(axis=1) >= low) & (height.min(axis=1) <= high)
     corners = triangles[standing if standing.any() else slice(None), :, :2].reshape(-1, 2)

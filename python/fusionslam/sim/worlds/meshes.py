@@ -46,7 +46,11 @@ def _read_collada(path: Path, library: Library, looks: bool) -> list[Piece]:
     try:
         import collada
     except ImportError as error:
-        raise FusionSlamError("worlds in SDF need: pip install 'fusionslam[sim]'") from error
+        raise FusionSlamError(
+            "worlds in SDF need: pip install 'fusionslam[sim]'",
+            code="missing-extra",
+            fields=("sim",),
+        ) from error
     document = collada.Collada(str(path), ignore=[collada.common.DaeError])
     if document.scene is None:
         raise ValueError("it has no scene")
