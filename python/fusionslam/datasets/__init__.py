@@ -125,7 +125,11 @@ def open_dataset(
     try:
         found = _kind(root, kind)
         if topics and not found.topics:
-            raise ConfigError(f"topics (--topic) are of bags, but {root} is of kind {found.name}")
+            raise ConfigError(
+                f"topics (--topic) are of bags, but {root} is of kind {found.name}",
+                code="other-kind",
+                fields=(str(root), found.name),
+            )
         if calibration and not found.calibration:
             raise ConfigError(
                 f"a calibration can be given for bags and plain folders, but {root} is of kind "

@@ -331,7 +331,11 @@ def _check_order(before: _LastImage, now: _LastImage) -> None:
 def _with_camera(config: VisualOdometryConfig, camera: Camera) -> VisualOdometryConfig:
     focal, centre = float(camera.projection[0, 0]), float(camera.projection[0, 2])
     if not (focal > 0 and centre >= 0):
-        raise ConfigError(f"camera: focal length {focal}, centre {centre}, expected positive ones")
+        raise ConfigError(
+            f"camera: focal length {focal}, centre {centre}, expected positive ones",
+            code="out-of-range",
+            fields=("camera", str(focal), str(centre)),
+        )
     changes = {"focal_px": focal, "centre_px": centre}
     if camera.size is not None:
         changes["field_of_view"] = 2 * float(np.arctan(camera.size[0] / 2 / focal))

@@ -105,7 +105,9 @@ def drive_through(world: World, robot: RobotConfig, plan: PlanConfig) -> tuple[W
         drive = plan_trajectory(grid, merged(plan, limits_of(robot, plan)))
     except DataError as error:
         raise DataError(
-            f"{world.name}: no drive for a robot of radius {robot.radius_m} m: {error}"
+            f"{world.name}: no drive for a robot of radius {robot.radius_m} m: {error}",
+            code=error.code,
+            fields=error.fields,
         ) from error
     logger.info("%s: planned %.1f m, %.1f s", world.name, drive.length_m, drive.duration_s)
     return whole, drive

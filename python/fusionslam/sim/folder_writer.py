@@ -68,7 +68,11 @@ def check_folder(root: Path) -> None:
             "another folder"
         )
     if root.exists() and (not root.is_dir() or any(root.iterdir())):
-        raise DataError(f"{root} exists and is not an empty folder: choose another one")
+        raise DataError(
+            f"{root} exists and is not an empty folder: choose another one",
+            code="not-empty",
+            fields=(str(root),),
+        )
 
 
 class FolderWriter:
@@ -205,7 +209,9 @@ def _chosen(robot: RobotConfig) -> Mapping[str, CameraMount]:
         if camera.coefficients():
             raise ConfigError(
                 f"the {side} camera has distortion {camera.distortion}, but a folder's images "
-                "are rectified: set it to [], or record a bag"
+                "are rectified: set it to [], or record a bag",
+                code="distorted",
+                fields=(side,),
             )
     return chosen
 

@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
 import fusionslam
-from cli import fails, succeeds
+from cli import error_of, fails, succeeds
 from error_codes import has_code
 from fusionslam.config import merged
 from fusionslam.datasets import open_dataset
@@ -197,8 +197,9 @@ def test_a_mistake_leaves_no_folder(tmp_path: Path, code: int, words: tuple[str,
 def test_a_trajectory_through_a_wall_is_told_with_time_and_place(tmp_path: Path) -> None:
     (tmp_path / "bad.csv").write_text("t,x,y,yaw\n0,-4,0,0\n20,4,0,0\n")
     out = tmp_path / "out.bag"
-    line = fails(1, "sim", "warehouse", "-o", out, "--trajectory", tmp_path / "bad.csv")
-    assert "meets an obstacle at 14." in line and "(1." in line
+    error = error_of(1, "sim", "warehouse", "-o", out, "--trajectory", tmp_path / "bad.csv")
+    assert error.code == "blocked"
+    assert error.fields[0].startswith("14.") and error.fields[1].startswith("1.")
     assert not out.exists()
 
 
@@ -211,14 +212,15 @@ def test_a_world_that_is_no_world_is_told(tmp_path: Path) -> None:
 def test_a_folder_with_other_things_in_it_is_left_alone(tmp_path: Path, way: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "precious").write_text("")
-    line = fails(1, "sim", "warehouse", "-o", tmp_path / "out", "--trajectory", way, *QUICK)
-    assert "not an empty folder" in line
+    error = error_of(1, "sim", "warehouse", "-o", tmp_path / "out", "--trajectory", way, *QUICK)
+    assert (error.code, error.fields) == ("not-empty", (str(tmp_path / "out"),))
 
 
 def test_a_folder_cannot_hold_distorted_pictures(tmp_path: Path, way: Path) -> None:
     lens = ("--set", "robot.cameras.camera.distortion=[-0.1,0,0,0,0]")
     words = ("-o", tmp_path / "out", "--trajectory", way, *QUICK, *lens)
-    assert "left camera has distortion" in fails(2, "sim", "warehouse", *words)
+    error = error_of(2, "sim", "warehouse", *words)
+    assert (error.code, error.fields) == ("distorted", ("left",))
 
 
 def test_a_folder_of_a_robot_without_lidar_is_refused(tmp_path: Path) -> None:

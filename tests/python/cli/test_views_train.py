@@ -4,6 +4,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,7 @@ def test_a_finished_training_is_not_done_again(features: Path) -> None:
 def test_another_seed_in_the_same_folder_is_refused(features: Path) -> None:
     result = run("shapes", "-o", features, *tiny(*SHAPES, "batch=8", "optimiser.seed=3"))
     assert isinstance(result.exception, ConfigError)
-    assert "optimiser.seed is 0 there and 3 here" in str(result.exception)
+    assert re.search(r"optimiser\.seed .*\b0\b.*\b3\b", str(result.exception))
 
 
 def test_places_are_simulated_once_and_trained_on(tmp_path: Path) -> None:

@@ -233,7 +233,7 @@ def test_a_picture_outside_the_file_that_is_missing_is_named(tmp_path: Path) -> 
     glb = Glb()
     glb.node("poster", glb.square(glb.image({"uri": "gone.png"}), TEXCOORD_0=glb.uv()))
     path = glb.write(tmp_path / "poster.glb")
-    with pytest.raises(DataError, match=r"texture gone\.png"):
+    with pytest.raises(DataError, match=r"gone\.png"):
         load_world(path)
     world = load_world(path, lenient=True)
     assert len(world.visual.mesh) == 2 and "gone.png" in world.unresolved[0]
