@@ -214,7 +214,8 @@ def test_what_no_frame_changes_is_run_once(drive: Drive, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"), [({"methods": ["nobody"]}, "method is"), ({"frames": ["x"]}, "frame is")]
+    ("wrong", "message"),
+    [({"methods": ["nobody"]}, "method .*'nobody'"), ({"frames": ["x"]}, "frame .*'x'")],
 )
 def test_unknown_names_are_refused(drive: Drive, wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):

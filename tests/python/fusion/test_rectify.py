@@ -111,10 +111,10 @@ def test_a_dot_appears_where_its_point_projects() -> None:
         ({"model": "fov"}, ConfigError, "'fov'.* none, plumb_bob"),
         ({"size": (640, 480)}, ShapeError, "160x120.*640x480"),
         ({"size": (0, 0)}, ShapeError, "0x0"),
-        ({"camera_matrix": np.eye(4)}, ShapeError, r"camera_matrix has shape \(4, 4\)"),
-        ({"rectification": np.eye(2)}, ShapeError, r"rectification has shape \(2, 2\)"),
-        ({"projection": np.eye(3)}, ShapeError, r"projection has shape \(3, 3\)"),
-        ({"distortion": np.eye(4)}, ShapeError, r"distortion has shape \(4, 4\)"),
+        ({"camera_matrix": np.eye(4)}, ShapeError, r"camera_matrix .*\(4, 4\)"),
+        ({"rectification": np.eye(2)}, ShapeError, r"rectification .*\(2, 2\)"),
+        ({"projection": np.eye(3)}, ShapeError, r"projection .*\(3, 3\)"),
+        ({"distortion": np.eye(4)}, ShapeError, r"distortion .*\(4, 4\)"),
     ],
 )
 def test_what_is_no_calibration_is_refused(

@@ -339,12 +339,12 @@ def test_a_missing_stamp_adds_nothing() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"descriptor": "m3dp"}, "unknown descriptor 'm3dp'"),
-        ({"threshold": -0.1}, "loop_closure.threshold is -0.1"),
-        ({"threshold": float("nan")}, "loop_closure.threshold is nan"),
-        ({"window": -1}, "loop_closure.window is -1"),
-        ({"window": 2.5}, "loop_closure.window is 2.5"),
-        ({"window_seconds": float("inf")}, "loop_closure.window_seconds is inf"),
+        ({"descriptor": "m3dp"}, "'m3dp'"),
+        ({"threshold": -0.1}, r"loop_closure\.threshold .*-0\.1"),
+        ({"threshold": float("nan")}, r"loop_closure\.threshold .*\bnan"),
+        ({"window": -1}, r"loop_closure\.window .*-1"),
+        ({"window": 2.5}, r"loop_closure\.window .*\b2\.5"),
+        ({"window_seconds": float("inf")}, r"loop_closure\.window_seconds .*\binf"),
     ],
 )
 def test_options_out_of_range_are_refused(options: dict[str, Any], message: str) -> None:

@@ -155,8 +155,8 @@ def test_camera_info_says_what_the_picture_was_made_with() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"distortion": (0.1, 0.2)}, "distortion has 2 numbers, expected 5 or none"),
-        ({"distortion": (-9.0, 0.0, 0.0, 0.0, 0.0)}, "has no inverse at x/z"),
+        ({"distortion": (0.1, 0.2)}, r"distortion .*\b2\b.*\b5\b"),
+        ({"distortion": (-9.0, 0.0, 0.0, 0.0, 0.0)}, r"distortion .*-9\.0.* x/z"),
         ({"view_rad": 3.2}, "view_rad"),
         ({"side": "middle"}, "'left' or 'right'"),
         ({"stored": "gif"}, "stored"),

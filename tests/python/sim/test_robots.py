@@ -120,18 +120,18 @@ def test_a_setting_adds_no_sensor_by_mistake() -> None:
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        (f"{SENSOR}.ringz=3", r"'lidars.velodyne.ringz'; did you mean 'rings'"),
-        (f"{SENSOR}.rings=0", r"lidars.velodyne.rings is 0: .* greater than or equal to 1"),
-        (f"{SENSOR}=3", r"lidars.velodyne is 3, expected keys of its own: rings"),
-        ("lidars=3", r"lidars is 3: .* dictionary"),
-        (f"{SENSOR}.parent=mast", r"velodyne -> mast does not reach base_footprint"),
-        ("frames.base_link.parent=base_scan", r"base_link -> base_scan goes round"),
-        (f"{SENSOR}.frame_id=base_link", "frame 'base_link' is used twice"),
-        (f"{SENSOR}.frame_id=odom", "frame 'odom' is used twice"),
-        (f"{SENSOR}.topic=/odom", "topic '/odom' is used twice"),
-        (f"{SENSOR}.topic=/tf", "topic '/tf' is used twice"),
-        ("cameras.camera.side=right", r"cameras.camera is the right one of a pair"),
-        ("cameras.camera.distortion=[-9,0,0,0,0]", r"distortion .* has no inverse"),
+        (f"{SENSOR}.ringz=3", r"'lidars.velodyne.ringz'.* 'rings'"),
+        (f"{SENSOR}.rings=0", r"lidars.velodyne.rings .*\b0\b.*\b1$"),
+        (f"{SENSOR}=3", r"lidars.velodyne .*\b3\b.* rings, "),
+        ("lidars=3", r"lidars .*\b3\b.* dictionary"),
+        (f"{SENSOR}.parent=mast", r"velodyne -> mast .*base_footprint"),
+        ("frames.base_link.parent=base_scan", r"base_link -> base_scan\b"),
+        (f"{SENSOR}.frame_id=base_link", "frame 'base_link'"),
+        (f"{SENSOR}.frame_id=odom", "frame 'odom'"),
+        (f"{SENSOR}.topic=/odom", "topic '/odom'"),
+        (f"{SENSOR}.topic=/tf", "topic '/tf'"),
+        ("cameras.camera.side=right", r"cameras.camera .*frame_id"),
+        ("cameras.camera.distortion=[-9,0,0,0,0]", r"cameras.camera.* distortion .*-9\.0"),
     ],
 )
 def test_what_does_not_fit_together_is_an_error_that_names_it(setting: str, message: str) -> None:
@@ -152,12 +152,12 @@ def test_an_unknown_robot_is_told_the_known_ones() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("lidars: {low: {rings: many}}", r"mine.yaml: lidars.low.rings is 'many'"),
-        ("wheels: 4", r"mine.yaml: unknown configuration key 'wheels'"),
-        ("- a list", r"mine.yaml: expected stages with their keys"),
-        ("a: [", r"mine.yaml: cannot be read as YAML: line 1, column 5: expected the node"),
-        ("", r"mine.yaml: the robot has no sensor: expected lidars, cameras or both"),
-        ("radius_m: 0.1", r"mine.yaml: the robot has no sensor"),
+        ("lidars: {low: {rings: many}}", r"mine.yaml: lidars.low.rings .*'many'"),
+        ("wheels: 4", r"mine.yaml: .*'wheels'"),
+        ("- a list", r"mine.yaml: .* list$"),
+        ("a: [", r"mine.yaml: .* YAML: .*\b1, .*\b5\b"),
+        ("", r"mine.yaml: .* lidars, cameras\b"),
+        ("radius_m: 0.1", r"mine.yaml: .* lidars, cameras\b"),
     ],
 )
 def test_a_wrong_description_is_an_error_that_names_file_and_key(
