@@ -29,7 +29,7 @@ from fusionslam.evaluation import judge_views
 from fusionslam.learning.places import measure_gaps
 from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.views import AlignmentConfig, AlignmentIndex, build_scene
-from fusionslam.views.recognisers import PROBABILITY
+from fusionslam.views.recognisers import ALIGNMENT_THRESHOLD
 
 ROOT = Path(__file__).parents[2]
 WEIGHTS = ROOT / "cpp" / "src" / "views" / "alignment_weights.inc"
@@ -38,7 +38,7 @@ MADE = ("house", "warehouse")
 RECORDED = (("warehouse", "collision"), ("warehouse", "visual"))
 UNSEEN = (("small_house", "collision"), ("small_house", "visual"))
 UNSEEN_MADE = ("hospital",)
-THRESHOLDS = (0.9, PROBABILITY, 0.98)
+THRESHOLDS = (0.9, ALIGNMENT_THRESHOLD, 0.98)
 REACH_M, TURN_DEG = AlignmentConfig().reach, AlignmentConfig().turn
 
 _SAME = (0.75, 21.0)

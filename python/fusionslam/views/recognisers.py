@@ -35,10 +35,10 @@ else:
     SimilaritySection = core_section("SimilaritySection", SimilarityConfig, optional=True)
     AlignmentSection = core_section("AlignmentSection", AlignmentConfig)
 
-THRESHOLDS = {"robust": 0.74, "paper": 0.737, "author": 0.737}
+OBJECT_THRESHOLDS = {"robust": 0.74, "paper": 0.737, "author": 0.737}
 """Lowest similarity of a match by preset: the published ones; robust, where accuracy and
 precision meet."""
-PROBABILITY = 0.96
+ALIGNMENT_THRESHOLD = 0.96
 """Lowest probability at which aligned views match: see docs/stages/views/alignment.md."""
 
 
@@ -141,12 +141,12 @@ class Recogniser:
 
 def _build_alignment(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
     return AlignmentComparison(
-        scene_config(config), alignment_config(config), PROBABILITY, threads=config.threads
+        scene_config(config), alignment_config(config), ALIGNMENT_THRESHOLD, threads=config.threads
     )
 
 
 def _build_objects(config: ViewMatcherConfig, descriptors: DescriptorConfig) -> Comparison:
-    limit = THRESHOLDS[config.preset]
+    limit = OBJECT_THRESHOLDS[config.preset]
     return ObjectComparison(
         scene_config(config), similarity_config(config), limit, threads=config.threads
     )

@@ -23,7 +23,7 @@ from fusionslam.views import (
     build_scene,
 )
 from fusionslam.views.match import NO_VIEW
-from fusionslam.views.recognisers import PROBABILITY
+from fusionslam.views.recognisers import ALIGNMENT_THRESHOLD
 from refusals import refuses
 from worlds import AHEAD, AROUND, BEHIND, Pose, room, scan, seen_from
 
@@ -60,7 +60,7 @@ def test_the_pose_is_found_and_another_room_is_told_apart(sector: str, seed: int
     kept = scene_of(scan(room(seed), stored, SECTORS[sector], seed=1))
     found = align_scenes(scene_of(scan(room(seed), current, SECTORS[sector], seed=2)), kept)
     assert is_at((found.x, found.y, found.yaw), seen_from(stored, current))
-    assert found.probability > PROBABILITY
+    assert found.probability > ALIGNMENT_THRESHOLD
     other = scene_of(scan(room(seed + 50), current, SECTORS[sector], seed=2))
     assert align_scenes(other, kept).probability < 0.2
 
@@ -82,7 +82,7 @@ def test_beyond_reach_and_turn_it_is_another_view() -> None:
         ((0.2, 0.1, 0.4 + np.radians(8)), {"turn": 6.0}),
     ):
         scene = scene_of(scan(room(4), moved, seed=2))
-        assert align_scenes(scene, kept).probability > PROBABILITY
+        assert align_scenes(scene, kept).probability > ALIGNMENT_THRESHOLD
         found = align_scenes(scene, kept, config=AlignmentConfig(**values))
         assert found.probability == 0 and is_at(
             (found.x, found.y, found.yaw), seen_from(stored, moved)
@@ -129,7 +129,7 @@ def test_threads_do_not_change_what_is_found() -> None:
         ]
         for threads in (1, 4, 0)
     )
-    assert one == four == all_cores and one[0][0] == 4 and one[0][1][3] > PROBABILITY
+    assert one == four == all_cores and one[0][0] == 4 and one[0][1][3] > ALIGNMENT_THRESHOLD
 
 
 def test_only_the_views_that_look_most_alike_are_aligned() -> None:
@@ -199,7 +199,7 @@ def test_the_matcher_says_where_the_robot_is_beside_the_stored_view() -> None:
     assert first.relative_pose is None and (again.id, again.matched) == (0, 0)
     assert again.relative_pose is not None
     assert is_at(again.relative_pose, seen_from(stored, current))
-    assert again.similarity >= PROBABILITY
+    assert again.similarity >= ALIGNMENT_THRESHOLD
 
 
 def test_places_get_their_ids_and_a_saved_matcher_goes_on_exactly(tmp_path: Path) -> None:
