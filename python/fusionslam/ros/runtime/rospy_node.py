@@ -7,6 +7,7 @@ from collections.abc import Collection
 from typing import Any
 
 import rospy
+from rospy.core import is_shutdown_requested
 
 from fusionslam.ros.messages.types import DIAGNOSTICS, message_class
 from fusionslam.ros.runtime.config import from_parameters
@@ -71,7 +72,7 @@ class RospyNode:
     def run(self) -> None:
         """Process messages until ROS shuts down, then let the node save its state."""
         try:
-            while not rospy.is_shutdown():
+            while not is_shutdown_requested():
                 if self._worker.work(_POLL_S):
                     self._last_work = time.monotonic()
                 self._look_at_clock(time.monotonic())
@@ -126,6 +127,6 @@ def _send(publisher: rospy.Publisher, message: Any) -> None:
     try:
         publisher.publish(message)
     except rospy.ROSException:
-        # Also raised if the node is being shut down.
-        if not rospy.is_shutdown():
+        # Topics are closed before is_shutdown becomes true.
+        if not is_shutdown_requested():
             raise
