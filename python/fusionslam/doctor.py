@@ -4,25 +4,54 @@
 
 import platform
 import shutil
+import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import metadata
+from importlib import import_module, metadata
 
+_CORE = "fusionslam._core"
 _PACKAGES = (
     *("numpy", "pillow", "platformdirs", "pydantic", "pypcd4"),
     *("pyyaml", "rich", "scipy", "trimesh", "typer"),
 )
-_EXTRAS = {
-    "sim": (("embreex", "pycollada"), "demo and sim"),
-    "bags": (("rosbags",), "bags, and sim where it records them"),
-    "report": (("jinja2", "matplotlib"), "demo, bench, report and fuse --pictures"),
-    "onnx": (("onnxruntime",), "the second stage of views"),
-    "learn": (("torch", "safetensors", "onnx", "h5py"), "views train"),
-    "tune": (("pymoo",), "tune"),
-    "live": (("rerun-sdk",), "ratslam --live"),
+
+
+@dataclass(frozen=True)
+class Extra:
+    """An extra: a group of packages that only some commands need.
+
+    Attributes:
+        modules: importable module by package.
+        uses: commands that need it, and uses of several commands.
+    """
+
+    modules: Mapping[str, str]
+    uses: Sequence[str]
+
+
+def _same(*names: str) -> dict[str, str]:
+    return dict(zip(names, names, strict=True))
+
+
+EXTRAS = {
+    "sim": Extra(
+        {"embreex": "embreex", "pycollada": "collada"},
+        ("demo", "sim", "bench views", "views train places", "worlds as DATA"),
+    ),
+    "bags": Extra(_same("rosbags"), ("demo", "sim", "fuse", "bags and worlds as DATA")),
+    "report": Extra(
+        _same("jinja2", "matplotlib"),
+        (
+            *("demo", "bench", "bench views", "report", "ratslam", "views match", "views show"),
+            *("views train", "calib-check", "fuse --pictures"),
+        ),
+    ),
+    "onnx": Extra(_same("onnxruntime"), ("the second stage of views",)),
+    "learn": Extra(_same("torch", "safetensors", "onnx", "h5py"), ("views train",)),
+    "tune": Extra(_same("pymoo"), ("tune",)),
+    "live": Extra({"rerun-sdk": "rerun"}, ("ratslam --live",)),
 }
-"""By extra: its packages and the commands that need them."""
 
 
 @dataclass(frozen=True)
@@ -57,23 +86,54 @@ def examine(missing_extras: Sequence[str] = ()) -> list[Finding]:
     """
     from fusionslam.storage.machine import machine
 
+    core = _check_core()
     return [
         Finding("python", f"{platform.python_version()} on {platform.platform()}"),
-        _check_core(),
+        core,
         *_check_packages(),
         *_check_extras(missing_extras),
         Finding("cores", str(machine()["cores"])),
-        _check_simd_level(),
+        *([_check_simd_level()] if core.fine else []),
         _check_cache(),
     ]
 
 
-def _check_core() -> Finding:
+def core_error() -> ImportError | None:
+    """Return why the compiled core cannot be loaded; None if it can."""
     try:
-        from fusionslam import _core
+        import_module(_CORE)
     except ImportError as error:
-        return Finding("core", f"{error}: pip install fusionslam anew", "no-core")
-    return Finding("core", f"fusionslam {_core.__version__}, {_core.__file__}")
+        return error
+    return None
+
+
+def _check_core() -> Finding:
+    error = core_error()
+    if error is None:
+        core = import_module(_CORE)
+        return Finding("core", f"fusionslam {core.__version__}, {core.__file__}")
+    anew = "pip install --force-reinstall with the path of its wheel or of its sources"
+    libraries = _missing_libraries(error.path)
+    if not libraries:
+        return Finding("core", f"{error}: install fusionslam again, {anew}", "no-core")
+    names, packages = ", ".join(libraries), " ".join(map(_debian_package, libraries))
+    advice = f"on Debian 12 apt-get install {packages}; where these versions cannot be had, {anew}"
+    return Finding("core", f"{names} cannot be found: {advice}", "no-library", libraries)
+
+
+def _missing_libraries(path: str | None) -> list[str]:
+    """Return the shared libraries that a compiled module needs and the loader does not find."""
+    if path is None or shutil.which("ldd") is None:
+        return []
+    result = subprocess.run(["ldd", path], capture_output=True, text=True, check=False)
+    return [line.split()[0] for line in result.stdout.splitlines() if line.endswith("not found")]
+
+
+def _debian_package(library: str) -> str:
+    """Return the package of a shared library, whose name Debian's policy (8.1) derives from it."""
+    name, _, version = library.partition(".so.")
+    hyphen = "-" if name[-1].isdigit() else ""
+    return f"{name}{hyphen}{version}".replace("_", "-").lower()
 
 
 def _check_simd_level() -> Finding:
@@ -94,8 +154,9 @@ def _check_packages() -> Iterator[Finding]:
 
 
 def _check_extras(missing: Sequence[str]) -> Iterator[Finding]:
-    for extra, (packages, use) in _EXTRAS.items():
-        detail = f"{', '.join(_describe_package(name) for name in packages)}, for {use}"
+    for extra, each in EXTRAS.items():
+        packages = ", ".join(_describe_package(name) for name in each.modules)
+        detail = f"{packages}, for {', '.join(each.uses)}"
         if extra in missing:
             detail += f": pip install 'fusionslam[{extra}]'"
             yield Finding(f"extra {extra}", detail, "no-extra", (extra,), optional=True)

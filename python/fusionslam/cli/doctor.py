@@ -11,8 +11,9 @@ from fusionslam.cli.failures import DATA, missing_extras
 def doctor() -> None:
     """Check what works on this machine, and say what to install."""
     from fusionslam.doctor import examine
+    from fusionslam.ros.environment import check_ros
 
-    findings = examine(missing_extras())
+    findings = [*examine(missing_extras()), check_ros()]
     print_findings(findings, "missing")
     if not all(finding.fine or finding.optional for finding in findings):
         raise typer.Exit(DATA)

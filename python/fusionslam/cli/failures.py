@@ -17,15 +17,6 @@ DATA, USAGE, INTERRUPTED = 1, 2, 130
 # Its module is private and differs between versions of typer.
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 _KEPT = "fusionslam.kept"
-_EXTRAS = {
-    "sim": ("embreex", "collada"),
-    "bags": ("rosbags",),
-    "report": ("jinja2", "matplotlib"),
-    "onnx": ("onnxruntime",),
-    "learn": ("torch", "safetensors", "onnx", "h5py"),
-    "tune": ("pymoo",),
-    "live": ("rerun",),
-}
 
 
 class Guarded(TyperGroup):
@@ -60,6 +51,17 @@ class Guarded(TyperGroup):
         except FusionSlamError as error:
             print(f"error: {_one_line(str(error))}", file=sys.stderr)
             raise typer.Exit(USAGE if isinstance(error, ConfigError) else DATA) from error
+        except ImportError as error:
+            from fusionslam.doctor import core_error
+
+            if core_error() is None:
+                raise
+            print(
+                f"error: the compiled core cannot be loaded ({_one_line(str(error))}); "
+                "fusionslam doctor says what to install",
+                file=sys.stderr,
+            )
+            raise typer.Exit(DATA) from error
         except KeyboardInterrupt as error:
             print(ctx.meta.get(_KEPT, "interrupted: nothing was written"), file=sys.stderr)
             raise typer.Exit(INTERRUPTED) from error
@@ -90,7 +92,9 @@ def needs_extra(extra: str) -> None:
     Raises:
         FusionSlamError: with the line that installs it.
     """
-    for module in _EXTRAS[extra]:
+    from fusionslam.doctor import EXTRAS
+
+    for module in EXTRAS[extra].modules.values():
         if find_spec(module) is None:
             raise FusionSlamError(
                 f"this needs {module}, which is not installed: pip install 'fusionslam[{extra}]'",
@@ -101,10 +105,12 @@ def needs_extra(extra: str) -> None:
 
 def missing_extras() -> list[str]:
     """Return the extras that are not completely installed."""
+    from fusionslam.doctor import EXTRAS
+
     return [
         extra
-        for extra, modules in _EXTRAS.items()
-        if any(find_spec(module) is None for module in modules)
+        for extra, each in EXTRAS.items()
+        if any(find_spec(module) is None for module in each.modules.values())
     ]
 
 

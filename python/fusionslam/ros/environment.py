@@ -3,9 +3,11 @@
 """Find ROS 1 and the messages of fusionslam on this machine."""
 
 import sys
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
+from fusionslam.doctor import Finding
 from fusionslam.errors import FusionSlamError
 
 PACKAGE = "fusionslam_ros"
@@ -32,13 +34,24 @@ def need_ros() -> None:
     if not has_ros():
         raise FusionSlamError(
             "this needs ROS 1, which is not installed: make ros, or on Debian 12 "
-            f"apt-get install --no-install-recommends {' '.join(_debian_packages())}"
+            f"apt-get install --no-install-recommends {' '.join(_debian_packages())}",
+            code="no-ros",
         )
     if find_spec(PACKAGE) is None:
         raise FusionSlamError(
             "fusionslam was built without its ROS messages: source a catkin workspace that holds "
-            f"{PACKAGE}, or install fusionslam again now that python3-genpy is there"
+            f"{PACKAGE}, or build fusionslam again now that python3-genpy is there (make ros does)",
+            code="no-ros-messages",
         )
+
+
+def check_ros() -> Finding:
+    """Check that the nodes can run; ROS 1 is optional."""
+    try:
+        need_ros()
+    except FusionSlamError as error:
+        return Finding("ros", f"{error}, for the commands ros", error.code, optional=True)
+    return Finding("ros", f"ROS 1, messages in {import_module(PACKAGE).__path__[0]}")
 
 
 def _debian_packages() -> list[str]:

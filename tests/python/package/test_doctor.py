@@ -2,12 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The checks of ``fusionslam doctor``."""
 
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 import pytest
 
-from fusionslam import ConfigError
-from fusionslam.doctor import Finding, examine
+import fusionslam
+from fusionslam import ConfigError, _core
+from fusionslam.doctor import EXTRAS, Finding, examine
+from fusionslam.errors import FusionSlamError
+from fusionslam.ros import environment
+
+PACKAGE = Path(fusionslam.__file__).parent
 
 
 def problems(findings: list[Finding]) -> dict[str, tuple[str, list[str], bool]]:
@@ -48,3 +60,64 @@ def test_an_unknown_level_of_instructions_is_a_fault(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr("fusionslam.simd_level", refuse)
     assert problems(examine()) == {"instructions": ("unknown-simd-level", [], False)}
+
+
+def test_ros_is_optional_and_its_messages_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    for code in ("no-ros", "no-ros-messages"):
+
+        def refuse(code: str = code) -> None:
+            raise FusionSlamError("this needs ROS", code=code)
+
+        monkeypatch.setattr(environment, "need_ros", refuse)
+        assert problems([environment.check_ros()]) == {"ros": (code, [], True)}
+
+
+@pytest.fixture
+def without_library(tmp_path: Path) -> dict[str, str]:
+    """The environment of a package whose core needs a library that does not exist."""
+    core = Path(_core.__file__)
+    library = re.search(rb"\0(libqhull_r[-\w.]*\.so[\w.]*)\0", core.read_bytes())
+    if library is None or shutil.which("ldd") is None:
+        pytest.skip("needs ldd and a core that is linked with Qhull")
+    package = tmp_path / "fusionslam"
+    package.mkdir()
+    for path in PACKAGE.iterdir():
+        if path != core:
+            (package / path.name).symlink_to(path)
+    renamed = library[1].replace(b"libqhull", b"libq_ull")
+    (package / core.name).write_bytes(core.read_bytes().replace(library[1], renamed))
+    return os.environ | {"PYTHONPATH": str(tmp_path), "COLUMNS": "400"}
+
+
+def run_program(environment: dict[str, str], *words: str) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "fusionslam", *words]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_without_a_library_of_the_core_doctor_names_it_and_its_package(
+    without_library: dict[str, str],
+) -> None:
+    result = run_program(without_library, "doctor")
+    assert result.returncode == 1 and result.stderr == ""
+    (row,) = (line for line in result.stdout.splitlines() if line.startswith("fault"))
+    assert re.search(r"libq_ull_r.*\.so", row) and "libq-ull-r" in row
+
+
+@pytest.mark.parametrize("words", [("info", "/nope"), ("config",), ("ros", "check")])
+def test_without_the_core_other_commands_point_to_doctor_in_one_line(
+    words: tuple[str, ...], without_library: dict[str, str]
+) -> None:
+    result = run_program(without_library, *words)
+    assert result.returncode == 1 and result.stdout == ""
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("error: ") and "fusionslam doctor" in line
+
+
+def test_the_uses_of_extras_are_those_of_the_commands() -> None:
+    for path in (PACKAGE / "cli").rglob("*.py"):
+        name = " ".join(path.relative_to(PACKAGE / "cli").with_suffix("").parts)
+        use = name.replace("recordings", "worlds").replace("_", " ").replace("calib ", "calib-")
+        for call in ast.walk(ast.parse(path.read_text())):
+            if isinstance(call, ast.Call) and ast.unparse(call.func) == "needs_extra":
+                for extra in (each.value for each in call.args if isinstance(each, ast.Constant)):
+                    assert any(use in each for each in EXTRAS[extra].uses), (path, extra)
