@@ -21,7 +21,12 @@ from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import Odometry
-from fusionslam.storage.arrays import Image
+from fusionslam.storage.arrays import Image, Matrix
+
+CAMERA_FROM_ROBOT_AXES: Matrix = np.array(
+    [[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
+)
+"""Maps x ahead, y left, z up to a camera's z ahead, x right, y down."""
 
 
 class PosesOrigin(Enum):
@@ -57,6 +62,8 @@ class Dataset(ABC):
         stamps_ns: int64 (N), nanoseconds.
         pose_frame: the body that the poses describe.
         body_from_points: float64 (4, 4), maps points of the scan to that body; None if unknown.
+        body_is_camera: whether that body is a camera, z ahead and y down, instead of a robot or a
+            scanner, x ahead and z up.
         poses: float64 (N, 4, 4), world_from_body; None if there are none.
         cameras: calibration by camera name; the first frame's if each frame has its own.
         gaps: numbers of the incomplete frames, which were left out.
@@ -69,6 +76,7 @@ class Dataset(ABC):
     stamps_ns: NDArray[np.int64]
     pose_frame: str
     body_from_points: NDArray[np.float64] | None = None
+    body_is_camera: bool = False
     poses: NDArray[np.float64] | None = None
     cameras: Mapping[str, Camera] = field(default_factory=dict)
     gaps: Sequence[int] = ()
@@ -82,6 +90,20 @@ class Dataset(ABC):
     def poses_origin(self) -> PosesOrigin:
         """Origin of the poses."""
         return PosesOrigin.NONE if self.poses is None else PosesOrigin.FILE
+
+    @property
+    def body_from_robot(self) -> Matrix:
+        """float64 (4, 4): maps the robot's frame, x ahead and z up, to the body of the poses.
+
+        Where the data say only where the scanner is, its frame is the robot's. Where they say
+        nothing of a camera, the robot is where the camera is.
+        """
+        if self.body_from_points is None:
+            return CAMERA_FROM_ROBOT_AXES if self.body_is_camera else np.eye(4)
+        robot_from_points = self[0].robot_from_points
+        if robot_from_points is None:
+            return self.body_from_points
+        return np.asarray(self.body_from_points @ np.linalg.inv(robot_from_points))
 
     @property
     def truth_topic(self) -> str | None:

@@ -40,6 +40,7 @@ def open_kitti_object(path: Path, request: Request) -> Dataset:
         numbers=numbers,
         stamps_ns=numbers * NANOSECONDS,
         pose_frame=POSE_FRAME,
+        body_is_camera=True,
         cameras=cameras(int(numbers[0])),
         gaps=gaps,
         frame_cameras=cameras,

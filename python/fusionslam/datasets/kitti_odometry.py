@@ -56,6 +56,7 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
         numbers=numbers,
         stamps_ns=stamps,
         pose_frame=POSE_FRAME,
+        body_is_camera=True,
         body_from_points=_camera0_from_points(calibration, chosen),
         poses=match_poses(poses, numbers, stamps) if poses else None,
         cameras=_cameras(calibration, cameras, chosen) if calibration else {},

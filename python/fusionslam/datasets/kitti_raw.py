@@ -54,6 +54,7 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
         numbers=numbers,
         stamps_ns=stamps,
         pose_frame=POSE_FRAME,
+        body_is_camera=True,
         body_from_points=rectified_from_points,
         poses=match_poses(request.poses, numbers, stamps) if request.poses else None,
         cameras={

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.config import merged
-from fusionslam.datasets.base import CloudDataset, PosesOrigin
+from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
 from fusionslam.datasets.range_recording import (
     RangeRecording,
     RecordingConfig,
@@ -85,6 +85,11 @@ class Drive:
         """Shapes that the scanner saw, "collision" or "visual"; empty if unknown."""
         return self.dataset.shapes if isinstance(self.dataset, RangeRecording) else ""
 
+    @property
+    def slides(self) -> bool:
+        """Whether the true poses may be of a sensor off the axle, which turns move sideways."""
+        return isinstance(self.dataset, FileDataset)
+
     @cached_property
     def truth(self) -> Trajectory | None:
         """Ground-truth trajectory; None if unknown. Odometry does not count as ground truth."""
@@ -93,12 +98,12 @@ class Drive:
             return _range_truth(dataset)
         if dataset.truth_topic is not None and dataset.poses_origin is not PosesOrigin.FILE:
             messages = dataset.motion("truth")
-            poses = np.stack([message.pose for message in messages])
+            poses = np.stack([message.pose for message in messages]) @ dataset.body_from_robot
             seconds = np.array([message.stamp_ns for message in messages]) / 1e9
             return _between(seconds, places_of(poses))
         if dataset.poses is None or dataset.poses_origin is PosesOrigin.ODOMETRY:
             return None
-        return _between(self.stamps_ns / 1e9, places_of(dataset.poses))
+        return _between(self.stamps_ns / 1e9, places_of(dataset.poses @ dataset.body_from_robot))
 
     def true_way(self) -> Trajectory:
         """Return the ground-truth trajectory. Raises DataError if it is unknown."""

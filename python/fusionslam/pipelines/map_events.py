@@ -159,9 +159,9 @@ def motions_of(
     if chosen == "topic":
         return f"topic {drive.dataset.odometry_topic}", [*drive.dataset.motion("odometry")]
     if chosen == "truth":
-        return "truth", _simulate_motions(drive.true_way(), _NO_ERRORS)
+        return "truth", _simulate_motions(drive, _NO_ERRORS)
     if chosen == "truth+noise":
-        return _noise_title(errors), _simulate_motions(drive.true_way(), errors)
+        return _noise_title(errors), _simulate_motions(drive, errors)
     raise ConfigError(
         f"odometry is {odometry!r}, expected one of {', '.join(ODOMETRY)}",
         code="choice",
@@ -181,8 +181,11 @@ def _choose_odometry(drive: Drive) -> OdometryName:
     )
 
 
-def _simulate_motions(way: Trajectory, errors: OdometryConfig) -> list[Odometry | Motion]:
-    track = simulate_odometry(way, errors, RATE_HZ)
+def _simulate_motions(drive: Drive, errors: OdometryConfig) -> list[Odometry | Motion]:
+    track = simulate_odometry(drive.true_way(), errors, RATE_HZ)
+    if drive.slides:
+        rows = zip(track.stamps_ns.tolist(), track.linear, track.angular, strict=True)
+        return [Motion(t, float(v[0]), float(w[2]), float(v[1])) for t, v, w in rows]
     return [
         Odometry(
             stamp_ns=int(stamp_ns),

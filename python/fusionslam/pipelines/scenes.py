@@ -20,7 +20,6 @@ from fusionslam.descriptors import (
 from fusionslam.errors import DataError
 from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
 from fusionslam.geometry.se2 import places_of
-from fusionslam.pipelines.export_folder import cloud_poses
 from fusionslam.pipelines.recording import SceneRecording, name_frame
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.parallel import ordered_results
@@ -130,7 +129,7 @@ def _of_dataset(
             clouds.append(cloud)
             if progress is not None:
                 progress(len(clouds), len(data))
-    poses = _true_places(data, config)
+    poses = None if data.poses is None else places_of(data.poses @ data.body_from_robot)
     return _fields(data, clouds, config.frame, poses)
 
 
@@ -147,15 +146,6 @@ def _fields(
         "poses": poses,
         "clouds": stored,
     }
-
-
-def _true_places(data: "Dataset", config: FusionConfig) -> NDArray[np.float64] | None:
-    """float64 (n, 3): true x, y, yaw of the robot, or of its scanner if only that is known."""
-    if data.poses is None:
-        return None
-    on_robot = data[0].robot_from_points is not None
-    poses = cloud_poses(data, config.model_copy(update={"frame": "robot" if on_robot else "scan"}))
-    return None if poses is None else places_of(poses)
 
 
 def _feature(scenes: dict[str, Any], name: str, config: DescriptorConfig) -> NDArray[np.float32]:

@@ -19,11 +19,14 @@ class Motion:
         stamp_ns: end of the step; it began at the stamp of the previous odometry.
         v: m/s forward.
         w: rad/s, counter-clockwise.
+        sideways: m/s to the left, of a robot that can, or of a sensor that is not on the axle.
+            Like ``v`` relative to the heading in the middle of the step.
     """
 
     stamp_ns: int
     v: float
     w: float
+    sideways: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

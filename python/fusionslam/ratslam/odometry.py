@@ -38,8 +38,8 @@ class Limits(NamedTuple):
 class MotionStep(NamedTuple):
     """One odometry step: m/s forward, rad/s, duration in seconds, and a note.
 
-    After a gap the path is a straight line instead of an arc: ``bearing`` gives its direction, in
-    radians relative to the heading before.
+    After a gap, or if it moved sideways, the path is a straight line instead of an arc: ``bearing``
+    gives its direction, in radians relative to the heading before.
     """
 
     v: float
@@ -62,11 +62,12 @@ class MotionStep(NamedTuple):
 
 
 class Odometry2D(NamedTuple):
-    """One odometry message: stamp, pose if known, velocity if known."""
+    """One odometry message: stamp, pose if known, velocity if known, m/s to the left."""
 
     stamp_ns: int
     pose: Ground | None
     speed: tuple[float, float] | None
+    sideways: float = 0.0
 
 
 def odometry_of(event: Event) -> Odometry2D | None:
@@ -79,7 +80,10 @@ def odometry_of(event: Event) -> Odometry2D | None:
         DataError: neither pose nor velocity is finite. ShapeError: wrong shapes.
     """
     if isinstance(event, Motion):
-        odometry = Odometry2D(int(event.stamp_ns), None, _finite_speed(event.v, event.w))
+        speed = _finite_speed(event.v, event.w, event.sideways)
+        odometry = Odometry2D(
+            int(event.stamp_ns), None, speed, float(event.sideways) if speed else 0.0
+        )
     elif isinstance(event, Odometry):
         _check_shapes(event)
         speed = _finite_speed(float(event.linear[0]), float(event.angular[2]))
@@ -146,7 +150,12 @@ def _straight_step(before: Ground, now: Ground, dt: float, note: str) -> MotionS
     """The step along the straight line from one pose to another."""
     way, turn = _distance(before, now), float(wrapped(np.asarray(now[2] - before[2])))
     bearing = float(np.arctan2(now[1] - before[1], now[0] - before[0]))
-    ahead = float(wrapped(np.asarray(bearing - before[2])))
+    return _step_along(bearing - before[2], way, turn, dt, note)
+
+
+def _step_along(bearing: float, way: float, turn: float, dt: float, note: str) -> MotionStep:
+    """The step along a straight line at a bearing, radians relative to the heading before."""
+    ahead = float(wrapped(np.asarray(bearing)))
     if abs(ahead) > np.pi / 2:  # backwards
         way, ahead = -way, ahead - float(np.copysign(np.pi, ahead))
     return MotionStep(way / dt, turn / dt, dt, note, ahead)
@@ -156,11 +165,17 @@ def _step_by_speed(now: Odometry2D, dt: float, limits: Limits, note: str = "") -
     if now.speed is None:
         raise DataError(f"odometry at {now.stamp_ns} ns: no previous pose, and no velocity")
     v, w = now.speed
-    if abs(v) > limits.max_speed or abs(v) * min(dt, limits.gap) > limits.max_way:
-        return MotionStep(0.0, 0.0, dt, f"odometry has a speed of {v:.4g} m/s, ignored")
+    speed = math.hypot(v, now.sideways)
+    if speed > limits.max_speed or speed * min(dt, limits.gap) > limits.max_way:
+        fast = math.copysign(speed, v)
+        return MotionStep(0.0, 0.0, dt, f"odometry has a speed of {fast:.4g} m/s, ignored")
     if not note and dt > limits.gap:
         note = f"odometry was silent for {dt:.2f} s: its velocity counts for {limits.gap:g} s"
-    return MotionStep(v, w, min(dt, limits.gap), note)
+    dt = min(dt, limits.gap)
+    if not now.sideways:
+        return MotionStep(v, w, dt, note)
+    bearing = w * dt / 2 + math.atan2(now.sideways, v)
+    return _step_along(bearing, math.hypot(v, now.sideways) * dt, w * dt, dt, note)
 
 
 def _distance(before: Ground, now: Ground) -> float:
@@ -196,9 +211,10 @@ def _ground(pose: NDArray[np.float64]) -> Ground | None:
     return float(pose[0, 3]), float(pose[1, 3]), float(np.arctan2(pose[1, 0], pose[0, 0]))
 
 
-def _finite_speed(v: float, w: float) -> tuple[float, float] | None:
+def _finite_speed(v: float, w: float, sideways: float = 0.0) -> tuple[float, float] | None:
     try:
-        speed = float(v), float(w)
+        speed = float(v), float(w), float(sideways)
     except (TypeError, ValueError, OverflowError):
-        raise DataError(f"odometry v {v!r}, w {w!r}: expected numbers") from None
-    return speed if np.isfinite(speed).all() else None
+        found = f"v {v!r}, w {w!r}, sideways {sideways!r}"
+        raise DataError(f"odometry {found}: expected numbers") from None
+    return speed[:2] if np.isfinite(speed).all() else None

@@ -456,6 +456,6 @@ class Memory:
         """Rebuild from ``asdict`` values read from JSON."""
         odometry = values["odometry"]
         if odometry is not None:
-            stamp_ns, pose, speed = odometry
-            odometry = Odometry2D(stamp_ns, pose and tuple(pose), speed and tuple(speed))
+            stamp_ns, pose, speed, *sideways = odometry  # files before 0.2.0 end with the speed
+            odometry = Odometry2D(stamp_ns, pose and tuple(pose), speed and tuple(speed), *sideways)
         return cls(**{**values, "odometry": odometry})

@@ -199,7 +199,7 @@ def test_odometry_of_made_truth_is_that_of_the_simulator() -> None:
 
     class Walk(Drive):
         def __init__(self) -> None:
-            self.name, self.truth = "walk", circles(0.1)
+            self.name, self.truth, self.dataset = "walk", circles(0.1), None
 
     title, motions = motions_of(Walk(), "truth", OdometryConfig(scale=2.0))
     assert title == "truth" and all(isinstance(one, Odometry) for one in motions)

@@ -150,6 +150,8 @@ def test_a_way_longer_than_the_sheet_of_cells_is_taken(preset: str) -> None:
         Motion(2 * TENTH, np.nan, 0.0),
         Motion(2 * TENTH, 0.0, np.inf),
         Motion(2 * TENTH, "fast", 0.0),
+        Motion(2 * TENTH, 0.1, 0.0, np.nan),
+        Motion(2 * TENTH, 0.1, 0.0, "left"),
         Motion(np.nan, 0.5, 0.0),
         Motion(2**63, 0.5, 0.0),
         replace(at(0.2, np.nan), linear=np.full(3, np.nan)),
@@ -170,6 +172,23 @@ def test_a_pose_that_is_not_finite_is_replaced_by_the_velocity_beside_it() -> No
     steps = take(slam, [at(0, 0), at(0.1, 0.05), at(0.2, np.nan, v=0.5), at(0.3, 9, v=0.5)])
     # The pose after it has no pose before it to be compared with.
     assert [step.dead_reckoning[0] for step in steps] == pytest.approx([0, 0.05, 0.1, 0.15])
+
+
+@pytest.mark.parametrize(
+    ("v", "w", "sideways"), [(1.0, 0.5, 0.3), (-1.0, 0.5, 0.3), (0.0, 0.0, -0.4), (0.2, -3.0, 2.0)]
+)
+def test_sideways_motion_moves_the_robot_sideways(v: float, w: float, sideways: float) -> None:
+    slam = RatSlam()
+    events = [Motion(k * TENTH, v, w, sideways) for k in range(21)]
+    for event in events:
+        step = slam.step(event)
+    # Each step is straight, at the heading in its middle: the sum of 20 such vectors.
+    headings = (np.arange(20) + 0.5) * w / 10
+    x = np.sum(np.cos(headings) * v - np.sin(headings) * sideways) / 10
+    y = np.sum(np.sin(headings) * v + np.cos(headings) * sideways) / 10
+    assert step.dead_reckoning[:2] == pytest.approx((x, y))
+    assert np.cos(step.dead_reckoning[2] - 2 * w) == pytest.approx(1)
+    assert step.pose == pytest.approx(step.dead_reckoning)
 
 
 def test_odometry_in_frames_moves_the_robot() -> None:
