@@ -13,13 +13,16 @@ from typing import Any
 
 import typer
 
-_MARK = re.compile(r"^<!-- (commands|configuration|names)(?: of ([\w.]+))? -->$", re.MULTILINE)
+_MARK = re.compile(
+    r"^<!-- (commands|options|configuration|names)(?: of ([\w.]+))? -->$", re.MULTILINE
+)
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Replace each mark of a page by what it stands for."""
     parts: dict[str, Callable[[str], Iterator[str]]] = {
         "commands": lambda _: describe_commands(),
+        "options": lambda _: list_shared_options(),
         "configuration": lambda _: describe_configuration(),
         "names": list_public_names,
     }
@@ -41,6 +44,29 @@ def describe_commands() -> Iterator[str]:
         for parameter in [*arguments, *options]:
             yield _describe_parameter(parameter)
         yield ""
+
+
+def list_shared_options() -> Iterator[str]:
+    """Yield the lines of a table of commands and the options that several of them share.
+
+    Options that the same commands have stand in one row.
+    """
+    from fusionslam.cli import app
+
+    commands_of: dict[str, list[str]] = {}
+    for name, command in _walk_commands(typer.main.get_command(app), ""):
+        for parameter in command.params:
+            if parameter.param_type_name == "option":
+                # What options of one name and two meanings take differs.
+                option = " ".join([", ".join(parameter.opts), parameter.metavar or ""]).strip()
+                commands_of.setdefault(f"`{option}`", []).append(name)
+    rows: dict[tuple[str, ...], list[str]] = {}
+    for option, commands in commands_of.items():
+        rows.setdefault(tuple(commands), []).append(option)
+    yield "| options | commands |\n|---|---|"
+    for commands, options in sorted(rows.items(), key=lambda row: -len(row[0])):
+        if len(commands) > 1:
+            yield _row(_escape("; ".join(options)), ", ".join(commands))
 
 
 def _walk_commands(group: Any, before: str) -> Iterator[tuple[str, Any]]:

@@ -4,7 +4,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -59,9 +59,7 @@ def compare(
 )
 def bench(
     ctx: typer.Context,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
-        "out/bench"
-    ),
+    output: opt.Folder = Path("out/bench"),
     descriptors: opt.Names = "all",
     source: opt.Sources = None,
     *,

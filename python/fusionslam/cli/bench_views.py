@@ -32,24 +32,23 @@ def bench_views(
             help="Recordings, scene sets, worlds, or town, warehouse, house, hospital.",
         ),
     ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
-        "out/bench-views"
-    ),
+    output: opt.Folder = Path("out/bench-views"),
     methods: Annotated[
         str,
         typer.Option(
-            "--methods", "-m", help="Names with commas; all: those of the tables; list: print them."
+            "--methods",
+            "-m",
+            metavar="NAMES",
+            help="Names with commas; all: those of the tables; list: print them.",
         ),
     ] = "all",
     frame: Annotated[
         str,
-        typer.Option("--frame", help="Frame of the clouds: robot, odometry, drift; or all."),
+        opt.one_of("--frame", names=(*opt.FRAMES, "all"), help="Frame of the clouds; or all."),
     ] = "robot",
     shapes: Annotated[
         str,
-        typer.Option(
-            "--shapes", help="Shapes that rays hit, if DATA has both: collision or visual."
-        ),
+        opt.one_of("--shapes", names=opt.SHAPES, help="Shapes that rays hit, if DATA has both."),
     ] = "collision",
     jobs: opt.Jobs = None,
 ) -> None:
@@ -59,7 +58,7 @@ def bench_views(
     recordings below FUSIONSLAM_TEST_DATA are compared, else drives through simulated worlds.
     """
     from fusionslam.config import merged
-    from fusionslam.datasets.range_recording import SHAPES, RecordingConfig
+    from fusionslam.datasets.range_recording import RecordingConfig
     from fusionslam.pipelines.compare_views import bench_views as bench
     from fusionslam.pipelines.drives import FRAMES, open_drive
     from fusionslam.pipelines.methods import BASELINES, METHODS, find_method
@@ -68,8 +67,6 @@ def bench_views(
     if methods == "list":
         print_methods()
         return
-    opt.check_choice("--frame", frame, (*FRAMES, "all"))
-    opt.check_choice("--shapes", shapes, SHAPES)
     wanted = list(METHODS) if methods == "all" else [name.strip() for name in methods.split(",")]
     for name in wanted:
         find_method(name, "--methods")

@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 @opt.options_of(build_recording=build_recording, read_config=opt.read_config)
 def calib_check(
     ctx: typer.Context,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder for pictures and calib_check.json.")
-    ],
+    output: opt.Folder = Path("out/calib-check"),
     pictures: Annotated[
         int, typer.Option("--pictures", min=0, help="Number of frames to draw.")
     ] = 3,

@@ -23,11 +23,10 @@ if TYPE_CHECKING:
 @opt.options_of()
 def demo(
     ctx: typer.Context,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
-        "out/demo"
-    ),
+    output: opt.Folder = Path("out/demo"),
     world: Annotated[
-        str, typer.Option("--world", help="town (a car), or warehouse, house, hospital (a robot).")
+        str,
+        opt.one_of("--world", names=opt.WORLDS, help="Of a car (town) or a robot (the others)."),
     ] = "town",
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
@@ -44,9 +43,7 @@ def demo(
         INDOOR,
         INDOOR_DESCRIPTORS,
     )
-    from fusionslam.sim.recordings import EMBEDDED
 
-    opt.check_choice("--world", world, ("town", *EMBEDDED))
     for extra in ("sim", "report") if world == "town" else ("sim", "bags", "report"):
         needs_extra(extra)
     own = [setting for setting in settings or [] if setting.strip().startswith("sim.")]

@@ -4,7 +4,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -60,7 +60,7 @@ def describe_frames(
 )
 def describe(
     ctx: typer.Context,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the runs.")],
+    output: opt.Folder = Path("out/describe"),
     descriptors: opt.Names = "all",
     source: opt.Source = None,
     *,

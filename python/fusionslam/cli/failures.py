@@ -119,7 +119,8 @@ def _report_usage(error: Any) -> Exception:
     if type(error).__name__ == "NoArgsIsHelpError":
         return error  # type: ignore[no-any-return]
     command = error.ctx.command_path if error.ctx else "fusionslam"
-    print(f"error: {_one_line(error.format_message())}; see {command} --help", file=sys.stderr)
+    problem = _one_line(error.format_message()).rstrip(".")
+    print(f"error: {problem}; see {command} --help", file=sys.stderr)
     return typer.Exit(USAGE)
 
 

@@ -28,12 +28,15 @@ def fuse(
     output: Annotated[
         Path,
         typer.Option("--output", "-o", help="Folder for the clouds, or a bag: .bag, .db3, .mcap."),
-    ],
+    ] = Path("out/fuse"),
     source: opt.Source = None,
     format: Annotated[
         str | None,
-        typer.Option(
-            "--format", help="Of clouds in a folder: ply (default), pcd, or bin (no colours)."
+        opt.one_of(
+            "--format",
+            names=opt.FORMATS,
+            check=False,
+            help="Of clouds in a folder, by default ply; bin has no colours.",
         ),
     ] = None,
     *,

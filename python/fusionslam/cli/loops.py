@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 )
 def loops(
     ctx: typer.Context,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for loops and runs.")],
+    output: opt.Folder = Path("out/loops"),
     descriptor: Annotated[
         str, typer.Option("--descriptor", "-d", help="m2dp, cm2dp, shot or cshot.")
     ] = "cm2dp",

@@ -52,20 +52,56 @@ def _pass_once() -> "Callable[[LogRecord], bool]":
     return is_new
 
 
-def _check_source(source: str | None) -> str | None:
-    from fusionslam.fusion import SOURCES
+DESCRIPTORS = ("m2dp", "cm2dp", "shot", "cshot")
+FORMATS = ("ply", "pcd", "bin")
+FRAMES = ("robot", "odometry", "drift")
+KINDS = (
+    *("kitti-object", "kitti-odometry", "kitti-raw", "folder", "ranges"),
+    *("rosbag1", "rosbag2", "mcap", "scenes"),
+)
+ODOMETRY = ("topic", "visual", "truth", "truth+noise")
+PRESETS_OF_RATSLAM = ("robust", "openratslam")
+PROTOCOLS = ("revisit", "perdomo2019")
+RECOGNISERS = (
+    *("alignment", "objects", "two_stages", "m2dp", "cm2dp", "shot", "cshot"),
+    "visual_templates",
+)
+RULES = ("paper", "author")
+SHAPES = ("visual", "collision")
+SOURCES = ("lidar", "stereo", "cloud")
+STAMPS = ("header", "bag")
+TUNED = ("warehouse_paper", "warehouse_robust")
+WORLDS = ("town", "warehouse", "house", "hospital")
+# Copies of the registries, which take too long to import for --help; a test compares them.
 
-    return check_choice("--source", source, SOURCES)
+
+def one_of(*flags: str, names: Sequence[str], help: str, check: bool = True) -> Any:
+    """Return an option that takes one of some names; help and completion list them.
+
+    Args:
+        flags: of the option, the long one first.
+        names: valid values.
+        help: of the option.
+        check: whether to refuse other values; the command does otherwise.
+    """
+    return typer.Option(
+        *flags,
+        metavar=f"[{'|'.join(names)}]",
+        autocompletion=lambda incomplete: [n for n in names if n.startswith(incomplete)],
+        callback=(lambda value: check_choice(flags[0], value, names)) if check else None,
+        help=help,
+    )
 
 
-def _check_protocol(protocol: str | None) -> str | None:
-    from fusionslam.evaluation import PROTOCOLS
+def some_of(*flags: str, names: Sequence[str], help: str) -> Any:
+    """As ``one_of``, for names with commas, which the command checks."""
 
-    return check_choice("--protocol", protocol, tuple(PROTOCOLS))
+    def complete(incomplete: str) -> list[str]:
+        before, comma, last = incomplete.rpartition(",")
+        return [before + comma + name for name in names if name.startswith(last)]
 
-
-def _check_rule(rule: str) -> str | None:
-    return check_choice("--rule", rule, ("paper", "author"))
+    shown = f"[{'|'.join(names)}],..."
+    return typer.Option(*flags, metavar=shown, autocompletion=complete, help=help)
 
 
 Results = Annotated[Path, typer.Argument(metavar="OUT", help="Folder with stored runs.")]
@@ -84,17 +120,17 @@ Truth = Annotated[
 ]
 Source = Annotated[
     str | None,
-    typer.Option(
+    one_of(
         "--source",
-        callback=_check_source,
+        names=SOURCES,
         help=f"{help_texts.SOURCE}; by default the first that the data allow.",
     ),
 ]
 Sources = Annotated[
     str | None,
-    typer.Option(
+    one_of(
         "--source",
-        callback=_check_source,
+        names=SOURCES,
         help=f"{help_texts.SOURCE}; by default all that the data allow.",
     ),
 ]
@@ -102,7 +138,13 @@ Threshold = Annotated[float | None, typer.Option("--threshold", help=f"{help_tex
 Radius = Annotated[float | None, typer.Option("--radius", help=f"{help_texts.RADIUS}.")]
 Window = Annotated[int | None, typer.Option("--window", help=f"{help_texts.EVALUATION_WINDOW}.")]
 Names = Annotated[
-    str, typer.Option("--descriptors", "-d", help="m2dp, cm2dp, shot, cshot, with commas; or all.")
+    str,
+    some_of(
+        "--descriptors",
+        "-d",
+        names=(*DESCRIPTORS, "all"),
+        help="Names of descriptors, with commas; or all.",
+    ),
 ]
 Settings = Annotated[
     list[str] | None,
@@ -118,19 +160,20 @@ Jobs = Annotated[
 ]
 Protocol = Annotated[
     str | None,
-    typer.Option("--protocol", callback=_check_protocol, help=f"{help_texts.PROTOCOL}."),
+    one_of("--protocol", names=PROTOCOLS, help=f"{help_texts.PROTOCOL}."),
 ]
 SceneSets = Annotated[
     list[Path], typer.Argument(metavar="SCENES...", help="Scene sets or .npz recordings.")
 ]
 Tuned = Annotated[
     str | None,
-    typer.Option("--tuned", metavar="NAME", help="Tuned values that come with fusionslam."),
+    one_of("--tuned", names=TUNED, check=False, help="Tuned values that come with fusionslam."),
 ]
 Rule = Annotated[
     str,
-    typer.Option("--rule", callback=_check_rule, help="How views are judged: paper or author."),
+    one_of("--rule", names=RULES, help="How views are judged."),
 ]
+# By default out/COMMAND; commands that write a single file demand its name.
 Folder = Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Write no page, which takes a while.")]
 Verbose = Annotated[
@@ -224,16 +267,22 @@ def pipeline_config(
 
 
 def views_config(
-    tuned: Tuned = None, settings: Settings = None, config: ConfigFile = None, **first: Any
+    source: Source = None,
+    tuned: Tuned = None,
+    settings: Settings = None,
+    config: ConfigFile = None,
+    **first: Any,
 ) -> Any:
     """As ``read_config``, with clouds in the robot's frame without ground, and tuned values."""
+    from fusionslam.config import merged
     from fusionslam.fusion import ROBOT_FUSION
     from fusionslam.views.presets import load_preset
 
     first["fusion"] = ROBOT_FUSION.model_dump(exclude_unset=True)
     if tuned is not None:
         first["views"] = load_preset(tuned).model_dump(exclude_unset=True)
-    return read_config(settings, config, **first)
+    whole = read_config(settings, config, **first)
+    return whole if source is None else merged(whole, {"fusion": {"source": source}})
 
 
 def warn_of_windows(config: "PipelineConfig") -> None:
@@ -267,10 +316,10 @@ def parse_names(text: str) -> list[str]:
 
 def check_choice(key: str, value: str | None, values: Sequence[str]) -> str | None:
     """Return the value. Raises ConfigError unless it is one of these or None."""
-    from fusionslam.config import explain_choice
-    from fusionslam.errors import ConfigError
-
     if value is not None and value not in values:
+        from fusionslam.config import explain_choice
+        from fusionslam.errors import ConfigError
+
         problem = explain_choice(value, values)
         raise ConfigError(f"{key} is {value!r}, {problem}", code="choice", fields=(key, value))
     return value

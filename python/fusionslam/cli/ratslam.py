@@ -23,30 +23,46 @@ if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording
     from fusionslam.ratslam.slam import RatSlam
 
-_OF_THE_STATE = ("--views", "ratslam.", "views.", "visual_templates.", "fusion.", "descriptors.")
+_OF_THE_STATE = (
+    "--views",
+    "--source",
+    "ratslam.",
+    "views.",
+    "visual_templates.",
+    "fusion.",
+    "descriptors.",
+)
 
 
 @opt.options_of(build_recording=build_recording)
 def ratslam(
-    output: opt.Folder,
+    output: opt.Folder = Path("out/ratslam"),
     views: Annotated[
         str | None,
-        typer.Option(
+        opt.one_of(
             "--views",
-            help="Recogniser of places: alignment (default), objects, two_stages, cm2dp, "
-            "visual_templates, ...",
+            names=opt.RECOGNISERS,
+            check=False,
+            help="Recogniser of places; by default alignment.",
         ),
     ] = None,
     odometry: Annotated[
         str | None,
-        typer.Option(
+        opt.one_of(
             "--odometry",
-            help="Source of motion: topic, visual, truth or truth+noise; by default the topic if "
-            "there is one, else the truth.",
+            names=opt.ODOMETRY,
+            help="Source of motion; by default the topic if there is one, else the truth.",
         ),
     ] = None,
+    source: opt.Source = None,
     preset: Annotated[
-        str | None, typer.Option("--preset", help="robust (ours, the default) or openratslam.")
+        str | None,
+        opt.one_of(
+            "--preset",
+            names=opt.PRESETS_OF_RATSLAM,
+            check=False,
+            help="Of the map; by default robust (ours).",
+        ),
     ] = None,
     seed: Annotated[
         int | None,
@@ -80,7 +96,7 @@ def ratslam(
     Ctrl-C keeps the map so far, and the state to resume from.
     """
     from fusionslam.pipelines.drives import open_drive
-    from fusionslam.pipelines.map_events import ODOMETRY, events_of, expected_drift
+    from fusionslam.pipelines.map_events import events_of, expected_drift
     from fusionslam.pipelines.maps import RunRecorder
     from fusionslam.sim.rendered_images import rendered_images
     from fusionslam.views.recognisers import find_recogniser
@@ -91,14 +107,15 @@ def ratslam(
         needs_extra("live")
     changes = [*([f"ratslam.preset={preset}"] if preset else []), *(settings or [])]
     changes += [f"odometry.seed={seed}"] if seed is not None else []
-    opt.check_choice("--odometry", odometry, ODOMETRY)
     if views is not None:
         find_recogniser(views, "--views")
     first = {"recording": {"shapes": "collision"}, "ratslam": {"map": expected_drift(odometry)}}
-    whole = opt.views_config(None, changes, config, **first)
+    whole = opt.views_config(source, None, changes, config, **first)
     slam, earlier = None, None
     if resume is not None:
-        slam, earlier = _load_map(resume, ["--views"] * (views is not None) + changes)
+        given = {"--views": views, "--source": source}
+        options = [option for option, value in given.items() if value is not None]
+        slam, earlier = _load_map(resume, [*options, *changes])
     with make_folder(output), ExitStack() as shown:
         recording = build_recording()
         slam = slam or _new_map(whole, views, recording)

@@ -36,9 +36,8 @@ def build_recording(
     data: Data,
     kind: Annotated[
         str | None,
-        typer.Option(
-            help="kitti-odometry, kitti-raw, kitti-object, folder, ranges, rosbag1, rosbag2, "
-            "mcap or scenes."
+        opt.one_of(
+            "--kind", names=opt.KINDS, check=False, help="Kind of DATA; by default recognised."
         ),
     ] = None,
     sequence: Annotated[
@@ -53,7 +52,12 @@ def build_recording(
         ),
     ] = None,
     stamps: Annotated[
-        str, typer.Option(help="Times of a bag's messages: header, or bag (their arrival).")
+        str,
+        opt.one_of(
+            "--stamps",
+            names=opt.STAMPS,
+            help="Times of a bag's messages: of their headers, or of their arrival (bag).",
+        ),
     ] = "header",
     sync: Annotated[
         list[str] | None,
@@ -73,10 +77,8 @@ def build_recording(
     gt: opt.Truth = None,
 ) -> "Recording":
     """Build the recording that the options name; of a simulated world it is made first."""
-    from fusionslam.datasets.bags.index import STAMPS
     from fusionslam.pipelines.recording import Recording
 
-    opt.check_choice("--stamps", stamps, STAMPS)
     topics, changes = _parse_topics(topic or []), _parse_sync(sync or [])
     path, simulated = _record_if_world(data)
     return Recording.at(

@@ -47,7 +47,8 @@ def sim(
         ),
     ] = None,
     format: Annotated[
-        str | None, typer.Option("--format", help="bag, db3, mcap or folder; by default by suffix.")
+        str | None,
+        opt.one_of("--format", names=tuple(FORMATS), help="Of the output; by default by suffix."),
     ] = None,
     seconds: Annotated[
         float | None, typer.Option("--seconds", help="Duration; by default the whole drive.")
@@ -146,8 +147,6 @@ def _save(
 
 def _output(path: Path | None, format: str | None) -> tuple[Path, str]:
     """Return the output path and its kind, from format or suffix; checks for a needed extra."""
-    if format is not None:
-        opt.check_choice("--format", format, tuple(FORMATS))
     if path is None:
         raise ConfigError("--output is missing: expected a bag or a folder to write")
     kind = FORMATS.get(format or path.suffix.lower().lstrip("."), "folder")

@@ -4,6 +4,7 @@
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 
-@opt.options_of(views_config=opt.views_config, open_scenes=open_scenes)
+@opt.options_of(views_config=partial(opt.views_config, source=None), open_scenes=open_scenes)
 def tune(
     ctx: typer.Context,
     scenes: opt.SceneSets,

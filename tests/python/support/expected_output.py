@@ -108,7 +108,8 @@ def _help_lines(command: object) -> Iterator[str]:
         yield f"  {name}: {(each.help or '').partition(chr(10))[0]}"
     for each in getattr(command, "params", []):
         if getattr(each, "help", None):
-            names = " ".join(each.opts) if each.opts[0].startswith("-") else each.metavar
+            named = each.opts if each.opts[0].startswith("-") else ()
+            names = " ".join([*named, *([each.metavar] if each.metavar else [])])
             yield f"  {names}: {each.help}"
 
 

@@ -11,7 +11,7 @@ from fusionslam.cli.views.record import record
 from fusionslam.cli.views.show import show
 
 app = typer.Typer(
-    help="Recognise places by their objects.",
+    help="Recognise places by aligning scans, or by objects or descriptors.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )

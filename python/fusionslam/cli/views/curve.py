@@ -3,6 +3,7 @@
 """The command views curve: ids judged at many thresholds."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     build_recording=build_recording, views_config=opt.views_config, open_scenes=open_scenes
 )
 def curve(
-    output: opt.Folder,
+    output: opt.Folder = Path("out/views-curve"),
     rule: opt.Rule = "paper",
     loop_precision: Annotated[
         float,

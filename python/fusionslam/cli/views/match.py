@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     build_recording=build_recording, views_config=opt.views_config, open_scenes=open_scenes
 )
 def match(
-    output: opt.Folder,
+    output: opt.Folder = Path("out/views-match"),
     rule: opt.Rule = "paper",
     *,
     build_recording: "Callable[[], Recording]",

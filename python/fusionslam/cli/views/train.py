@@ -97,7 +97,7 @@ def comparison(
     ],
     shapes: Annotated[
         str | None,
-        typer.Option("--shapes", help="Shapes of recordings: visual or collision."),
+        opt.one_of("--shapes", names=opt.SHAPES, check=False, help="Shapes of recordings."),
     ] = None,
     *,
     read_config: Callable[..., Any],

@@ -1,0 +1,122 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The program around the commands: version, help, completion, names of choices."""
+
+import os
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import get_args, get_type_hints
+
+import pytest
+from typer.testing import CliRunner
+
+import fusionslam
+from cli import fails, succeeds
+from fusionslam.cli import app
+from fusionslam.cli import options as opt
+
+PROGRAM = "from fusionslam.__main__ import main; main()"
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(fusionslam.__file__).parents[1])}
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    assert succeeds("--version").stdout == f"fusionslam {version('fusionslam')}\n"
+
+
+def test_the_module_runs_as_the_program_does() -> None:
+    words = [sys.executable, "-m", "fusionslam", "--version"]
+    result = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, check=True)
+    assert result.stdout == succeeds("--version").stdout
+
+
+@pytest.mark.parametrize("words", [(), ("describe",), ("bench", "views"), ("views", "match")])
+def test_help_has_three_spellings(words: tuple[str, ...]) -> None:
+    text = succeeds(*words, "--help").stdout
+    assert " ".join(("fusionslam", *words)) in text.replace("root", "fusionslam")
+    assert succeeds(*words, "-h").stdout == text
+    said = succeeds("help", *words).stdout
+    assert said.splitlines()[1:] == text.splitlines()[1:]
+
+
+def test_help_of_an_unknown_command_is_a_mistake() -> None:
+    assert "'descibe'" in fails(2, "help", "descibe")
+
+
+def complete(shell: str, line: str) -> list[str]:
+    """What a shell is offered for the last word of a line."""
+    words = line.split(" ")
+    asked = {
+        "_FUSIONSLAM_COMPLETE": f"complete_{shell}",
+        "COMP_WORDS": line,
+        "COMP_CWORD": str(len(words) - 1),
+        "_TYPER_COMPLETE_ARGS": line,
+        "_TYPER_COMPLETE_FISH_ACTION": "get-args",
+    }
+    result = CliRunner().invoke(app, [], env=asked, prog_name="fusionslam")
+    assert result.exit_code == 0 and result.stderr == ""
+    return result.stdout.replace('"', " ").split()
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_shells_complete_commands_options_and_choices(shell: str) -> None:
+    for line, offered in (
+        ("fusionslam des", "describe"),
+        ("fusionslam ratslam --odom", "--odometry"),
+        ("fusionslam ratslam --odometry vi", "visual"),
+        ("fusionslam bench views --frame dr", "drift"),
+        ("fusionslam describe -d m2dp,cs", "m2dp,cshot"),
+    ):
+        assert offered in complete(shell, line), line
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_completion_of_a_shell_can_be_shown_and_installed(shell: str, tmp_path: Path) -> None:
+    # So that typer takes the name of the shell as a value, for shells that are not installed.
+    untold = ENVIRONMENT | {
+        "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1",
+        "HOME": str(tmp_path),
+    }
+    words = [sys.executable, "-c", PROGRAM]
+    shown = subprocess.run(
+        [*words, "--show-completion", shell], env=untold, capture_output=True, text=True, check=True
+    )
+    assert f"_FUSIONSLAM_COMPLETE=complete_{shell}" in shown.stdout
+    subprocess.run([*words, "--install-completion", shell], env=untold, check=True)
+    assert any("fusionslam" in path.name for path in tmp_path.rglob("*") if path.is_file())
+
+
+def test_choices_are_those_of_the_registries() -> None:
+    from fusionslam import evaluation, fusion
+    from fusionslam.datasets.bags.index import STAMPS
+    from fusionslam.datasets.kinds import KINDS
+    from fusionslam.datasets.range_recording import SHAPES
+    from fusionslam.descriptors import DESCRIPTORS
+    from fusionslam.pipelines.drives import FRAMES
+    from fusionslam.pipelines.export_folder import FORMATS
+    from fusionslam.pipelines.map_events import ODOMETRY
+    from fusionslam.ratslam.slam import RatSlamConfig
+    from fusionslam.sim.catalogue import MADE
+    from fusionslam.views.presets import preset_names
+    from fusionslam.views.recognisers import RECOGNISERS
+
+    preset = get_type_hints(RatSlamConfig)["preset"]
+    presets = next(names for each in get_args(preset) if (names := get_args(each)))
+    for offered, known in (
+        (opt.DESCRIPTORS, DESCRIPTORS),
+        (opt.FORMATS, FORMATS),
+        (opt.FRAMES, FRAMES),
+        (opt.KINDS, (*KINDS, "scenes")),
+        (opt.ODOMETRY, ODOMETRY),
+        (opt.PRESETS_OF_RATSLAM, presets),
+        (opt.PROTOCOLS, evaluation.PROTOCOLS),
+        (opt.RECOGNISERS, RECOGNISERS),
+        (opt.RULES, evaluation.VIEW_RULES),
+        (opt.SHAPES, SHAPES),
+        (opt.SOURCES, fusion.SOURCES),
+        (opt.STAMPS, STAMPS),
+        (opt.TUNED, preset_names()),
+        (opt.WORLDS, MADE),
+    ):
+        assert sorted(offered) == sorted(known)
