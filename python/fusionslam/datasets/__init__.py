@@ -35,7 +35,7 @@ from fusionslam.datasets.pose_files import (
     write_poses_tum,
 )
 from fusionslam.datasets.range_recording import is_recording
-from fusionslam.datasets.streams import SENSORS, Request, check_self_contained
+from fusionslam.datasets.streams import SENSORS, Request, absolute_path, check_self_contained
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.synchronizer import SyncConfig
 
@@ -142,7 +142,7 @@ def open_dataset(
 
 
 def _root(path: str | os.PathLike[str]) -> Path:
-    root = Path(path).expanduser().resolve()
+    root = absolute_path(path)
     try:
         mode = root.stat().st_mode
     except FileNotFoundError as error:

@@ -19,6 +19,7 @@ from fusionslam.datasets.streams import (
     find_existing,
     frame_numbers,
     itself,
+    named_and_linked,
     one_of,
     regular_stamps,
     scan,
@@ -43,13 +44,14 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
     stamps = _stamps(root, numbers)
     calibration = _calibration(root, chosen)
     poses = request.poses or find_existing(
-        root / "poses.txt", root / f"../../poses/{root.name}.txt"
+        root / "poses.txt",
+        *(one.parent.parent / "poses" / f"{one.name}.txt" for one in named_and_linked(root)),
     )
     return FileDataset(
         kind="kitti-odometry",
         # The simulator writes KITTI's layout, but figures published for KITTI do not apply to it.
         name="simulated drive"
-        if (root.parent.parent / "sim.json").exists()
+        if find_existing(*(one.parent.parent / "sim.json" for one in named_and_linked(root)))
         else f"KITTI odometry {root.name}",
         root=root,
         streams=chosen,
@@ -94,7 +96,10 @@ def _sequence(path: Path, name: str | None) -> Path:
 
 
 def _stamps(root: Path, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    path = find_existing(root / "times.txt", root / f"../../times/times_{root.name}.txt")
+    path = find_existing(
+        root / "times.txt",
+        *(one.parent.parent / "times" / f"times_{one.name}.txt" for one in named_and_linked(root)),
+    )
     if path is None:
         return regular_stamps(numbers, str(root / "times.txt"))
     return pick(read_times(path), numbers, path)

@@ -22,6 +22,7 @@ from fusionslam.datasets.streams import (
     find_existing,
     frame_numbers,
     itself,
+    named_and_linked,
     one_of,
     regular_stamps,
 )
@@ -106,7 +107,7 @@ def _camera(
 
 def _calibration(root: Path, name: str) -> Calibration:
     """Read a calibration file of the drive or of its date's folder, as in the published data."""
-    path = find_existing(root / name, root.parent / name)
+    path = find_existing(root / name, *(one.parent / name for one in named_and_linked(root)))
     if path is None:
         raise DataError(f"{root / name} is missing, and so is {root.parent / name}")
     return read_calibration(path)

@@ -3,6 +3,7 @@
 """Groups files into frames: one stream of numbered files per sensor, and the gaps in them."""
 
 import logging
+import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -125,6 +126,24 @@ def files_in(folder: Path, suffixes: Sequence[str]) -> list[Path]:
         for path in entries(folder)
         if path.suffix.lower() in suffixes and not path.name.startswith(".")
     )
+
+
+def absolute_path(path: str | os.PathLike[str]) -> Path:
+    """Make a path absolute, but keep links to folders: poses are found by the link's name.
+
+    Links to files are resolved, and so is everything up to the last "..", as the system does.
+    """
+    full = Path(path).expanduser().absolute()
+    if os.path.isfile(full):
+        return full.resolve()
+    parts = full.parts
+    end = len(parts) - parts[::-1].index("..") if ".." in parts else 0
+    return Path(*parts[:end]).resolve() / Path(*parts[end:]) if end else full
+
+
+def named_and_linked(folder: Path) -> tuple[Path, ...]:
+    """A folder as named and, if links lead to it, as stored: its files may lie beside either."""
+    return tuple(dict.fromkeys((folder, folder.resolve())))
 
 
 def find_existing(*paths: Path) -> Path | None:

@@ -93,7 +93,7 @@ def _refuse_own_input(recording: Recording, target: Path) -> None:
     for path in (target, target.with_name(f"{target.stem}.partial{target.suffix}")):
         refuse_input(recording, path)
         # A ROS 2 bag is a folder; the input may be that folder or the file in it.
-        source, there = Path(recording.path), path.resolve()
+        source, there = Path(recording.path).resolve(), path.resolve()
         inside = there.exists() and source in there.parents and (source / "metadata.yaml").exists()
         if there in source.parents or inside:
             raise DataError(

@@ -89,7 +89,7 @@ def write_clouds(
 
 def refuse_input(recording: Recording, target: Path) -> None:
     """Raise DataError if writing to ``target`` would replace the input."""
-    source, there = Path(recording.path), target.resolve()
+    source, there = Path(recording.path).resolve(), target.resolve()
     if there == source or (target.exists() and source.exists() and target.samefile(source)):
         raise DataError(
             f"{target} is the recording that is read: write to another place",

@@ -13,7 +13,12 @@ import numpy as np
 
 from fusionslam.datasets import Dataset, open_dataset
 from fusionslam.datasets.base import CloudDataset
-from fusionslam.datasets.streams import GapsError, check_scans, check_self_contained
+from fusionslam.datasets.streams import (
+    GapsError,
+    absolute_path,
+    check_scans,
+    check_self_contained,
+)
 from fusionslam.errors import DataError
 from fusionslam.fusion import SENSORS_OF
 from fusionslam.geometry.trajectory import ground_poses
@@ -138,7 +143,7 @@ def name_frame(dataset: Dataset, index: int) -> Iterator[None]:
 
 
 def _absolute(path: str | os.PathLike[str]) -> str:
-    return str(Path(path).expanduser().resolve())
+    return str(absolute_path(path))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

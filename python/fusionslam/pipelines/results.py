@@ -62,8 +62,8 @@ def claim(folder: str | os.PathLike[str], work: Work) -> Work:
     """
     earlier = Work.load(folder)
     if earlier is not None:
-        if (earlier.recording.path, earlier.dataset, earlier.about) != (
-            work.recording.path,
+        if (_place(earlier.recording), earlier.dataset, earlier.about) != (
+            _place(work.recording),
             work.dataset,
             work.about,
         ):
@@ -86,7 +86,7 @@ def forget_demo(folder: str | os.PathLike[str], recording: Recording) -> None:
         DataError: the folder holds other work, which is kept; or a file cannot be deleted.
     """
     earlier = Work.load(folder)
-    if earlier is None or earlier.recording.path == recording.path:
+    if earlier is None or _place(earlier.recording) == _place(recording):
         return
     if not earlier.demo:
         raise DataError(
@@ -111,6 +111,11 @@ def _runs_of(work: Work, folder: str | os.PathLike[str]) -> Iterator[Path]:
             with suppress(DataError):
                 if DescriptorRun.load(path).dataset == work.dataset:
                     yield path
+
+
+def _place(recording: Recording) -> Path:
+    """Where a recording is stored, whatever link it was opened by."""
+    return Path(recording.path).resolve()
 
 
 def runs_folder(folder: str | os.PathLike[str]) -> Path:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from error_codes import has_code
 from fusionslam.datasets import open_dataset, write_poses_tum
 from fusionslam.errors import DataError
-from kitti import P2, P3, TR, folder, odometry, put_image, put_scan, put_text, raw_drive
+from kitti import P2, P3, POSE_LINE, TR, folder, odometry, put_image, put_scan, put_text, raw_drive
 
 
 def test_scans_of_kitti_00_come_with_their_numbers_times_and_poses(test_data: Path) -> None:
@@ -110,6 +110,33 @@ def test_a_sequence_is_opened_from_its_folder_and_from_the_root(tmp_path: Path) 
         assert dataset.root == sequence and len(dataset) == 6
         assert dataset.poses[5, 0, 3] == 5 and dataset.stamps_ns[5] == 500_000_000
         assert [frame.index for frame in dataset] == list(range(6))
+
+
+@pytest.mark.parametrize("direct", [True, False])
+def test_a_linked_sequence_has_the_poses_and_times_beside_the_link(
+    tmp_path: Path, direct: bool
+) -> None:
+    stored = odometry(tmp_path / "stored")
+    (stored / "times.txt").rename(tmp_path / "stored/times.txt")
+    # Of another drive, under the number of the link.
+    put_text(tmp_path / "stored/poses/06.txt", "".join(POSE_LINE.format(9) for _ in range(6)))
+    linked = tmp_path / "linked/sequences/06"
+    linked.parent.mkdir(parents=True)
+    linked.symlink_to(stored, target_is_directory=True)
+    data = linked if direct else tmp_path / "linked"
+    assert open_dataset(data).poses[5, 0, 3] == 5  # those of the sequence that is linked to
+    put_text(tmp_path / "linked/poses/06.txt", "".join(POSE_LINE.format(2 * n) for n in range(6)))
+    put_text(tmp_path / "linked/times/times_06.txt", "".join(f"{n}\n" for n in range(6)))
+    dataset = open_dataset(data)
+    assert dataset.name == "KITTI odometry 06" and dataset.poses[5, 0, 3] == 10
+    assert dataset.stamps_ns[5] == 5_000_000_000
+
+
+def test_a_link_to_a_drive_finds_the_calibration_of_its_day(tmp_path: Path) -> None:
+    drive = raw_drive(tmp_path / "day")
+    link = tmp_path / "mine"
+    link.symlink_to(drive, target_is_directory=True)
+    assert open_dataset(link).cameras["left"].size == (4, 3)
 
 
 def test_another_file_of_poses_may_be_given(tmp_path: Path) -> None:
