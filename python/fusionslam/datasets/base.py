@@ -112,7 +112,7 @@ class Dataset(ABC):
 
     def motion(self, role: str) -> list[Odometry]:
         """Messages of role "odometry" or "truth", by stamp. Raises DataError if there are none."""
-        raise DataError(f"{self.name} has no {role} messages")
+        raise DataError(f"{self.name} has no {role} messages", code="no-messages", fields=(role,))
 
     @property
     def odometry_origin(self) -> OdometryOrigin:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from bags import (
+    SECOND,
     START,
     SUFFIXES,
     drive,
@@ -19,8 +20,10 @@ from bags import (
     same,
     write_bag,
 )
+from cli import succeeds
 from error_codes import has_code
-from fusionslam.datasets import open_bag
+from fusionslam.datasets import open_bag, open_dataset
+from fusionslam.datasets.bags.dataset import BagDataset
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import Event
 
@@ -79,6 +82,59 @@ def test_a_broken_message_names_topic_and_time(tmp_path: Path) -> None:
     path.write_bytes(content.replace(b"\x04\x00\x00\x00odom", b"\xff\xff\xff\x00odom"))
     with open_bag(path) as bag, pytest.raises(DataError, match=f"/odom.*{START} ns"):
         list(bag.events())
+
+
+MIDDLE = START + SECOND
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("topic", ["/odom", "/points", "/camera/image", "/camera/camera_info"])
+def test_one_message_that_cannot_be_decoded_is_left_out_counted_and_named(
+    tmp_path: Path, suffix: str, topic: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    def cut(name: str, time_ns: int) -> bool:
+        return (name, time_ns) == (topic, MIDDLE)
+
+    path = write_bag(tmp_path / f"drive.{suffix}", drive(), cut=cut)
+    dataset = open_dataset(path)
+    assert isinstance(dataset, BagDataset)
+    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    (warning,) = [str(record.args) for record in caplog.records if record.levelname == "WARNING"]
+    assert topic in warning and str(MIDDLE) in warning
+    assert len(dataset) == (4 if topic == "/points" else 5)
+    assert all(len(frame.points) == 41 and frame.images["left"].any() for frame in dataset)
+    assert len(dataset.motion("odometry")) == (100 if topic == "/odom" else 101)
+    out = " ".join(succeeds("info", path).stdout.split())
+    assert f"1 message: {path}: {topic}, arrived at {MIDDLE} ns" in out
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_messages_of_the_same_time_as_a_lost_one_are_found(tmp_path: Path, suffix: str) -> None:
+    lost = iter([True])
+    events = [Event("/image", START, picture(START + k, (8 + k, 6))) for k in range(3)]
+    path = write_bag(tmp_path / f"drive.{suffix}", events, cut=lambda *_: next(lost, False))
+    assert [frame.images["left"].shape[1] for frame in open_dataset(path)] == [9, 10]
+
+
+def test_a_topic_of_which_no_message_can_be_decoded_is_an_error(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "drive.bag", drive(), cut=lambda topic, _: topic == "/odom")
+    with pytest.raises(DataError, check=has_code("undecodable", "/odom")):
+        open_dataset(path)
+    assert len(open_dataset(path, topics={"odometry": ""})) == 5
+
+
+def test_a_topic_whose_messages_the_index_gives_to_another_is_an_error(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "drive.bag", drive(0.1))
+    content = bytearray(path.read_bytes())
+    # In the table of connections at the end, before each topic's name: "conn=" and its number.
+    numbers = {
+        topic: content.rindex(b"conn=", 0, content.rindex(b"topic=" + topic)) + 5
+        for topic in (b"/odom", b"/points")
+    }
+    content[numbers[b"/odom"]] = content[numbers[b"/points"]]
+    path.write_bytes(content)
+    with pytest.raises(DataError, check=has_code("no-messages", "/odom")):
+        open_dataset(path)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

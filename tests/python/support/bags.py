@@ -3,7 +3,7 @@
 """Bags, and the messages in them: one camera, a stereo pair, a scanner and odometry."""
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -122,8 +122,21 @@ def changed(events: Iterable[Event], topic: str, **changes: Any) -> Iterator[Eve
         yield event
 
 
-def write_bag(path: Path, events: Iterable[Event], **options: Any) -> Path:
+def write_bag(
+    path: Path,
+    events: Iterable[Event],
+    *,
+    cut: Callable[[str, int], bool] = lambda topic, time_ns: False,
+    **options: Any,
+) -> Path:
+    """Write a bag; messages that ``cut`` chooses by topic and time lose their last 20 bytes."""
     with open_writer(path, **options) as bag:
+        write = bag._writer.write
+
+        def write_some(connection: Any, time_ns: int, data: Any) -> None:
+            write(connection, time_ns, data[:-20] if cut(connection.topic, time_ns) else data)
+
+        bag._writer.write = write_some
         for event in events:
             bag.write(event)
     return path

@@ -5,6 +5,7 @@
 import functools
 import logging
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -107,10 +108,22 @@ class BagDataset(Dataset):
 
     def motion(self, role: str) -> list[Odometry]:
         found, by_arrival = [], self.source.stamps == "bag"
-        for event in self.source.bag.events([self.source.roles[role]]):
-            assert isinstance(event.message, Odometry)
-            stamp_ns = event.time_ns if by_arrival else event.message.stamp_ns
-            found.append(replace(event.message, stamp_ns=stamp_ns))
+        topic = self.source.roles.get(role)
+        if topic is None:
+            return super().motion(role)
+        # The index has counted and logged the messages that are left out.
+        for raw in self.source.bag.raw([topic], on_error=lambda *_: None):
+            with suppress(DataError):
+                message = raw.value()
+                assert isinstance(message, Odometry)
+                stamp_ns = raw.time_ns if by_arrival else message.stamp_ns
+                found.append(replace(message, stamp_ns=stamp_ns))
+        if not found:
+            raise DataError(
+                f"{self.name}: none of the messages of {topic} can be used",
+                code="no-messages",
+                fields=(topic,),
+            )
         return sorted(found, key=lambda message: message.stamp_ns)
 
     def _frame(self, index: int) -> Frame:

@@ -4,6 +4,7 @@
 
 import logging
 from array import array
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -48,15 +49,25 @@ class Series:
     headers: "array[int]" = field(default_factory=lambda: array("q"))
     times: "array[int]" = field(default_factory=lambda: array("q"))
     frame_id: str = ""
+    # Of the last message left out: its time of arrival, and how many arrived then.
+    _lost: tuple[int, int] = (0, 0)
+    # By row, the number of messages left out before it that arrived at the same time.
+    _lost_before: dict[int, int] = field(default_factory=dict)
 
     def add(self, raw: RawMessage) -> int:
         """Add a message and return its stamp."""
         header = _header(raw.content)
         self.headers.append(raw.time_ns if header is None else stamp_of(header.stamp))
         self.times.append(raw.time_ns)
+        if self._lost[1] and self._lost[0] == raw.time_ns:
+            self._lost_before[len(self.times) - 1] = self._lost[1]
         if len(self.times) == 1 and header is not None:
             self.frame_id = str(header.frame_id).removeprefix("/")
         return self.stamps[-1]
+
+    def leave_out(self, time_ns: int) -> None:
+        """Note that a message of this time of arrival cannot be decoded."""
+        self._lost = time_ns, self._lost[1] + 1 if self._lost[0] == time_ns else 1
 
     @property
     def stamps(self) -> "array[int]":
@@ -78,7 +89,7 @@ class Series:
         first = row
         while first and self.times[first - 1] == self.times[row]:
             first -= 1
-        return self.times[row], row - first
+        return self.times[row], row - first + self._lost_before.get(row, 0)
 
 
 @dataclass(eq=False)
@@ -104,6 +115,11 @@ class BagIndex:
     truth_frames: tuple[str, str] | None = None
     refused: dict[tuple[str, ...], tuple[int, str]] = field(default_factory=dict)
 
+    def refuse(self, error: DataError) -> None:
+        """Count an unusable message."""
+        count, first = self.refused.get(cause_of(error), (0, str(error)))
+        self.refused[cause_of(error)] = count + 1, first
+
 
 def index_bag(
     bag: Bag, topics: Iterable[str], roles: Mapping[str, str], stamps: str = "header"
@@ -116,22 +132,46 @@ def index_bag(
         stamps: one of ``STAMPS``.
 
     Raises:
-        DataError: the bag cannot be read.
+        DataError: the bag cannot be read, or none of the messages of a topic in use; single
+            messages that cannot be used are left out, counted and logged.
     """
     index = BagIndex()
     moving = [topic.name for topic in bag.topics.values() if topic.type in TRANSFORM_TYPES]
     names = list(dict.fromkeys([*topics, *moving]))
-    for raw in bag.raw(names):
-        series = index.series.setdefault(raw.topic, Series(stamps == "bag"))
+    # Those without a usable message are dropped at the end.
+    every: defaultdict[str, Series] = defaultdict(lambda: Series(stamps == "bag"))
+
+    def leave_out(topic: str, time_ns: int, error: DataError) -> None:
+        every[topic].leave_out(time_ns)
+        index.refuse(error)
+
+    for raw in bag.raw(names, on_error=leave_out):
+        series = every[raw.topic]
         stamp_ns = series.add(raw)
         try:
             _store(index, raw, roles, stamp_ns if series.by_arrival else None)
         except DataError as error:
-            count, first = index.refused.get(cause_of(error), (0, str(error)))
-            index.refused[cause_of(error)] = count + 1, first
-            level = logging.DEBUG if count else logging.WARNING
-            logger.log(level, "%s: a message is left out: %s", bag.path, error)
+            index.refuse(error)
+    index.series = {name: series for name, series in every.items() if series.times}
+    _check_found(
+        bag, index, {*roles.values(), *(name for name in moving if bag.topics[name].count)}
+    )
+    for count, first in index.refused.values():
+        lost = "a message is" if count == 1 else f"{count} messages are"
+        logger.warning("%s: %s left out: %s", bag.path, lost, first)
     return index
+
+
+def _check_found(bag: Bag, index: BagIndex, used: Iterable[str]) -> None:
+    """Raise DataError if a topic in use has no message that can be decoded."""
+    for topic in sorted({*used} - index.series.keys()):
+        lost, first = index.refused.get(("undecodable", topic), (0, ""))
+        message = f"{bag.path}: {topic} has no messages"
+        if lost:
+            message = f"{bag.path}: none of the {lost} messages of {topic} can be decoded: {first}"
+        elif bag.topics[topic].count:
+            message += f", but its index lists {bag.topics[topic].count}: the bag is damaged"
+        raise DataError(message, code="undecodable" if lost else "no-messages", fields=(topic,))
 
 
 def _header(content: Any) -> Any:

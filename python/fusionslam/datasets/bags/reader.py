@@ -6,9 +6,10 @@ import functools
 import logging
 import os
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,10 @@ logger = logging.getLogger(__name__)
 _MAGIC = {b"#ROSBAG V": "rosbag1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "rosbag2"}
 _ABOUT = "metadata.yaml"
 _STORAGE = {".mcap": "mcap", ".db3": "rosbag2"}
+
+
+OnError = Callable[[str, int, DataError], None]
+"""Called with topic, time of arrival and error of a message whose bytes are not of its type."""
 
 
 @dataclass(frozen=True)
@@ -159,13 +164,26 @@ class Bag:
         *,
         start: int | None = None,
         stop: int | None = None,
+        on_error: OnError | None = None,
     ) -> Iterator[RawMessage]:
-        """Yield messages like ``events``, with their content left as stored."""
+        """Yield messages like ``events``, with their content left as stored.
+
+        Messages that cannot be decoded are passed to ``on_error``; without it they raise DataError.
+        """
         names = self._names(topics)
         # A separate reader: the bag may be iterated over several times at once.
         reader = self._open()
         try:
-            yield from self._messages(reader, names, start, stop)
+            for stored in self._messages(reader, names, start, stop):
+                try:
+                    with naming(self.path):
+                        raw = self._decode(*stored)
+                except DataError as error:
+                    if on_error is None:
+                        raise
+                    on_error(stored[0].topic, stored[1], error)
+                else:
+                    yield raw
         finally:
             reader.close()
 
@@ -178,12 +196,12 @@ class Bag:
         names = self._names([topic])
         with self._lock:
             found = self._messages(self._reader, names, time_ns, time_ns + 1)
-            raw = next((raw for k, raw in enumerate(found) if k == occurrence), None)
-        if raw is None:
+            stored = next(islice(found, occurrence, None), None)
+        if stored is None:
             message = f"{self.path}: {topic} has no message at {time_ns} ns"
             raise DataError(message, code="no-message", fields=(topic, str(time_ns)))
         with naming(self.path):
-            return raw.value()
+            return self._decode(*stored).value()
 
     def close(self) -> None:
         """Close the file; the bag cannot be read afterwards."""
@@ -214,27 +232,28 @@ class Bag:
 
     def _messages(
         self, reader: "Reader1 | Reader2", names: list[str], start: int | None, stop: int | None
-    ) -> Iterator[RawMessage]:
+    ) -> Iterator[tuple["Connection", int, bytes]]:
         connections: list[Any] = [each for each in reader.connections if each.topic in names]
         if not connections:
             return
         with _reading_bag(self.path):
             for connection, time_ns, data in reader.messages(connections, start, stop):
-                content = self._content(connection, int(time_ns), data)
-                yield RawMessage(
-                    connection.topic, plain_type(connection.msgtype), int(time_ns), content
-                )
+                yield connection, int(time_ns), data
 
-    def _content(self, connection: "Connection", time_ns: int, data: bytes) -> Any:
-        store = type_store(1 if self.kind == "rosbag1" else 2)
+    def _decode(self, connection: "Connection", time_ns: int, data: bytes) -> RawMessage:
+        """Decode a stored message. Raises DataError of code "undecodable" with its topic."""
+        store, topic = type_store(1 if self.kind == "rosbag1" else 2), connection.topic
         self._check_definition(connection)
         deserialize = store.deserialize_ros1 if self.kind == "rosbag1" else store.deserialize_cdr
+        type_name = plain_type(connection.msgtype)
         try:
-            return deserialize(data, connection.msgtype)
+            return RawMessage(topic, type_name, time_ns, deserialize(data, connection.msgtype))
         except Exception as error:
             raise DataError(
-                f"{self.path}: {connection.topic}, arrived at {time_ns} ns: {len(data)} bytes are "
-                f"no {plain_type(connection.msgtype)} ({_reason(error)})"
+                f"{topic}, arrived at {time_ns} ns: {len(data)} bytes are no {type_name} "
+                f"({_reason(error)})",
+                code="undecodable",
+                fields=(topic,),
             ) from error
 
     def _check_definition(self, connection: "Connection") -> None:
@@ -242,8 +261,10 @@ class Bag:
         name, digest = connection.msgtype, connection.digest
         if self.kind == "rosbag1" and digest not in ("*", _ros1_digest(name)):
             raise DataError(
-                f"{self.path}: {connection.topic} has {plain_type(name)} of another definition "
-                f"(MD5 {digest}) than ROS 1 (MD5 {_ros1_digest(name)})"
+                f"{connection.topic} has {plain_type(name)} of another definition "
+                f"(MD5 {digest}) than ROS 1 (MD5 {_ros1_digest(name)})",
+                code="undecodable",
+                fields=(connection.topic,),
             )
 
     def _topic(self, name: str) -> Topic:

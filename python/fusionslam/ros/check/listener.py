@@ -12,7 +12,7 @@ from typing import Any
 
 import rospy
 
-from fusionslam.datasets.bags.reader import Bag, RawMessage, Topic
+from fusionslam.datasets.bags.reader import Bag, OnError, RawMessage, Topic
 from fusionslam.errors import DataError
 from fusionslam.ros.check.master import read_graph
 from fusionslam.ros.messages.types import CLOUD, IMAGES, deserialize
@@ -79,8 +79,9 @@ class ObservedBag(Bag):
         *,
         start: int | None = None,
         stop: int | None = None,
+        on_error: OnError | None = None,
     ) -> Iterator[RawMessage]:
-        """As ``Bag.raw``."""
+        """As ``Bag.raw``; unreadable messages keep their header, so ``on_error`` is not called."""
         names = self._names(topics)
         for raw in self._received:
             is_early = start is not None and raw.time_ns < start
