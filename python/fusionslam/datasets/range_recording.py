@@ -10,7 +10,6 @@ both: ``<shapes>_range_mm`` (m), ``<shapes>_ray`` (m), indices into ``rays``, ``
 """
 
 import os
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -27,7 +26,7 @@ from fusionslam.geometry.se2 import transform_points
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.synchronizer import SyncConfig
-from fusionslam.storage.archive import load_arrays
+from fusionslam.storage.archive import array_names, load_arrays
 from fusionslam.storage.arrays import Floats
 
 KIND = "ranges"
@@ -154,21 +153,13 @@ class RangeRecording(CloudDataset):
 
 def is_recording(path: str | os.PathLike[str]) -> bool:
     """Whether a path is an ``.npz`` with this layout."""
-    return {"rays", "lidar_xyz", "stamps"} <= _names(path)
+    return {"rays", "lidar_xyz", "stamps"} <= array_names(path)
 
 
 def shapes_in(path: str | os.PathLike[str]) -> tuple[str, ...]:
     """Find which of ``SHAPES`` a range recording has, without reading its scans."""
-    names = _names(path)
+    names = array_names(path)
     return tuple(shapes for shapes in SHAPES if f"{shapes}_offsets" in names)
-
-
-def _names(path: str | os.PathLike[str]) -> set[str]:
-    """Names of the arrays of an ``.npz``; none for any other file."""
-    if Path(path).suffix.lower() != ".npz" or not zipfile.is_zipfile(path):
-        return set()
-    with zipfile.ZipFile(path) as archive:
-        return {name.removesuffix(".npy") for name in archive.namelist()}
 
 
 def open_recording(root: Path, request: Request) -> RangeRecording:

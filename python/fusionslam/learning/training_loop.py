@@ -18,10 +18,14 @@ from fusionslam.config import Section, flatten, option
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.learning.curves import Row, write_curves
 from fusionslam.learning.torch_extra import nn, torch
-from fusionslam.storage.files import atomic_path, reading
+from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.files import reading
 
-FORMAT = "fusionslam.training.1"
+FORMAT = "fusionslam.training.2"
 CHECKPOINT = "checkpoint.pt"
+"""An archive; the name is that of version 1, which torch wrote."""
+
+_NETWORK, _OPTIMISER = "network.", "optimiser."
 
 Progress = Callable[[int, int, Mapping[str, float]], None]
 
@@ -151,38 +155,53 @@ class _Run:
 
     def save(self, path: Path, rows: list[Row], seconds: list[float]) -> None:
         """Write the checkpoint atomically."""
-        state = {
-            "format": FORMAT,
+        optimiser = self.optimiser.state_dict()
+        about = {
             "about": self.about,
             "rows": rows,
             "seconds": seconds,
-            "network": self.task.network.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
+            "groups": optimiser["param_groups"],
         }
-        with atomic_path(path) as temporary:
-            torch.save(state, temporary)
+        tensors = {_NETWORK + name: t for name, t in self.task.network.state_dict().items()}
+        for number, values in optimiser["state"].items():
+            tensors |= {f"{_OPTIMISER}{number}.{name}": t for name, t in values.items()}
+        save_archive(path, FORMAT, about, {name: t.numpy() for name, t in tensors.items()})
 
     def resume(self, path: Path) -> tuple[list[Row], list[float]]:
         """Load a checkpoint, if there is one, and return its rows and seconds."""
         if not path.exists():
             return [], []
-        with reading(path, "a checkpoint of a training"):
-            state = torch.load(path, weights_only=True, map_location="cpu")
-            known = state["format"] == FORMAT
-        if not known or state["about"] != self.about:
+        expected = "a checkpoint of a training by this version; take another folder to begin anew"
+        with load_archive(path, FORMAT, expected) as (about, arrays):
+            difference = _difference(about["about"], self.about)
+        if difference:
             raise ConfigError(
-                f"{path} is of a training with other settings or data"
-                f"{_difference(str(state['about']), self.about)}; take another folder"
+                f"{path} is of a training with other settings or data: {difference}; take another "
+                "folder",
+                code="other-settings",
+                fields=[str(path)],
             )
-        self.task.network.load_state_dict(state["network"])
-        self.optimiser.load_state_dict(state["optimiser"])
-        return list(state["rows"]), list(state["seconds"])
+        with reading(path, expected):
+            tensors = {name: torch.from_numpy(rows) for name, rows in arrays.items()}
+            network = _select(tensors, _NETWORK)
+            state: dict[int, dict[str, torch.Tensor]] = {}
+            for name, tensor in _select(tensors, _OPTIMISER).items():
+                number, _, value = name.partition(".")
+                state.setdefault(int(number), {})[value] = tensor
+            self.task.network.load_state_dict(network)
+            self.optimiser.load_state_dict({"state": state, "param_groups": about["groups"]})
+            return list(about["rows"]), list(about["seconds"])
+
+
+def _select(tensors: Mapping[str, torch.Tensor], start: str) -> dict[str, torch.Tensor]:
+    """Tensors whose names begin with ``start``, by the rest of their names."""
+    return {k.removeprefix(start): tensor for k, tensor in tensors.items() if k.startswith(start)}
 
 
 def _difference(before: str, now: str) -> str:
-    """The first difference between two settings, as the end of a sentence."""
+    """The first difference between two settings; empty if there is none."""
     old, new = (flatten(json.loads(text)) for text in (before, now))
     for key in sorted(old.keys() | new.keys()):
         if old.get(key) != new.get(key):
-            return f": {key} is {old.get(key)!r} there and {new.get(key)!r} here"
+            return f"{key} is {old.get(key)!r} there and {new.get(key)!r} here"
     return ""

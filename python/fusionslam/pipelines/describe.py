@@ -31,7 +31,7 @@ from fusionslam.evaluation import DescriptorRun, EvaluationConfig
 from fusionslam.fusion import SENSORS_OF, FusionConfig, fuse
 from fusionslam.loop_closure.detector import LoopConfig
 from fusionslam.pipelines.recording import name_frame
-from fusionslam.storage.archive import load_arrays, save_arrays
+from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.machine import peak_memory
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
 
 logger = logging.getLogger(__name__)
+
+CHUNK_FORMAT = "fusionslam.described_frames.1"
 
 T = TypeVar("T")
 Arrays = Mapping[str, NDArray[Any]]
@@ -202,7 +204,7 @@ class _Work:
 
     def run(self, jobs: int) -> Iterator[int]:
         """Process the missing chunks; yield the number of frames in each chunk."""
-        missing = [chunk for chunk in self._chunks() if not self._chunk_path(chunk).exists()]
+        missing = [chunk for chunk in self._chunks() if not self._is_stored(chunk)]
         frames = (index for chunk in missing for index in chunk)
         with ordered_results(self._frame, frames, jobs) as described:
             for chunk in self._chunks():
@@ -226,6 +228,19 @@ class _Work:
 
     def _chunk_path(self, chunk: range) -> Path:
         return self.partial / f"{chunk.start:06d}.npz"
+
+    def _is_stored(self, chunk: range) -> bool:
+        """Whether the frames of a chunk are in its file; those of a damaged file are not."""
+        path = self._chunk_path(chunk)
+        if not path.exists():
+            return False
+        try:
+            arrays = _load_chunk(path)
+            frames = [*arrays["rows"].tolist(), *arrays["bad"].tolist()]
+        except (DataError, KeyError) as error:
+            logger.warning("%s is damaged, its frames are described again: %s", path, error)
+            return False
+        return sorted(frames) == list(chunk)
 
     def _delete_chunks(self) -> None:
         """Delete the chunks of these descriptors or some of them, whatever the settings."""
@@ -332,7 +347,16 @@ def _save_chunk(path: Path, frames: Sequence[_Described]) -> None:
             arrays[f"vectors.{name}"] = np.array([f.vectors[name] for f in good], np.float32)
         for stage in first.seconds:
             arrays[f"seconds.{stage}"] = np.array([f.seconds[stage] for f in good])
-    save_arrays(path, arrays)
+    save_archive(path, CHUNK_FORMAT, {}, arrays)
+
+
+def _load_chunk(path: Path) -> dict[str, NDArray[Any]]:
+    """Read what ``_save_chunk`` wrote. Raises DataError."""
+    with load_archive(path, CHUNK_FORMAT, "described frames; delete it and run again") as (
+        _,
+        arrays,
+    ):
+        return arrays
 
 
 def _join_chunks(paths: Sequence[Path]) -> Arrays:
@@ -341,10 +365,7 @@ def _join_chunks(paths: Sequence[Path]) -> Arrays:
     Raises:
         DataError: a chunk cannot be read; the message names it.
     """
-    chunks = []
-    for path in paths:
-        with load_arrays(path, "described frames; delete it and run again") as arrays:
-            chunks.append(arrays)
+    chunks = [_load_chunk(path) for path in paths]
     keys = dict.fromkeys(key for chunk in chunks for key in chunk)
     return {key: np.concatenate([c[key] for c in chunks if key in c]) for key in keys}
 

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
 from fusionslam.sensors.image_series import ImageSeries
-from fusionslam.storage.archive import load_arrays, save_arrays
+from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
+
+FORMAT = "fusionslam.template_views.1"
 
 # Other values of VisualTemplatesConfig do not change the view of an image.
 _OF_VIEWS = ("columns", "rows", "top", "bottom", "left", "right", "mean", "patch")
@@ -60,7 +62,7 @@ def template_views(
         return stored
     made = _make_views(images, config, jobs, progress)
     if path is not None:
-        save_arrays(path, {"views": made.views, "build_ms": np.array(made.build_ms)})
+        save_archive(path, FORMAT, {"build_ms": made.build_ms}, {"views": made.views})
     return made
 
 
@@ -93,8 +95,8 @@ def _load_views(
 ) -> TemplateViews | None:
     """Load cached views; return None if there are none, or for a file that is not ours."""
     try:
-        with load_arrays(path, "template views") as stored:
-            views, build_ms = stored["views"], float(stored["build_ms"])
+        with load_archive(path, FORMAT, "template views") as (about, stored):
+            views, build_ms = stored["views"], float(about["build_ms"])
     except DataError:
         return None
     fits = views.dtype == np.float32 and views.shape == (len(images), config.columns * config.rows)

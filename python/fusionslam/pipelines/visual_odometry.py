@@ -23,9 +23,11 @@ from fusionslam.ratslam.visual_odometry import (
 )
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import Odometry
-from fusionslam.storage.archive import load_arrays, save_arrays
+from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress, Step, label_progress
+
+FORMAT = "fusionslam.image_profiles.1"
 
 logger = logging.getLogger(__name__)
 
@@ -135,7 +137,8 @@ def _load_sights(
                 progress(len(sights), len(images))
     if path is not None and sights:
         turns, speeds = (np.stack([getattr(s, n) for s in sights]) for n in ("turn", "speed"))
-        save_arrays(path, {"shape": sights[0].shape, "turns": turns, "speeds": speeds})
+        about = {"shape": sights[0].shape}
+        save_archive(path, FORMAT, about, {"turns": turns, "speeds": speeds})
     return sights
 
 
@@ -149,8 +152,8 @@ def _cache_path(key: str, odometry: VisualOdometry) -> Path:
 def _read_cache(path: Path, count: int) -> list[Sight] | None:
     """Load cached sights; return None if there are none, or for a file that is not ours."""
     try:
-        with load_arrays(path, "profiles of images") as stored:
-            (height, width), turns, speeds = stored["shape"], stored["turns"], stored["speeds"]
+        with load_archive(path, FORMAT, "profiles of images") as (about, stored):
+            (height, width), turns, speeds = about["shape"], stored["turns"], stored["speeds"]
     except DataError:
         return None
     if not turns.shape == speeds.shape == (count, width) or turns.dtype != np.float64:

@@ -3,10 +3,15 @@
 """Stores arrays in a ``.npz`` or plain values in JSON, with the name of their format.
 
 An archive is a ``.npz`` that holds, beside its arrays, the text ``about``: JSON with the format's
-name and version and metadata of the arrays. Files are written atomically.
+name and version, metadata of the arrays and the digests (SHA-256) of the arrays and of itself.
+JSON files have a digest, too. A file that was changed after it was written is refused; one of an
+earlier version, without digests, is read. Files are written atomically.
 """
 
+import hashlib
+import io
 import json
+import math
 import os
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -21,6 +26,16 @@ from fusionslam.errors import DataError
 from fusionslam.storage.files import PathLike, atomic_path, reading
 
 ABOUT = "about"
+DIGEST = "digest"
+"""Key of the digest of all other values."""
+MOST_EXPANDED = 256 << 20
+"""Bytes to which a file may expand in memory, or ``EXPANSION`` times its size if that is more."""
+EXPANSION = 100
+
+_ARRAY_DIGESTS = "array_digests"
+_LONGEST_HEADER = 1 << 16  # of an array of numpy's first format
+_BLOCK = 1 << 20
+_SUFFIX = ".npy"
 
 
 def save_archive(
@@ -43,8 +58,11 @@ def save_archive(
     Raises:
         DataError: the file cannot be written.
     """
-    text = np.array(json.dumps({"format": format, **about}))
-    save_arrays(target, {ABOUT: text, **arrays}, compress=compress)
+    present = {name: np.asarray(rows) for name, rows in arrays.items() if rows is not None}
+    digests = {name: _digest_array(rows) for name, rows in present.items()}
+    sealed = _seal({"format": format, **about, _ARRAY_DIGESTS: digests})
+    text = np.array(json.dumps(sealed))
+    save_arrays(target, {ABOUT: text, **present}, compress=compress)
 
 
 @contextmanager
@@ -70,6 +88,9 @@ def load_archive(
     with load_arrays(source, expected) as arrays:
         about = json.loads(str(arrays.pop(ABOUT)))
         _check_format(about, format)
+        if _check_seal(about):
+            _check_arrays(arrays, about.pop(_ARRAY_DIGESTS))
+        del about["format"]
         yield about, arrays
 
 
@@ -91,22 +112,29 @@ def load_arrays(source: PathLike | BinaryIO, expected: str) -> Iterator[dict[str
     """Read a ``.npz`` of arrays without metadata; otherwise like ``load_archive``."""
     path = source if isinstance(source, str | os.PathLike) else None
     with reading(path, expected):
-        with _open(source) as stream:
-            if not zipfile.is_zipfile(stream):  # numpy would report a pickle
-                raise ValueError("it is no .npz, or it is cut short")
-            stream.seek(0)
-            with np.load(stream, allow_pickle=False) as stored:
-                arrays = {name: stored[name] for name in stored.files}
+        with _members(source) as members:
+            arrays = {name: member.read() for name, member in members.items()}
         yield arrays
 
 
 def format_of(path: PathLike) -> str | None:
     """Format named in an archive; None if the file is not a readable archive."""
     try:
-        with reading(path, "an archive"), np.load(path, allow_pickle=False) as stored:
-            return str(json.loads(str(stored[ABOUT]))["format"])
+        with reading(path, "an archive"), _members(path) as members:
+            return str(json.loads(str(members[ABOUT].read()))["format"])
     except DataError:
         return None
+
+
+def array_names(path: PathLike) -> set[str]:
+    """Names of the arrays of a ``.npz``; none for any other file."""
+    if Path(path).suffix.lower() != ".npz":
+        return set()
+    try:
+        with reading(path, "a .npz"), zipfile.ZipFile(path) as archive:
+            return {name.removesuffix(_SUFFIX) for name in archive.namelist()}
+    except DataError:
+        return set()
 
 
 def save_json(
@@ -120,7 +148,7 @@ def save_json(
     """
     named = content if format is None else {"format": format, **content}
     with atomic_path(path) as temporary:
-        text = json.dumps(named, indent=indent, allow_nan=False)
+        text = json.dumps(_seal(named), indent=indent, allow_nan=False)
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
@@ -136,16 +164,127 @@ def load_json(path: PathLike, format: str | None, expected: str) -> Iterator[dic
             raise ValueError(f"it holds a {type(content).__name__}")
         if format is not None:
             _check_format(content, format)
+        _check_seal(content)
+        if format is not None:
+            del content["format"]
         yield content
+
+
+class _Member:
+    """One array of a ``.npz``."""
+
+    def __init__(self, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> None:
+        self._archive, self._info = archive, info
+
+    def read(self) -> NDArray[Any]:
+        """Read the array. Raises ValueError unless it is one array and nothing else."""
+        data = self._bytes()
+        start = io.BytesIO(bytes(memoryview(data)[:_LONGEST_HEADER]))
+        if np.lib.format.read_magic(start) != (1, 0):
+            raise ValueError(f"{self._info.filename} is of another version of numpy's format")
+        shape, fortran_order, dtype = np.lib.format.read_array_header_1_0(start)
+        if dtype.hasobject:
+            raise ValueError(f"{self._info.filename} holds Python objects")
+        expected = start.tell() + dtype.itemsize * math.prod(shape)
+        if len(data) != expected:
+            raise ValueError(
+                f"{self._info.filename} has {len(data)} bytes, its header says {expected}"
+            )
+        rows: NDArray[Any] = np.ndarray(
+            shape, dtype, data, start.tell(), order="F" if fortran_order else "C"
+        )
+        return rows if rows.flags.aligned else rows.copy()
+
+    def _bytes(self) -> bytearray:
+        """All bytes: the archive's check sum is compared at their end only."""
+        data = bytearray(self._info.file_size)
+        filled = 0
+        with self._archive.open(self._info) as stream:
+            while block := stream.read(_BLOCK):
+                data[filled : filled + len(block)] = block
+                filled += len(block)
+        if filled != self._info.file_size:
+            raise ValueError(f"{self._info.filename} is cut short")
+        return data
+
+
+@contextmanager
+def _members(source: PathLike | BinaryIO) -> Iterator[dict[str, _Member]]:
+    """Open a ``.npz``; yield its arrays by name.
+
+    Raises:
+        ValueError: it is none, or its members claim more bytes than they can have.
+    """
+    with _open(source) as stream:
+        if not zipfile.is_zipfile(stream):
+            raise ValueError("it is no .npz, or it is cut short")
+        size = stream.seek(0, os.SEEK_END)
+        with zipfile.ZipFile(stream) as archive:
+            infos = archive.infolist()
+            _check_sizes(infos, size)
+            yield {info.filename.removesuffix(_SUFFIX): _Member(archive, info) for info in infos}
+
+
+def _check_sizes(infos: list[zipfile.ZipInfo], size: int) -> None:
+    """Refuse members that are no arrays, overlap, or expand beyond the limit."""
+    names = {info.filename for info in infos}
+    if len(names) != len(infos) or not all(name.endswith(_SUFFIX) for name in names):
+        raise ValueError("its members are not arrays of different names")
+    if sum(info.compress_size for info in infos) > size:
+        raise ValueError("its members overlap")
+    expanded, most = sum(info.file_size for info in infos), max(MOST_EXPANDED, EXPANSION * size)
+    if expanded > most:
+        raise ValueError(f"it expands to {expanded} bytes, expected at most {most}")
 
 
 def _open(source: PathLike | BinaryIO) -> AbstractContextManager[BinaryIO]:
     return Path(source).open("rb") if isinstance(source, str | os.PathLike) else nullcontext(source)
 
 
+def _digest_array(rows: NDArray[Any]) -> str:
+    """Digest of the type, the shape and all numbers of an array."""
+    found = hashlib.sha256(f"{rows.dtype.str} {rows.shape}".encode())
+    found.update(np.ascontiguousarray(rows).reshape(-1).view(np.uint8).data)
+    return found.hexdigest()
+
+
+def _digest_values(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+
+
+def _seal(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Add the digest of all values to them."""
+    return {**content, DIGEST: _digest_values(content)}
+
+
+def _check_seal(content: dict[str, Any]) -> bool:
+    """Remove the digest. Returns whether there was one; raises DataError if it does not fit."""
+    stored = content.pop(DIGEST, None)
+    if stored is None:
+        return False
+    if stored != _digest_values(content):
+        raise DataError(
+            f"was changed after it was written: its content does not fit its {DIGEST} (remove that "
+            "entry if the change was intended)",
+            code="wrong-digest",
+        )
+    return True
+
+
+def _check_arrays(arrays: Mapping[str, NDArray[Any]], digests: Mapping[str, str]) -> None:
+    """Raise DataError unless these are the arrays of which the digests were made."""
+    for name in sorted(arrays.keys() | digests.keys()):
+        if name not in arrays or digests.get(name) != _digest_array(arrays[name]):
+            raise DataError(
+                f"was changed after it was written: array {name} does not fit its digest",
+                code="wrong-digest",
+                fields=[name],
+            )
+
+
 def _check_format(about: dict[str, Any], expected: str) -> None:
-    """Remove the format from the metadata. Raises DataError unless it is the expected one."""
-    found = about.pop("format", None)
+    """Raise DataError unless the format is the expected one."""
+    found = about.get("format")
     if found != expected:
         message = f"is of format {found}, expected {expected}"
         raise DataError(message, code="format", fields=(str(found), expected))

@@ -26,6 +26,7 @@ from fusionslam import (
     describe,
 )
 from refusals import refuses
+from stored import change_json
 
 SECOND = 1_000_000_000
 PLACES = 12
@@ -225,8 +226,7 @@ def test_an_output_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
 
 
 def change_about(folder: Path, **changes: Any) -> None:
-    path = folder / "detector.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    change_json(folder / "detector.json", **changes)
 
 
 def test_a_folder_that_is_no_detector_is_refused(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipelines.describe import CHUNK, load_runs, run_path
 from fusionslam.storage.parallel import in_order
 from kitti import write_sequence
+from stored import change_archive
 
 FRAMES = CHUNK + 4
 LARGEST = FRAMES - 1
@@ -171,13 +172,27 @@ def test_a_frame_that_cannot_be_read_is_named(recording: Path, tmp_path: Path) -
         describe_dataset(open_dataset(recording), ["m2dp"], tmp_path / "out")
 
 
-def test_a_damaged_remainder_is_named(recording: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("damage", ["cut", "encrypted", "other frames", "of a former version"])
+def test_frames_of_a_damaged_file_are_described_again(
+    recording: Path, tmp_path: Path, damage: str, caplog: pytest.LogCaptureFixture
+) -> None:
     dataset, out = open_dataset(recording), tmp_path / "out"
+    whole = describe_dataset(dataset, ("m2dp", "cm2dp"), tmp_path / "whole")
     interrupted(dataset, out, 1)
     (chunk,) = out.glob(".partial-*/000000.npz")
-    chunk.write_bytes(chunk.read_bytes()[: chunk.stat().st_size // 2])
-    with pytest.raises(DataError, match=r"000000\.npz"):
-        describe_dataset(dataset, ("m2dp", "cm2dp"), out)
+    content = bytearray(chunk.read_bytes())
+    if damage == "cut":
+        chunk.write_bytes(content[: len(content) // 2])
+    elif damage == "encrypted":
+        content[content.index(b"PK\x01\x02") + 8] |= 1
+        chunk.write_bytes(content)
+    elif damage == "other frames":
+        change_archive(chunk, lambda _, arrays: arrays.update(rows=arrays["rows"] + 1))
+    else:
+        with np.load(chunk) as stored:
+            np.savez(chunk, **{name: stored[name] for name in stored.files if name != "about"})
+    assert_same_vectors(whole, describe_dataset(dataset, ("m2dp", "cm2dp"), out))
+    assert ("000000.npz" in caplog.text) == (damage != "other frames")
 
 
 def test_an_output_folder_that_cannot_be_written_is_named(recording: Path, tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from fusionslam.ratslam.slam import Memory
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from scenes import LAPS, place
+from stored import change_archive
 
 PRESETS = ("robust", "openratslam")
 
@@ -136,16 +137,6 @@ def test_a_file_that_is_missing_or_no_archive_is_named(tmp_path: Path) -> None:
             RatSlam.load(tmp_path / name)
 
 
-def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None]) -> None:
-    """The file with its arrays and what it says about itself changed."""
-    with np.load(path) as stored:
-        arrays = {name: stored[name] for name in stored.files}
-    about = json.loads(str(arrays["about"]))
-    change(about, arrays)
-    arrays["about"] = np.array(json.dumps(about))
-    np.savez(path, **arrays)
-
-
 def without_cells(_: dict[str, Any], arrays: dict[str, Any]) -> None:
     del arrays[next(name for name in arrays if name.startswith("cells."))]
 
@@ -166,7 +157,7 @@ CHANGES: dict[str, Callable[[dict[str, Any], dict[str, Any]], Any]] = {
 
 @pytest.mark.parametrize("change", CHANGES)
 def test_files_of_something_else_are_refused(saved: Path, change: str) -> None:
-    rewrite(saved, CHANGES[change])
+    change_archive(saved, CHANGES[change])
     with pytest.raises(DataError, match=r"state\.npz"):
         RatSlam.load(saved)
 

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Views online: ids, what is stored, what is forgotten, and going on from a file."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from fusionslam.views.recognisers import (
 from fusionslam.views.scenes import build_scene
 from refusals import refuses
 from scenes import LAPS, NOTHING, drive, place
+from stored import change_archive
 
 SCENES = {"method": "objects"}
 DESCRIPTOR = {"method": "cm2dp", "max_distance": 0.24}
@@ -228,29 +228,20 @@ def test_a_file_that_is_cut_foreign_or_missing_is_refused(tmp_path: Path) -> Non
         ViewMatcher.load(tmp_path / "none")
 
 
-def rewrite(path: Path, about: dict[str, Any] | None = None, **arrays: Any) -> None:
-    with np.load(path) as stored:
-        content = {name: stored[name] for name in stored.files}
-    if about is not None:
-        content["about"] = np.array(json.dumps(json.loads(str(content["about"])) | about))
-    with path.open("wb") as stream:
-        np.savez(stream, **(content | arrays))
-
-
 def test_a_file_of_another_version_or_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     path = save_matcher(tmp_path / "views")
-    rewrite(path, slots=np.zeros((2, 3), np.int64))
+    change_archive(path, slots=np.zeros((2, 3), np.int64))
     with pytest.raises(DataError, match=r"\(2, 3\)"):
         ViewMatcher.load(path)
     save_matcher(path)
-    rewrite(path, {"comparison": "cm2dp"})
+    change_archive(path, lambda about, _: about.update({"comparison": "cm2dp"}))
     with refuses("other-kind", "cm2dp", "alignment"):
         ViewMatcher.load(path)
     save_matcher(path)
-    rewrite(path, {"format": "fusionslam.view_matcher.0"})
+    change_archive(path, lambda about, _: about.update({"format": "fusionslam.view_matcher.0"}))
     with pytest.raises(DataError, match=r"view_matcher\.0.*view_matcher\.1"):
         ViewMatcher.load(path)
     save_matcher(path)
-    rewrite(path, {"views": {"threshold": 3.0}})
+    change_archive(path, lambda about, _: about.update({"views": {"threshold": 3.0}}))
     with pytest.raises(DataError, match="threshold"):
         ViewMatcher.load(path)

@@ -4,8 +4,8 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
 
 from cli import fails, succeeds
@@ -21,6 +21,7 @@ from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import RECOGNISERS, RENAMED, Recogniser, ViewMatcherConfig
 from recordings import write_drive
 from scenes import place
+from stored import change_archive
 
 
 class HeightComparison(DescriptorComparison):
@@ -108,12 +109,12 @@ def test_views_that_a_former_version_stored_are_loaded(
     matcher = ViewMatcher(ViewMatcherConfig(method=method))
     matcher.process(place(0))
     matcher.save(tmp_path / "new.npz")
-    with np.load(tmp_path / "new.npz") as stored:
-        arrays = dict(stored)
-    about = json.loads(str(arrays.pop("about")))
-    about["views"] |= {"method": former, "descriptor": "shot"}
-    about["comparison"] = kind
-    np.savez(tmp_path / "old.npz", about=np.array(json.dumps(about)), **arrays)
-    loaded = ViewMatcher.load(tmp_path / "old.npz")
+
+    def rename(about: dict[str, Any], _: object) -> None:
+        about["views"] |= {"method": former, "descriptor": "shot"}
+        about["comparison"] = kind
+
+    change_archive(tmp_path / "new.npz", rename)
+    loaded = ViewMatcher.load(tmp_path / "new.npz")
     assert loaded.config.method == method
     assert loaded.process(place(0)).id == 0

@@ -22,6 +22,7 @@ from fusionslam.views.second_stage.network_files import SHIPPED
 from fusionslam.views.two_stage_comparison import TwoStageComparison
 from refusals import refuses
 from scenes import LAPS, NOTHING, drive, place
+from stored import change_archive
 
 pytest.importorskip("onnxruntime")
 ALL_ALIKE: dict[str, Any] = {"method": "objects", "threshold": 0.0}
@@ -92,15 +93,12 @@ def test_features_of_another_network_are_refused_when_loaded(tmp_path: Path) -> 
     one = ViewMatcher(config(**OURS))
     one.process(place(0))
     one.save(tmp_path / "views")
-    with np.load(tmp_path / "views") as stored:
-        content = {name: stored[name] for name in stored.files}
     for features, message in (
         (np.zeros((1, 7), np.float32), r"\(256,\)"),
         (np.zeros((2, 256), np.float32), "2 .* 1 "),
         (np.full((1, 256), np.nan, np.float32), "not finite"),
     ):
-        with (tmp_path / "views").open("wb") as stream:
-            np.savez(stream, **{**content, "state.features": features})
+        change_archive(tmp_path / "views", **{"state.features": features})
         with pytest.raises(DataError, match=message):
             ViewMatcher.load(tmp_path / "views")
 

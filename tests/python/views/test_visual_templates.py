@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Visual templates against the original's run, a naive version, and pictures made on purpose."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import pytest
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.views.visual_templates import TemplateMatch, VisualTemplates
 from refusals import refuses
+from stored import change_archive
 
 SMALL = {"columns": 12, "rows": 4, "bottom": None, "shift": 2}
 
@@ -274,12 +274,13 @@ def test_files_of_another_version_or_with_values_that_do_not_fit_are_refused(
     templates = VisualTemplates(**SMALL)
     templates.process(picture(1))
     templates.save(path)
-    with np.load(path) as content:
-        about, stored = json.loads(content["about"].item()), content["templates"]
-    np.savez(path, about=np.array(json.dumps(about | change)), templates=stored)
+    change_archive(path, lambda about, _: about.update(change))
     with pytest.raises(DataError, match=message):
         VisualTemplates.load(path)
-    np.savez(path, about=np.array(json.dumps(about)), templates=stored * np.float32(np.nan))
+    templates.save(path)
+    with np.load(path) as content:
+        stored = content["templates"]
+    change_archive(path, templates=stored * np.float32(np.nan))
     with refuses("not-finite"):
         VisualTemplates.load(path)
 
