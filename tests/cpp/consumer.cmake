@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
 # Installs the built tree, builds the example against it as a stranger would, and runs it.
-# In: build, config, example, work, write_clouds, generator, compiler, flags.
+# In: build, source, config, example, work, write_clouds, generator, compiler, flags.
 cmake_minimum_required(VERSION 3.25)
 
 function(run)
@@ -25,6 +25,23 @@ function(check_headers folder)
   endforeach()
 endfunction()
 
+# The page for C++ names every installed header, and fusionslam.hpp includes all but pcl.hpp.
+function(check_header_lists folder page)
+  file(GLOB_RECURSE headers RELATIVE ${folder} ${folder}/*.hpp)
+  file(READ ${page} listed)
+  file(READ ${folder}/fusionslam.hpp included)
+  foreach(header IN LISTS headers)
+    string(FIND "${listed}" "`${header}`" on_page)
+    string(FIND "${included}" "fusionslam/${header}" in_header)
+    if(on_page EQUAL -1)
+      message(FATAL_ERROR "${page} does not name ${header}")
+    endif()
+    if(in_header EQUAL -1 AND NOT header MATCHES "^(pcl|fusionslam)\\.hpp$")
+      message(FATAL_ERROR "fusionslam.hpp does not include ${header}")
+    endif()
+  endforeach()
+endfunction()
+
 function(check_cache file)
   file(STRINGS ${file} found REGEX "^(PCL_DIR|OpenCV_DIR|Eigen3_DIR|CMAKE_C_COMPILER):")
   if(found)
@@ -34,6 +51,7 @@ endfunction()
 
 function(expect_failure words)
   execute_process(COMMAND ${ARGN} RESULT_VARIABLE code OUTPUT_QUIET ERROR_VARIABLE text)
+  string(REGEX REPLACE "[ \n]+" " " text "${text}")
   if(code EQUAL 0 OR NOT text MATCHES "${words}")
     message(FATAL_ERROR "${ARGN}: expected a failure that says '${words}', got ${code}:\n${text}")
   endif()
@@ -43,6 +61,12 @@ file(REMOVE_RECURSE ${work})
 file(MAKE_DIRECTORY ${work}/clouds)
 run(${CMAKE_COMMAND} --install ${build} --prefix ${work}/prefix --config "${config}")
 check_headers(${work}/prefix/include)
+check_header_lists(${work}/prefix/include/fusionslam ${source}/docs/reference/cpp.md)
+foreach(file LICENSE third_party_notes.md)
+  if(NOT EXISTS ${work}/prefix/share/doc/fusionslam/${file})
+    message(FATAL_ERROR "${file} was not installed")
+  endif()
+endforeach()
 
 run(${CMAKE_COMMAND} -S ${example} -B ${work}/build -G ${generator}
     -D CMAKE_PREFIX_PATH=${work}/prefix -D CMAKE_CXX_COMPILER=${compiler}
@@ -61,3 +85,44 @@ endif()
 expect_failure("missing\\.bin" ${program} ${work}/missing.bin)
 file(WRITE ${work}/clouds/cut.bin "17 bytes, not 16.")
 expect_failure("cut\\.bin.*multiple of 16" ${program} ${work}/clouds/cut.bin)
+
+# By components: an unknown one is refused, and pcl brings what programs with pcl.hpp need, in a
+# project without the language C.
+set(find_with -G ${generator} -D CMAKE_PREFIX_PATH=${work}/prefix -D CMAKE_CXX_COMPILER=${compiler}
+    "-DCMAKE_CXX_FLAGS=${flags}" "-DCMAKE_BUILD_TYPE=${config}" -S ${work}/components)
+file(WRITE ${work}/components/main.cpp [[
+#include <fusionslam/pcl.hpp>
+int main() { return static_cast<int>(fusionslam::points_view(pcl::PointCloud<pcl::PointXYZ>()).size); }
+]])
+file(WRITE ${work}/components/CMakeLists.txt [[
+cmake_minimum_required(VERSION 3.16)
+project(components LANGUAGES CXX)
+find_package(fusionslam REQUIRED COMPONENTS core ${wanted})
+add_executable(components main.cpp)
+target_link_libraries(components PRIVATE fusionslam::pcl)
+]])
+expect_failure("no component cuda, expected core or pcl" ${CMAKE_COMMAND} ${find_with}
+               -D wanted=cuda -B ${work}/build-cuda)
+expect_failure("needs PCL" ${CMAKE_COMMAND} ${find_with} -D wanted=pcl
+               -D CMAKE_DISABLE_FIND_PACKAGE_PCL=ON -B ${work}/build-without-pcl)
+run(${CMAKE_COMMAND} ${find_with} -D wanted=pcl -B ${work}/build-pcl)
+run(${CMAKE_COMMAND} --build ${work}/build-pcl --config "${config}")
+file(GLOB_RECURSE program ${work}/build-pcl/components)
+run(${program})
+
+# By pkg-config, which knows no CMake.
+find_program(pkg_config NAMES pkg-config pkgconf)
+if(pkg_config)
+  file(GLOB_RECURSE pc ${work}/prefix/fusionslam.pc)
+  run(${pkg_config} --cflags --libs ${pc})
+  string(STRIP "${output}" options)
+  separate_arguments(options UNIX_COMMAND "${flags} ${options}")
+  file(GLOB library ${work}/prefix/lib*/libfusionslam.so ${work}/prefix/lib/*/libfusionslam.so)
+  get_filename_component(library_folder ${library} DIRECTORY)
+  run(${compiler} -std=c++20 ${example}/describe_and_match.cpp -o ${work}/by_pkg_config ${options}
+      -Wl,-rpath,${library_folder})
+  run(${work}/by_pkg_config ${clouds})
+  if(NOT output MATCHES "2\\.bin is nearest to [^\n]*0\\.bin")
+    message(FATAL_ERROR "built by pkg-config, the program says:\n${output}")
+  endif()
+endif()
