@@ -5,6 +5,7 @@
 import io
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,19 @@ def test_the_figures_are_those_of_the_judge(written: tuple[Path, Page]) -> None:
     rows = re.findall(r"<tr><th scope=\"row\">(.*?)</th>(.*?)</tr>", table, flags=re.DOTALL)
     assert [label for label, _ in rows] == ["dead reckoning: perfect", "given", "eyes"]
     assert f">{wrong.nodes.rmse_m:.3f}<" in rows[2][1]
+
+
+def test_names_of_pictures_are_short_and_differ_where_runs_differ(tmp_path: Path) -> None:
+    odometry = "truth with errors: scale 1.02, rotation scale 1.01, seed"
+    runs = [replace(drifting_run(), odometry=f"{odometry} {seed}") for seed in (1, 2)]
+    page = read_page(write_ratslam_report(tmp_path, runs))
+    names = [path.name for path in tmp_path.glob("*.png")]
+    assert all(len(name) < 70 for name in names)
+    assert len([name for name in names if name.startswith("ratslam_map_")]) == 2
+    assert f"{odometry} 2" in page.text
+    # The same runs have the same names again.
+    write_ratslam_report(tmp_path, runs)
+    assert sorted(path.name for path in tmp_path.glob("*.png")) == sorted(names)
 
 
 def test_every_picture_of_the_page_lies_beside_it(written: tuple[Path, Page]) -> None:

@@ -26,7 +26,7 @@ from fusionslam.report.maps.tables import (
     refused_table,
 )
 from fusionslam.report.maps.times import cost_table, draw_step_times
-from fusionslam.report.page.html import file_name
+from fusionslam.report.page.html import file_name, picture_name
 from fusionslam.report.page.images import Picture, keep
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def drive_part(folder: Path, id: str, name: str, judged: Judged) -> dict[str, An
 
 
 def run_file_name(run: RatSlamRun) -> str:
-    """Return the name, without suffix, of the file that stores a run, and of its pictures."""
+    """Return the name, without suffix, of the file that stores a run."""
     return file_name(run.name, run.views, run.odometry, run.preset)
 
 
@@ -113,7 +113,7 @@ def _draw_maps(folder: Path, name: str, labels: list[str], scenes: list[Scene]) 
         "The maps at one scale, each turned and shifted onto the truth as well as it can be, not "
         "stretched. Marks are the ends of loops."
     )
-    return keep(folder, f"ratslam_maps_{file_name(name)}", figure, caption)
+    return keep(folder, f"ratslam_maps_{picture_name(name)}", figure, caption)
 
 
 def _run_part(folder: Path, label: str, scene: Scene) -> dict[str, Any]:
@@ -178,7 +178,7 @@ def _draw_pictures(folder: Path, scene: Scene) -> list[Picture]:
         "way": (_draw_way_home(scene), _WAY),
         "times": (draw_step_times(run), _TIMES),
     }
-    name = run_file_name(run)
+    name = picture_name(run.name, run.views, run.odometry, run.preset)
     kept = [keep(folder, f"ratslam_{kind}_{name}", *shown) for kind, shown in drawn.items()]
     return [picture for picture in kept if picture is not None]
 

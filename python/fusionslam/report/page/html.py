@@ -3,6 +3,7 @@
 """The HTML frame of every report: templates, file names, and the origin of the data."""
 
 import csv
+import hashlib
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
@@ -22,6 +23,18 @@ T = TypeVar("T")
 def file_name(*parts: str) -> str:
     """Make a file name from names given by users."""
     return "_".join(re.sub(r"[^\w.-]+", "-", part).strip("-") or "x" for part in parts)
+
+
+def picture_name(*parts: str) -> str:
+    """As ``file_name``, but short: long parts are cut, and a digest tells them apart."""
+    return "_".join(_shorten(file_name(part)) for part in parts)
+
+
+def _shorten(name: str, most: int = 20) -> str:
+    if len(name) <= most:
+        return name
+    digest = hashlib.sha256(name.encode()).hexdigest()[:4]
+    return f"{name[: most - 5].rstrip('-._')}-{digest}"
 
 
 def check_extra() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from fusionslam.evaluation import ViewReport, ViewRun, rerun_descriptors
 from fusionslam.evaluation.views.report import percent
-from fusionslam.report.page.html import file_name
+from fusionslam.report.page.html import file_name, picture_name
 from fusionslam.report.page.images import Picture, keep, keep_photo
 from fusionslam.report.views.exports import scrub_data
 from fusionslam.report.views.plots import (
@@ -45,8 +45,8 @@ def world_part(
         A drive as ``views.html.j2`` shows it; pictures that would be empty are None.
     """
     runs, reports = [run for run, _ in judged], [report for _, report in judged]
-    name = file_name(world)
-    previews = previews_of(runs, reports, stored / f"{name}.previews", missed)
+    name = picture_name(world)
+    previews = previews_of(runs, reports, stored / f"{file_name(world)}.previews", missed)
     return {
         "name": world,
         "id": id,
@@ -132,7 +132,7 @@ def _draw_path(folder: Path, run: ViewRun, report: ViewReport) -> Picture | None
         "Grey: the path. Green: matches with old views that are right. Red: wrong ones; their "
         "lines lead to the views they were taken for. Orange: revisits that were missed."
     )
-    name = f"views_path_{file_name(run.world, run.method)}"
+    name = f"views_path_{picture_name(run.world, run.method)}"
     return keep(folder, name, draw_path(run, report), caption)
 
 
@@ -152,7 +152,7 @@ def _draw_pairs(
             f"Scan {run.numbers[row]} was taken for scan {run.numbers[matched]}: "
             f"{report.distances[row]:.2f} m and {report.angles[row]:.0f}° apart."
         )
-        name = f"views_false_{file_name(run.world, run.method)}_{run.numbers[row]}"
+        name = f"views_false_{picture_name(run.world, run.method)}_{run.numbers[row]}"
         pictures.append(keep_photo(folder, name, side_by_side(left, right), caption))
     return pictures
 
