@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import progress
+from fusionslam.cli.console import print_table, progress
 from fusionslam.cli.failures import Guarded, keep, needs_extra
 
 app = typer.Typer(cls=Guarded, add_completion=False, subcommand_metavar="", rich_markup_mode=None)
@@ -76,7 +76,16 @@ def reproduce(
     command = shlex.join(["python", "-m", "benchmarks.theses", *sys.argv[1:]])
     with progress() as step:
         page = run(config, output, jobs=opt.cores(jobs), command=command, step=step)
+    _print_conclusions(output / "reproduce.json")
     print(page)
+
+
+def _print_conclusions(path: Path) -> None:
+    """Print each conclusion of the theses and whether it was met."""
+    import json
+
+    claims = json.loads(path.read_text(encoding="utf-8"))["claims"]
+    print_table(["conclusion", "here"], [[each["text"], each["verdict"]] for each in claims])
 
 
 def _names(text: str | None) -> tuple[str, ...] | None:

@@ -26,11 +26,12 @@ def compare(
     *,
     skip_bad_frames: opt.SkipBad = False,
     jobs: opt.Jobs = None,
+    no_report: bool = False,
     demo: bool = False,
 ) -> None:
-    """Compare descriptors, write the report and print its tables."""
+    """Compare descriptors, write the report, or only its figures, and print its tables."""
     from fusionslam.pipelines.compare_descriptors import benchmark
-    from fusionslam.report.loops.stored import write_stored_report
+    from fusionslam.report.loops.stored import write_stored_metrics, write_stored_report
 
     first = next(iter(configs.values()))
     opt.warn_of_windows(first)
@@ -47,9 +48,12 @@ def compare(
             step=step,
             demo=demo,
         )
-        step("writing the report", 0, 1)
-        page = write_stored_report(output, evaluations, protocol=protocol)
-        step("writing the report", 1, 1)
+        if no_report:
+            page = write_stored_metrics(output, evaluations, command=opt.command_line())
+        else:
+            step("writing the report", 0, 1)
+            page = write_stored_report(output, evaluations, protocol=protocol)
+            step("writing the report", 1, 1)
     print_summary(evaluations, protocol)
     print(page)
 
@@ -66,16 +70,19 @@ def bench(
     build_recording: "Callable[[], Recording]",
     pipeline_config: "Callable[[], PipelineConfig]",
     compare: Callable[..., None],
+    no_report: opt.NoReport = False,
 ) -> None:
     """Compare descriptors on DATA: accuracy, time, memory.
 
     Every source of clouds that the data allow is compared.
     """
-    needs_extra("report")
+    if not no_report:
+        needs_extra("report", unless="--no-report")
     names = opt.parse_names(descriptors)
     chosen = pipeline_config()
     recording = build_recording()
     given = source is not None or "source" in chosen.fusion.model_fields_set
     sources = (opt.choose_source(source, chosen, recording),) if given else recording.sources()
     keep(ctx, output)
-    compare(recording, output, names, dict.fromkeys(sources, chosen))
+    configs = dict.fromkeys(sources, chosen)
+    compare(recording, output, names, configs, no_report=no_report)

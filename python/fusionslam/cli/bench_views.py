@@ -51,6 +51,7 @@ def bench_views(
         opt.one_of("--shapes", names=opt.SHAPES, help="Shapes that rays hit, if DATA has both."),
     ] = "collision",
     jobs: opt.Jobs = None,
+    no_report: opt.NoReport = False,
 ) -> None:
     """Compare recognisers of places on DATA: accuracy, loops, bytes, time.
 
@@ -72,7 +73,8 @@ def bench_views(
         find_method(name, "--methods")
     # Accuracy alone says little, so every table includes the baselines without a sensor.
     wanted += [name for name in BASELINES if name not in wanted]
-    needs_extra("report")
+    if not no_report:
+        needs_extra("report", unless="--no-report")
     recordings = [build_recording(Path(path)) for path in data or default_data()]
     keep_parts(ctx, output)
     ranges = merged(RecordingConfig(), {"shapes": shapes})
@@ -83,7 +85,7 @@ def bench_views(
         ]
         frames = list(FRAMES) if frame == "all" else [name for name in FRAMES if name == frame]
         results = bench(drives, wanted, frames=frames, jobs=opt.cores(jobs), step=step)
-        pages = write(output, drives, results, step)
+        pages = write(output, drives, results, step, no_report=no_report)
     show(drives, results)
     for page in pages:
         print(page)
@@ -108,7 +110,12 @@ def print_methods() -> None:
 
 
 def write(
-    output: Path, drives: "Sequence[Drive]", results: "Sequence[ViewResult]", step: Step
+    output: Path,
+    drives: "Sequence[Drive]",
+    results: "Sequence[ViewResult]",
+    step: Step,
+    *,
+    no_report: bool = False,
 ) -> list[Path]:
     """Write Markdown, JSON and one page per frame; return the paths of the pages."""
     from fusionslam.report.views.comparison_tables import write_view_bench
@@ -119,6 +126,8 @@ def write(
     write_view_bench(output, results, {drive.name: drive.dropped for drive in drives}, about)
     frames = list(dict.fromkeys(result.frame for result in results))
     pages = [output / "views.md"]
+    if no_report:
+        return pages
     for number, frame in enumerate(frames):
         step("writing the reports", number, len(frames))
         runs = [r.run for r in results if r.frame == frame and r.run is not None]

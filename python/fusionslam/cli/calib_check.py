@@ -35,7 +35,8 @@ def calib_check(
     """
     from fusionslam.calibration.check import check_calibration, frames_of, write_overlays
 
-    needs_extra("report")
+    if pictures:
+        needs_extra("report", module="matplotlib", unless="--pictures 0")
     chosen = read_config().calib_check
     dataset = build_recording().open("lidar")
     keep_parts(ctx, output)

@@ -3,7 +3,8 @@
 """Console output: tables on stdout; progress and messages on stderr."""
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -17,8 +18,12 @@ if TYPE_CHECKING:
     from fusionslam.evaluation import DescriptorRun, Evaluation
     from fusionslam.report.page.tables import Table
 
+OPENING = "opening the recording"
+"""Name of the step in which a long bag is indexed."""
 _WIDTH = 160
 """Columns without a terminal."""
+_PERIOD = 10.0
+"""Seconds between two lines of progress without a terminal."""
 
 
 def stdout() -> "Console":
@@ -43,10 +48,10 @@ def stderr() -> "Console":
 
 @contextmanager
 def progress() -> Iterator[Step]:
-    """Yield a function that shows the progress of each step; silent without a terminal."""
+    """Yield a function that shows the progress of each step: bars; without a terminal, lines."""
     console = stderr()
     if not console.is_terminal:
-        yield lambda label, done, total: None
+        yield progress_lines(lambda line: print(line, file=sys.stderr, flush=True))
         return
     from rich.progress import (
         MofNCompleteColumn,
@@ -67,6 +72,33 @@ def progress() -> Iterator[Step]:
 
     with bars:
         yield show
+
+
+def progress_lines(
+    write: Callable[[str], None], clock: Callable[[], float] = time.monotonic
+) -> Step:
+    """Return a function that writes a line when a step begins, and one every ten seconds.
+
+    Args:
+        write: receives the lines.
+        clock: returns seconds.
+    """
+    begun: dict[str, float] = {}
+    last = clock()
+
+    def show(label: str, done: int, total: int) -> None:
+        nonlocal last
+        now = clock()
+        if label in begun and now - last < _PERIOD:
+            return
+        line = label if total == 1 else f"{label}: {done:,} of {total:,}"
+        if label in begun and 0 < done < total:
+            line += f", about {(now - begun[label]) * (total - done) / done:.0f} s left"
+        begun.setdefault(label, now)
+        last = now
+        write(line)
+
+    return show
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -31,6 +31,7 @@ def demo(
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
+    no_report: opt.NoReport = False,
 ) -> None:
     """Compare all descriptors on a simulated drive; needs no data.
 
@@ -44,8 +45,10 @@ def demo(
         INDOOR_DESCRIPTORS,
     )
 
-    for extra in ("sim", "report") if world == "town" else ("sim", "bags", "report"):
+    for extra in ("sim",) if world == "town" else ("sim", "bags"):
         needs_extra(extra)
+    if not no_report:
+        needs_extra("report", unless="--no-report")
     own = [setting for setting in settings or [] if setting.strip().startswith("sim.")]
     others = [setting for setting in settings or [] if setting not in own]
     indoor = world != "town"
@@ -62,7 +65,16 @@ def demo(
         else:
             recording = _car_drive(config, own, output, cores, step)
     # Closer to a wall than its LiDAR's minimum range, a robot has nothing to describe.
-    compare(recording, output, descriptors, configs, jobs=jobs, demo=True, skip_bad_frames=indoor)
+    compare(
+        recording,
+        output,
+        descriptors,
+        configs,
+        jobs=jobs,
+        no_report=no_report,
+        demo=True,
+        skip_bad_frames=indoor,
+    )
 
 
 def _car_drive(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import left_out, progress
+from fusionslam.cli.console import OPENING, left_out, progress
 from fusionslam.cli.failures import keep
 from fusionslam.cli.recordings import build_recording
 
@@ -34,11 +34,13 @@ def describe_frames(
     from fusionslam.pipelines.describe import describable
     from fusionslam.pipelines.reusable_runs import describe_recording
 
-    dataset = recording.open(config.fusion.source)
     bad_frames = "skip" if skip_bad_frames else "error"
-    if only_describable:
-        names = describable(dataset, names, config, bad_frames)
     with progress() as step:
+        step(OPENING, 0, 1)
+        dataset = recording.open(config.fusion.source)
+        if only_describable:
+            names = describable(dataset, names, config, bad_frames)
+        step(OPENING, 1, 1)
         return describe_recording(
             recording,
             dataset,

@@ -86,18 +86,25 @@ def keep_partial(ctx: typer.Context, path: Path) -> None:
     ctx.meta[_KEPT] = f"interrupted: {path} is not complete"
 
 
-def needs_extra(extra: str) -> None:
+def needs_extra(extra: str, *, module: str | None = None, unless: str = "") -> None:
     """Find out at the start, not after an hour, that an optional package is missing.
+
+    Args:
+        extra: name of the extra.
+        module: the one module that is needed of it; None for all.
+        unless: the option with which the command can do without it.
 
     Raises:
         FusionSlamError: with the line that installs it.
     """
     from fusionslam.doctor import EXTRAS
 
-    for module in EXTRAS[extra].modules.values():
-        if find_spec(module) is None:
+    for needed in [module] if module else EXTRAS[extra].modules.values():
+        if find_spec(needed) is None:
+            other = f"; {unless} does without it" if unless else ""
             raise FusionSlamError(
-                f"this needs {module}, which is not installed: pip install 'fusionslam[{extra}]'",
+                f"this needs {needed}, which is not installed: "
+                f"pip install 'fusionslam[{extra}]'{other}",
                 code="missing-extra",
                 fields=(extra,),
             )

@@ -65,7 +65,7 @@ def fuse(
             raise ConfigError(f"--format {format} is for folders of clouds, {output} is a bag")
         needs_extra("bags")
     if pictures:
-        needs_extra("report")
+        needs_extra("report", module="matplotlib")
     recording = build_recording()
     chosen = for_source(chosen, opt.choose_source(source, chosen, recording))
     if chosen.fusion.source == "cloud" and not asked_for:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import progress
+from fusionslam.cli.console import OPENING, progress
 from fusionslam.cli.failures import INTERRUPTED, needs_extra
 from fusionslam.cli.recordings import build_recording
 from fusionslam.storage.files import make_folder
@@ -102,7 +102,7 @@ def ratslam(
     from fusionslam.views.recognisers import find_recogniser
 
     if not no_report:
-        needs_extra("report")
+        needs_extra("report", unless="--no-report")
     if live is not None:
         needs_extra("live")
     changes = [*([f"ratslam.preset={preset}"] if preset else []), *(settings or [])]
@@ -120,6 +120,7 @@ def ratslam(
         recording = build_recording()
         slam = slam or _new_map(whole, views, recording)
         with progress() as step:
+            step(OPENING, 0, 1)
             drive = open_drive(
                 recording,
                 ranges=whole.recording,
@@ -127,6 +128,7 @@ def ratslam(
                 jobs=opt.cores(jobs),
                 step=step,
             )
+            step(OPENING, 1, 1)
             assert slam.views is not None  # holds for every named source
             events = events_of(
                 drive,

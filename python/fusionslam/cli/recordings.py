@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import progress
+from fusionslam.cli.console import OPENING, progress
 from fusionslam.cli.failures import needs_extra
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.storage.progress import Step, label_progress
@@ -196,7 +196,9 @@ def open_scenes(
     from fusionslam.datasets.range_recording import RangeRecording
     from fusionslam.pipelines.scenes import record_scenes
 
+    step(OPENING, 0, 1)
     dataset, whole = open_data(recording, whole)
+    step(OPENING, 1, 1)
     from_ranges = isinstance(dataset, RangeRecording)
     settings = whole.recording if from_ranges else whole.fusion
     scenes = record_scenes(

@@ -3,9 +3,11 @@
 """The program around the commands: version, help, completion, names of choices."""
 
 import os
+import re
 import subprocess
 import sys
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args, get_type_hints
 
@@ -13,9 +15,11 @@ import pytest
 from typer.testing import CliRunner
 
 import fusionslam
-from cli import fails, succeeds
+from cli import NO_WINDOW, error_of, fails, run, succeeds
 from fusionslam.cli import app
 from fusionslam.cli import options as opt
+from fusionslam.cli.console import progress_lines
+from scenes import LAPS, drive, write_recording
 
 PROGRAM = "from fusionslam.__main__ import main; main()"
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(fusionslam.__file__).parents[1])}
@@ -87,6 +91,26 @@ def test_the_completion_of_a_shell_can_be_shown_and_installed(shell: str, tmp_pa
     assert any("fusionslam" in path.name for path in tmp_path.rglob("*") if path.is_file())
 
 
+def test_without_a_terminal_steps_begin_with_a_line_and_long_ones_repeat_it() -> None:
+    lines: list[str] = []
+    times = iter([0.0, 0.0, 5.0, 11.0, 12.0, 13.0, 22.5])
+    show = progress_lines(lines.append, lambda: next(times))
+    for done in (0, 10, 20, 25):  # at 0, 5, 11, 12 s
+        show("describing", done, 100)
+    show("writing the report", 0, 1)
+    show("writing the report", 1, 1)
+    assert lines[:3] == [
+        "describing: 0 of 100",
+        "describing: 20 of 100, about 44 s left",
+        "writing the report",
+    ]
+
+
+def test_a_log_names_the_steps_of_a_command(kitti: Path, tmp_path: Path) -> None:
+    text = succeeds("describe", kitti, "-d", "m2dp", "-o", tmp_path).stderr
+    assert re.search(r"^describing lidar clouds: \d+ of \d+$", text, re.MULTILINE)
+
+
 def test_choices_are_those_of_the_registries() -> None:
     from fusionslam import evaluation, fusion
     from fusionslam.datasets.bags.index import STAMPS
@@ -120,3 +144,47 @@ def test_choices_are_those_of_the_registries() -> None:
         (opt.WORLDS, MADE),
     ):
         assert sorted(offered) == sorted(known)
+
+
+@pytest.fixture
+def without_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hide the packages of the extra report."""
+    hidden = ("matplotlib", "jinja2")
+    for name in (*hidden, *(each for each in sys.modules if each.split(".")[0] in hidden)):
+        monkeypatch.setitem(sys.modules, name, None)
+    for module in ("fusionslam.cli.failures", "fusionslam.report.page.html"):
+        monkeypatch.setattr(
+            f"{module}.find_spec", lambda name: None if name in hidden else find_spec(name)
+        )
+
+
+@pytest.mark.parametrize(
+    ("words", "option", "file"),
+    [
+        (("bench", "KITTI", "-d", "m2dp", *NO_WINDOW), ("--no-report",), "metrics.json"),
+        (("views", "match", "SCENES"), ("--no-report",), "matches.csv"),
+        (("ratslam", "RANGES"), ("--no-report",), "map.json"),
+        (("bench", "views", "SCENES", "-m", "objects"), ("--no-report",), "views.md"),
+        (("calib-check", "KITTI"), ("--pictures", "0"), "calib_check.json"),
+    ],
+)
+def test_without_the_extra_report_a_command_names_the_option_that_does_without_it(
+    words: tuple[str, ...],
+    option: tuple[str, ...],
+    file: str,
+    kitti: Path,
+    tmp_path: Path,
+    without_report: None,
+) -> None:
+    data = {"KITTI": kitti, "SCENES": tmp_path / "s.npz", "RANGES": tmp_path / "r.npz"}
+    drive(LAPS).save(data["SCENES"])
+    write_recording(data["RANGES"], LAPS)
+    command = [data.get(word, word) for word in words]
+    error = error_of(1, *command, "-o", tmp_path / "out")
+    assert (error.code, error.fields) == ("missing-extra", ("report",))
+    assert " ".join(option) in str(error) and not list((tmp_path / "out").glob("*.*"))
+    result = run(*command, "-o", tmp_path / "out", *option)
+    if "calib-check" not in words:  # whose data have no edges here
+        assert result.exit_code == 0, result.output
+        assert (tmp_path / "out" / file).exists()
+    assert "matplotlib" not in result.stderr and "jinja2" not in result.stderr

@@ -7,11 +7,13 @@ add a case, add such a line and run ``update_expected.py``. Names in capitals st
 here and for OUT, a folder that the commands of one file share.
 """
 
+import math
 import os
 import re
 import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import typer.main
@@ -77,7 +79,8 @@ def _output(words: list[str], folder: Path) -> str:
     for name in pattern.findall(" ".join(words)):
         if not places[name].exists():
             DATA[name][1](places[name])
-    result = run(*(pattern.sub(lambda found: str(places[found[0]]), word) for word in words))
+    with mock.patch("fusionslam.cli.console._PERIOD", math.inf):
+        result = run(*(pattern.sub(lambda found: str(places[found[0]]), word) for word in words))
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     text = result.stdout + result.stderr

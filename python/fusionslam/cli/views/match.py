@@ -43,7 +43,7 @@ def match(
     with progress() as step:
         scenes = open_scenes(recording, whole, step)
         if scenes.poses is not None and not no_report:
-            needs_extra("report")
+            needs_extra("report", unless="--no-report")
         run = run_views(scenes, matcher, label_progress(step, "matching"))
     values = matcher.config.model_dump(mode="json")
     title = describe_method(matcher.config)

@@ -145,7 +145,7 @@ def places(
 
 def _check_extras() -> None:
     needs_extra("learn")
-    needs_extra("report")
+    needs_extra("report", module="matplotlib")
 
 
 def _scene_set(path: Path, shapes: str | None) -> "SceneSet":
