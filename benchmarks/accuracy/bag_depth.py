@@ -5,6 +5,7 @@
 python -m benchmarks.accuracy.bag_depth      # needs the folder named by FUSIONSLAM_TEST_DATA
 """
 
+import argparse
 from pathlib import Path
 from typing import NamedTuple
 
@@ -60,6 +61,7 @@ def depth_misses(frame: Frame, caster: RayCaster) -> NDArray[np.float32]:
 
 def main() -> None:
     """Print the share for both scanners of the bag."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     for topic in (FULL_CIRCLE, SECTOR):
         frames, points, share = depth_agreement(data_folder(), topic)
         print(f"{topic}: {points:,} points of {frames} scans, {share:.1%} within {NEAR_M} m")

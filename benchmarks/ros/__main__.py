@@ -7,7 +7,7 @@ A simulated drive through the made house is played at its own pace, twice: with 
 camera. With --write the table goes into docs/guides/ros.md.
 """
 
-import sys
+import argparse
 import tempfile
 from dataclasses import dataclass
 from itertools import pairwise
@@ -62,10 +62,13 @@ ROBOTS = (
 
 def main() -> None:
     """Time all robots and print, or write, the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true")
+    arguments = parser.parse_args()
     need_ros()
     tables = "\n\n".join(f"{robot.title}:\n\n{timed(robot)}" for robot in ROBOTS)
     print(tables)
-    if "--write" in sys.argv:
+    if arguments.write:
         write_between(PAGE, "latency", tables)
 
 

@@ -5,7 +5,7 @@
 python -m benchmarks.speed.simulation warehouse house path/to/world.glb
 """
 
-import sys
+import argparse
 import time
 from collections.abc import Callable
 
@@ -48,13 +48,16 @@ def _rate(make: Callable[[int], object], rounds: int) -> float:
     return _PLACES * rounds / (time.process_time() - start)
 
 
-def main(names: list[str]) -> None:
+def main() -> None:
     """Print the rates of worlds by name or file."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("worlds", nargs="*", default=["warehouse", "house", "hospital"])
+    names = parser.parse_args().worlds
     print(f"{'world':24} pictures/s  scans/s   (asked for: {_TARGETS[0]} and {_TARGETS[1]})")
-    for name in names or ["warehouse", "house", "hospital"]:
+    for name in names:
         pictures, scans = rates(name)
         print(f"{name.split('/')[-1]:24} {pictures:10.1f} {scans:8.0f}")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

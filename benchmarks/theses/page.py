@@ -13,6 +13,7 @@ from benchmarks.theses.differences import Difference, differences_table, met_sen
 from benchmarks.theses.document import Chapter, as_markdown
 from benchmarks.theses.view_study import ViewStudy
 from benchmarks.theses.work_cache import save_json
+from fusionslam.help_texts import counted
 from fusionslam.report.page.html import write_page as write_html
 from fusionslam.storage.files import atomic_path
 
@@ -46,7 +47,7 @@ def lead(config: ReproduceConfig, about: Mapping[str, Any]) -> str:
     machine = about["machine"]
     text = (
         "The experiments of Perdomo 2019 (c-M2DP) and Stastny 2022 (LiDAR-camera RatSLAM), run by "
-        f"one command on {about['date']}, {machine['cores']} cores of {machine['cpu']}."
+        f"one command on {about['date']}, {counted(machine['cores'], 'core')} of {machine['cpu']}."
     )
     if config.quick:
         text += (

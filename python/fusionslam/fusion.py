@@ -31,6 +31,7 @@ from fusionslam._core import (
 )
 from fusionslam.config import CoreConfig, Section, core_section, option
 from fusionslam.errors import DataError
+from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Camera, Cloud, CloudFrame, Frame
 
 # Ground heights below a car's LiDAR, which is mounted at 1.73 m (KITTI), and in a robot's frame
@@ -212,8 +213,8 @@ def _scan(frame: Frame) -> Cloud:
     scan = Cloud(frame.points, frame.colors)
     valid = drop_invalid(scan.points)
     if len(valid) < len(scan):
-        dropped = len(scan) - len(valid)
-        logger.warning("frame %d: dropped %d points with NaN or infinity", frame.index, dropped)
+        dropped = counted(len(scan) - len(valid), "point")
+        logger.warning("frame %d: dropped %s with NaN or infinity", frame.index, dropped)
     return subset(scan, valid)
 
 

@@ -1,9 +1,16 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Help of values that are both command line options and configuration keys.
+"""Words that several modules need: counts, and help of options that are configuration keys, too.
 
 The command line answers ``--help`` before it can load the configuration, so both read it here.
 """
+
+
+def counted(count: int, noun: str, form: str = "") -> str:
+    """Return a count with its noun, which takes an s unless the count is 1: "1 frame"."""
+    plural = f"{noun[:-1]}ies" if noun.endswith("ry") else f"{noun}s"
+    return f"{count:{form}} {noun if count == 1 else plural}"
+
 
 SOURCE = (
     "lidar: the scan coloured by the left image; stereo: depth from both images; "

@@ -13,6 +13,7 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_figures, progress
 from fusionslam.cli.failures import keep_parts, needs_extra
 from fusionslam.cli.recordings import build_recording
+from fusionslam.help_texts import counted
 from fusionslam.storage.progress import Step
 
 if TYPE_CHECKING:
@@ -154,7 +155,7 @@ def show(drives: "Sequence[Drive]", results: "Sequence[ViewResult]") -> None:
         print()
     lines = [LEGEND]
     lines += [
-        f"{drive.name}: {drive.dropped} scans hold nothing above the floor and are left out"
+        f"{drive.name}: {counted(drive.dropped, 'scan')} without anything above the floor left out"
         for drive in drives
         if drive.dropped
     ]

@@ -12,6 +12,7 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import OPENING, left_out, progress
 from fusionslam.cli.failures import keep
 from fusionslam.cli.recordings import build_recording
+from fusionslam.help_texts import counted
 
 if TYPE_CHECKING:
     from fusionslam.evaluation import DescriptorRun
@@ -86,4 +87,4 @@ def describe(
     )
     for run in runs:
         path = run_path(output, run.source, run.descriptor)
-        print(f"{path}: {len(run)} frames{left_out(run)}")
+        print(f"{path}: {counted(len(run), 'frame')}{left_out(run)}")

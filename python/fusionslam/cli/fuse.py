@@ -13,6 +13,7 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress
 from fusionslam.cli.failures import keep, needs_extra
 from fusionslam.cli.recordings import build_recording
+from fusionslam.help_texts import counted
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def fuse(
             dataset = recording.open(chosen.fusion.source)
             show = label_progress(step, "drawing")
             write_stages(dataset, folder, chosen.fusion, pictures, show)
-    print(f"{output}: {count} frames")
+    print(f"{output}: {counted(count, 'frame')}")
 
 
 def _warn_of_missing_colors(recording: "Recording") -> None:

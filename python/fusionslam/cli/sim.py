@@ -12,6 +12,7 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress
 from fusionslam.cli.failures import keep_partial, needs_extra
 from fusionslam.errors import ConfigError
+from fusionslam.help_texts import counted
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
@@ -167,8 +168,7 @@ def _announce(output: Path, kind: str, drive: "Trajectory", config: "RecordingCo
 
 
 def _count_noun(count: int, kind: str) -> str:
-    noun = "frame" if kind == "folder" else "message"
-    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+    return counted(count, "frame" if kind == "folder" else "message", ",")
 
 
 def _changes(seed: int | None, seconds: float | None, obstacles: int | None) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from fusionslam.datasets.cloud_files import image_size, read_cloud, read_image
 from fusionslam.datasets.pose_files import read_timestamps
 from fusionslam.datasets.streams import Stream
 from fusionslam.errors import DataError
+from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import Odometry
@@ -213,7 +214,7 @@ class FileDataset(Dataset):
     def content(self, sensor: str) -> str:
         """Number and format of the files, and the size of images."""
         path = next(iter(self.streams[sensor].files.values()))
-        count = f"{self.counts[sensor]} files {path.suffix}"
+        count = f"{counted(self.counts[sensor], 'file')} {path.suffix}"
         return count if sensor == "points" else "{}, {}x{}".format(count, *image_size(path))
 
     def sensor_stamps(self, sensor: str) -> NDArray[np.int64] | None:

@@ -24,6 +24,7 @@ from fusionslam.errors import DataError
 from fusionslam.geometry.odometry_noise import OdometryConfig, add_odometry_errors
 from fusionslam.geometry.se2 import transform_points
 from fusionslam.geometry.trajectory import ground_poses
+from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.synchronizer import SyncConfig
 from fusionslam.storage.archive import array_names, load_arrays
@@ -75,8 +76,8 @@ class RangeRecording(CloudDataset):
 
     def content(self, sensor: str) -> str:
         """Number of scans and of coloured points, and the shapes that the rays hit."""
-        count = len(self.points)
-        return f"{len(self)} scans, {count} coloured points on {self.shapes} shapes"
+        points = counted(len(self.points), "coloured point")
+        return f"{counted(len(self), 'scan')}, {points} on {self.shapes} shapes"
 
     def whole_cloud(self, index: int) -> Cloud:
         """The cloud of a scan in the robot's frame, ground included."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.evaluation import DescriptorRun
+from fusionslam.help_texts import counted
 from fusionslam.loop_closure.detector import Loop, LoopConfig, LoopDetector
 from fusionslam.storage.files import atomic_path
 
@@ -46,7 +47,7 @@ class LoopReport:
         ]
         if self.best is not None:
             parts.append(f"best {self.best:.4g}")
-        found = f"{len(self.loops)} loops in {len(self.run)} queries"
+        found = f"{counted(len(self.loops), 'loop')} in {counted(len(self.run), 'query')}"
         return f"{found}: {', '.join(parts)}{self._remedy()}"
 
     def _remedy(self) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
 from fusionslam.errors import DataError
+from fusionslam.help_texts import counted
 from fusionslam.pipelines.first_frame import FirstCloud, first_cloud
 from fusionslam.pipelines.recording import SceneRecording
 from fusionslam.sensors.frame import Camera
@@ -142,7 +143,7 @@ def _path(dataset: "Dataset") -> str:
     steps = np.linalg.norm(np.diff(dataset.poses[:, :3, 3], axis=0), axis=1)
     # The distance driven across missing frames is unknown.
     known = np.diff(dataset.numbers) == 1
-    gaps = "" if known.all() else f", {(~known).sum()} gaps not counted"
+    gaps = "" if known.all() else f", {counted((~known).sum(), 'gap')} not counted"
     metres = steps[known].sum()
     # Short paths need a decimal.
     path = f"path of {metres:.{0 if metres >= 100 else 1}f} m{gaps}"
@@ -169,11 +170,12 @@ def _no_cameras(dataset: "Dataset") -> str:
 def _gaps(dataset: "Dataset") -> str:
     if not dataset.gaps:
         return "none"
+    frames = counted(len(dataset.gaps), "frame")
     some = ", ".join(str(number) for number in dataset.gaps[:8])
     more = ", ..." if len(dataset.gaps) > 8 else ""
     if not isinstance(dataset, FileDataset):
-        return f"{len(dataset.gaps)} frames left out, see the log: {some}{more}"
-    return f"{len(dataset.gaps)} frames lack a file: {some}{more} (other commands: --skip-gaps)"
+        return f"{frames} left out, see the log: {some}{more}"
+    return f"{frames} without a file: {some}{more} (other commands: --skip-gaps)"
 
 
 def _offsets(dataset: "Dataset") -> str:

@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib import import_module
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,6 +20,7 @@ from cli import NO_WINDOW, error_of, fails, run, succeeds
 from fusionslam.cli import app
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress_lines
+from fusionslam.help_texts import counted
 from scenes import LAPS, drive, write_recording
 
 PROGRAM = "from fusionslam.__main__ import main; main()"
@@ -188,3 +190,24 @@ def test_without_the_extra_report_a_command_names_the_option_that_does_without_i
         assert result.exit_code == 0, result.output
         assert (tmp_path / "out" / file).exists()
     assert "matplotlib" not in result.stderr and "jinja2" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["benchmarks.accuracy.bag_depth", "benchmarks.ros.__main__", "benchmarks.speed.simulation"],
+)
+def test_benchmarks_help_instead_of_computing(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", [name, "--help"])
+    with pytest.raises(SystemExit) as ended:
+        import_module(name).main()
+    assert ended.value.code == 0 and "usage: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("count", "noun", "text"),
+    [(1, "frame", "1 frame"), (0, "frame", "0 frames"), (1200, "query", "1,200 queries")],
+)
+def test_counts_agree_with_their_nouns(count: int, noun: str, text: str) -> None:
+    assert counted(count, noun, ",") == text

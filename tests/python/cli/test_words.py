@@ -63,7 +63,9 @@ def test_bad_frames_are_left_out_on_request_and_counted(recording: Path, tmp_pat
     assert "1 left out" in succeeds("eval", out).stdout
     result = succeeds("bench", recording, "-d", "m2dp", "-o", tmp_path / "bench", skip, *NO_WINDOW)
     assert "1 left out" in result.stdout
-    assert "1 frames were left out" in (tmp_path / "bench/report.html").read_text()
+    assert (
+        "1 frame that cannot be described left out" in (tmp_path / "bench/report.html").read_text()
+    )
     found = succeeds("loops", recording, "-d", "m2dp", "-o", tmp_path / "l", skip, *NO_WINDOW)
     assert "in 19 queries" in found.stdout and "1 left out" in found.stdout
 
@@ -216,7 +218,7 @@ def test_info_sums_no_path_over_gaps_and_sees_a_calibration_without_images(
         shutil.rmtree(recording / folder)
     text = " ".join(succeeds("info", recording).stdout.split())
     # 19 steps of 20 m, of which 3 touch what is missing; the drive turns and comes back.
-    assert "path of 320 m, 1 gaps not counted" in text
+    assert "path of 320 m, 1 gap not counted" in text
     assert "no images; the calibration is there" in text
 
 

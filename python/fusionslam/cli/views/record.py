@@ -12,6 +12,7 @@ import typer
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress
 from fusionslam.cli.recordings import build_recording, open_scenes
+from fusionslam.help_texts import counted
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
@@ -53,4 +54,4 @@ def record(
             scenes = scenes.with_scenes(made, label_progress(step, "building")).without_clouds()
     replace(scenes, source={**scenes.source, "command": opt.command_line()}).save(target)
     truth = ", no true poses" if scenes.poses is None else ""
-    print(f"{target}: {len(scenes)} scans, {int(scenes.empty.sum())} empty{truth}")
+    print(f"{target}: {counted(len(scenes), 'scan')}, {int(scenes.empty.sum())} empty{truth}")

@@ -5,6 +5,7 @@
 from typing import TYPE_CHECKING, Any
 
 from fusionslam.cli.console import print_table
+from fusionslam.help_texts import counted
 
 if TYPE_CHECKING:
     from fusionslam.evaluation import ViewReport
@@ -41,10 +42,11 @@ def print_run(run: "MatchRun", report: "ViewReport | None") -> None:
         for each in (run.build_seconds, run.match_seconds)
     ]
     print(
-        f"{stats.processed} scans: {stats.matched} matched, {stats.new} places, {stats.nothing} "
-        f"with nothing to recognise, {stats.single} with a single object\n"
-        f"{stats.stored} views stored, {stats.bytes_per_view:.0f} bytes each, {stats.dropped} "
-        f"dropped; building {times[0]:.3f} ms, matching {times[1]:.3f} ms (medians)"
+        f"{counted(stats.processed, 'scan')}: {stats.matched} matched, "
+        f"{counted(stats.new, 'place')}, {stats.nothing} with nothing to recognise, "
+        f"{stats.single} with a single object\n"
+        f"{counted(stats.stored, 'view')} stored, {stats.bytes_per_view:.0f} bytes each, "
+        f"{stats.dropped} dropped; building {times[0]:.3f} ms, matching {times[1]:.3f} ms (medians)"
     )
     if report is None:
         print("no true poses: the ids are not judged (views record --gt names a file of poses)")

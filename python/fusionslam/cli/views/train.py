@@ -11,6 +11,7 @@ import typer
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_table, progress
 from fusionslam.cli.failures import keep, needs_extra
+from fusionslam.help_texts import counted
 from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
@@ -167,4 +168,4 @@ def _report(folder: Path, trained: "Trained") -> None:
     names = list(trained.rows[0])
     rows = [[f"{row[name]:.4g}" for name in names] for row in trained.rows]
     print_table(names, rows)
-    print(f"{folder}: {len(rows)} epochs, {trained.cpu_seconds:.0f} s of CPU")
+    print(f"{folder}: {counted(len(rows), 'epoch')}, {trained.cpu_seconds:.0f} s of CPU")

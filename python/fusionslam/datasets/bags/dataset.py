@@ -21,6 +21,7 @@ from fusionslam.datasets.base import Dataset, OdometryOrigin, PosesOrigin
 from fusionslam.datasets.pose_files import match_poses
 from fusionslam.datasets.streams import SENSORS, MissingSensorError, Request, itself
 from fusionslam.errors import DataError, naming
+from fusionslam.help_texts import counted
 from fusionslam.sensors.camera_info import cameras_from, check_pair, rectify
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.image_series import ImageSeries
@@ -82,7 +83,7 @@ class BagDataset(Dataset):
 
     def content(self, sensor: str) -> str:
         """Number and topic of the messages."""
-        return f"{self.counts[sensor]} messages of {self.source.roles[sensor]}"
+        return f"{counted(self.counts[sensor], 'message')} of {self.source.roles[sensor]}"
 
     def sensor_stamps(self, sensor: str) -> NDArray[np.int64]:
         """Stamps of the sensor's messages in each frame, int64 (N)."""

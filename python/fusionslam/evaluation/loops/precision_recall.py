@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.help_texts import counted
 from fusionslam.storage.archive import load_json, save_json
 from fusionslam.storage.arrays import Floats
 
@@ -84,7 +85,7 @@ class PrecisionRecall:
     def __str__(self) -> str:
         title = f"protocol {self.protocol}, radius {self.radius:g} m, window {self.window} frames"
         counts = (
-            f"{self.n_queries} queries, {self.n_revisits} revisits, "
+            f"{counted(self.n_queries, 'query')}, {counted(self.n_revisits, 'revisit')}, "
             f"{self.n_correct} nearest candidates correct"
         )
         lines = [f"  {name:<28}{_format(value)}" for name, value in self._rows()]
@@ -113,7 +114,7 @@ class PrecisionRecall:
             parts.append(f"{kept} accepted")
         if alone < self.n_queries:
             parts.append(f"best {self.distances.min():.4g}")
-        return f"{self.n_queries} queries: {', '.join(parts)}"
+        return f"{counted(self.n_queries, 'query')}: {', '.join(parts)}"
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write JSON, whole or not at all; undefined figures are null. Raises DataError."""

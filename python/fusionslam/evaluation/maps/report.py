@@ -9,6 +9,7 @@ from typing import Any
 from fusionslam.evaluation.views.report import percent, share
 from fusionslam.evaluation.views.rules import ViewRule
 from fusionslam.geometry.rigid import RigidMotion
+from fusionslam.help_texts import counted
 from fusionslam.storage.archive import load_json, save_json
 
 FORMAT = "fusionslam.map_report.1"
@@ -169,9 +170,9 @@ def _share(part: int | None, whole: int | None) -> float | None:
 def _heading(report: MapReport) -> list[str]:
     return [
         f"{report.name}: views {report.views}, odometry {report.odometry}, preset {report.preset}",
-        f"{report.seconds:.1f} s and {report.steps} steps from the first node on, "
-        f"{report.looks} looks; "
-        f"{report.node_count} nodes, {report.link_count} links",
+        f"{report.seconds:.1f} s and {counted(report.steps, 'step')} from the first node on, "
+        f"{counted(report.looks, 'look')}; "
+        f"{counted(report.node_count, 'node')}, {counted(report.link_count, 'link')}",
     ]
 
 
@@ -191,7 +192,10 @@ def _errors(report: MapReport) -> list[str]:
 
 def _topology(report: MapReport) -> list[str]:
     if report.near_links is None:
-        return [f"  {report.loops} arrivals at known nodes, {report.refused} loops refused"]
+        return [
+            f"  {counted(report.loops, 'arrival')} at known nodes, "
+            f"{counted(report.refused, 'loop')} refused"
+        ]
     rule = report.rule
     return [
         f"  near means within {rule.loop_distance:g} m and {rule.loop_angle:.3g} deg",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.se2 import compose
+from fusionslam.help_texts import counted
 from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.arrays import Floats, Integers
 from fusionslam.storage.files import PathLike
@@ -164,7 +165,8 @@ class RatSlamRun:
 
     def __repr__(self) -> str:
         """One line, without the arrays of thousands of rows."""
-        counts = f"{len(self)} steps, {len(self.nodes)} nodes, {len(self.links)} links"
+        sizes = {"step": len(self), "node": len(self.nodes), "link": len(self.links)}
+        counts = ", ".join(counted(size, noun) for noun, size in sizes.items())
         return f"<RatSlamRun {self.name}: {counts}>"
 
     @property

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fusionslam.evaluation.views.rules import ViewRule
+from fusionslam.help_texts import counted
 from fusionslam.storage.arrays import Floats, Integers, Mask
 
 
@@ -172,7 +173,7 @@ class ViewReport:
             )
         return "\n".join(
             [
-                f"rule {self.rule_name}: {self.n} scans, {self.views} views, "
+                f"rule {self.rule_name}: {counted(self.n, 'scan')}, {counted(self.views, 'view')}, "
                 f"{self.unplaced} without a view",
                 f"  accuracy        {percent(self.accuracy):>8}   {self.false_positives} false "
                 f"positives, {self.false_negatives} false negatives",

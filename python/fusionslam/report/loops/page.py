@@ -12,6 +12,7 @@ from fusionslam.datasets.pose_files import write_poses_tum
 from fusionslam.errors import ConfigError
 from fusionslam.evaluation import CITATION, COMMON_RULES, PROTOCOLS, Evaluation, find_protocol
 from fusionslam.evaluation.loops.protocols import DEFAULTS
+from fusionslam.help_texts import counted
 from fusionslam.report.loops.exports import MATCH_COLUMNS, list_matches, metrics_of
 from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader
 from fusionslam.report.loops.labels import by_rank, winner
@@ -96,7 +97,7 @@ def write_report(
         rules=COMMON_RULES,
         protocols=PROTOCOLS.values(),
         citation=CITATION if any(e.published for e in evaluations) else None,
-        frames=max(len(e.run) for e in evaluations),
+        frames=counted(max(len(e.run) for e in evaluations), "frame"),
     )
 
 
@@ -117,6 +118,6 @@ def _remarks(evaluations: Sequence[Evaluation], missed: Sequence[str]) -> Iterat
     skipped = {number: why for e in evaluations for number, why in e.run.skipped.items()}
     if skipped:
         frames = ", ".join(f"{number} ({why})" for number, why in sorted(skipped.items()))
-        yield f"{len(skipped)} frames were left out because they cannot be described: {frames}."
+        yield f"{counted(len(skipped), 'frame')} that cannot be described left out: {frames}."
     if missed:
         yield f"Pictures of frames are missing: {missed[0]}."

@@ -11,6 +11,7 @@ import numpy as np
 
 from fusionslam.evaluation import ViewReport, ViewRun, rerun_descriptors
 from fusionslam.evaluation.views.report import percent
+from fusionslam.help_texts import counted
 from fusionslam.report.page.html import file_name, picture_name
 from fusionslam.report.page.images import Picture, keep, keep_photo
 from fusionslam.report.views.exports import scrub_data
@@ -88,7 +89,7 @@ def _describe_drive(run: ViewRun, report: ViewReport) -> str:
     if not report.revisits:
         back = "none of them comes back to where the robot was more than "
     return (
-        f"{len(run)} scans in {seconds:.0f} s and {length:.0f} m; "
+        f"{counted(len(run), 'scan')} in {seconds:.0f} s and {length:.0f} m; "
         f"{back}{report.rule.loop_age:g} s before."
     )
 

@@ -14,6 +14,7 @@ from fusionslam.datasets.bags.pairing import NO_PAIRS
 from fusionslam.datasets.bags.topics import ROLES, TRANSFORM_TYPES
 from fusionslam.doctor import Finding
 from fusionslam.errors import DataError, cause_of, one_line
+from fusionslam.help_texts import counted
 from fusionslam.ros.check.evidence import Evidence
 from fusionslam.ros.check.master import CLOCK
 from fusionslam.ros.topic_choice import needed_roles
@@ -81,7 +82,7 @@ def list_findings(evidence: Evidence) -> Iterator[Finding]:
 def _check_clock(evidence: Evidence) -> Iterator[Finding]:
     graph = evidence.graph
     time = "sim time" if graph.sim_time else "wall time"
-    yield Finding("master", f"{graph.uri}, {len(graph.topics)} topics, {time}")
+    yield Finding("master", f"{graph.uri}, {counted(len(graph.topics), 'topic')}, {time}")
     if graph.sim_time and not evidence.clock:
         fault = "stands at 0" if CLOCK in graph.topics else "is missing"
         detail = (
