@@ -152,9 +152,12 @@ def test_a_bag_runs_through_all_nodes_to_its_end(played_bag: PlayedBag, tmp_path
         assert play(world, f"bag:={played_bag.path}", "rate:=10", *files) == 0, world.log("launch")
         found = listener.messages()
     assert f"guessed by type: image:={played_bag.image}" in world.log("launch")
-    assert "REQUIRED process [bag_player-5] has died!\nprocess has finished cleanly" in (
-        world.log("launch")
-    )
+    log = world.log("launch")
+    assert "REQUIRED process [bag_player-5] has died!\nprocess has finished cleanly" in log
+    (made,) = (line for line in log.splitlines() if line.startswith("  /ratslam: "))
+    assert f"{len(found['/ExperienceMap/Map'][-1].node)} nodes" in made
+    assert str(tmp_path / "map.npz") in made
+    assert log.index(made) < log.index("regular end") < log.index("REQUIRED process")
     assert [each.current_id >= 0 for each in found["/LocalView/Template"]] == [
         True
     ] * played_bag.scans

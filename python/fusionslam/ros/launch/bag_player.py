@@ -5,7 +5,7 @@
 import re
 import subprocess
 import time
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,11 @@ _SAME_REPORTS = 3
 """A node has processed everything once its report repeats this many times."""
 _OWN_TIME = ("processor time", "latency")
 """Values of a report that change even if nothing happens."""
+
+_OF_MESSAGES = ("received ", "dropped ", "refused ")
+"""Values of a report that count messages, not results."""
+_FILES = ("memory/file", "export", "output")
+"""Parameters of nodes that name what they write at their end."""
 
 
 class BagPlayerConfig(Section):
@@ -53,6 +58,17 @@ class _Reports:
     def forget(self) -> None:
         """Reset the counts."""
         self._last = {node: (None, 0) for node in self._last}
+
+    def results(self) -> dict[str, list[str]]:
+        """By node, what it made: the counts of its last report that are not of messages."""
+        return {
+            node: [
+                f"{value} {key}"
+                for key, value in values or []
+                if value != "0" and not key.startswith(_OF_MESSAGES)
+            ]
+            for node, (values, _) in sorted(self._last.items())
+        }
 
     def _count_report(self, message: Any) -> None:
         for status in message.status:
@@ -86,6 +102,17 @@ def play_bag() -> None:
         raise DataError(f"{bag}: rosbag play ended with code {player.returncode}")
     reports.forget()
     _wait(reports.are_quiet)
+    if not rospy.is_shutdown():
+        print("\n".join(_describe_end(bag, reports.results())), flush=True)
+
+
+def _describe_end(bag: Path, results: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """Yield lines that say what the nodes made of the bag, and that all is well."""
+    yield f"{bag} is played to its end:"
+    for node, counts in results.items():
+        files = [rospy.get_param(f"{node}/{name}", "") for name in _FILES]
+        yield f"  {', '.join([f'{node}: ' + ', '.join(counts), *filter(None, files)])}"
+    yield "This is a regular end: bag_player, which roslaunch requires, has finished."
 
 
 def _wait(condition: Any) -> None:
