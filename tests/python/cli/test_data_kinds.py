@@ -126,5 +126,5 @@ def test_options_are_checked_before_a_world_is_recorded(
 
 def test_the_help_of_kind_names_all_kinds() -> None:
     option = get_args(inspect.signature(build_recording).parameters["kind"].annotation)[-1]
-    named = set(option.help.rstrip(".").replace(" or ", ", ").split(", "))
+    named = set(option.metavar.strip("[]").split("|"))
     assert named == {*datasets.KINDS, "scenes"}

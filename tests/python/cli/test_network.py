@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""No command uses the network, and no page that one writes loads anything from elsewhere."""
+
+import re
+import socket
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cli import NO_WINDOW, TINY_TOWN, succeeds
+from fusionslam import _core
+from pages import read_page
+from scenes import LAPS, drive, write_recording
+
+TOWN = [word for setting in TINY_TOWN for word in ("--set", setting)]
+
+
+@pytest.fixture
+def attempts(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The attempts to reach another machine, each of which fails."""
+    found: list[str] = []
+
+    def refuse(name: str) -> Any:
+        def attempt(*arguments: Any, **more: Any) -> None:
+            found.append(f"{name}{arguments[-1:]}")
+            raise OSError(f"{name}: there is no network here")
+
+        return attempt
+
+    for name in ("connect", "connect_ex", "sendto", "bind"):
+        monkeypatch.setattr(socket.socket, name, refuse(name), raising=False)
+    for name in ("getaddrinfo", "gethostbyname", "create_connection"):
+        monkeypatch.setattr(socket, name, refuse(name))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("words", "page"),
+    [
+        (("demo", *TOWN), "report.html"),
+        (("describe", "KITTI"), ""),
+        (("loops", "KITTI", *NO_WINDOW), ""),
+        (("views", "match", "SCENES"), "views.html"),
+        (("ratslam", "RANGES"), "ratslam.html"),
+        (("info", "KITTI"), ""),
+        (("doctor",), ""),
+    ],
+    ids=lambda value: "-".join(value[:2]) if isinstance(value, tuple) else value,
+)
+def test_commands_work_without_a_network(
+    words: tuple[str, ...], page: str, kitti: Path, tmp_path: Path, attempts: list[str]
+) -> None:
+    pytest.importorskip("matplotlib")
+    if words[0] == "demo":
+        pytest.importorskip("embreex")
+    data = {"KITTI": kitti, "SCENES": tmp_path / "s.npz", "RANGES": tmp_path / "r.npz"}
+    drive((*LAPS, -1)).save(data["SCENES"])
+    write_recording(data["RANGES"], LAPS)
+    out = () if words[0] in ("info", "doctor") else ("-o", tmp_path / "out")
+    succeeds(*(data.get(word, word) for word in words), *out)
+    if page == "report.html":
+        succeeds("report", tmp_path / "out")
+    assert attempts == []
+    if page:
+        assert read_page(tmp_path / "out" / page).text  # refuses addresses outside of the page
+
+
+def test_the_core_calls_nothing_of_the_network() -> None:
+    names = set(re.findall(rb"[\w@.]+", Path(_core.__file__).read_bytes()))
+    assert b"strlen" in names and not names & {b"connect", b"getaddrinfo", b"gethostbyname"}
