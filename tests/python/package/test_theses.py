@@ -274,6 +274,8 @@ def test_the_command_prints_its_page(data: Path, tmp_path: Path) -> None:
     given += ("--views", "objects:author")
     result = succeeds("-o", tmp_path, "--quick", *given)
     assert cli.last_line(result) == str(tmp_path / "reproduce.html")
+    claims = json.loads((tmp_path / "reproduce.json").read_text())["claims"]
+    assert claims and result.stdout.count("holds") >= sum("holds" in c["verdict"] for c in claims)
     assert "Figures of a quick run are no results" in (tmp_path / "reproduce.md").read_text()
 
 
