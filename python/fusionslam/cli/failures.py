@@ -127,7 +127,8 @@ def _report_usage(error: Any) -> Exception:
         return error  # type: ignore[no-any-return]
     command = error.ctx.command_path if error.ctx else "fusionslam"
     problem = _one_line(error.format_message()).rstrip(".")
-    print(f"error: {problem}; see {command} --help", file=sys.stderr)
+    see = " See" if problem.endswith("?") else "; see"
+    print(f"error: {problem}{see} {command} --help", file=sys.stderr)
     return typer.Exit(USAGE)
 
 
