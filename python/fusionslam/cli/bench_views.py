@@ -3,7 +3,8 @@
 """The command bench views: place recognisers compared."""
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,11 +20,14 @@ from fusionslam.storage.progress import Step
 if TYPE_CHECKING:
     from fusionslam.pipelines.compare_views import ViewResult
     from fusionslam.pipelines.drives import Drive
+    from fusionslam.pipelines.recording import Recording
 
 _WIDTH = 80
 
 
-@opt.options_of()
+@opt.options_of(
+    build_recording=partial(build_recording, data=Path(), sequence=None, skip_gaps=False, gt=None)
+)
 def bench_views(
     ctx: typer.Context,
     data: Annotated[
@@ -51,6 +55,8 @@ def bench_views(
         str,
         opt.one_of("--shapes", names=opt.SHAPES, help="Shapes that rays hit, if DATA has both."),
     ] = "collision",
+    *,
+    build_recording: "Callable[..., Recording]",
     jobs: opt.Jobs = None,
     no_report: opt.NoReport = False,
 ) -> None:
@@ -76,7 +82,7 @@ def bench_views(
     wanted += [name for name in BASELINES if name not in wanted]
     if not no_report:
         needs_extra("report", unless="--no-report")
-    recordings = [build_recording(Path(path)) for path in data or default_data()]
+    recordings = [build_recording(data=Path(path)) for path in data or default_data()]
     keep_parts(ctx, output)
     ranges = merged(RecordingConfig(), {"shapes": shapes})
     with progress() as step:
