@@ -66,7 +66,7 @@ def list_shared_options() -> Iterator[str]:
     yield "| options | commands |\n|---|---|"
     for commands, options in sorted(rows.items(), key=lambda row: -len(row[0])):
         if len(commands) > 1:
-            yield _row(_escape("; ".join(options)), ", ".join(commands))
+            yield _row("; ".join(options), ", ".join(commands))
 
 
 def _walk_commands(group: Any, before: str) -> Iterator[tuple[str, Any]]:
