@@ -18,7 +18,12 @@ if TYPE_CHECKING:
 
 def config(
     stage: Annotated[
-        str | None, typer.Argument(metavar="[STAGE]", help="Print only this stage.")
+        str | None,
+        typer.Argument(
+            metavar="[STAGE]",
+            autocompletion=opt.completed_from(lambda: type(opt.read_config()).model_fields),
+            help="Print only this stage.",
+        ),
     ] = None,
     yaml: Annotated[bool, typer.Option("--yaml", help="Print YAML that --config reads.")] = False,
     settings: opt.Settings = None,

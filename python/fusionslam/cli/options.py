@@ -5,7 +5,7 @@
 import functools
 import inspect
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_origin
 
@@ -87,10 +87,15 @@ def one_of(*flags: str, names: Sequence[str], help: str, check: bool = True) -> 
     return typer.Option(
         *flags,
         metavar=f"[{'|'.join(names)}]",
-        autocompletion=lambda incomplete: [n for n in names if n.startswith(incomplete)],
+        autocompletion=completed_from(lambda: names),
         callback=(lambda value: check_choice(flags[0], value, names)) if check else None,
         help=help,
     )
+
+
+def completed_from(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Return the completion of a value that is one of some names, which may take time to load."""
+    return lambda incomplete: [name for name in names() if name.startswith(incomplete)]
 
 
 def some_of(*flags: str, names: Sequence[str], help: str) -> Any:

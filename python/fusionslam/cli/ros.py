@@ -4,12 +4,14 @@
 
 import logging
 import shlex
+from collections.abc import Iterable
 from typing import Annotated
 
 import typer
 
 from fusionslam.cli.console import print_findings, progress
 from fusionslam.cli.failures import DATA
+from fusionslam.cli.options import completed_from
 
 app = typer.Typer(
     help="Run the ROS 1 nodes, with or without a catkin workspace.",
@@ -22,6 +24,18 @@ _PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}
 Passed = Annotated[list[str] | None, typer.Argument(metavar="[ARGS]...", show_default=False)]
 
 
+def _nodes() -> Iterable[str]:
+    from fusionslam.ros.nodes import NODES
+
+    return NODES
+
+
+def _launch_files() -> Iterable[str]:
+    from fusionslam.ros.launch.files import package_folder
+
+    return sorted(each.stem for each in (package_folder() / "launch").glob("*.launch"))
+
+
 @app.command()
 def path() -> None:
     """Print the folder of the ROS package, for ROS_PACKAGE_PATH."""
@@ -32,7 +46,14 @@ def path() -> None:
 
 @app.command(context_settings=_PASSED_ON)
 def run(
-    node: Annotated[str, typer.Argument(metavar="NODE", help="Such as data_fusion.")],
+    node: Annotated[
+        str,
+        typer.Argument(
+            metavar="NODE",
+            autocompletion=completed_from(_nodes),
+            help="Such as data_fusion.",
+        ),
+    ],
     args: Passed = None,
 ) -> None:
     """Run one node, as rosrun does: ARGS are remappings (a:=b) and parameters (_name:=value)."""
@@ -46,7 +67,9 @@ def launch(
     file: Annotated[
         str,
         typer.Argument(
-            metavar="FILE", help="A launch file, or the name of one that comes with fusionslam."
+            metavar="FILE",
+            autocompletion=completed_from(_launch_files),
+            help="A launch file, or the name of one that comes with fusionslam.",
         ),
     ],
     args: Passed = None,

@@ -29,7 +29,9 @@ def sim(
     world: Annotated[
         str,
         typer.Argument(
-            metavar="WORLD", help="warehouse, house, hospital, town, or a .glb, .world or .sdf."
+            metavar="WORLD",
+            autocompletion=opt.completed_from(lambda: opt.WORLDS),
+            help="warehouse, house, hospital, town, or a .glb, .world or .sdf.",
         ),
     ],
     ctx: typer.Context,

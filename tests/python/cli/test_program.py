@@ -73,6 +73,10 @@ def test_shells_complete_commands_options_and_choices(shell: str) -> None:
         ("fusionslam ratslam --odometry vi", "visual"),
         ("fusionslam bench views --frame dr", "drift"),
         ("fusionslam describe -d m2dp,cs", "m2dp,cshot"),
+        ("fusionslam sim wa", "warehouse"),
+        ("fusionslam config loop", "loop_closure"),
+        ("fusionslam ros run data", "data_fusion"),
+        ("fusionslam ros launch ba", "bag"),
     ):
         assert offered in complete(shell, line), line
 
