@@ -61,16 +61,19 @@ class CoreConfig(Protocol):
         """Every option as a dictionary: name, kind, default, help, unit, range or choices."""
 
 
-def core_section(name: str, core: type[CoreConfig], *, optional: bool = False) -> type[Section]:
+def core_section(
+    name: str, core: type[CoreConfig], module: str, *, optional: bool = False
+) -> type[Section]:
     """Create the section that mirrors a C++ configuration.
 
     Args:
         name: of the new class.
         core: the bound C++ class.
+        module: that holds the class by this name, so that values can be sent between processes.
         optional: every value may be None and is by default: the preset's value applies.
     """
     fields = {entry["name"]: _core_field(entry, optional) for entry in core.options()}
-    return create_model(name, __base__=Section, **fields)  # type: ignore[call-overload, no-any-return]
+    return create_model(name, __base__=Section, __module__=module, **fields)  # type: ignore[call-overload, no-any-return]
 
 
 _KINDS = {"bool": bool, "int": int, "float": float}

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     class M2dpSection(Section): ...
 
 else:
-    M2dpSection = core_section("M2dpSection", M2dpConfig, optional=True)
+    M2dpSection = core_section("M2dpSection", M2dpConfig, __name__, optional=True)
 
 Preset = Literal["robust", "paper", "author"]
 

@@ -6,8 +6,10 @@ The C++ core throws the same kinds except ``ClockError``; the bindings turn them
 Messages are for people and may be reworded: programs decide by class, ``code`` and ``fields``.
 """
 
+import copyreg
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 
 class FusionSlamError(Exception):
@@ -26,6 +28,10 @@ class FusionSlamError(Exception):
         super().__init__(message)
         self.code = code or type(self).code
         self.fields = tuple(fields)
+
+    def __reduce__(self) -> Any:
+        # Not by calling the class, whose arguments may be others: errors come from other processes.
+        return copyreg.__newobj__, (type(self), *self.args), vars(self)  # type: ignore[attr-defined]
 
 
 class DataError(FusionSlamError, ValueError):

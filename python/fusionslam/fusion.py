@@ -57,7 +57,8 @@ def _ground_section(name: str, core: type[CoreConfig], robots: dict[str, float])
                 float | None,
                 option(None, help, unit=entry["unit"], **limits),
             )
-    return create_model(name, __base__=core_section(name, core), **fields)  # type: ignore[call-overload, no-any-return]
+    base = core_section(name, core, __name__)
+    return create_model(name, __base__=base, __module__=__name__, **fields)  # type: ignore[call-overload, no-any-return]
 
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ if TYPE_CHECKING:
     class SegmentsSection(Section): ...
 
 else:
-    StereoSection = core_section("StereoSection", StereoConfig, optional=True)
+    StereoSection = core_section("StereoSection", StereoConfig, __name__, optional=True)
     PlaneSection = _ground_section("PlaneSection", GroundPlaneConfig, _ROBOT_PLANE)
     SegmentsSection = _ground_section("SegmentsSection", GroundSegmentsConfig, _ROBOT_SEGMENTS)
 logger = logging.getLogger(__name__)

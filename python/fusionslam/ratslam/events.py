@@ -6,7 +6,7 @@ import operator
 from dataclasses import dataclass
 from typing import Any
 
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Odometry, Picture
 
@@ -64,7 +64,18 @@ Event = Frame | Odometry | Motion | Picture | Look | Sighting
 
 
 def stamp_of(event: Event) -> int:
-    """Stamp in nanoseconds. Raises DataError if it is not an integer or too large to store."""
+    """Stamp in nanoseconds.
+
+    Raises:
+        ShapeError: not an event. DataError: the stamp is not an integer or too large to store.
+    """
+    if not isinstance(event, Event):
+        found = type(event).__name__
+        raise ShapeError(
+            f"{found}: expected Odometry, Motion, Frame, Picture, Look or Sighting",
+            code="no-event",
+            fields=(found,),
+        )
     try:
         stamp_ns = operator.index(event.stamp_ns)
     except TypeError:

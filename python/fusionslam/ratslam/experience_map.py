@@ -33,7 +33,7 @@ if TYPE_CHECKING:
         @property
         def preset(self) -> str: ...
 else:
-    ExperienceMapConfig = core_section("ExperienceMapConfig", CoreMapConfig)
+    ExperienceMapConfig = core_section("ExperienceMapConfig", CoreMapConfig, __name__)
     ExperienceMapConfig.__doc__ = "Parameters of map correction and of the acceptance of loops."
 __all__ = ["LINK", "ExperienceMap", "ExperienceMapConfig", "LoopCheck", "Relaxation", "Route"]
 
@@ -105,6 +105,13 @@ class ExperienceMap:
     def __init__(self, config: ExperienceMapConfig | None = None, **changes: Any) -> None:
         self.config = merged(config or ExperienceMapConfig(), changes)
         self._map = CoreMap(CoreMapConfig(**self.config.model_dump()))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"config": self.config, "state": self.state()}
+
+    def __setstate__(self, stored: Mapping[str, Any]) -> None:
+        ExperienceMap.__init__(self, stored["config"])
+        self.restore(stored["state"])
 
     @property
     def nodes(self) -> Floats:

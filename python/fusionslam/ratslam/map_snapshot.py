@@ -45,17 +45,18 @@ class LiveMap:
     @classmethod
     def of(cls, slam: RatSlam, name: str, odometry: str) -> "LiveMap":
         """Copy the map of a ``RatSlam``; the names of drive and odometry are for people."""
-        return cls(
-            name=name,
-            views="given ids" if slam.views is None else slam.views.title,
-            odometry=odometry,
-            preset=slam.preset,
-            config=slam.config.model_dump(mode="json"),
-            nodes=slam.map.nodes,
-            node_stamps_ns=np.array(slam.memory.node_stamps_ns, np.int64),
-            node_views=np.array(slam.memory.node_views, np.int64),
-            links=slam.map.links,
-        )
+        with slam.paused():
+            return cls(
+                name=name,
+                views="given ids" if slam.views is None else slam.views.title,
+                odometry=odometry,
+                preset=slam.preset,
+                config=slam.config.model_dump(mode="json"),
+                nodes=slam.map.nodes,
+                node_stamps_ns=np.array(slam.memory.node_stamps_ns, np.int64),
+                node_views=np.array(slam.memory.node_views, np.int64),
+                links=slam.map.links,
+            )
 
     @property
     def stamps_ns(self) -> Integers:

@@ -3,7 +3,7 @@
 """Motion of the robot between two odometry messages, from poses or velocities."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,10 +85,12 @@ def odometry_of(event: Event) -> Odometry2D | None:
             int(event.stamp_ns), None, speed, float(event.sideways) if speed else 0.0
         )
     elif isinstance(event, Odometry):
-        _check_shapes(event)
+        for name, shape in (("pose", (4, 4)), ("linear", (3,)), ("angular", (3,))):
+            _check_shape(event.stamp_ns, name, getattr(event, name), shape)
         speed = _finite_speed(float(event.linear[0]), float(event.angular[2]))
         odometry = Odometry2D(int(event.stamp_ns), _ground(event.pose), speed)
     elif isinstance(event, Frame) and event.odometry is not None:
+        _check_shape(event.stamp_ns, "odometry", event.odometry, (4, 4))
         odometry = Odometry2D(int(event.stamp_ns), _ground(event.odometry), None)
     else:
         return None
@@ -196,13 +198,12 @@ def _displacement_between(before: Ground, now: Ground) -> tuple[float, float]:
     return float(np.cos(middle) * dx + np.sin(middle) * dy), turn
 
 
-def _check_shapes(event: Odometry) -> None:
-    for name, shape in (("pose", (4, 4)), ("linear", (3,)), ("angular", (3,))):
-        found = getattr(event, name)
-        if np.shape(found) != shape or np.asarray(found).dtype.kind not in "fiu":
-            raise ShapeError(
-                f"odometry at {event.stamp_ns} ns: {name} {found!r}, expected numbers {shape}"
-            )
+def _check_shape(stamp_ns: int, name: str, found: Any, shape: tuple[int, ...]) -> None:
+    if np.shape(found) != shape or np.asarray(found).dtype.kind not in "fiu":
+        raise ShapeError(
+            f"odometry at {stamp_ns} ns: {name} {found!r}, expected numbers {shape}",
+            fields=(name,),
+        )
 
 
 def _ground(pose: NDArray[np.float64]) -> Ground | None:

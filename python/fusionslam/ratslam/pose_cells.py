@@ -133,6 +133,13 @@ class PoseCells:
         self._relative, self._current = IDENTITY, 0
         self._moved = self._seen = self._in_doubt = False
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {"config": self.config, "state": self.state()}
+
+    def __setstate__(self, stored: Mapping[str, Any]) -> None:
+        PoseCells.__init__(self, stored["config"])
+        self.restore(stored["state"])
+
     @property
     def activity(self) -> Floats:
         """A copy of the activity, float64 (36, n, n) by th, y, x; not negative.

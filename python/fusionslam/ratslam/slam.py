@@ -10,8 +10,11 @@
 'node 0 created from view 0'
 """
 
+import copy
 import io
+import threading
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, NamedTuple
 
@@ -127,6 +130,10 @@ class RatSlam:
     Odometry moves the robot; images, clouds and other items go to the view source. ``StampOrder``
     sorts the events of several sensors.
 
+    ``step``, ``forget_clock``, ``save`` and ``seen_ns`` may be called from several threads: each
+    waits for a running step. Attributes are read within ``paused``. A ``RatSlam`` can be sent to
+    another process.
+
     Args:
         config: None for the defaults.
         views: the view source, which recognises places; None if they come as ``Sighting``.
@@ -162,6 +169,14 @@ class RatSlam:
         cells = self.cells.config
         farthest = _FARTHEST[cells.preset] * cells.cell_m
         self._limits = Limits(self.config.gap, self.config.max_speed, farthest)
+        self._lock = threading.RLock()
+
+    def __getstate__(self) -> dict[str, Any]:
+        with self._lock:
+            return copy.deepcopy({k: value for k, value in vars(self).items() if k != "_lock"})
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        vars(self).update(state, _lock=threading.RLock())
 
     @property
     def preset(self) -> str:
@@ -171,7 +186,8 @@ class RatSlam:
     @property
     def seen_ns(self) -> tuple[int | None, int | None]:
         """Stamps of the last odometry and the last view; None before the first one."""
-        odometry, looked_ns = self.memory.odometry, self.memory.looked_ns
+        with self._lock:
+            odometry, looked_ns = self.memory.odometry, self.memory.looked_ns
         return None if odometry is None else odometry.stamp_ns, looked_ns
 
     def step(self, event: Event) -> Step:
@@ -184,18 +200,25 @@ class RatSlam:
         Raises:
             DataError: a stamp earlier than the previous event's, odometry or views that are not
                 later than the last ones, values that are not finite, a view id that skips numbers,
-                or no view source. ShapeError: the item has a wrong shape. Cells and map are then
-                unchanged, except that the odometry of a frame with a bad image or cloud still
-                counts.
+                or no view source. ShapeError: not an event, or the item has a wrong shape. Cells
+                and map are then unchanged, except that the odometry of a frame with a bad image or
+                cloud still counts.
         """
         watch = Stopwatch()
-        odometry, motion = self._check(event)
-        self._move(odometry, motion, watch)
-        sighting = self._look(event, watch)
-        if sighting is not None:
-            self._apply_view(event, sighting, watch)
-        done = self._act(motion, sighting, watch)
-        return self._make_step(event, motion, sighting, done, watch)
+        with self._lock:
+            odometry, motion = self._check(event)
+            self._move(odometry, motion, watch)
+            sighting = self._look(event, watch)
+            if sighting is not None:
+                self._apply_view(event, sighting, watch)
+            done = self._act(motion, sighting, watch)
+            return self._make_step(event, motion, sighting, done, watch)
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Let no thread but this one step in the block, to read several attributes that agree."""
+        with self._lock:
+            yield
 
     def forget_clock(self) -> None:
         """Accept any stamp for the next event, for example when a bag or a simulation restarts.
@@ -203,9 +226,10 @@ class RatSlam:
         Cells and map stay, and so does the odometry frame: the robot is where its next odometry
         pose says.
         """
-        known = self.memory.odometry
-        self.memory.odometry = known and known._replace(stamp_ns=FORGOTTEN_NS)
-        self.memory.newest_ns = self.memory.looked_ns = None
+        with self._lock:
+            known = self.memory.odometry
+            self.memory.odometry = known and known._replace(stamp_ns=FORGOTTEN_NS)
+            self.memory.newest_ns = self.memory.looked_ns = None
 
     def save(self, path: PathLike, *, run: RatSlamRun | None = None) -> None:
         """Save one file atomically, from which ``load`` resumes exactly.
@@ -217,17 +241,18 @@ class RatSlam:
         Raises:
             DataError: the file cannot be written.
         """
-        about = {
-            "config": self.config.model_dump(mode="json"),
-            "views": None if self.views is None else self.views.kind,
-            "memory": asdict(self.memory),
-        }
         arrays: dict[str, NDArray[Any]] = {}
-        for part in _PARTS:
-            state = getattr(self, part).state()
-            arrays |= {f"{part}.{key}": np.asarray(value) for key, value in state.items()}
-        if self.views is not None:
-            arrays[_VIEWS] = np.frombuffer(self.views.to_bytes(), np.uint8)
+        with self._lock:
+            about = {
+                "config": self.config.model_dump(mode="json"),
+                "views": None if self.views is None else self.views.kind,
+                "memory": asdict(self.memory),
+            }
+            for part in _PARTS:
+                state = getattr(self, part).state()
+                arrays |= {f"{part}.{key}": np.asarray(value) for key, value in state.items()}
+            if self.views is not None:
+                arrays[_VIEWS] = np.frombuffer(self.views.to_bytes(), np.uint8)
         if run is not None:
             stream = io.BytesIO()
             run.save(stream)

@@ -40,7 +40,7 @@ _IDENTITY = (0.0, 0.0, 0.0)
 
 
 class ViewSource(Protocol):
-    """Recognises places.
+    """Recognises places for one ``RatSlam``, which calls it from one thread at a time.
 
     Attributes:
         kind: its name in saved files.

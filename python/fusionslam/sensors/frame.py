@@ -9,7 +9,7 @@ points in a, stamps integer nanoseconds.
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,6 +113,14 @@ class Frame:
         self.images: Mapping[str, Bytes] = _LazyMapping(images or {})
         self._points = points
         self._colors = colors
+
+    def __getstate__(self) -> dict[str, object]:
+        # Another process may not be able to read the recording: it gets the data themselves.
+        loaded = {"_points": self.points, "_colors": self.colors, "images": dict(self.images)}
+        return {**vars(self), **loaded}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, images=_LazyMapping(state["images"]))
 
     @property
     def points(self) -> NDArray[np.float32] | None:

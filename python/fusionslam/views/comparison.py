@@ -140,6 +140,13 @@ class SceneComparison(ABC):
     def __len__(self) -> int:
         return len(self._bytes)
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {k: v for k, v in vars(self).items() if k != "_index"} | {"_bytes": [*self._bytes]}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.restore(self.state())
+
     @abstractmethod
     def _empty_index(self) -> Any:
         """A new index of scenes with ``add(scene)`` and ``remove(number)``."""

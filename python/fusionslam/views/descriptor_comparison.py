@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares views by one descriptor vector each."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -37,6 +38,13 @@ class DescriptorComparison:
 
     def __len__(self) -> int:
         return len(self._rows)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {k: v for k, v in vars(self).items() if k != "_index"} | {"_rows": [*self._rows]}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._fill(self._rows)
 
     def settings(self) -> dict[str, Any]:
         values = self._config.model_dump(mode="json", exclude={"threads"})
@@ -97,7 +105,7 @@ class DescriptorComparison:
 
     def explain(self, similarity: float, threshold: float) -> str:
         """The comparison as text, in distances instead of similarities."""
-        distance, most = 1 / similarity - 1, 1 / threshold - 1
+        distance, most = distance_at(similarity), distance_at(threshold)
         return f"distance {distance:.4g} {'<=' if similarity >= threshold else '>'} {most:.4g}"
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -122,3 +130,8 @@ class DescriptorComparison:
 def similarity_at(distance: float) -> float:
     """Convert a distance to a similarity."""
     return 1 / (1 + distance)
+
+
+def distance_at(similarity: float) -> float:
+    """Convert a similarity to a distance: infinity for 0."""
+    return 1 / similarity - 1 if similarity > 0 else math.inf

@@ -64,8 +64,21 @@ class ViewStats:
 
 @dataclass
 class Slot:
-    """A stored view: the id of its place, its scan number, and the last scan that used it."""
+    """A stored view.
+
+    Attributes:
+        id: of its place.
+        number: of its scan.
+        used: number of the last scan that matched it, or its own.
+        absent: the most scans between two that used it.
+    """
 
     id: int
     number: int
     used: int
+    absent: int = 0
+
+    def use(self, number: int) -> None:
+        """Note that a scan matched this view."""
+        self.absent = max(self.absent, number - self.used)
+        self.used = number

@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """``ViewMatcher``: recognises places, one ``process`` call per scan (Stastny 2022, 4.4)."""
 
-from dataclasses import asdict, replace
+import io
+import random
+import threading
+from dataclasses import asdict, astuple, replace
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -28,9 +31,16 @@ from fusionslam.views.recognisers import (
 FORMAT = "fusionslam.view_matcher.1"
 _STATE = "state."
 
+_ABSENCE = 0.1
+"""Scans without a view, as a share of the stored views, from which it was absent: a robot that
+stands still uses one view again and again, which does not tell that it will come back."""
+
 
 class ViewMatcher:
     """Gives each scan the id of the place it shows, or a new id.
+
+    Thread-safe: scans are matched one at a time, in the order in which ``process`` reaches them;
+    their views are built in parallel. It can be sent to another process, stored views included.
 
     Args:
         config: what is compared and stored.
@@ -56,6 +66,7 @@ class ViewMatcher:
         self.config = config or ViewMatcherConfig()
         self.fusion_config = fusion or ROBOT_FUSION
         self.descriptor_config = descriptors or DescriptorConfig()
+        self._is_custom = comparison is not None
         if comparison is None:  # not "or": an empty comparison is falsy
             self.config = complete_config(self.config)
             comparison = build_comparison(self.config, self.descriptor_config)
@@ -64,11 +75,18 @@ class ViewMatcher:
         self.threshold = self.comparison.default_threshold if given is None else given
         self._slots: list[Slot] = []
         self._stats = ViewStats()
+        self._lock = threading.RLock()
+
+    def __reduce__(self) -> Any:
+        stream = io.BytesIO()
+        self.save(stream)
+        return _load, (type(self), stream.getvalue(), self.comparison if self._is_custom else None)
 
     @property
     def stats(self) -> ViewStats:
         """A copy of the counts of what has been done so far."""
-        return replace(self._stats, stored=len(self))
+        with self._lock:
+            return replace(self._stats, stored=len(self))
 
     def __len__(self) -> int:
         """Number of views stored now."""
@@ -94,17 +112,19 @@ class ViewMatcher:
             DataError, ShapeError: as ``view``; nothing is counted or stored.
         """
         view = self.view(item)
-        if view.objects < self.config.min_objects:
-            match = self._skip(view)
-        else:
-            best = next(iter(self.comparison.compare(view, 1)), None) if self._slots else None
-            if best is not None and not best.rejected and best.similarity >= self.threshold:
-                match = self._match_view(view, best)
-            else:
-                match = self._start_place(view, best)
-        self._stats.processed += 1
-        self._stats.single += view.objects == 1
+        with self._lock:
+            match = self._match(view)
+            self._stats.processed += 1
+            self._stats.single += view.objects == 1
         return match
+
+    def _match(self, view: View) -> ViewMatch:
+        if view.objects < self.config.min_objects:
+            return self._skip(view)
+        best = next(iter(self.comparison.compare(view, 1)), None) if self._slots else None
+        if best is not None and not best.rejected and best.similarity >= self.threshold:
+            return self._match_view(view, best)
+        return self._start_place(view, best)
 
     def _skip(self, view: View) -> ViewMatch:
         self._stats.nothing += 1
@@ -113,7 +133,7 @@ class ViewMatcher:
 
     def _match_view(self, view: View, best: Candidate) -> ViewMatch:
         slot = self._slots[best.slot]
-        slot.used = self._stats.processed
+        slot.use(self._stats.processed)
         stored = self._is_another_view_of(slot.id, best)
         if stored:
             self._store(view, slot.id)
@@ -154,12 +174,28 @@ class ViewMatcher:
         self._slots.append(Slot(id, number, number))
 
     def _drop_view(self) -> None:
-        """Make room: drop the least recently used view, the oldest among equals."""
-        last = min(range(len(self._slots)), key=lambda slot: self._slots[slot].used)
-        self._stats.bytes -= self.comparison.size_of(last)
+        """Make room: drop the view that is least likely to be needed again."""
+        least = self._least_needed()
+        self._stats.bytes -= self.comparison.size_of(least)
         self._stats.dropped += 1
-        self.comparison.remove(last)
-        del self._slots[last]
+        self.comparison.remove(least)
+        del self._slots[least]
+
+    def _least_needed(self) -> int:
+        """The slot of the view to drop.
+
+        A view that was recognised after an absence is expected again, and kept for twice that
+        absence. Of those that never came back one is dropped at random: dropping the oldest would,
+        on a tour of more places than fit, drop each one just before the robot comes back to it.
+        """
+        now, slots = self._stats.processed, self._slots
+        came_back = [slot.absent >= _ABSENCE * len(slots) for slot in slots]
+        late = [n for n, s in enumerate(slots) if came_back[n] and now - s.used > 2 * s.absent]
+        never = [n for n, back in enumerate(came_back) if not back]
+        if never and not late:
+            # Decided by the number of the scan, so that a resumed run equals an uninterrupted one.
+            return random.Random(now).choice(never)
+        return min(late or range(len(slots)), key=lambda n: slots[n].used)
 
     def save(self, target: PathLike | BinaryIO) -> None:
         """Save everything that ``load`` needs to resume exactly from here.
@@ -170,16 +206,17 @@ class ViewMatcher:
         Raises:
             DataError: the file cannot be written.
         """
-        about = {
-            "comparison": self.comparison.kind,
-            "threshold": self.threshold,
-            "views": self.config.model_dump(mode="json"),
-            "fusion": self.fusion_config.model_dump(mode="json"),
-            "descriptors": self.descriptor_config.model_dump(mode="json"),
-            "stats": asdict(self.stats),
-        }
-        slots = np.array([(s.id, s.number, s.used) for s in self._slots], np.int64).reshape(-1, 3)
-        state = {_STATE + name: array for name, array in self.comparison.state().items()}
+        with self._lock:
+            about = {
+                "comparison": self.comparison.kind,
+                "threshold": self.threshold,
+                "views": self.config.model_dump(mode="json"),
+                "fusion": self.fusion_config.model_dump(mode="json"),
+                "descriptors": self.descriptor_config.model_dump(mode="json"),
+                "stats": asdict(self.stats),
+            }
+            slots = np.array([astuple(slot) for slot in self._slots], np.int64).reshape(-1, 4)
+            state = {_STATE + name: array for name, array in self.comparison.state().items()}
         save_archive(target, FORMAT, about, {"slots": slots, **state})
 
     @classmethod
@@ -217,8 +254,13 @@ class ViewMatcher:
             )
         slots = arrays.pop("slots")
         self.comparison.restore({name.removeprefix(_STATE): rows for name, rows in arrays.items()})
-        if slots.ndim != 2 or slots.shape[1] != 3 or len(slots) != len(self.comparison):
+        # Three values before 0.2.0: without the longest absence.
+        if slots.ndim != 2 or slots.shape[1] not in (3, 4) or len(slots) != len(self.comparison):
             raise DataError(f"{len(self.comparison)} views, but slots {slots.shape}")
         self.threshold = about["threshold"]
         self._slots = [Slot(*row) for row in slots.tolist()]
         self._stats = ViewStats(**about["stats"])
+
+
+def _load(kind: type[ViewMatcher], content: bytes, comparison: Comparison | None) -> ViewMatcher:
+    return kind.load(io.BytesIO(content), comparison=comparison)

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     class AlignmentSection(Section): ...
 
 else:
-    SceneSection = core_section("SceneSection", SceneConfig, optional=True)
-    SimilaritySection = core_section("SimilaritySection", SimilarityConfig, optional=True)
-    AlignmentSection = core_section("AlignmentSection", AlignmentConfig)
+    SceneSection = core_section("SceneSection", SceneConfig, __name__, optional=True)
+    SimilaritySection = core_section("SimilaritySection", SimilarityConfig, __name__, optional=True)
+    AlignmentSection = core_section("AlignmentSection", AlignmentConfig, __name__)
 
 OBJECT_THRESHOLDS = {"robust": 0.74, "paper": 0.737, "author": 0.737}
 """Lowest similarity of a match by preset: the published ones; robust, where accuracy and
@@ -107,7 +107,7 @@ class ViewMatcherConfig(Section):
         1, "threads that compare scenes; 0 is one per core; ids stay the same", ge=0
     )
     max_views: int = option(
-        0, "most stored views; the least recently used is dropped; 0 is no limit", ge=0
+        0, "most stored views; the one least likely to be needed is dropped; 0 is no limit", ge=0
     )
 
     @field_validator("method")

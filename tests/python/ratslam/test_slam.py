@@ -22,8 +22,20 @@ from fusionslam.ratslam import ActionKind, Look, Motion, RatSlam, Sighting, Step
 from fusionslam.ratslam.events import Event
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Picture
+from refusals import refuses
 
 TENTH = SECOND // 10
+
+
+@pytest.mark.parametrize("event", [None, 3, "look", Motion])
+def test_what_is_no_event_is_refused_by_its_type(event: Any) -> None:
+    with refuses("no-event", type(event).__name__, error=ShapeError):
+        RatSlam().step(event)
+
+
+def test_odometry_of_a_frame_must_be_a_transform() -> None:
+    with pytest.raises(ShapeError, check=lambda error: error.fields == ("odometry",)):
+        RatSlam().step(Frame(odometry=np.eye(2)))
 
 
 def straight(seconds: float, v: float = 0.5, start_ns: int = 0) -> list[Event]:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Views online: ids, what is stored, what is forgotten, and going on from a file."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.pipelines.views import run_views
 from fusionslam.sensors.frame import Cloud
-from fusionslam.views.descriptor_comparison import similarity_at
+from fusionslam.views.descriptor_comparison import distance_at, similarity_at
 from fusionslam.views.match import NO_VIEW, ViewMatch
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.object_comparison import ObjectComparison
@@ -130,12 +131,57 @@ def test_several_views_of_a_place_are_stored_if_they_differ_enough() -> None:
         assert not match.is_new and (match.similarity < 0.95 or not match.stored)
 
 
-def test_memory_is_bounded_by_dropping_what_was_not_needed_for_longest() -> None:
+def test_memory_is_bounded_by_dropping_what_never_came_back() -> None:
     one = matcher(max_views=3)
-    # 0 is needed again before 3 comes, so 1 makes room for it, and is new when it comes back.
-    assert ids(one, (0, 1, 2, 0, 3, 0, 2, 1)) == [0, 1, 2, 0, 3, 0, 2, 4]
-    assert (one.stats.dropped, one.stats.stored, len(one)) == (2, 3, 3)
-    assert [one.process(place(number, 9)).id for number in (0, 2, 1)] == [0, 2, 4]
+    # 0 came back after three scans, so 1 or 2 makes room for 3, and the other for it.
+    found = ids(one, (0, 1, 2, 0, 3, 0))
+    assert found == [0, 1, 2, 0, 3, 0]
+    assert (one.stats.dropped, one.stats.stored, len(one)) == (1, 3, 3)
+    assert [one.process(place(number, 9)).id for number in (0, 3)] == [0, 3]
+
+
+def test_a_view_that_stays_away_for_twice_its_longest_absence_is_dropped() -> None:
+    one = matcher(max_views=3)
+    # 0 is away for three scans, then for more than six, in which others come and go.
+    assert ids(one, (0, 1, 2, 0))[-1] == 0
+    for number in range(3, 12):
+        one.process(place(number))
+    assert one.process(place(0, 1)).is_new
+
+
+# A vector for each place of a tour, all of them farther apart than two views of a place.
+def tour_ids(one: ViewMatcher, places: Iterable[int]) -> list[int]:
+    length = one.comparison.view(place(0)).content.shape[0]
+    rows = np.random.default_rng(5).normal(size=(700, length)).astype(np.float32)
+    return [one.process(rows[number]).id for number in places]
+
+
+@pytest.mark.parametrize(("places", "share"), [(60, 0.3), (33, 0.75)])
+def test_a_tour_of_more_places_than_fit_is_recognised_in_part(places: int, share: float) -> None:
+    one = matcher(method="m2dp", max_views=30)
+    found = tour_ids(one, list(range(places)) * 12)
+    late = found[2 * places :]
+    known = sum(id in found[: index + 2 * places] for index, id in enumerate(late))
+    # Dropping the least recently used recognises none.
+    assert known / len(late) > share and len(one) == 30
+
+
+def test_a_tour_that_fits_is_recognised_wherever_the_robot_was_before() -> None:
+    one = matcher(method="m2dp", max_views=30)
+    tour_ids(one, list(range(100, 120)) * 5)
+    tour_ids(one, list(range(20)) * 10)
+    assert len(set(tour_ids(one, range(20)))) == 20
+    assert one.stats.new < 20 + 5 * 20
+    before = one.stats.new
+    tour_ids(one, list(range(20)) * 3)
+    assert one.stats.new == before
+
+
+@pytest.mark.parametrize("method", ["m2dp", "objects", "alignment"])
+def test_with_a_threshold_of_0_everything_matches(method: str) -> None:
+    one = matcher(method=method, threshold=0)
+    assert [one.process(place(number)).id for number in range(3)] == [0, 0, 0]
+    assert distance_at(0.0) == np.inf and distance_at(similarity_at(0.24)) == pytest.approx(0.24)
 
 
 @pytest.mark.parametrize("values", [{}, SCENES, DESCRIPTOR])
@@ -166,6 +212,17 @@ def test_going_on_from_a_file_is_like_never_having_stopped(
         one = ViewMatcher.load(tmp_path / "views")
     assert found == list(whole.matches) and one.stats == whole.stats
     assert one.config == complete_config(config(**values, max_views=5))
+
+
+def test_a_file_written_before_absences_were_stored_is_read(tmp_path: Path) -> None:
+    one, path = matcher(), tmp_path / "views"
+    ids(one)
+    one.save(path)
+    with np.load(path) as stored:
+        slots = stored["slots"][:, :3]
+    change_archive(path, slots=slots)
+    again = ViewMatcher.load(path)
+    assert again.stats == one.stats and again.process(place(1, 5)).id == 1
 
 
 def test_bad_scans_are_refused_and_change_nothing() -> None:

@@ -135,6 +135,9 @@ class Bag:
         self.start_ns = int(self._reader.start_time) if has_messages else 0
         self.stop_ns = int(self._reader.end_time) - 1 if has_messages else 0
 
+    def __reduce__(self) -> tuple[type["Bag"], tuple[Path]]:
+        return Bag, (self.path,)  # another process opens it again
+
     def events(
         self,
         topics: Sequence[str] | None = None,

@@ -58,6 +58,7 @@ class SecondStage:
         model: str | os.PathLike[str] = "places",
         comparison: str | os.PathLike[str] | None = None,
     ) -> None:
+        self._models = model, comparison
         own, compared = MODELS.get(str(model), (None, None))
         if own is None and not Path(model).exists():
             names = ", ".join(MODELS)
@@ -78,6 +79,9 @@ class SecondStage:
                 f"{features} has no calibration: expected a comparison beside it",
                 code="no-calibration",
             )
+
+    def __reduce__(self) -> Any:
+        return type(self), self._models  # another process reads the files again
 
     def features(
         self, cloud: Cloud | NDArray[np.float32], colors: NDArray[np.uint8] | None = None
