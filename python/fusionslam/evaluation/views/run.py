@@ -47,8 +47,10 @@ class ViewRun:
         bytes_per_view: mean size of a stored view.
         curve: the same method at other thresholds.
         config: the configuration, in types that JSON can hold.
-        images: scan number -> uint8 (H, W, 3) RGB or (H, W); not saved.
-        clouds: scan number -> its cloud in the robot's frame (x forward, z up); not saved.
+        images: scan number -> uint8 (H, W, 3) RGB or (H, W); neither saved nor
+            sent to other processes.
+        clouds: scan number -> its cloud in the robot's frame (x forward, z up); neither saved
+            nor sent.
 
     Raises:
         ShapeError, DataError: as ``judge_views``; or an array of another length.
@@ -86,6 +88,9 @@ class ViewRun:
                 changes[name] = _per_scan(name, values, count)
         for name, value in changes.items():
             object.__setattr__(self, name, value)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "images": None, "clouds": None}
 
     def __len__(self) -> int:
         return len(self.poses)
