@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from fusionslam.errors import DataError
-from fusionslam.loop_closure.detector import Loop, LoopDetector
+from fusionslam.loop_closure.detector import FILE, Loop, LoopDetector
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.archive import load_archive
+from fusionslam.storage.files import reading
 from fusionslam.views.alignment_comparison import align_scenes
 from fusionslam.views.scene_set import pack_bytes, unpack_bytes
 from fusionslam.views.scenes import Scene, build_scene
 
-FORMAT = "fusionslam.aligned_loops.1"
-_SCENES = "scenes.npz"
+_FORMER_FORMAT, _FORMER_FILE = "fusionslam.aligned_loops.1", "scenes.npz"
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,19 @@ class AlignedLoop:
     pose: tuple[float, float, float] | None = None
 
 
+@dataclass(frozen=True)
+class _Stored:
+    """What is kept of a cloud: its range image as a scene without objects, and its stamp."""
+
+    scene: bytes
+    stamp_ns: int
+
+
 class AlignedLoopDetector:
     """A ``LoopDetector`` that also stores each cloud's range image, to align the clouds of a loop.
 
-    Each cloud takes the memory of its descriptor and about 1 kB.
+    Each cloud takes the memory of its descriptor and about 1 kB. What the detector forgets is
+    forgotten here, too. To be used by one thread at a time.
 
     Args:
         detector: a new or resumed detector.
@@ -50,8 +59,7 @@ class AlignedLoopDetector:
 
     def __init__(self, detector: LoopDetector) -> None:
         self.detector = detector
-        self._stored: list[bytes] = []
-        self._stamps_ns: list[int] = []
+        self._stored: dict[int, _Stored] = {}
 
     def __len__(self) -> int:
         """Number of clouds added so far."""
@@ -72,39 +80,56 @@ class AlignedLoopDetector:
                 "loops are aligned by coloured clouds and this one has no colours", code="no-colors"
             )
         scene = build_scene(cloud.points, cloud.colors)
+        number = len(self)
         loop = self.detector.add(cloud, stamp_ns=stamp_ns)
-        self._stored.append(Scene(scene.objects[:0], scene.image).to_bytes())
-        self._stamps_ns.append(stamp_ns)
-        return None if loop is None else self._align(loop, scene)
+        self._stored[number] = _Stored(Scene(scene.objects[:0], scene.image).to_bytes(), stamp_ns)
+        found = None if loop is None else self._align(loop, scene)
+        frames = self.detector.frames
+        if len(frames) < len(self._stored):
+            self._stored = {number: self._stored[number] for number in frames.tolist()}
+        return found
 
     def _align(self, loop: Loop, scene: Scene) -> AlignedLoop:
-        older, stamp_ns = Scene.from_bytes(self._stored[loop.match]), self._stamps_ns[loop.match]
-        found = align_scenes(scene, older)
+        older = self._stored[loop.match]
+        found = align_scenes(scene, Scene.from_bytes(older.scene))
         if not any(found.evidence.values()):  # nothing was aligned
-            return AlignedLoop(loop, stamp_ns)
-        return AlignedLoop(loop, stamp_ns, found.probability, (found.x, found.y, found.yaw))
+            return AlignedLoop(loop, older.stamp_ns)
+        pose = (found.x, found.y, found.yaw)
+        return AlignedLoop(loop, older.stamp_ns, found.probability, pose)
 
     def save(self, folder: str | os.PathLike[str]) -> None:
-        """Save to a folder from which ``load`` resumes.
+        """Save to a folder from which ``load`` resumes, and ``LoopDetector.load`` as well.
 
         Raises:
             DataError: nothing was added yet, or the folder cannot be written.
         """
-        joined, offsets = pack_bytes(self._stored)
-        stamps = np.array(self._stamps_ns, np.int64)
-        # Scenes first: an interrupted save may leave more scenes than descriptors, never fewer.
-        arrays = {"scenes": joined, "offsets": offsets, "stamps_ns": stamps}
-        save_archive(Path(folder) / _SCENES, FORMAT, {}, arrays)
-        self.detector.save(folder)
+        joined, offsets = pack_bytes([each.scene for each in self._stored.values()])
+        stamps = np.array([each.stamp_ns for each in self._stored.values()], np.int64)
+        scenes = {"scenes": joined, "offsets": offsets, "scene_stamps_ns": stamps}
+        self.detector.save_with(folder, scenes)
+        (Path(folder) / _FORMER_FILE).unlink(missing_ok=True)
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> "AlignedLoopDetector":
-        """Resume from what ``save`` wrote. Raises DataError naming the file."""
-        loops = cls(LoopDetector.load(folder))
-        path = Path(folder) / _SCENES
-        with load_archive(path, FORMAT, "scenes of stored loops") as (_, stored):
-            loops._stored = unpack_bytes(stored["scenes"], stored["offsets"])[: len(loops)]
-            loops._stamps_ns = stored["stamps_ns"].tolist()[: len(loops)]
-        if not len(loops._stored) == len(loops._stamps_ns) == len(loops):
-            raise DataError(f"{path}: {len(loops._stored)} scenes of {len(loops)} clouds")
+        """Resume from what ``save`` wrote, in this version or an earlier one.
+
+        Raises:
+            DataError: the file is missing or damaged; the message names it.
+        """
+        detector, arrays = LoopDetector.load_with(folder)
+        path, former = Path(folder) / FILE, Path(folder) / _FORMER_FILE
+        if not arrays:
+            path = former
+            with load_archive(path, _FORMER_FORMAT, "scenes of stored loops") as (_, stored):
+                arrays = {**stored, "scene_stamps_ns": stored["stamps_ns"]}
+        frames = detector.frames.tolist()
+        with reading(path, "scenes of stored loops"):
+            scenes = unpack_bytes(arrays["scenes"], arrays["offsets"])
+            stamps = arrays["scene_stamps_ns"].tolist()
+            stored = [_Stored(scene, at) for scene, at in zip(scenes, stamps, strict=True)]
+            # A save that was interrupted in an earlier version left more scenes than descriptors.
+            if len(stored) < len(frames):
+                raise DataError(f"{len(stored)} scenes of {len(frames)} clouds")
+        loops = cls(detector)
+        loops._stored = dict(zip(frames, stored[: len(frames)], strict=True))
         return loops

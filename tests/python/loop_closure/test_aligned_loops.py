@@ -83,7 +83,7 @@ def test_a_damaged_file_is_refused_whatever_is_wrong_with_it(tmp_path: Path) -> 
     loops = detector()
     add_all(loops, DRIVE[:2])
     loops.save(tmp_path)
-    path = tmp_path / "scenes.npz"
+    path = tmp_path / "detector.npz"
     whole, random = path.read_bytes(), np.random.default_rng(5)
     directory = whole.index(b"PK\x01\x02")  # whose flags zipfile believes
     refused = 0
@@ -97,7 +97,7 @@ def test_a_damaged_file_is_refused_whatever_is_wrong_with_it(tmp_path: Path) -> 
             refused += str(path) in str(error)
     assert refused > 100
     path.unlink()
-    with pytest.raises(DataError, match=r"scenes\.npz"):
+    with pytest.raises(DataError, match=r"detector\.npz"):
         AlignedLoopDetector.load(tmp_path)
 
 
@@ -105,12 +105,26 @@ def test_a_file_of_another_version_is_named(tmp_path: Path) -> None:
     loops = detector()
     add_all(loops, DRIVE[:2])
     loops.save(tmp_path)
-    path = tmp_path / "scenes.npz"
+    path = tmp_path / "detector.npz"
     with np.load(path) as stored:
-        arrays = {**stored, "about": np.array('{"format": "fusionslam.aligned_loops.0"}')}
+        arrays = {**stored, "about": np.array('{"format": "fusionslam.loop_detector.0"}')}
     np.savez(path, **arrays)
-    with pytest.raises(DataError, match=r"scenes\.npz.*aligned_loops\.0"):
+    with pytest.raises(DataError, match=r"detector\.npz.*loop_detector\.0"):
         AlignedLoopDetector.load(tmp_path)
     path.write_text("something else")
-    with pytest.raises(DataError, match=r"scenes\.npz"):
+    with pytest.raises(DataError, match=r"detector\.npz"):
         AlignedLoopDetector.load(tmp_path)
+
+
+def test_scenes_are_forgotten_with_their_frames_and_loops_still_aligned(tmp_path: Path) -> None:
+    limited = LoopDetector("cm2dp", window=1, threshold=2.0, max_frames=6)
+    loops = AlignedLoopDetector(limited)
+    add_all(loops, [*DRIVE[:3], *DRIVE[:3], *DRIVE[:3]])
+    assert len(loops) == 9 and len(limited.frames) < 6
+    loops.save(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["detector.npz"]
+    for each in (loops, AlignedLoopDetector.load(tmp_path)):
+        found = each.add(DRIVE[3], 90)
+        assert found is not None and found.pose is not None
+        assert (found.loop.match, found.match_stamp_ns) == (0, 0)
+        np.testing.assert_allclose(found.pose, seen_from(THERE, BACK), atol=0.03)

@@ -1,9 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""LoopDetector: finds what was seen before, obeys threshold and window, forgets nothing."""
+"""LoopDetector: finds what was seen before, obeys threshold and window, forgets what it may."""
 
 import json
 import os
+import pickle
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from fusionslam import (
     ConfigError,
     DataError,
     DescriptorConfig,
+    DescriptorIndex,
     Frame,
     FusionConfig,
     FusionSlamError,
@@ -25,8 +28,8 @@ from fusionslam import (
     ShapeError,
     describe,
 )
+from fusionslam.storage.archive import save_archive
 from refusals import refuses
-from stored import change_json
 
 SECOND = 1_000_000_000
 PLACES = 12
@@ -187,14 +190,52 @@ def save_detector(folder: Path) -> Path:
     return folder
 
 
-def test_saving_again_replaces_the_files_and_leaves_nothing_else(tmp_path: Path) -> None:
+def save_in_the_former_format(folder: Path, detector: LoopDetector, clouds: list[Cloud]) -> None:
+    """Write the two files that version 0.1 wrote, as if the detector had got these clouds."""
+    config = detector.config
+    index = DescriptorIndex(192, window=config.window, window_seconds=config.window_seconds)
+    for number, cloud in enumerate(clouds):
+        index.add(describe(cloud, detector.descriptor), stamp_ns=number * SECOND)
+    folder.mkdir(exist_ok=True)
+    index.save(folder / "descriptors-0123456789ab.index")
+    about = {
+        "format": "fusionslam.loop_detector.2",
+        "descriptor": detector.descriptor,
+        "frames": len(clouds),
+        "index": "descriptors-0123456789ab.index",
+        "loop_closure": config.model_dump(exclude={"max_frames"}),
+        "descriptors": detector.describe_config.model_dump(),
+        "fusion": detector.fusion_config.model_dump(),
+    }
+    (folder / "detector.json").write_text(json.dumps(about))
+
+
+def test_saving_again_replaces_the_file_and_leaves_nothing_else(tmp_path: Path) -> None:
     folder = save_detector(tmp_path / "loops")
     save_detector(folder)
-    index = json.loads((folder / "detector.json").read_text())["index"]
-    assert sorted(os.listdir(folder)) == sorted([index, "detector.json"])
+    assert os.listdir(folder) == ["detector.npz"]
 
 
-def test_a_save_that_is_cut_off_between_its_files_leaves_the_old_pair(
+def test_a_detector_of_an_earlier_version_goes_on_and_is_saved_in_the_new_one(
+    tmp_path: Path,
+) -> None:
+    def new_detector() -> LoopDetector:
+        return LoopDetector("m2dp", threshold=0.5, window=2, window_seconds=3.5)
+
+    whole = new_detector()
+    wanted = [whole.add(cloud, stamp_ns=k * SECOND) for k, cloud in enumerate(DRIVE)]
+    save_in_the_former_format(tmp_path, new_detector(), DRIVE[:13])
+    (tmp_path / ".descriptors-killed.index.0xyz").write_bytes(b"left by a killed writer")
+    for _ in range(2):  # from the former files, then from the new one
+        part = LoopDetector.load(tmp_path)
+        assert len(part) == 13 and part.frames.tolist() == list(range(13))
+        part.save(tmp_path)
+        assert os.listdir(tmp_path) == ["detector.npz"]
+        found = [part.add(cloud, stamp_ns=(13 + k) * SECOND) for k, cloud in enumerate(DRIVE[13:])]
+        assert found == wanted[13:]
+
+
+def test_a_save_that_is_cut_off_leaves_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = save_detector(tmp_path / "loops")
@@ -214,6 +255,18 @@ def test_a_save_that_is_cut_off_between_its_files_leaves_the_old_pair(
     assert len(LoopDetector.load(folder)) == len(before)
 
 
+@pytest.mark.parametrize("descriptor", ["m2dp", "cshot"])
+def test_a_pickled_detector_goes_on_exactly(descriptor: str) -> None:
+    whole = LoopDetector(descriptor, threshold=0.5, window=2)
+    empty = pickle.loads(pickle.dumps(whole))
+    assert len(empty) == 0 and empty.config == whole.config
+    for cloud in DRIVE[:9]:
+        assert empty.add(cloud) == whole.add(cloud)
+    copy = pickle.loads(pickle.dumps(whole))
+    assert copy.nearest == whole.nearest and len(copy) == 9
+    assert [copy.add(cloud) for cloud in DRIVE[9:]] == [whole.add(cloud) for cloud in DRIVE[9:]]
+
+
 def test_an_empty_detector_has_nothing_to_save(tmp_path: Path) -> None:
     with refuses("empty"):
         LoopDetector().save(tmp_path)
@@ -225,15 +278,21 @@ def test_an_output_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
         save_detector(tmp_path / "file" / "loops")
 
 
-def change_about(folder: Path, **changes: Any) -> None:
-    change_json(folder / "detector.json", **changes)
+def change_file(folder: Path, changes: dict[str, Any], **arrays: Any) -> None:
+    """Store the detector with other metadata and arrays."""
+    path = folder / "detector.npz"
+    with np.load(path) as stored:
+        about = json.loads(str(stored["about"]))
+        values = {name: stored[name] for name in stored.files if name != "about"}
+    about = {key: value for key, value in about.items() if key != "digests"} | changes
+    save_archive(path, about.pop("format"), about, values | arrays)
 
 
 def test_a_folder_that_is_no_detector_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"nowhere.*detector\.json"):
+    with refuses("missing-file", str(tmp_path / "nowhere/detector.npz")):
         LoopDetector.load(tmp_path / "nowhere")
     (tmp_path / "detector.json").write_text("[1, 2]")
-    with pytest.raises(DataError, match=r"detector\.json"):
+    with refuses("damaged-file", str(tmp_path / "detector.json")):
         LoopDetector.load(tmp_path)
 
 
@@ -246,29 +305,146 @@ def test_a_folder_that_is_no_detector_is_refused(tmp_path: Path) -> None:
         {"loop_closure": {"window": -1}},
         {"loop_closure": None},
         {"fusion": 3},
+        {"frames": 4},
     ],
 )
 def test_a_detector_of_another_version_or_kind_is_refused(
     tmp_path: Path, changes: dict[str, Any]
 ) -> None:
-    change_about(save_detector(tmp_path), **changes)
-    with pytest.raises(DataError, match=r"detector\.json"):
+    change_file(save_detector(tmp_path), changes)
+    with pytest.raises(DataError, match=r"detector\.npz"):
         LoopDetector.load(tmp_path)
 
 
-def test_files_cut_in_half_are_refused(tmp_path: Path) -> None:
-    for pattern in ("descriptors-*.index", "detector.json"):
-        (path,) = save_detector(tmp_path).glob(pattern)
-        name = path.name
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-        with pytest.raises(DataError, match=name.replace(".", r"\.")):
-            LoopDetector.load(tmp_path)
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {"numbers": np.array([0, 1, 2, 2, 3])},
+        {"numbers": np.array([-1, 1, 2, 3, 4])},
+        {"stamps_ns": np.zeros(4, np.int64)},
+        {"descriptors": np.zeros((4, 192), np.float32)},
+        {"descriptors": np.full((5, 192), np.nan, np.float32)},
+    ],
+)
+def test_arrays_that_do_not_belong_together_are_refused(
+    tmp_path: Path, arrays: dict[str, Any]
+) -> None:
+    change_file(save_detector(tmp_path), {}, **arrays)
+    with pytest.raises(DataError, match=r"detector\.npz"):
+        LoopDetector.load(tmp_path)
 
 
-def test_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
-    change_about(save_detector(tmp_path), frames=4)
+def test_a_file_cut_in_half_is_refused(tmp_path: Path) -> None:
+    path = save_detector(tmp_path) / "detector.npz"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with refuses("damaged-file", str(path)):
+        LoopDetector.load(tmp_path)
+
+
+def test_former_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
+    save_in_the_former_format(tmp_path, LoopDetector("m2dp"), DRIVE[:5])
+    about = json.loads((tmp_path / "detector.json").read_text())
+    (tmp_path / "detector.json").write_text(json.dumps(about | {"frames": 4}))
     with pytest.raises(DataError, match=r"5 .*4"):
         LoopDetector.load(tmp_path)
+
+
+# Forgetting
+
+
+def wander(places: int, frames: int, seed: int = 0) -> np.ndarray[Any, Any]:
+    """Descriptors of a robot that sees some places once, then stays at the last ones."""
+    rng = np.random.default_rng(seed)
+    seen = rng.normal(0, 1, (places, 8)).astype(np.float32)
+    later = np.tile(np.arange(places - 10, places), frames // 10 + 1)[: frames - places]
+    order = np.concatenate([np.arange(places), later])
+    return seen[order] + rng.normal(0, 0.01, (frames, 8)).astype(np.float32)
+
+
+def test_a_bounded_detector_keeps_the_first_visit_to_every_place() -> None:
+    rows = wander(places=60, frames=3000)
+    detector = LoopDetector(threshold=0.5, window=2, max_frames=100, length=8)
+    for row in rows:
+        detector.add_descriptor(row)
+        assert len(detector.frames) < 100
+    assert len(detector) == 3000
+    assert set(range(60)) <= set(detector.frames.tolist())
+    for place in range(50):  # not seen for 2900 frames
+        loop = detector.add_descriptor(rows[place])
+        assert loop == Loop(3000 + place, place, 0.0)
+
+
+def test_the_newest_frames_are_never_forgotten() -> None:
+    detector = LoopDetector(threshold=9.0, window=7, max_frames=20, length=8)
+    for count, row in enumerate(wander(places=20, frames=300), start=1):
+        loop = detector.add_descriptor(row)
+        assert loop is None or loop.query - loop.match > 7
+        newest = detector.frames[-min(count, 7) :]
+        assert newest.tolist() == list(range(count - len(newest), count))
+
+
+def test_below_the_bound_nothing_is_forgotten_and_nothing_changes() -> None:
+    bounded = LoopDetector(threshold=0.5, window=3, max_frames=301, length=8)
+    free = LoopDetector(threshold=0.5, window=3, max_frames=0, length=8)
+    for row in wander(places=60, frames=300):
+        assert bounded.add_descriptor(row) == free.add_descriptor(row)
+    assert len(bounded.frames) == 300
+
+
+def test_a_bounded_detector_is_saved_and_pickled_with_what_it_has_left(tmp_path: Path) -> None:
+    rows = wander(places=30, frames=200)
+    detector = LoopDetector(threshold=0.5, window=2, max_frames=50, length=8)
+    for row in rows[:150]:
+        detector.add_descriptor(row)
+    detector.save(tmp_path)
+    for copy in (LoopDetector.load(tmp_path), pickle.loads(pickle.dumps(detector))):
+        assert len(copy) == 150 and np.array_equal(copy.frames, detector.frames)
+        original = LoopDetector.load(tmp_path)
+        for row in rows[150:]:
+            assert copy.add_descriptor(row) == original.add_descriptor(row)
+        assert np.array_equal(copy.frames, original.frames)
+
+
+# Threads
+
+
+@pytest.mark.parametrize("descriptor", ["m2dp", "shot"])
+def test_frames_that_threads_add_first_at_once_are_all_kept(descriptor: str) -> None:
+    for _ in range(5):
+        detector = LoopDetector(descriptor, window=0)
+        start = threading.Barrier(3)
+
+        def add(cloud: Cloud, detector: Any = detector, start: Any = start) -> None:
+            start.wait()
+            detector.add(cloud)
+
+        threads = [threading.Thread(target=add, args=(cloud,)) for cloud in DRIVE[:3]]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert len(detector) == 3 and detector.frames.tolist() == [0, 1, 2]
+        for cloud in DRIVE[:3]:  # all three were stored with the same radius
+            detector.add(cloud)
+            assert detector.nearest is not None
+            assert detector.nearest.distance < 1e-6
+
+
+def test_no_number_is_given_twice_or_lost_while_threads_add_and_frames_are_forgotten() -> None:
+    detector = LoopDetector(threshold=9.0, window=0, max_frames=40, length=8)
+    rows, queries = wander(places=30, frames=400), []
+
+    def add_all(part: Any) -> None:
+        for row in part:
+            if loop := detector.add_descriptor(row):
+                queries.append(loop.query)
+
+    threads = [threading.Thread(target=add_all, args=(rows[k::4],)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(detector) == 400 and sorted(queries) == list(range(1, 400))
 
 
 # Bad input
