@@ -290,6 +290,12 @@ def _yaml_text(value: Any) -> str:
     return text.removesuffix("...\n").strip()
 
 
+def split_preset(name: str) -> tuple[str, str | None]:
+    """Split a name with an optional preset, such as "cm2dp:author"."""
+    first, colon, preset = name.partition(":")
+    return first, preset if colon else None
+
+
 def explain_choice(
     value: str, choices: Collection[str], renamed: Mapping[str, str] | None = None
 ) -> str:

@@ -1,16 +1,19 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Descriptors by name, all with the same configuration."""
+"""Descriptors by name, all with the same configuration.
+
+A name may end with a preset, "cm2dp:author", which then replaces that of the configuration.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import M2dpConfig, cloud_resolution, cm2dp, cshot, m2dp, shot
-from fusionslam.config import Section, core_section, option
+from fusionslam.config import Section, core_section, explain_choice, merged, option, split_preset
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.frame import Cloud
 
@@ -22,6 +25,7 @@ else:
     M2dpSection = core_section("M2dpSection", M2dpConfig, __name__, optional=True)
 
 Preset = Literal["robust", "paper", "author"]
+PRESETS: tuple[str, ...] = get_args(Preset)
 
 
 class DescriptorConfig(Section):
@@ -43,12 +47,16 @@ class DescriptorConfig(Section):
 
 @dataclass(frozen=True)
 class Descriptor:
-    """A kind of descriptor: its name, the inputs it needs and the function that computes it."""
+    """A kind of descriptor: its name, the inputs it needs and the function that computes it.
+
+    ``presets`` are those it has, the default first.
+    """
 
     name: str
     needs_colors: bool
     needs_normals: bool
     compute: Callable[[Cloud, DescriptorConfig], NDArray[np.float32]]
+    presets: tuple[str, ...] = ()
 
 
 def describe(
@@ -57,21 +65,42 @@ def describe(
     """Compute the named descriptor of a cloud, float32 (D,).
 
     Raises:
-        ConfigError: unknown name.
+        ConfigError: unknown name or preset.
         DataError: colours are needed and missing, or the cloud cannot be described (empty, NaN,
             all points equal, ...).
     """
     kind = find_descriptor(name)
     if kind.needs_colors and cloud.colors is None:
         raise DataError(f"{name} needs colours and the cloud has none", code="no-colors")
-    return kind.compute(cloud, config or DescriptorConfig())
+    return kind.compute(cloud, for_preset(config or DescriptorConfig(), name))
 
 
 def find_descriptor(name: str) -> Descriptor:
-    """Look up a kind of descriptor. Raises ConfigError that lists the known names."""
-    if name not in DESCRIPTORS:
-        raise ConfigError(f"unknown descriptor {name!r}; known: {', '.join(DESCRIPTORS)}")
-    return DESCRIPTORS[name]
+    """Look up a kind of descriptor; the name may end with a preset.
+
+    Raises:
+        ConfigError: an unknown name or preset; the message lists the known ones.
+    """
+    first, preset = split_preset(name)
+    if first not in DESCRIPTORS:
+        raise ConfigError(
+            f"unknown descriptor {first!r}; known: {', '.join(DESCRIPTORS)}",
+            code="unknown-name",
+            fields=("descriptors", first),
+        )
+    kind = DESCRIPTORS[first]
+    if preset is not None and preset not in kind.presets:
+        problem = explain_choice(preset, kind.presets) if kind.presets else "which has no presets"
+        raise ConfigError(
+            f"preset of {name!r}: {problem}", code="choice", fields=("descriptors", name)
+        )
+    return kind
+
+
+def for_preset(config: DescriptorConfig, name: str) -> DescriptorConfig:
+    """Return the configuration with the preset that a descriptor's name ends with, if it does."""
+    _, preset = split_preset(name)
+    return config if preset is None else merged(config, {"preset": preset})
 
 
 def length_of(name: str, config: DescriptorConfig) -> int:
@@ -129,8 +158,10 @@ def _cshot(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
 DESCRIPTORS = {
     kind.name: kind
     for kind in (
-        Descriptor("m2dp", needs_colors=False, needs_normals=False, compute=_m2dp),
-        Descriptor("cm2dp", needs_colors=True, needs_normals=False, compute=_cm2dp),
+        Descriptor("m2dp", needs_colors=False, needs_normals=False, compute=_m2dp, presets=PRESETS),
+        Descriptor(
+            "cm2dp", needs_colors=True, needs_normals=False, compute=_cm2dp, presets=PRESETS
+        ),
         Descriptor("shot", needs_colors=False, needs_normals=True, compute=_shot),
         Descriptor("cshot", needs_colors=True, needs_normals=True, compute=_cshot),
     )

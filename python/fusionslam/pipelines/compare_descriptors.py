@@ -111,10 +111,10 @@ def time_and_evaluate(
     run: DescriptorRun, config: PipelineConfig, step: Step | None = None
 ) -> Evaluation:
     """Evaluate a run under every protocol; time the search for each frame's nearest candidate."""
-    progress = label_progress(step, f"matching {run.source} {run.descriptor}")
+    progress = label_progress(step, f"matching {run.source} {run.name}")
     report = find_loops(run, config.loop_closure, progress)
     timed = replace(run, seconds=run.seconds | {"match": report.seconds})
-    progress = label_progress(step, f"judging {run.source} {run.descriptor}")
+    progress = label_progress(step, f"judging {run.source} {run.name}")
     progress(0, 1)
     rule = config.evaluation
     evaluation = evaluate(timed, radius=rule.radius, window=rule.window)

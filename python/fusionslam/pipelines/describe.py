@@ -24,6 +24,7 @@ from fusionslam.descriptors import (
     DescriptorConfig,
     describe,
     find_descriptor,
+    for_preset,
     for_sequence,
 )
 from fusionslam.errors import ConfigError, DataError
@@ -79,8 +80,8 @@ def describe_dataset(
 
     Args:
         dataset: the recording.
-        names: descriptors.
-        folder: runs are written to ``folder/<source>-<descriptor>.npz``.
+        names: descriptors, each with its preset if it is not that of ``config``: "cm2dp:author".
+        folder: runs are written to ``run_path(folder, source, name)``.
         jobs: number of frames processed in parallel (threads; the work is done outside the GIL).
         bad_frames: "error" fails on a frame that cannot be read, fused or described; "skip"
             leaves it out and logs and stores its number and the reason with the run.
@@ -89,7 +90,7 @@ def describe_dataset(
     Raises:
         DataError: a frame cannot be read, fused or described (the message names it), no frame
             can be, or the folder cannot be written.
-        ConfigError: an unknown descriptor or value of ``bad_frames``.
+        ConfigError: an unknown descriptor, preset or value of ``bad_frames``.
     """
     settings = config or PipelineConfig()
     if bad_frames not in BAD_FRAMES:
@@ -113,6 +114,11 @@ def describe_dataset(
 def for_source(config: PipelineConfig, source: str) -> PipelineConfig:
     """Return the configuration with this source of clouds."""
     return merged(config, {"fusion": {"source": source}})
+
+
+def for_descriptor(config: PipelineConfig, name: str) -> PipelineConfig:
+    """Return the configuration with the preset that the descriptor's name ends with, if any."""
+    return config.model_copy(update={"descriptors": for_preset(config.descriptors, name)})
 
 
 def describable(
@@ -200,7 +206,8 @@ class _Work:
         ]
         key = hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:12]
         source = self.config.fusion.source
-        return self.folder / f".partial-{source}-{'+'.join(self.names)}-{key}"
+        names = "+".join(map(_in_file_names, self.names))
+        return self.folder / f".partial-{source}-{names}-{key}"
 
     def run(self, jobs: int) -> Iterator[int]:
         """Process the missing chunks; yield the number of frames in each chunk."""
@@ -216,11 +223,11 @@ class _Work:
         """Join the chunks into runs, store the runs and delete the chunks."""
         joined = _join_chunks([self._chunk_path(chunk) for chunk in self._chunks()])
         skipped = self._find_skipped(joined)
-        runs = [self._descriptor_run(name, joined, skipped) for name in self.names]
-        for run in runs:
-            run.save(run_path(self.folder, run.source, run.descriptor))
+        runs = {name: self._descriptor_run(name, joined, skipped) for name in self.names}
+        for name, run in runs.items():
+            run.save(run_path(self.folder, run.source, name))
         self._delete_chunks()
-        return runs
+        return list(runs.values())
 
     def _chunks(self) -> list[range]:
         count = len(self.dataset)
@@ -244,8 +251,10 @@ class _Work:
 
     def _delete_chunks(self) -> None:
         """Delete the chunks of these descriptors or some of them, whatever the settings."""
-        for path in self.folder.glob(f".partial-{self.config.fusion.source}-*-*"):
-            if set(path.name.split("-")[2].split("+")) <= set(self.names):
+        prefix = f".partial-{self.config.fusion.source}-"
+        names = {_in_file_names(name) for name in self.names}
+        for path in self.folder.glob(f"{prefix}*-*"):
+            if set(path.name.removeprefix(prefix).rpartition("-")[0].split("+")) <= names:
                 shutil.rmtree(path, ignore_errors=True)
 
     def _frame(self, index: int) -> "_Described":
@@ -288,7 +297,7 @@ class _Work:
         rows, poses = joined["rows"], self.dataset.poses
         return DescriptorRun(
             source=self.config.fusion.source,
-            descriptor=name,
+            descriptor=find_descriptor(name).name,
             dataset=self.dataset.name,
             descriptors=joined[f"vectors.{name}"],
             frames=rows,
@@ -301,7 +310,7 @@ class _Work:
             },
             peak_memory_bytes=self._working_memory(name, int(rows[joined["points"].argmax()])),
             points=joined["points"],
-            config=self.config.model_dump(mode="json"),
+            config=for_descriptor(self.config, name).model_dump(mode="json"),
             numbers=self.dataset.numbers[rows],
             skipped=skipped,
         )
@@ -313,8 +322,12 @@ class _Work:
 
 
 def run_path(folder: str | os.PathLike[str], source: str, descriptor: str) -> Path:
-    """Return the path where ``describe_dataset`` stores a run."""
-    return Path(folder) / f"{source}-{descriptor}.npz"
+    """Return the path where ``describe_dataset`` stores a run: lidar-cm2dp-author.npz."""
+    return Path(folder) / f"{source}-{_in_file_names(descriptor)}.npz"
+
+
+def _in_file_names(descriptor: str) -> str:
+    return descriptor.replace(":", "-")
 
 
 def load_runs(folder: str | os.PathLike[str]) -> list[DescriptorRun]:

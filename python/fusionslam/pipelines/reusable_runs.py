@@ -22,6 +22,7 @@ from fusionslam.pipelines.describe import (
     PipelineConfig,
     describe_dataset,
     fix_radius,
+    for_descriptor,
     run_path,
 )
 from fusionslam.pipelines.recording import Recording
@@ -85,7 +86,7 @@ def describe_recording(
             bad_frames=bad_frames,
             progress=label_progress(step, f"describing {source} clouds"),
         )
-        runs |= {run.descriptor: run for run in made}
+        runs |= dict(zip(missing, made, strict=True))
     poses = dataset.poses
     return [
         replace(run, poses=None if poses is None else poses[run.frames])
@@ -123,16 +124,16 @@ class _StoredRuns:
                 code="other-results",
                 fields=(str(path), run.dataset),
             )
-        changes = [*self._changes(run, path)]
+        changes = [*self._changes(run, path, for_descriptor(self.config, name))]
         if changes:
             logger.warning("%s is replaced by a new run: %s", path, "; ".join(changes))
         return None if changes else run
 
-    def _changes(self, run: DescriptorRun, path: Path) -> Iterator[str]:
+    def _changes(self, run: DescriptorRun, path: Path, config: PipelineConfig) -> Iterator[str]:
         """Yield the differences between the run and the requested one."""
         before, now = (
-            _relevant(config, run.descriptor)
-            for config in (run.config, self.config.model_dump(mode="json"))
+            _relevant(values, run.descriptor)
+            for values in (run.config, config.model_dump(mode="json"))
         )
         for key in dict.fromkeys([*before, *now]):
             if before.get(key) != now.get(key):

@@ -72,6 +72,22 @@ class DescriptorRun:
         return len(self.descriptors)
 
     @property
+    def preset(self) -> str | None:
+        """The descriptor's preset; None if it has none."""
+        from fusionslam.descriptors import DESCRIPTORS
+
+        kind = DESCRIPTORS.get(self.descriptor)
+        return self.config.get("descriptors", {}).get("preset") if kind and kind.presets else None
+
+    @property
+    def name(self) -> str:
+        """The descriptor with its preset, if it is not the default one: "cm2dp:author"."""
+        from fusionslam.descriptors import PRESETS
+
+        known = self.preset in (None, PRESETS[0])
+        return self.descriptor if known else f"{self.descriptor}:{self.preset}"
+
+    @property
     def positions(self) -> NDArray[np.float64] | None:
         """float64 (N, 3), metres, in the world frame; None without ground truth."""
         return None if self.poses is None else self.poses[:, :3, 3]

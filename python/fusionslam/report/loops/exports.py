@@ -33,6 +33,7 @@ def metrics_of(evaluation: Evaluation) -> dict[str, Any]:
         "dataset": run.dataset,
         "source": run.source,
         "descriptor": run.descriptor,
+        "preset": run.preset,
         "frames": len(run),
         "protocols": {name: curve.metrics() for name, curve in evaluation.curves.items()},
         "top1_by_direction": evaluation.top1_by_direction,
@@ -61,7 +62,7 @@ def list_matches(evaluation: Evaluation, protocol: str) -> Iterator[tuple[object
             judged = (int(accepted[query]), int(curve.correct[query]), f"{metres:.3f}")
         yield (
             run.source,
-            run.descriptor,
+            run.name,
             run.numbers[query],
             run.numbers[match],
             f"{nearest[1][query]:.9g}",

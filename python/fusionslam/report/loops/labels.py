@@ -7,8 +7,6 @@ from collections.abc import Collection, Sequence
 from fusionslam.evaluation import DescriptorRun, Evaluation
 from fusionslam.report.page.html import group_by
 
-_PRESETS_OF = ("m2dp", "cm2dp")
-
 
 def source_name(source: str, sources: Collection[str]) -> str:
     """Return the displayed name of a source, given all sources that are shown."""
@@ -20,9 +18,12 @@ def source_name(source: str, sources: Collection[str]) -> str:
 
 def run_label(run: DescriptorRun) -> str:
     """Return the descriptor with its preset, if it has one."""
-    preset = run.config.get("descriptors", {}).get("preset")
-    has_preset = preset and run.descriptor in _PRESETS_OF
-    return f"{run.descriptor} {preset}" if has_preset else run.descriptor
+    return f"{run.descriptor} {run.preset}" if run.preset else run.descriptor
+
+
+def run_file(run: DescriptorRun) -> str:
+    """Return the part of a file's name that stands for a run: lidar_cm2dp_author."""
+    return f"{run.source}_{run.name}".replace(":", "_")
 
 
 def by_rank(evaluations: Sequence[Evaluation], protocol: str) -> dict[str, list[Evaluation]]:

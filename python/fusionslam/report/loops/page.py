@@ -103,7 +103,7 @@ def write_report(
 
 def _check(evaluations: Sequence[Evaluation], protocol: str) -> None:
     runs = [evaluation.run for evaluation in evaluations]
-    labels = [f"{run.source} / {run.descriptor}" for run in runs]
+    labels = [f"{run.source} / {run.name}" for run in runs]
     check_runs(runs, labels, labels)
     find_protocol(protocol)
     known = {name for evaluation in evaluations for name in evaluation.curves}

@@ -9,7 +9,7 @@ from typing import Any
 
 from fusionslam.evaluation import Evaluation, PrecisionRecall
 from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader, draw_pair
-from fusionslam.report.loops.labels import best_of, run_label
+from fusionslam.report.loops.labels import best_of, run_file, run_label
 from fusionslam.report.loops.outcomes import nearest_of, telling_pairs
 from fusionslam.report.loops.plots import draw_curves, draw_distances, draw_trajectory
 from fusionslam.report.loops.tables import time_table
@@ -52,7 +52,7 @@ def source_part(context: Context, name: str, evaluations: Sequence[Evaluation]) 
 def _draw_curves(
     context: Context, source: str, evaluations: Sequence[Evaluation]
 ) -> Picture | None:
-    curves = {e.run.descriptor: e.curves.get(context.protocol) for e in evaluations}
+    curves = {e.run.name: e.curves.get(context.protocol) for e in evaluations}
     defined = {name: c for name, c in curves.items() if c and c.average_precision is not None}
     if not defined:
         return None
@@ -101,7 +101,7 @@ def _draw_trajectory(
         f"{at}. Green: correct. Red: false; its line leads to the place it was taken for. "
         "Orange: revisits that were missed. Grey: the path."
     )
-    name = f"trajectory_{run.source}_{run.descriptor}"
+    name = f"trajectory_{run_file(run)}"
     return keep(context.folder, name, draw_trajectory(run, curve), caption)
 
 
@@ -117,7 +117,7 @@ def _draw_distances(
     )
     if curve:
         caption += " Right: the true distances; red places should be dark on the left."
-    return keep(context.folder, f"distances_{run.source}_{run.descriptor}", figure, caption)
+    return keep(context.folder, f"distances_{run_file(run)}", figure, caption)
 
 
 def _draw_pairs(context: Context, evaluation: Evaluation, curve: PrecisionRecall) -> list[Picture]:
@@ -128,7 +128,7 @@ def _draw_pairs(context: Context, evaluation: Evaluation, curve: PrecisionRecall
             f"{_PAIR_TEXTS[pair.kind]}: descriptors {pair.distance:.4g} apart, places "
             f"{pair.metres:.1f} m apart. Clouds from above, both at one scale."
         )
-        name = f"pairs_{run.source}_{run.descriptor}_{pair.kind}"
+        name = f"pairs_{run_file(run)}_{pair.kind}"
         if picture := keep(context.folder, name, figure, caption, photo=True):
             pictures.append(picture)
     return pictures

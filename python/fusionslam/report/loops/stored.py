@@ -70,7 +70,7 @@ def write_stored_report(
         output or folder,
         dataset_name=runs[0].dataset,
         command=work.command if work else "",
-        config={f"{run.source} / {run.descriptor}": run.config for run in runs},
+        config={f"{run.source} / {run.name}": run.config for run in runs},
         protocol=protocol or stored_config(folder).protocol,
         clouds=frames.read_cloud if frames else None,
         images=frames.read_image if frames else None,
