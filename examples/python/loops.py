@@ -12,7 +12,7 @@ def main() -> None:
     """Go through the frames in order, as a robot meets them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("dataset", help="folder of a recording")
-    parser.add_argument("--threshold", type=float, default=0.1, help="largest distance of a loop")
+    parser.add_argument("--threshold", type=float, help="largest distance of a loop")
     arguments = parser.parse_args()
 
     dataset = fusionslam.open_dataset(arguments.dataset)

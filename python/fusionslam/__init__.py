@@ -5,7 +5,7 @@
 import fusionslam
 
 dataset = fusionslam.open_dataset("kitti/sequences/06")       # sensors
-detector = fusionslam.LoopDetector("cm2dp", threshold=0.1)     # descriptors, matching
+detector = fusionslam.LoopDetector("cm2dp")                    # descriptors, matching
 for frame in dataset:
     points, colors, kept = fusionslam.colorize(                # fusion
         frame.points, frame.images["left"], frame.cameras["left"].projection_from_points)

@@ -103,6 +103,11 @@ def for_preset(config: DescriptorConfig, name: str) -> DescriptorConfig:
     return config if preset is None else merged(config, {"preset": preset})
 
 
+def in_file_names(name: str) -> str:
+    """Return a descriptor's name as files contain it: cm2dp-author."""
+    return name.replace(":", "-")
+
+
 def length_of(name: str, config: DescriptorConfig) -> int:
     """Length D of a descriptor, found by describing a small cloud: only the core knows it.
 

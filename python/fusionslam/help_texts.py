@@ -25,7 +25,10 @@ GROUND = (
     "from the lowest points up along the driving axis. In the cloud's frame, but camera: the "
     "scan's; odometry with segments: the robot's"
 )
-THRESHOLD = "largest descriptor distance that is accepted as a loop"
+THRESHOLD = (
+    "largest descriptor distance that is accepted as a loop; by default (null) the one fitted to "
+    "descriptor, preset and source on simulated towns"
+)
 RADIUS = "two positions closer than this are one place, in metres"
 LOOP_WINDOW = (
     "this many frames before the query are no candidates when loops are found "

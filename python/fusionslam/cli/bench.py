@@ -78,8 +78,8 @@ def bench(
     """
     if not no_report:
         needs_extra("report", unless="--no-report")
-    names = opt.parse_names(descriptors)
     chosen = pipeline_config()
+    names = opt.parse_names(descriptors, chosen.descriptors.preset)
     recording = build_recording()
     given = source is not None or "source" in chosen.fusion.model_fields_set
     sources = (opt.choose_source(source, chosen, recording),) if given else recording.sources()

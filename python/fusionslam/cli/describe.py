@@ -30,8 +30,11 @@ def describe_frames(
     only_describable: bool = False,
     skip_bad_frames: opt.SkipBad = False,
     jobs: opt.Jobs = None,
-) -> "list[DescriptorRun]":
-    """Describe what is not described yet; ``only_describable`` drops unsuitable descriptors."""
+) -> "dict[str, DescriptorRun]":
+    """Describe what is not described yet; return the runs by the descriptors' names.
+
+    ``only_describable`` drops unsuitable descriptors.
+    """
     from fusionslam.pipelines.describe import describable
     from fusionslam.pipelines.reusable_runs import describe_recording
 
@@ -42,7 +45,7 @@ def describe_frames(
         if only_describable:
             names = describable(dataset, names, config, bad_frames)
         step(OPENING, 1, 1)
-        return describe_recording(
+        runs = describe_recording(
             recording,
             dataset,
             output,
@@ -54,6 +57,7 @@ def describe_frames(
             step=step,
             inside=inside,
         )
+    return dict(zip(names, runs, strict=True))
 
 
 @opt.options_of(
@@ -77,14 +81,14 @@ def describe(
     """
     from fusionslam.pipelines.describe import for_source, run_path
 
-    names = opt.parse_names(descriptors)
     chosen = pipeline_config()
+    names = opt.parse_names(descriptors, chosen.descriptors.preset)
     recording = build_recording()
     chosen = for_source(chosen, opt.choose_source(source, chosen, recording))
     keep(ctx, output)
     runs = describe_frames(
         recording, output, names, chosen, inside=".", only_describable=descriptors == "all"
     )
-    for run in runs:
-        path = run_path(output, run.source, run.descriptor)
+    for name, run in runs.items():
+        path = run_path(output, run.source, name)
         print(f"{path}: {counted(len(run), 'frame')}{left_out(run)}")

@@ -13,13 +13,25 @@ def evaluate(
     protocol: opt.Protocol = None,
     radius: opt.Radius = None,
     window: opt.Window = None,
+    settings: opt.Settings = None,
 ) -> None:
-    """Judge the runs in OUT against true poses; write metrics.json there."""
+    """Judge the runs in OUT against true poses; write metrics.json there.
+
+    --set takes keys of the section evaluation.
+    """
+    from fusionslam.config import Section, with_settings
+    from fusionslam.evaluation import EvaluationConfig
     from fusionslam.pipelines.compare_descriptors import evaluate_stored
     from fusionslam.report.loops.stored import write_stored_metrics
 
+    class _Stages(Section):
+        """The only section that can still be changed."""
+
+        evaluation: EvaluationConfig = EvaluationConfig()
+
     given = {"protocol": protocol, "radius": radius, "window": window}
-    changes = {key: value for key, value in given.items() if value is not None}
+    changes = with_settings(_Stages(), settings or []).evaluation.model_dump(exclude_unset=True)
+    changes |= {key: value for key, value in given.items() if value is not None}
     with progress() as step:
         evaluations, config = evaluate_stored(folder, changes, gt, step)
     path = write_stored_metrics(folder, evaluations, command=opt.command_line())

@@ -28,9 +28,8 @@ if TYPE_CHECKING:
 def loops(
     ctx: typer.Context,
     output: opt.Folder = Path("out/loops"),
-    descriptor: Annotated[
-        str, typer.Option("--descriptor", "-d", help="m2dp, cm2dp, shot or cshot.")
-    ] = "cm2dp",
+    descriptors: opt.Names = "cm2dp",
+    former_descriptors: Annotated[str | None, typer.Option("--descriptor", hidden=True)] = None,
     threshold: opt.Threshold = None,
     source: opt.Source = None,
     *,
@@ -38,22 +37,48 @@ def loops(
     pipeline_config: "Callable[[], PipelineConfig]",
     describe_frames: Callable[..., Any],
 ) -> None:
-    """Find the loops in DATA frame after frame, as a robot would."""
-    from fusionslam.config import merged
-    from fusionslam.descriptors import find_descriptor
-    from fusionslam.pipelines.describe import for_source
-    from fusionslam.pipelines.loops import find_loops
+    """Find the loops in DATA frame after frame, as a robot would.
 
-    name = find_descriptor(descriptor).name
+    They are written to loops.csv; of several descriptors, to loops-DESCRIPTOR.csv each.
+    """
+    from fusionslam.config import merged
+    from fusionslam.pipelines.compare_descriptors import stored_threshold
+    from fusionslam.pipelines.describe import for_source
+    from fusionslam.pipelines.loops import find_loops, loops_path
+
     chosen = pipeline_config()
-    if threshold is not None:
-        chosen = merged(chosen, {"loop_closure": {"threshold": threshold}})
+    names = opt.parse_names(former_descriptors or descriptors, chosen.descriptors.preset)
+    distance = None if threshold is None else _as_distance(threshold)
+    if distance is not None:
+        chosen = merged(chosen, {"loop_closure": {"threshold": distance}})
     recording = build_recording()
     chosen = for_source(chosen, opt.choose_source(source, chosen, recording))
     keep(ctx, output)
-    (run,) = describe_frames(recording, output, [name], chosen)
-    with progress() as step:
-        found = find_loops(run, chosen.loop_closure, label_progress(step, "finding loops"))
-    found.save(output / "loops.csv")
-    print(f"{found}{left_out(run)}")
-    print(output / "loops.csv")
+    every = descriptors == "all"
+    runs = describe_frames(recording, output, names, chosen, only_describable=every)
+    for name, run in runs.items():
+        config = chosen.loop_closure
+        if threshold is not None and distance is None:
+            config = merged(config, {"threshold": stored_threshold(threshold, run)})
+        with progress() as step:
+            found = find_loops(run, config, label_progress(step, "finding loops"))
+        path = loops_path(output, name if len(names) > 1 else None)
+        found.save(path)
+        print(f"{f'{name}: ' if len(names) > 1 else ''}{found}{left_out(run)}")
+        print(path)
+
+
+def _as_distance(threshold: str) -> float | None:
+    """Return the number that was given; None for a folder. Raises ConfigError for neither."""
+    from fusionslam.errors import ConfigError
+
+    try:
+        return float(threshold)
+    except ValueError:
+        if Path(threshold).is_dir():
+            return None
+        raise ConfigError(
+            f"--threshold is {threshold!r}, expected a distance, or a folder of bench",
+            code="choice",
+            fields=("--threshold", threshold),
+        ) from None

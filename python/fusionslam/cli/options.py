@@ -139,7 +139,15 @@ Sources = Annotated[
         help=f"{help_texts.SOURCE}; by default all that the data allow.",
     ),
 ]
-Threshold = Annotated[float | None, typer.Option("--threshold", help=f"{help_texts.THRESHOLD}.")]
+Threshold = Annotated[
+    str | None,
+    typer.Option(
+        "--threshold",
+        metavar="DISTANCE|FOLDER",
+        help=f"{help_texts.THRESHOLD}; or a folder of bench, for the distance up to which 95 % of "
+        "its loops are right.",
+    ),
+]
 Radius = Annotated[float | None, typer.Option("--radius", help=f"{help_texts.RADIUS}.")]
 Window = Annotated[int | None, typer.Option("--window", help=f"{help_texts.EVALUATION_WINDOW}.")]
 Names = Annotated[
@@ -148,7 +156,8 @@ Names = Annotated[
         "--descriptors",
         "-d",
         names=(*DESCRIPTORS, "all"),
-        help="Names of descriptors, with commas; or all.",
+        help="Names of descriptors, with commas, each with a preset if wanted (cm2dp:author); or "
+        "all.",
     ),
 ]
 Settings = Annotated[
@@ -311,12 +320,22 @@ def choose_source(chosen: str | None, config: "PipelineConfig", recording: "Reco
     return chosen or recording.sources()[0]
 
 
-def parse_names(text: str) -> list[str]:
-    """Return the named descriptors without repetition. Raises ConfigError for an unknown one."""
+def parse_names(text: str, default_preset: str = "robust") -> list[str]:
+    """Return the named descriptors without repetition: "cm2dp", "cm2dp:author".
+
+    Args:
+        text: of the option.
+        default_preset: the configured one, which need not be named.
+
+    Raises:
+        ConfigError: an unknown descriptor or preset.
+    """
     from fusionslam.descriptors import DESCRIPTORS, find_descriptor
 
     names = list(DESCRIPTORS) if text == "all" else [name.strip() for name in text.split(",")]
-    return list(dict.fromkeys(find_descriptor(name).name for name in names))
+    for name in names:
+        find_descriptor(name)
+    return list(dict.fromkeys(name.removesuffix(f":{default_preset}") for name in names))
 
 
 def check_choice(key: str, value: str | None, values: Sequence[str]) -> str | None:

@@ -5,8 +5,10 @@
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
 from fusionslam.loop_closure.detector import FILE, Loop, LoopDetector
@@ -105,7 +107,11 @@ class AlignedLoopDetector:
         """
         joined, offsets = pack_bytes([each.scene for each in self._stored.values()])
         stamps = np.array([each.stamp_ns for each in self._stored.values()], np.int64)
-        scenes = {"scenes": joined, "offsets": offsets, "scene_stamps_ns": stamps}
+        scenes: dict[str, NDArray[Any]] = {
+            "scenes": joined,
+            "offsets": offsets,
+            "scene_stamps_ns": stamps,
+        }
         self.detector.save_with(folder, scenes)
         (Path(folder) / _FORMER_FILE).unlink(missing_ok=True)
 
@@ -126,10 +132,10 @@ class AlignedLoopDetector:
         with reading(path, "scenes of stored loops"):
             scenes = unpack_bytes(arrays["scenes"], arrays["offsets"])
             stamps = arrays["scene_stamps_ns"].tolist()
-            stored = [_Stored(scene, at) for scene, at in zip(scenes, stamps, strict=True)]
+            kept = [_Stored(scene, at) for scene, at in zip(scenes, stamps, strict=True)]
             # A save that was interrupted in an earlier version left more scenes than descriptors.
-            if len(stored) < len(frames):
-                raise DataError(f"{len(stored)} scenes of {len(frames)} clouds")
+            if len(kept) < len(frames):
+                raise DataError(f"{len(kept)} scenes of {len(frames)} clouds")
         loops = cls(detector)
-        loops._stored = dict(zip(frames, stored[: len(frames)], strict=True))
+        loops._stored = dict(zip(frames, kept[: len(frames)], strict=True))
         return loops

@@ -20,6 +20,7 @@ from fusionslam.descriptors import (
     DescriptorConfig,
     describe,
     find_descriptor,
+    for_preset,
     for_sequence,
     length_of,
 )
@@ -33,6 +34,7 @@ logger = logging.getLogger(__name__)
 
 FORMAT = "fusionslam.loop_detector.3"
 FILE = "detector.npz"
+_THRESHOLDS = Path(__file__).with_name("thresholds.yaml")
 _COLUMNS = ("numbers", "stamps_ns", "novelty")
 _FORMER_FORMAT, _FORMER_FILE = "fusionslam.loop_detector.2", "detector.json"
 
@@ -40,7 +42,7 @@ _FORMER_FORMAT, _FORMER_FILE = "fusionslam.loop_detector.2", "detector.json"
 class LoopConfig(Section):
     """Conditions under which a nearest neighbour is a loop."""
 
-    threshold: float = option(0.1, help_texts.THRESHOLD, ge=0, allow_inf_nan=False)
+    threshold: float | None = option(None, help_texts.THRESHOLD, ge=0, allow_inf_nan=False)
     window: int = option(50, help_texts.LOOP_WINDOW, unit="frames", ge=0)
     window_seconds: float = option(
         0.0, "candidates are older than this; 0 is off", unit="s", ge=0, allow_inf_nan=False
@@ -51,6 +53,27 @@ class LoopConfig(Section):
         "outside the window those most like an older one; 0 is no limit",
         ge=0,
     )
+
+
+def default_threshold(
+    descriptor: str, describe: DescriptorConfig | None = None, source: str = "lidar"
+) -> float:
+    """Return the threshold that was fitted to a descriptor, its preset and a source of clouds.
+
+    docs/stages/loop_closure.md says how, and how right the loops are that it accepts.
+
+    Raises:
+        ConfigError: unknown descriptor.
+    """
+    import yaml
+
+    kind, config = (
+        find_descriptor(descriptor),
+        for_preset(describe or DescriptorConfig(), descriptor),
+    )
+    fitted = yaml.safe_load(_THRESHOLDS.read_text(encoding="utf-8"))
+    name = f"{kind.name}:{config.preset}" if kind.presets else kind.name
+    return float(fitted[source][name])
 
 
 @dataclass(frozen=True)
@@ -72,7 +95,7 @@ class LoopDetector:
     Threads may share a detector: frames are described side by side and added one after the other.
 
     Args:
-        descriptor: "m2dp", "cm2dp", "shot" or "cshot".
+        descriptor: "m2dp", "cm2dp", "shot" or "cshot", or with a preset: "cm2dp:author".
         threshold, window, window_seconds, max_frames: override the values of ``LoopConfig``.
         config: when a neighbour is a loop.
         describe: how clouds are described.
@@ -80,6 +103,7 @@ class LoopDetector:
         length: length of descriptors computed elsewhere; None for that of ``descriptor``.
 
     Attributes:
+        threshold: the configured threshold, else ``default_threshold``.
         nearest: the nearest candidate of the last frame, accepted or not; None without candidates.
 
     Raises:
@@ -108,8 +132,14 @@ class LoopDetector:
         changes = {key: value for key, value in given.items() if value is not None}
         self.descriptor = find_descriptor(descriptor).name
         self.config = merged(config or LoopConfig(), changes, "loop_closure.")
-        self.describe_config = describe or DescriptorConfig()
+        self.describe_config = for_preset(describe or DescriptorConfig(), descriptor)
         self.fusion_config = fusion or FusionConfig()
+        fixed, source = self.config.threshold, self.fusion_config.source
+        self.threshold = (
+            default_threshold(self.descriptor, self.describe_config, source)
+            if fixed is None
+            else fixed
+        )
         self.nearest: Loop | None = None
         self._index: DescriptorIndex | None = None
         self._length = length
@@ -181,7 +211,7 @@ class LoopDetector:
             self.nearest = found
             if 0 < self._limit <= len(index):
                 self._forget()
-        return found if found and found.distance <= self.config.threshold else None
+        return found if found and found.distance <= self.threshold else None
 
     @property
     def _limit(self) -> int:
@@ -343,7 +373,8 @@ class LoopDetector:
                 "descriptor": self.descriptor,
                 "length": self._length,
                 "frames": self._added,
-                "loop_closure": self.config.model_dump(),
+                # A later version may fit another threshold.
+                "loop_closure": self.config.model_dump() | {"threshold": self.threshold},
                 "descriptors": self.describe_config.model_dump(),
                 "fusion": self.fusion_config.model_dump(),
             }

@@ -42,6 +42,8 @@ INDOOR: Mapping[str, Any] = {
 """Settings that the demo changes indoors: places are smaller; 40 scans are 20 s."""
 INDOOR_DESCRIPTORS: Mapping[str, Sequence[str]] = {"lidar": tuple(DESCRIPTORS)}
 """The indoor demo's source: a robot's scan, coloured by its camera."""
+TARGET_PRECISION = 0.95
+"""Share of the loops that are right at a threshold taken from a stored run."""
 DEMO_NOTE = (
     "The LiDAR's full circle is described by m2dp only: the camera sees and colours a part of it, "
     "which cm2dp and cshot need, and shot is slow for so many points."
@@ -149,6 +151,41 @@ def evaluate_stored(
     if truth is not None:
         runs = [replace(run, poses=match_poses(truth, run.numbers, run.stamps_ns)) for run in runs]
     return [time_and_evaluate(run, config, step) for run in runs], config.evaluation
+
+
+def stored_threshold(folder: str | os.PathLike[str], run: DescriptorRun) -> float:
+    """Return the largest threshold at which loops of a stored run were right.
+
+    Args:
+        folder: written by ``benchmark`` or ``describe_dataset``; it holds a run with true poses of
+            the same source, descriptor and preset.
+        run: the run whose loops are to be found.
+
+    Raises:
+        DataError: there is no such run, or it has no threshold whose loops were right
+            (``TARGET_PRECISION``).
+    """
+    wanted = (run.source, run.name)
+    stored = [each for each in load_runs(runs_folder(folder)) if (each.source, each.name) == wanted]
+    judged = [each for each in stored if each.poses is not None]
+    if not judged:
+        lacks = "true poses" if stored else "such a run: make one with fusionslam bench"
+        raise DataError(
+            f"{folder}: no threshold for {run.source} clouds, {run.name}: it lacks {lacks}",
+            code="no-runs",
+            fields=(str(folder), run.source, run.name),
+        )
+    rule = stored_config(folder)
+    curve = evaluate(judged[0], radius=rule.radius, window=rule.window).curves["revisit"]
+    threshold = curve.threshold_at(TARGET_PRECISION)
+    if threshold is None:
+        raise DataError(
+            f"{folder}: at no threshold are {TARGET_PRECISION:.0%} of the loops of {run.source} "
+            f"clouds, {run.name}, right",
+            code="no-threshold",
+            fields=(str(folder), run.source, run.name),
+        )
+    return threshold
 
 
 def stored_config(folder: str | os.PathLike[str]) -> EvaluationConfig:

@@ -26,6 +26,7 @@ from fusionslam.descriptors import (
     find_descriptor,
     for_preset,
     for_sequence,
+    in_file_names,
 )
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
@@ -206,7 +207,7 @@ class _Work:
         ]
         key = hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:12]
         source = self.config.fusion.source
-        names = "+".join(map(_in_file_names, self.names))
+        names = "+".join(map(in_file_names, self.names))
         return self.folder / f".partial-{source}-{names}-{key}"
 
     def run(self, jobs: int) -> Iterator[int]:
@@ -252,7 +253,7 @@ class _Work:
     def _delete_chunks(self) -> None:
         """Delete the chunks of these descriptors or some of them, whatever the settings."""
         prefix = f".partial-{self.config.fusion.source}-"
-        names = {_in_file_names(name) for name in self.names}
+        names = {in_file_names(name) for name in self.names}
         for path in self.folder.glob(f"{prefix}*-*"):
             if set(path.name.removeprefix(prefix).rpartition("-")[0].split("+")) <= names:
                 shutil.rmtree(path, ignore_errors=True)
@@ -323,11 +324,7 @@ class _Work:
 
 def run_path(folder: str | os.PathLike[str], source: str, descriptor: str) -> Path:
     """Return the path where ``describe_dataset`` stores a run: lidar-cm2dp-author.npz."""
-    return Path(folder) / f"{source}-{_in_file_names(descriptor)}.npz"
-
-
-def _in_file_names(descriptor: str) -> str:
-    return descriptor.replace(":", "-")
+    return Path(folder) / f"{source}-{in_file_names(descriptor)}.npz"
 
 
 def load_runs(folder: str | os.PathLike[str]) -> list[DescriptorRun]:

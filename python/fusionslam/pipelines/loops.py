@@ -3,15 +3,20 @@
 """Find the loops of a whole recording as a robot would: frame after frame."""
 
 import csv
+import math
 import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.config import merged
+from fusionslam.descriptors import PRESETS, DescriptorConfig, in_file_names
 from fusionslam.evaluation import DescriptorRun
+from fusionslam.fusion import FusionConfig
 from fusionslam.help_texts import counted
 from fusionslam.loop_closure.detector import Loop, LoopConfig, LoopDetector
 from fusionslam.storage.files import atomic_path
@@ -25,7 +30,8 @@ class LoopReport:
 
     Attributes:
         run: the descriptors that were compared.
-        config: threshold and window.
+        config: of the detector.
+        threshold: largest distance that was accepted.
         loops: accepted loops; query and match are rows of the run.
         without_candidates: number of queries without any candidate to compare with.
         best: smallest distance to a candidate; None if no query had one.
@@ -34,16 +40,28 @@ class LoopReport:
 
     run: DescriptorRun
     config: LoopConfig
+    threshold: float
     loops: list[Loop]
     without_candidates: int
     best: float | None
     seconds: NDArray[np.float64]
 
+    @property
+    def threshold_of_nearest(self) -> float | None:
+        """A threshold that accepts the nearest candidate of all, to two digits; None without one.
+
+        It is above 0 even if the nearest is at 0.
+        """
+        if self.best is None:
+            return None
+        step = 10.0 ** (math.floor(math.log10(max(self.best, 1e-9))) - 1)
+        return float(f"{math.ceil(self.best / step + 1e-6) * step:.2g}")
+
     def __str__(self) -> str:
         rejected = len(self.run) - self.without_candidates - len(self.loops)
         parts = [
             f"{self.without_candidates} without candidates",
-            f"{rejected} above threshold {self.config.threshold:.4g}",
+            f"{rejected} above threshold {self.threshold:.4g}",
         ]
         if self.best is not None:
             parts.append(f"best {self.best:.4g}")
@@ -51,7 +69,12 @@ class LoopReport:
         return f"{found}: {', '.join(parts)}{self._remedy()}"
 
     def _remedy(self) -> str:
-        """Return advice for a run that is too short for the window, else an empty string."""
+        """Return advice for a run in which nothing is found, else an empty string."""
+        if (nearest := self.threshold_of_nearest) is not None and not self.loops:
+            return (
+                f"; --threshold {nearest:.2g} accepts the nearest, --threshold FOLDER takes the "
+                "one that was right in a stored bench"
+            )
         queries, window = len(self.run), self.config.window
         if self.without_candidates < queries or not 0 < queries <= window + 1:
             return ""
@@ -71,6 +94,13 @@ class LoopReport:
                 writer.writerow([*numbers[pair], f"{loop.distance:.9g}", *stamps[pair]])
 
 
+def loops_path(folder: Path, descriptor: str | None = None) -> Path:
+    """Return the file of a folder's loops; with the descriptor's name if there are several."""
+    return folder / (
+        "loops.csv" if descriptor is None else f"loops-{in_file_names(descriptor)}.csv"
+    )
+
+
 def find_loops(
     run: DescriptorRun,
     config: LoopConfig | None = None,
@@ -80,8 +110,13 @@ def find_loops(
 
     ``progress`` is called with (frames done, total frames) from time to time.
     """
-    length = run.descriptors.shape[1]
-    detector = LoopDetector(run.descriptor, config=config, length=length)
+    detector = LoopDetector(
+        run.descriptor,
+        config=config,
+        describe=merged(DescriptorConfig(), {"preset": run.preset or PRESETS[0]}),
+        fusion=merged(FusionConfig(), {"source": run.source}),
+        length=run.descriptors.shape[1],
+    )
     loops, distances, seconds = [], [], []
     for vector, stamp in zip(run.descriptors, run.stamps_ns.tolist(), strict=True):
         start = time.perf_counter()
@@ -96,6 +131,7 @@ def find_loops(
     return LoopReport(
         run=run,
         config=detector.config,
+        threshold=detector.threshold,
         loops=loops,
         without_candidates=len(run) - len(distances),
         best=min(distances, default=None),

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.config import explain_choice, merged
+from fusionslam.config import explain_choice, merged, split_preset
+from fusionslam.descriptors import DESCRIPTORS, DescriptorConfig, find_descriptor
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import ViewRun, baselines
 from fusionslam.pipelines.drives import Drive, FrameName, move_clouds
@@ -207,9 +208,10 @@ def _by_recogniser(name: str, preset: str, title: str, **known: Any) -> Method:
     """Return the method of a recogniser of clouds. Raises ConfigError for an unknown preset."""
     recogniser = RECOGNISERS[name]
     config = merged(ViewMatcherConfig(), {"method": name, "preset": preset})
+    descriptors = merged(DescriptorConfig(), {"preset": preset})
 
     def build() -> ViewMatcher:
-        return ViewMatcher(config)
+        return ViewMatcher(config, descriptors=descriptors)
 
     return Method(
         title,
@@ -315,8 +317,10 @@ def find_method(name: str, key: str = "method") -> Method:
     """
     if name in METHODS:
         return METHODS[name]
-    recogniser, _, preset = name.partition(":")
+    recogniser, preset = split_preset(name)
     if recogniser not in RECOGNISERS or RECOGNISERS[recogniser].build is None:
         problem = explain_choice(name, method_names(), RENAMED_METHODS)
         raise ConfigError(f"{key} is {name!r}, {problem}")
+    if recogniser in DESCRIPTORS:
+        find_descriptor(name)  # refuses presets that it has not
     return _by_recogniser(recogniser, preset or "robust", name.replace(":", ", "))

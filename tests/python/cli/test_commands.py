@@ -22,9 +22,13 @@ from cli import (
     succeeds,
     vectors,
 )
+from fusionslam import LoopConfig, LoopDetector, describe_dataset
 from fusionslam.datasets import open_dataset
-from fusionslam.evaluation import DescriptorRun
+from fusionslam.evaluation import DescriptorRun, evaluate
 from fusionslam.pipelines import describe as pipeline
+from fusionslam.pipelines.compare_descriptors import stored_threshold
+from fusionslam.pipelines.describe import load_runs
+from fusionslam.pipelines.loops import find_loops
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work, forget_demo
 
@@ -89,6 +93,86 @@ def test_loops_are_listed_and_counted(kitti: Path, tmp_path: Path) -> None:
     ]
 
 
+def test_loops_of_several_descriptors_and_presets_are_listed_each(
+    kitti: Path, tmp_path: Path
+) -> None:
+    words = ("loops", kitti, "-o", tmp_path, "--threshold", "0.05", *NO_WINDOW)
+    succeeds(*words, "-d", "m2dp,cm2dp:author,m2dp:robust")
+    assert {path.name for path in tmp_path.glob("*.csv")} == {
+        "loops-m2dp.csv", "loops-cm2dp-author.csv"
+    }  # fmt: skip
+    succeeds(*words, "--descriptor", "cm2dp:author")  # as version 0.1 spelled it
+    both = [(tmp_path / name).read_text() for name in ("loops.csv", "loops-cm2dp-author.csv")]
+    assert both[0] == both[1]
+
+
+def test_without_a_threshold_loops_are_those_of_a_detector_with_its_default(
+    kitti: Path, tmp_path: Path
+) -> None:
+    for name in ("cm2dp", "m2dp:paper"):
+        succeeds("loops", kitti, "-d", name, "-o", tmp_path, *NO_WINDOW)
+        detector = LoopDetector(name, window=2)
+        found = [loop for frame in open_dataset(kitti) if (loop := detector.add(frame))]
+        rows = list(csv.DictReader((tmp_path / "loops.csv").open()))
+        assert [(row["query"], row["match"]) for row in rows] == [
+            (str(loop.query), str(loop.match)) for loop in found
+        ]
+        assert found
+
+
+def test_a_run_that_finds_nothing_knows_a_threshold_that_finds_the_nearest(
+    kitti: Path, tmp_path: Path
+) -> None:
+    (run,) = describe_dataset(open_dataset(kitti), ["m2dp"], tmp_path)
+    for window in (2, 18):  # the nearest is at 0, and elsewhere
+        nothing = find_loops(run, LoopConfig(threshold=0, window=window))
+        if window == 18:
+            assert not nothing.loops
+        advised = nothing.threshold_of_nearest
+        assert advised is not None
+        again = find_loops(run, LoopConfig(threshold=advised, window=window))
+        assert again.loops and again.best == nothing.best
+
+
+def test_the_threshold_of_a_stored_bench_is_that_of_its_precision(
+    kitti: Path, tmp_path: Path
+) -> None:
+    stored, out = tmp_path / "stored", tmp_path / "out"
+    settings = (*NO_WINDOW, "--set", "evaluation.radius=5")
+    succeeds("describe", kitti, "-d", "m2dp,m2dp:paper", "-o", stored, *settings)
+    words = ("loops", kitti, "-o", out, "--threshold", stored, *NO_WINDOW)
+    for name in ("m2dp", "m2dp:paper"):
+        (run,) = [each for each in load_runs(stored) if each.name == name]
+        curve = evaluate(run, radius=5, window=2).curves["revisit"]
+        right = curve.accepted(stored_threshold(stored, run))
+        assert curve.correct[right].mean() >= 0.95 > curve.correct[curve.matches >= 0].mean()
+        succeeds(*words, "-d", name)
+        rows = list(csv.DictReader((out / "loops.csv").open()))
+        assert [int(row["query"]) for row in rows] == np.flatnonzero(right).tolist()
+    error = error_of(1, *words, "-d", "cm2dp")
+    assert (error.code, error.fields) == ("no-runs", (str(stored), "lidar", "cm2dp"))
+    error = error_of(2, *words, "--threshold", "near")
+    assert (error.code, error.fields) == ("choice", ("--threshold", "near"))
+
+
+def test_bench_compares_presets_in_one_table(kitti: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    names = "m2dp:author,m2dp,cshot"
+    text = succeeds("bench", kitti, "-d", names, "--source", "lidar", "-o", tmp_path, *NO_WINDOW)
+    for label in ("m2dp author", "m2dp robust", "cshot"):
+        assert label in text.stdout
+    runs = json.loads((tmp_path / "metrics.json").read_text())["runs"]
+    assert [(run["descriptor"], run["preset"]) for run in runs] == [
+        ("m2dp", "author"), ("m2dp", "robust"), ("cshot", None)
+    ]  # fmt: skip
+    matched = {row["descriptor"] for row in csv.DictReader((tmp_path / "matches.csv").open())}
+    assert matched == {"m2dp:author", "m2dp", "cshot"}
+    times = [path.stat().st_mtime_ns for path in sorted(tmp_path.glob("descriptors/*.npz"))]
+    succeeds("bench", kitti, "-d", names, "--source", "lidar", "-o", tmp_path, *NO_WINDOW)
+    again = [path.stat().st_mtime_ns for path in sorted(tmp_path.glob("descriptors/*.npz"))]
+    assert len(times) == 3 and again == times  # reused
+
+
 def test_the_window_advised_for_a_short_recording_finds_candidates(
     kitti: Path, tmp_path: Path
 ) -> None:
@@ -129,6 +213,17 @@ def test_eval_judges_by_the_protocol_and_radius_given(kitti: Path, tmp_path: Pat
     (judged,) = json.loads((tmp_path / "metrics.json").read_text())["runs"]
     assert judged["protocols"]["revisit"]["top1"] == 1
     assert judged["protocols"]["perdomo2019"]["radius"] == 5
+
+
+def test_eval_takes_settings_of_the_evaluation_and_no_others(kitti: Path, tmp_path: Path) -> None:
+    succeeds("describe", kitti, "-d", "cm2dp", "-o", tmp_path)
+    settings = ("--set", "evaluation.window=2", "--set", "evaluation.radius=5")
+    succeeds("eval", tmp_path, *settings)
+    (judged,) = json.loads((tmp_path / "metrics.json").read_text())["runs"]
+    assert judged["protocols"]["revisit"]["window"] == 2
+    assert judged["protocols"]["revisit"]["radius"] == 5
+    error = error_of(2, "eval", tmp_path, "--set", "fusion.voxel=1")
+    assert (error.code, error.fields) == ("unknown-key", ("fusion",))
 
 
 def test_eval_takes_other_true_poses_by_frame_number(recording: Path, tmp_path: Path) -> None:

@@ -28,8 +28,10 @@ from fusionslam import (
     ShapeError,
     describe,
 )
-from fusionslam.storage.archive import save_archive
+from fusionslam.descriptors import DESCRIPTORS
+from fusionslam.loop_closure import default_threshold
 from refusals import refuses
+from stored import change_archive
 
 SECOND = 1_000_000_000
 PLACES = 12
@@ -71,6 +73,32 @@ def test_a_loop_carries_the_distance_of_the_two_descriptors() -> None:
     vectors = [describe(cloud, "m2dp") for cloud in DRIVE]
     assert loops[12] is not None
     assert loops[12].distance == pytest.approx(np.linalg.norm(vectors[12] - vectors[2]), rel=1e-4)
+
+
+@pytest.mark.parametrize("source", ["lidar", "stereo", "cloud"])
+@pytest.mark.parametrize("name", [*DESCRIPTORS, "m2dp:author", "cm2dp:paper"])
+def test_every_descriptor_preset_and_source_has_a_threshold(name: str, source: str) -> None:
+    fusion = FusionConfig.model_validate({"source": source})
+    detector = LoopDetector(name, fusion=fusion)
+    assert 0 < detector.threshold == default_threshold(name, source=source) < 1
+    assert LoopDetector(name, fusion=fusion, threshold=0.5).threshold == 0.5
+    kind, _, preset = name.partition(":")
+    if preset:
+        describe_config = DescriptorConfig.model_validate({"preset": preset})
+        same = LoopDetector(kind, describe=describe_config, fusion=fusion)
+        assert same.threshold == detector.threshold
+        assert detector.describe_config.preset == preset
+
+
+def test_a_stored_detector_keeps_the_threshold_that_it_was_made_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    detector = LoopDetector("m2dp")
+    detector.add(DRIVE[0])
+    detector.save(tmp_path)
+    monkeypatch.setattr(f"{LoopDetector.__module__}.default_threshold", lambda *_: 0.77)
+    assert LoopDetector("m2dp").threshold == 0.77
+    assert LoopDetector.load(tmp_path).threshold == detector.threshold
 
 
 def test_only_distances_up_to_the_threshold_are_loops() -> None:
@@ -278,16 +306,6 @@ def test_an_output_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
         save_detector(tmp_path / "file" / "loops")
 
 
-def change_file(folder: Path, changes: dict[str, Any], **arrays: Any) -> None:
-    """Store the detector with other metadata and arrays."""
-    path = folder / "detector.npz"
-    with np.load(path) as stored:
-        about = json.loads(str(stored["about"]))
-        values = {name: stored[name] for name in stored.files if name != "about"}
-    about = {key: value for key, value in about.items() if key != "digests"} | changes
-    save_archive(path, about.pop("format"), about, values | arrays)
-
-
 def test_a_folder_that_is_no_detector_is_refused(tmp_path: Path) -> None:
     with refuses("missing-file", str(tmp_path / "nowhere/detector.npz")):
         LoopDetector.load(tmp_path / "nowhere")
@@ -311,7 +329,8 @@ def test_a_folder_that_is_no_detector_is_refused(tmp_path: Path) -> None:
 def test_a_detector_of_another_version_or_kind_is_refused(
     tmp_path: Path, changes: dict[str, Any]
 ) -> None:
-    change_file(save_detector(tmp_path), changes)
+    path = save_detector(tmp_path) / "detector.npz"
+    change_archive(path, lambda about, _: about.update(changes))
     with pytest.raises(DataError, match=r"detector\.npz"):
         LoopDetector.load(tmp_path)
 
@@ -329,7 +348,7 @@ def test_a_detector_of_another_version_or_kind_is_refused(
 def test_arrays_that_do_not_belong_together_are_refused(
     tmp_path: Path, arrays: dict[str, Any]
 ) -> None:
-    change_file(save_detector(tmp_path), {}, **arrays)
+    change_archive(save_detector(tmp_path) / "detector.npz", **arrays)
     with pytest.raises(DataError, match=r"detector\.npz"):
         LoopDetector.load(tmp_path)
 

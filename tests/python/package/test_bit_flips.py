@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from drives import SECOND, circle_events, take
-from fusionslam import LoopDetector
+from fusionslam import DescriptorIndex, LoopDetector
 from fusionslam.datasets.range_recording import RangeRecording
 from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun, precision_recall
@@ -138,25 +138,28 @@ def detector() -> LoopDetector:
     return made
 
 
-def detector_part(pattern: str) -> Stored:
-    """One file of a detector's folder; the others lie beside it."""
+def write_detector(path: Path) -> None:
+    folder = path.with_name("detector")
+    detector().save(folder)
+    path.write_bytes((folder / "detector.npz").read_bytes())
 
-    def write(path: Path) -> None:
-        folder = path.with_name("detector")
-        detector().save(folder)
-        (part,) = folder.glob(pattern)
-        path.write_bytes(part.read_bytes())
 
-    def load(path: Path) -> Any:
-        folder = path.with_name("detector")
-        (part,) = folder.glob(pattern)
-        part.write_bytes(path.read_bytes())
-        found = LoopDetector.load(folder)
-        index = saved_file(lambda target: found._index.save(target), path)
-        configs = found.config, found.describe_config, found.fusion_config
-        return index, [config.model_dump() for config in configs], found.descriptor
+def load_detector(path: Path) -> bytes:
+    folder = path.with_name("detector")
+    (folder / "detector.npz").write_bytes(path.read_bytes())
+    return pickle.dumps(LoopDetector.load(folder))
 
-    return Stored(write, load)
+
+def write_index(path: Path) -> None:
+    index = DescriptorIndex(5)
+    for row in random_rows(4, 5).astype(np.float32):
+        index.add(row)
+    index.save(path)
+
+
+def load_index(path: Path) -> bytes:
+    index = DescriptorIndex.load(path)
+    return saved_file(index.save, path)
 
 
 def view_run() -> ViewRun:
@@ -220,8 +223,8 @@ FORMATS: dict[str, Stored] = {
     "previews": Stored(
         lambda path: save_previews(path, {1: b"one", 2: b"two"}), lambda path: load_previews(path)
     ),
-    "detector.json": detector_part("detector.json"),
-    "descriptor index": detector_part("descriptors-*.index"),
+    "loop detector": Stored(write_detector, load_detector),
+    "descriptor index": Stored(write_index, load_index),
     "curve": Stored(lambda path: curve().save(path), plain(PrecisionRecall.load)),
     "map report": Stored(
         lambda path: judge_map(square_run()).save(path), lambda path: MapReport.load(path).metrics()

@@ -79,6 +79,35 @@ def test_one_or_two_jobs_give_the_same_vectors(recording: Path, tmp_path: Path) 
     assert_same_vectors(one, two)
 
 
+def test_presets_of_one_descriptor_are_stored_side_by_side(recording: Path, tmp_path: Path) -> None:
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    runs = describe_dataset(dataset, ("cm2dp", "cm2dp:author", "m2dp:paper", "cshot"), out)
+    assert [(run.descriptor, run.preset) for run in runs] == [
+        ("cm2dp", "robust"), ("cm2dp", "author"), ("m2dp", "paper"), ("cshot", None)
+    ]  # fmt: skip
+    assert [run.name for run in runs] == ["cm2dp", "cm2dp:author", "m2dp:paper", "cshot"]
+    assert sorted(os.listdir(out)) == ["lidar-cm2dp-author.npz", "lidar-cm2dp.npz",
+                                       "lidar-cshot.npz", "lidar-m2dp-paper.npz"]  # fmt: skip
+    cloud = fusionslam.fuse(dataset[3])
+    for run in runs[:3]:
+        config = fusionslam.DescriptorConfig.model_validate({"preset": run.preset})
+        expected = fusionslam.describe(cloud, run.descriptor, config)
+        assert np.array_equal(run.descriptors[3], expected)
+        assert np.array_equal(
+            fusionslam.describe(cloud, f"{run.descriptor}:{run.preset}"), expected
+        )
+    assert {run.name for run in load_runs(out)} == {run.name for run in runs}
+
+
+@pytest.mark.parametrize("name", ["m2dp:papr", "shot:paper", "m2dp:", "m3dp:paper"])
+def test_unknown_presets_and_descriptors_are_refused_before_anything_is_read(
+    name: str, recording: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError) as refused:
+        describe_dataset(open_dataset(recording), ["m2dp", name], tmp_path / "out")
+    assert refused.value.fields[0] == "descriptors" and not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("source", ["stereo", "cloud"])
 def test_other_sources_are_described_too(recording: Path, tmp_path: Path, source: str) -> None:
     settings = [f"fusion.source={source}", "fusion.stereo.block_size=5",

@@ -87,6 +87,16 @@ def test_a_former_name_is_refused_with_the_name_of_today(former: str, name: str)
             merged(ViewsConfig(), {"source": former})
 
 
+def test_the_preset_of_a_descriptor_is_the_one_that_is_compared() -> None:
+    """Version 0.1 called it "m2dp, paper" and computed robust."""
+    for name, preset in (("m2dp", "robust"), ("m2dp:paper", "paper"), ("cm2dp:author", "author")):
+        build = find_method(name).matcher
+        assert build is not None and build().descriptor_config.preset == preset
+    for name in ("shot:paper", "m2dp:papr"):
+        with pytest.raises(ConfigError):
+            find_method(name)
+
+
 def test_commands_refuse_former_and_unknown_names(tmp_path: Path) -> None:
     out, data = ("-o", tmp_path / "out"), tmp_path / "x.npz"
     data.touch()

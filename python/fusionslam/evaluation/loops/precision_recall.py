@@ -102,6 +102,11 @@ class PrecisionRecall:
             return np.zeros(self.n_queries, dtype=np.bool_)
         return (self.matches >= 0) & (self.distances <= threshold)
 
+    def threshold_at(self, precision: float) -> float | None:
+        """Return the largest threshold whose precision is at least this; None if there is none."""
+        rows = np.flatnonzero(self.precision >= precision)
+        return float(self.thresholds[rows[-1]]) if len(rows) else None
+
     def explain(self, threshold: float | None) -> str:
         """Count in one line the queries without candidates, above the threshold and accepted."""
         alone = int((self.matches < 0).sum())

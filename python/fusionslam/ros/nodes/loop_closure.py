@@ -49,7 +49,9 @@ class LoopClosure(Node[LoopClosureConfig]):
         self._saver.resume(self._load, _settings(self._loops.detector))
 
     def _load(self, path: Path) -> Settings:
+        threshold = self._loops.detector.threshold  # the stored one may be of another version
         self._loops = AlignedLoopDetector.load(path)
+        self._loops.detector.threshold = threshold
         return _settings(self._loops.detector)
 
     @property
@@ -74,7 +76,7 @@ def _settings(detector: LoopDetector) -> Settings:
     describe = detector.describe_config.model_dump(exclude={"threads", "normal_radius"})
     return {
         "descriptor": detector.descriptor,
-        "loop_closure": detector.config,
+        "loop_closure": detector.config.model_dump(exclude={"threshold", "max_frames"}),
         "descriptors": describe,
     }
 

@@ -1,0 +1,180 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fits the default thresholds of loops on simulated towns, and measures them on other towns.
+
+python -m benchmarks.accuracy.loop_thresholds            # towns from the cache, recorded if missing
+python -m benchmarks.accuracy.loop_thresholds --write    # and store the thresholds and the table
+
+A threshold is the largest one at which 95 % of the loops in all fitted towns together are right.
+Where no threshold is, it lies below the nearest match of all, which is false: such a descriptor
+finds nothing until it is given another threshold. Recording a town takes about two minutes of
+processor time, describing it about ten.
+"""
+
+import argparse
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.accuracy.markdown import table, write_between
+from benchmarks.accuracy.presets import CLOUDS, ROOT, mean_and_range, record_towns
+from fusionslam import FusionConfig, PipelineConfig, describe_dataset
+from fusionslam.datasets import open_dataset
+from fusionslam.descriptors import DESCRIPTORS
+from fusionslam.evaluation import DescriptorRun, PrecisionRecall, evaluate
+from fusionslam.pipelines.compare_descriptors import TARGET_PRECISION
+from fusionslam.pipelines.describe import run_path
+from fusionslam.storage.cache import cache_folder
+
+PAGE = ROOT / "docs" / "stages" / "loop_closure.md"
+THRESHOLDS = ROOT / "python" / "fusionslam" / "loop_closure" / "thresholds.yaml"
+FITTED = (101, 102, 103, 104)
+REPORTED = (1, 2, 3, 5, 7, 11)
+NAMES = tuple(
+    f"{kind.name}:{preset}" if preset else kind.name
+    for kind in DESCRIPTORS.values()
+    for preset in kind.presets or (None,)
+)
+SOURCES: Mapping[str, Sequence[str]] = {
+    "lidar": NAMES,
+    "stereo": NAMES,
+    "cloud": [name for name in NAMES if not DESCRIPTORS[name.partition(":")[0]].needs_colors],
+}
+"""Descriptors by source. The full circle has no colours."""
+
+Runs = Mapping[tuple[str, str], PrecisionRecall]
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """What a threshold accepts on one drive: number of loops, share that is right, recall."""
+
+    loops: int
+    precision: float
+    recall: float
+
+
+def judge_town(seed: int, drive: Path, folder: Path) -> Runs:
+    """Evaluate every source and descriptor on a drive; described runs are kept in ``folder``."""
+    curves = {}
+    for source, names in SOURCES.items():
+        missing = [name for name in names if not run_path(folder, source, name).exists()]
+        if missing:
+            config = PipelineConfig(fusion=FusionConfig.model_validate({"source": source}))
+            jobs = os.cpu_count() or 1
+            describe_dataset(open_dataset(drive), missing, folder, config=config, jobs=jobs)
+        for name in names:
+            run = DescriptorRun.load(run_path(folder, source, name))
+            curves[source, name] = evaluate(run, protocols=["revisit"]).curves["revisit"]
+    return curves
+
+
+def fit(curves: Sequence[PrecisionRecall]) -> float:
+    """Return the threshold for the matches of some towns together, rounded down."""
+    found = [curve.matches >= 0 for curve in curves]
+    distances = np.concatenate(
+        [curve.distances[some] for curve, some in zip(curves, found, strict=True)]
+    )
+    right = np.concatenate([curve.correct[some] for curve, some in zip(curves, found, strict=True)])
+    order = np.argsort(distances)
+    precision = np.cumsum(right[order]) / np.arange(1, len(order) + 1)
+    rows = np.flatnonzero(precision >= TARGET_PRECISION)
+    limit = distances[order][rows[-1]] if len(rows) else 0.99 * distances.min()
+    return float(np.floor(limit * 1000) / 1000)
+
+
+def accept(curve: PrecisionRecall, threshold: float) -> Accepted:
+    """Count the loops at a threshold; the precision of none is NaN."""
+    accepted = curve.accepted(threshold)
+    right = int((accepted & curve.correct).sum())
+    loops = int(accepted.sum())
+    precision = right / loops if loops else float("nan")
+    return Accepted(loops, precision, right / curve.n_revisits)
+
+
+def thresholds_yaml(fitted: Mapping[tuple[str, str], float]) -> str:
+    """Format the thresholds as the package reads them."""
+    lines = [
+        "# SPDX-FileCopyrightText: 2026 The fusionslam authors",
+        "# SPDX-License-Identifier: Apache-2.0",
+        "# Largest descriptor distance of a loop, by source, descriptor and preset. Written by",
+        "# python -m benchmarks.accuracy.loop_thresholds --write",
+    ]
+    for source in SOURCES:
+        lines.append(f"{source}:")
+        for name in NAMES:
+            # Clouds with colours of their own are usually fused ones.
+            value = fitted.get((source, name), fitted["lidar", name])
+            lines.append(f'  "{name}": {value:.3f}')
+    return "\n".join(lines) + "\n"
+
+
+def accuracy_table(fitted: Mapping[tuple[str, str], float], towns: Sequence[Runs]) -> str:
+    """One row per source, descriptor and preset: what its threshold accepts in each town."""
+    rows = []
+    for (source, name), threshold in fitted.items():
+        found = [accept(town[source, name], threshold) for town in towns]
+        loops = np.array([each.loops for each in found], np.float64)
+        right = sum(each.loops * each.precision for each in found if each.loops)
+        shares = [each.precision for each in found if each.loops]
+        together = f"{right / loops.sum():.2f}" if loops.any() else "none found"
+        worst = f" ({min(shares):.2f} to {max(shares):.2f})" if shares else ""
+        rows.append(
+            [
+                CLOUDS[source],
+                f"`{name}`",
+                f"{threshold:.3f}",
+                f"{loops.mean():.0f} ({loops.min():.0f} to {loops.max():.0f})",
+                together + worst,
+                mean_and_range(np.array([each.recall for each in found])),
+            ]
+        )
+    header = ["clouds", "descriptor", "threshold", "loops", "right", "recall"]
+    return table(header, rows)
+
+
+def revisits_of(towns: Sequence[Runs]) -> NDArray[np.float64]:
+    """Number of revisits of each town."""
+    return np.array([next(iter(town.values())).n_revisits for town in towns], np.float64)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true")
+    parser.add_argument("--runs", type=Path, default=cache_folder() / "loop-thresholds")
+    arguments = parser.parse_args()
+
+    def judge(seeds: Sequence[int]) -> list[Runs]:
+        return [
+            judge_town(seed, drive, arguments.runs / str(seed))
+            for seed, drive in zip(seeds, record_towns(seeds), strict=True)
+        ]
+
+    fitting = judge(FITTED)
+    fitted = {
+        (source, name): fit([town[source, name] for town in fitting])
+        for source, names in SOURCES.items()
+        for name in names
+    }
+    towns = judge(REPORTED)
+    shown = accuracy_table(fitted, towns)
+    about = (
+        f"`python -m benchmarks.accuracy.loop_thresholds`: thresholds fitted on the towns of seeds "
+        f"{', '.join(map(str, FITTED))}, measured on those of seeds "
+        f"{', '.join(map(str, REPORTED))}, 350 frames and "
+        f"{revisits_of(towns).mean():.0f} revisits each; protocol revisit, 10 m, 50 frames. Mean "
+        "(lowest to highest) over the towns; right: over all loops (lowest to highest of the towns "
+        "with loops)."
+    )
+    print(f"{about}\n\n{shown}\n\n{thresholds_yaml(fitted)}")
+    if arguments.write:
+        THRESHOLDS.write_text(thresholds_yaml(fitted), encoding="utf-8")
+        write_between(PAGE, "thresholds", f"{about}\n\n{shown}")
+
+
+if __name__ == "__main__":
+    main()
