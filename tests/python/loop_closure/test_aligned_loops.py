@@ -11,6 +11,7 @@ import pytest
 from fusionslam import DataError, LoopDetector
 from fusionslam.loop_closure.aligned import AlignedLoop, AlignedLoopDetector
 from fusionslam.sensors.frame import Cloud
+from stored import write_as_former_detector
 from worlds import AHEAD, Pose, room, scan, seen_from
 
 THERE: Pose = (0.2, -0.3, 0.5)
@@ -68,6 +69,19 @@ def test_a_stored_detector_goes_on_as_if_it_had_never_stopped(tmp_path: Path) ->
     add_all(first, DRIVE[:2])
     first.save(tmp_path)
     assert add_all(AlignedLoopDetector.load(tmp_path), DRIVE[2:]) == wanted[2:]
+
+
+def test_loops_of_an_earlier_version_go_on_and_are_stored_in_one_file(tmp_path: Path) -> None:
+    wanted = add_all(detector(), DRIVE)
+    first = detector()
+    add_all(first, DRIVE[:3])
+    first.save(tmp_path)
+    write_as_former_detector(tmp_path)
+    assert (tmp_path / "scenes.npz").exists()
+    again = AlignedLoopDetector.load(tmp_path)
+    again.save(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["detector.npz"]
+    assert add_all(again, DRIVE[3:]) == wanted[3:]
 
 
 def test_a_refused_cloud_leaves_no_trace() -> None:

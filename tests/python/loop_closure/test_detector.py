@@ -18,7 +18,6 @@ from fusionslam import (
     ConfigError,
     DataError,
     DescriptorConfig,
-    DescriptorIndex,
     Frame,
     FusionConfig,
     FusionSlamError,
@@ -31,7 +30,7 @@ from fusionslam import (
 from fusionslam.descriptors import DESCRIPTORS
 from fusionslam.loop_closure import default_threshold
 from refusals import refuses
-from stored import change_archive
+from stored import change_archive, write_as_former_detector
 
 SECOND = 1_000_000_000
 PLACES = 12
@@ -218,26 +217,6 @@ def save_detector(folder: Path) -> Path:
     return folder
 
 
-def save_in_the_former_format(folder: Path, detector: LoopDetector, clouds: list[Cloud]) -> None:
-    """Write the two files that version 0.1 wrote, as if the detector had got these clouds."""
-    config = detector.config
-    index = DescriptorIndex(192, window=config.window, window_seconds=config.window_seconds)
-    for number, cloud in enumerate(clouds):
-        index.add(describe(cloud, detector.descriptor), stamp_ns=number * SECOND)
-    folder.mkdir(exist_ok=True)
-    index.save(folder / "descriptors-0123456789ab.index")
-    about = {
-        "format": "fusionslam.loop_detector.2",
-        "descriptor": detector.descriptor,
-        "frames": len(clouds),
-        "index": "descriptors-0123456789ab.index",
-        "loop_closure": config.model_dump(exclude={"max_frames"}),
-        "descriptors": detector.describe_config.model_dump(),
-        "fusion": detector.fusion_config.model_dump(),
-    }
-    (folder / "detector.json").write_text(json.dumps(about))
-
-
 def test_saving_again_replaces_the_file_and_leaves_nothing_else(tmp_path: Path) -> None:
     folder = save_detector(tmp_path / "loops")
     save_detector(folder)
@@ -252,7 +231,11 @@ def test_a_detector_of_an_earlier_version_goes_on_and_is_saved_in_the_new_one(
 
     whole = new_detector()
     wanted = [whole.add(cloud, stamp_ns=k * SECOND) for k, cloud in enumerate(DRIVE)]
-    save_in_the_former_format(tmp_path, new_detector(), DRIVE[:13])
+    part = new_detector()
+    for k, cloud in enumerate(DRIVE[:13]):
+        part.add(cloud, stamp_ns=k * SECOND)
+    part.save(tmp_path)
+    write_as_former_detector(tmp_path)
     (tmp_path / ".descriptors-killed.index.0xyz").write_bytes(b"left by a killed writer")
     for _ in range(2):  # from the former files, then from the new one
         part = LoopDetector.load(tmp_path)
@@ -361,7 +344,7 @@ def test_a_file_cut_in_half_is_refused(tmp_path: Path) -> None:
 
 
 def test_former_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
-    save_in_the_former_format(tmp_path, LoopDetector("m2dp"), DRIVE[:5])
+    write_as_former_detector(save_detector(tmp_path))
     about = json.loads((tmp_path / "detector.json").read_text())
     (tmp_path / "detector.json").write_text(json.dumps(about | {"frames": 4}))
     with pytest.raises(DataError, match=r"5 .*4"):
