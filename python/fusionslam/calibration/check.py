@@ -27,6 +27,7 @@ from fusionslam.calibration.search import (
 from fusionslam.errors import DataError
 from fusionslam.storage.archive import save_json
 from fusionslam.storage.arrays import Floats
+from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
 
 FORMAT = "fusionslam.calib_check.1"
@@ -135,8 +136,10 @@ def check_calibration(
     recording: Recording,
     config: CalibrationCheckConfig | None = None,
     progress: Progress = lambda done, total: None,
+    *,
+    jobs: int = 1,
 ) -> CalibrationCheck:
-    """Try other calibrations on a few frames of a recording.
+    """Try other calibrations on a few frames of a recording, ``jobs`` of which are read at a time.
 
     Raises:
         DataError: there are no scans, images or calibration, or too few depth edges in view.
@@ -144,9 +147,10 @@ def check_calibration(
     config = config or CalibrationCheckConfig()
     indices = frames_of(recording, config.frames)
     sites = []
-    for done, index in enumerate(indices, 1):
-        sites.append(Site(recording, index, config))
-        progress(done, len(indices))
+    with ordered_results(lambda index: Site(recording, index, config), indices, jobs) as made:
+        for done, site in enumerate(made, 1):
+            sites.append(site)
+            progress(done, len(indices))
     points = sum(len(site.view.points) for site in sites)
     if points < _FEWEST_POINTS:
         raise DataError(

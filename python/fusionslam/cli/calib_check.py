@@ -28,6 +28,7 @@ def calib_check(
     *,
     build_recording: "Callable[[], Recording]",
     read_config: "Callable[[], Any]",
+    jobs: opt.Jobs = None,
 ) -> None:
     """Check that scans and images of DATA fit together.
 
@@ -41,7 +42,8 @@ def calib_check(
     dataset = build_recording().open("lidar")
     keep_parts(ctx, output)
     with progress() as step:
-        check = check_calibration(dataset, chosen, label_progress(step, "finding edges"))
+        show = label_progress(step, "finding edges")
+        check = check_calibration(dataset, chosen, show, jobs=opt.cores(jobs))
     check.save(output / "calib_check.json")
     paths = write_overlays(dataset, frames_of(dataset, pictures), output)
     print_table(["what", "best", "not surely worse", "score"], check.rows())

@@ -41,6 +41,11 @@ def check(recording: Recording) -> CalibrationCheck:
     return check_calibration(recording, CONFIG)
 
 
+def test_frames_read_at_a_time_do_not_change_the_result() -> None:
+    one, two = (check_calibration(make_drive(4), CONFIG, jobs=jobs) for jobs in (1, 2))
+    assert one.rows() == two.rows() and one.verdict == two.verdict
+
+
 def camera_turned(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
     """points_turn: how points move in optical axes if the camera turns so (degrees).
 
