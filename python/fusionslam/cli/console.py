@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from fusionslam.help_texts import counted
 from fusionslam.storage.progress import Step
 
 if TYPE_CHECKING:
@@ -206,7 +207,8 @@ def _conditions(evaluations: "Sequence[Evaluation]", protocol: str) -> str:
         return "no true poses: cost only (--gt names a file of poses)"
     conditions = f"protocol {protocol}, radius {curve.radius:g} m, window {curve.window}: "
     if curve.n_revisits:
-        return f"{conditions}{curve.n_revisits} of {curve.n_queries} frames are revisits"
+        revisits, frames = counted(curve.n_revisits, "revisit"), counted(curve.n_queries, "frame")
+        return f"{conditions}{revisits} in {frames}"
     return (
         f"{conditions}no frame is a revisit, so there is no\n"
         "accuracy to judge; --set evaluation.window or evaluation.radius may change that"

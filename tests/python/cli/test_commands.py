@@ -208,7 +208,7 @@ def test_another_configuration_is_described_anew(kitti: Path, tmp_path: Path) ->
 def test_eval_judges_by_the_protocol_and_radius_given(kitti: Path, tmp_path: Path) -> None:
     succeeds("describe", kitti, "-d", "cm2dp", "-o", tmp_path, *NO_WINDOW)
     result = succeeds("eval", tmp_path, "--protocol", "revisit", "--radius", "5")
-    assert "radius 5 m, window 2: 8 of 20 frames are revisits" in result.stdout
+    assert "radius 5 m, window 2: 8 revisits in 20 frames" in result.stdout
     assert last_line(result) == str(tmp_path / "metrics.json")
     (judged,) = json.loads((tmp_path / "metrics.json").read_text())["runs"]
     assert judged["protocols"]["revisit"]["top1"] == 1
@@ -234,7 +234,7 @@ def test_eval_takes_other_true_poses_by_frame_number(recording: Path, tmp_path: 
     assert "--gt" in succeeds("eval", out).stdout
     # Frame 16 has nothing left to come back to.
     text = succeeds("eval", out, "--gt", truth).stdout
-    assert "7 of 19 frames are revisits" in text
+    assert "7 revisits in 19 frames" in text
 
 
 def test_bench_compares_both_sources_and_ends_with_the_report(kitti: Path, tmp_path: Path) -> None:
