@@ -126,7 +126,9 @@ def _missing_libraries(path: str | None) -> list[str]:
     if path is None or shutil.which("ldd") is None:
         return []
     result = subprocess.run(["ldd", path], capture_output=True, text=True, check=False)
-    return [line.split()[0] for line in result.stdout.splitlines() if line.endswith("not found")]
+    lines = [line for line in result.stdout.splitlines() if line.endswith("not found")]
+    # A library is listed once for each library that needs it.
+    return list(dict.fromkeys(line.split()[0] for line in lines))
 
 
 def _debian_package(library: str) -> str:
