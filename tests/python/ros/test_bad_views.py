@@ -296,6 +296,16 @@ def test_a_memory_of_other_parameters_is_refused(
     assert (error.value.code, error.value.fields) == ("other-settings", (f"~{name}",))
 
 
+def test_the_threshold_and_the_bound_of_loops_may_change_at_a_start(tmp_path: Path) -> None:
+    each = Remembering("loop_closure", tmp_path)
+    desk = each.started()
+    desk.give(each.topic, *each.made(0))
+    desk.node.close()
+    again = each.started(loop_closure={"window": 0, "threshold": 0.75, "max_frames": 7})
+    detector = again.node._loops.detector
+    assert (detector.threshold, detector.config.max_frames, len(detector)) == (0.75, 7, 3)
+
+
 @pytest.mark.parametrize("node", ["lv_matching", "loop_closure", "ratslam"])
 def test_a_file_that_is_no_memory_is_refused_with_what_to_do(node: str, tmp_path: Path) -> None:
     (tmp_path / "photo.jpg").write_bytes(b"no memory")

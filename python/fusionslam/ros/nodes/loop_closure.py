@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from fusionslam.config import option
+from fusionslam.config import merged, option
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
 from fusionslam.loop_closure.aligned import AlignedLoop, AlignedLoopDetector
@@ -49,10 +49,13 @@ class LoopClosure(Node[LoopClosureConfig]):
         self._saver.resume(self._load, _settings(self._loops.detector))
 
     def _load(self, path: Path) -> Settings:
-        threshold = self._loops.detector.threshold  # the stored one may be of another version
+        wanted = self._loops.detector
         self._loops = AlignedLoopDetector.load(path)
-        self._loops.detector.threshold = threshold
-        return _settings(self._loops.detector)
+        detector = self._loops.detector
+        # What is stored does not depend on these.
+        detector.threshold = wanted.threshold
+        detector.config = merged(detector.config, {"max_frames": wanted.config.max_frames})
+        return _settings(detector)
 
     @property
     def inputs(self) -> Sequence[Input]:
