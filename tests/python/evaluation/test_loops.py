@@ -29,6 +29,7 @@ from fusionslam.evaluation import (
     published_figures,
     summarise_costs,
 )
+from fusionslam.loop_closure import default_threshold
 
 Curve = list[tuple[float, float, float]]
 
@@ -81,6 +82,26 @@ def curve_by_loops(
 def kitti06(test_data: Path) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     poses = np.loadtxt(test_data / "kitti" / "poses" / "06.txt").reshape(-1, 3, 4)
     return np.load(test_data / "descriptors" / "kitti06_lidar_camera_m2dp.npy"), poses[:, :, 3]
+
+
+def test_the_default_threshold_fitted_on_towns_is_right_on_kitti_06(test_data: Path) -> None:
+    curve = precision_recall(*kitti06(test_data))
+    accepted = curve.accepted(default_threshold("m2dp:author"))
+    assert curve.correct[accepted].mean() > 0.9
+    assert (accepted & curve.correct).sum() / curve.n_revisits > 0.5
+
+
+@pytest.mark.parametrize("levels", [0, 2])
+def test_the_threshold_of_a_precision_is_the_largest_that_has_it(levels: int) -> None:
+    curve = precision_recall(*places_and_descriptors(5, 120, levels), radius=3, window=5)
+    for wanted in (0.0, 0.3, 0.5, 0.8, 1.0):
+        enough = [
+            float(threshold)
+            for threshold in curve.thresholds
+            if curve.correct[curve.accepted(float(threshold))].mean() >= wanted
+        ]
+        assert curve.threshold_at(wanted) == (max(enough) if enough else None)
+    assert curve.threshold_at(1.1) is None
 
 
 def test_perdomos_curve_of_kitti_06_is_reproduced_row_by_row(test_data: Path) -> None:
