@@ -29,11 +29,14 @@ Normals compute_normals(PointsView points, std::optional<double> normal_radius, 
     throw DataError("each point of the cloud lies on another one: it has no resolution");
   Normals normals = surface_normals(cloud, radius, threads);
   if (normals.indices.size() < 5)
-    throw DataError(std::string(name) + " needs at least 5 points with a normal, " +
-                    std::to_string(normals.indices.size()) + " have 3 neighbours within " +
-                    std::to_string(radius) + " m");
+    throw DataError(std::string(name) +
+                    " needs at least 5 points with a normal; those that have 3 neighbours within " +
+                    std::to_string(radius) + " m: " + std::to_string(normals.indices.size()));
   return normals;
 }
+
+/// Below it, in metres, products of coordinates lose digits to the smallest floats.
+constexpr double least_radius = 1e-12;
 
 /// The points that have a normal, a coordinate at a time. 28 bytes a point.
 struct Surface {
@@ -172,6 +175,9 @@ std::vector<float> global_shot(PointsView points, ColorsView colors, const Norma
   const ShotSupport seen = support(all);
   if (!(seen.radius > 0))
     throw DataError(std::string("all points are equal, ") + name + " is undefined");
+  if (!(seen.radius >= least_radius))
+    throw DataError("all points lie within 1e-12 m of their mean: " + std::string(name) +
+                    " in single precision would be wrong (a wrong unit?)");
   const ShotKernels kernels = shot_kernels(simd_level());
   const auto frame = shot_reference_frame(seen, threads, kernels);
   if (!frame) throw DataError(std::string(name) + " has no local reference frame on this cloud");
@@ -199,7 +205,7 @@ std::vector<float> shot_at_centroid(PointsView points, PointsView normals, Color
                                     int threads) {
   detail::check_points(points, 5, "SHOT");
   if (normals.size != points.size)
-    throw ShapeError("normals has " + std::to_string(normals.size) + " rows, points has " +
+    throw ShapeError("normals has " + detail::count_text(normals.size, "row") + ", points has " +
                      std::to_string(points.size));
   if (colors.data) detail::check_colors(points, colors);
   Normals given;

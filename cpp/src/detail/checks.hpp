@@ -15,10 +15,15 @@ inline bool is_finite(const float* point) {
   return std::isfinite(point[0]) && std::isfinite(point[1]) && std::isfinite(point[2]);
 }
 
+/// "1 point", "2 points".
+inline std::string count_text(std::size_t count, const std::string& noun) {
+  return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
+}
+
 /// Throws DataError unless there are `minimum` points.
 inline void check_size(PointsView points, std::size_t minimum, const char* what) {
   if (points.size < minimum)
-    throw DataError("the cloud has " + std::to_string(points.size) + " points, " + what +
+    throw DataError("the cloud has " + count_text(points.size, "point") + ", " + what +
                     " needs at least " + std::to_string(minimum));
 }
 
@@ -33,7 +38,7 @@ inline void check_points(PointsView points, std::size_t minimum, const char* wha
 
 inline void check_colors(PointsView points, ColorsView colors) {
   if (points.size != colors.size)
-    throw ShapeError("colors has " + std::to_string(colors.size) + " rows, points has " +
+    throw ShapeError("colors has " + count_text(colors.size, "row") + ", points has " +
                      std::to_string(points.size));
 }
 

@@ -10,6 +10,7 @@
 #include <exception>
 #include <mutex>
 #include <string>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -100,12 +101,17 @@ void parallel_for(std::size_t count, int threads, Work&& work) {
   }
   {
     std::vector<std::jthread> helpers;
-    for (std::size_t i = 1; i < workers; ++i)
-      helpers.emplace_back([&] {
-        const PoolThread mark(pool.stop());
-        pool.run(work);
-        pool.report_finished();
-      });
+    helpers.reserve(workers - 1);
+    try {
+      for (std::size_t i = 1; i < workers; ++i)
+        helpers.emplace_back([&] {
+          const PoolThread mark(pool.stop());
+          pool.run(work);
+          pool.report_finished();
+        });
+    } catch (const std::system_error&) {
+      // The system gives no more threads: those that there are do the work.
+    }
     pool.run(work);
     pool.wait_for(helpers.size());
   }

@@ -67,6 +67,8 @@ std::optional<Eigen::VectorXf> fit(const pcl::PointCloud<pcl::PointXYZ>::Ptr& cl
   search.getInliers(inliers);
   search.getModelCoefficients(coarse);
   model->optimizeModelCoefficients(inliers, coarse, fitted);
+  if (!fitted.allFinite())
+    throw DataError("the points lie too far apart for a ground plane in single precision");
   return fitted;
 }
 

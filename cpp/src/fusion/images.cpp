@@ -15,20 +15,13 @@ namespace {
 
 using Matrix = std::array<double, 9>;
 
-std::string size_text(int width, int height) {
-  return std::to_string(width) + "x" + std::to_string(height);
-}
-
 void check_sizes(ImageView image, const CameraCalibration& calibration) {
   detail::check_image(image);
   if (image.width != calibration.width || image.height != calibration.height)
-    throw ShapeError("the image is " + size_text(image.width, image.height) +
+    throw ShapeError("the image is " + detail::size_text(image.width, image.height) +
                      ", its calibration is for " +
-                     size_text(calibration.width, calibration.height));
-  constexpr int most = 32766;  // OpenCV's maps count in 16 bits
-  if (std::max(image.width, image.height) > most)
-    throw DataError("an image of " + size_text(image.width, image.height) + ", expected up to " +
-                    std::to_string(most) + " pixels a side");
+                     detail::size_text(calibration.width, calibration.height));
+  detail::check_size_for_opencv(image);
 }
 
 void check_finite(const auto& values, const std::string& name) {
@@ -62,7 +55,7 @@ void check_distortion(const CameraCalibration& calibration) {
   const std::size_t count = calibration.distortion.size();
   const auto expect = [&](bool fine, const char* expected) {
     if (fine) return;
-    throw DataError("the distortion has " + std::to_string(count) + " coefficients, " +
+    throw DataError("the distortion has " + detail::count_text(count, "coefficient") + ", " +
                     std::string(choice_name(calibration.model)) + " has " + expected);
   };
   switch (calibration.model) {
@@ -140,11 +133,13 @@ int color_code(BayerPattern pattern) {
 Image rectify_image(ImageView image, const CameraCalibration& calibration) {
   check_sizes(image, calibration);
   check_calibration(calibration);
-  const PixelMaps maps = pixel_maps(calibration);
   Image rectified = blank_image(image.width, image.height, image.channels);
-  cv::Mat pixels = as_matrix(rectified);
-  cv::remap(detail::image_matrix(image), pixels, maps.columns, maps.rows, cv::INTER_LINEAR,
-            cv::BORDER_CONSTANT, cv::Scalar());
+  detail::with_opencv([&] {
+    const PixelMaps maps = pixel_maps(calibration);
+    cv::Mat pixels = as_matrix(rectified);
+    cv::remap(detail::image_matrix(image), pixels, maps.columns, maps.rows, cv::INTER_LINEAR,
+              cv::BORDER_CONSTANT, cv::Scalar());
+  });
   return rectified;
 }
 
@@ -154,11 +149,14 @@ Image demosaic(ImageView mosaic, BayerPattern pattern) {
     throw ShapeError("the mosaic has " + std::to_string(mosaic.channels) +
                      " channels, expected 1 (grey)");
   if (std::min(mosaic.width, mosaic.height) < 4)
-    throw DataError("a mosaic of " + size_text(mosaic.width, mosaic.height) +
+    throw DataError("a mosaic of " + detail::size_text(mosaic.width, mosaic.height) +
                     ", expected at least 4 pixels a side");
+  detail::check_size_for_opencv(mosaic);
   Image colored = blank_image(mosaic.width, mosaic.height, 3);
-  cv::Mat pixels = as_matrix(colored);
-  cv::demosaicing(detail::image_matrix(mosaic), pixels, color_code(pattern));
+  detail::with_opencv([&] {
+    cv::Mat pixels = as_matrix(colored);
+    cv::demosaicing(detail::image_matrix(mosaic), pixels, color_code(pattern));
+  });
   return colored;
 }
 

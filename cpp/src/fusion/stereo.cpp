@@ -17,9 +17,9 @@ void check_pair(ImageView left, ImageView right) {
   detail::check_image(left);
   detail::check_image(right);
   if (left.width != right.width || left.height != right.height)
-    throw ShapeError("the left image is " + std::to_string(left.width) + "x" +
-                     std::to_string(left.height) + ", the right " + std::to_string(right.width) +
-                     "x" + std::to_string(right.height));
+    throw ShapeError("the left image is " + detail::size_text(left.width, left.height) +
+                     ", the right " + detail::size_text(right.width, right.height));
+  detail::check_size_for_opencv(left);
 }
 
 void check_config(const StereoConfig& config, ImageView left) {
@@ -149,7 +149,8 @@ StereoConfig stereo_preset(std::string_view name) {
 std::vector<float> stereo_disparity(ImageView left, ImageView right, const StereoConfig& config) {
   check_pair(left, right);
   check_config(config, left);
-  const cv::Mat fixed = match(detail::grey_image(left), detail::grey_image(right), config);
+  const cv::Mat fixed = detail::with_opencv(
+      [&] { return match(detail::grey_image(left), detail::grey_image(right), config); });
   const double lowest = config.min_disparity * disparity_scale;
   std::vector<float> disparity;
   disparity.reserve(fixed.total());

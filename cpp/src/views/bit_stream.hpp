@@ -88,6 +88,7 @@ class BitReader {
     return ((high - 1) << order) | read(order);
   }
   std::size_t bytes_used() const { return (used_ + 7) / 8; }
+  std::size_t bits_left() const { return 8 * bytes_.size() - used_; }
 
  private:
   std::span<const std::uint8_t> bytes_;

@@ -15,6 +15,7 @@ namespace {
 
 constexpr double degree = std::numbers::pi / 180;
 constexpr double power_25_7 = 6103515625.0;  // 25^7
+constexpr double largest_lab = 1e6;          // far beyond any colour; seventh powers are finite
 
 /// A colour in the coordinates of CIEDE2000: chroma and hue of the stretched a (eqs. 4 to 7).
 struct Polar {
@@ -78,8 +79,9 @@ double combine(const Polar& first, const Polar& second) {
 
 void check_lab(const std::array<double, 3>& lab) {
   for (const double value : lab)
-    if (!std::isfinite(value))
-      throw DataError("colour (L, a, b) holds " + std::to_string(value) + ", expected numbers");
+    if (!(std::abs(value) <= largest_lab))
+      throw DataError("colour (L, a, b) holds " + std::to_string(value) +
+                      ", expected numbers up to 1e6");
 }
 
 void check_rgb(const std::array<double, 3>& rgb) {

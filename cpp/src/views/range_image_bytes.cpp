@@ -14,6 +14,8 @@ namespace {
 constexpr int range_order = 3;
 constexpr int color_order = 1;
 constexpr int run_order = 2;
+// A cell's range and its three colours take at least one bit more than their orders each.
+constexpr std::size_t least_cell_bits = range_order + 1 + 3 * (color_order + 1);
 
 /// The cells' box.
 struct Box {
@@ -53,6 +55,8 @@ std::vector<RangeImage::Cell> read_runs(BitReader& reader, const Box& box) {
   for (std::uint64_t at = 0; at < total; filled = !filled) {
     const std::uint64_t run = reader.read_small(run_order);
     if (run > total - at) refuse_bytes("more cells than the range image has");
+    if (filled && cells.size() + run > reader.bits_left() / least_cell_bits)
+      refuse_bytes("too short for its cells");
     for (std::uint64_t i = at; filled && i < at + run; ++i) {
       const auto width = static_cast<std::uint64_t>(box.columns);
       cells.push_back({static_cast<std::int16_t>(box.first_column + static_cast<int>(i % width)),

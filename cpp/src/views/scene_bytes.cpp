@@ -25,6 +25,7 @@ constexpr std::uint64_t objects_section = 1;
 constexpr std::uint64_t image_section = 2;
 constexpr std::size_t checksum_size = 2;
 constexpr int width_bits = 6;
+constexpr std::uint64_t most_objects = 1'000'000;  // in bytes they can be a thousand times smaller
 constexpr double greatest_value = 9007199254740992.0;  // 2^53: whole numbers are exact up to here
 
 /// CRC-16/CCITT: finds damage, is not meant against forgery.
@@ -79,6 +80,9 @@ void write_column(BitWriter& writer, const std::vector<std::uint64_t>& values) {
 
 Bytes objects_to_bytes(std::vector<SceneObject> objects) {
   Bytes bytes;
+  if (objects.size() > most_objects)
+    throw DataError("a scene of " + std::to_string(objects.size()) +
+                    " objects cannot be stored, expected at most " + std::to_string(most_objects));
   append_varint(bytes, objects.size());
   if (objects.empty()) return bytes;
   BitWriter writer(bytes);
@@ -103,13 +107,16 @@ int read_width(BitReader& reader) {
 
 std::vector<SceneObject> objects_from_bytes(std::span<const std::uint8_t> bytes) {
   const std::uint64_t count = take_varint(bytes);
-  if (count > 8 * bytes.size()) refuse_bytes("too short for its objects");
+  if (count > 8 * bytes.size() || count > most_objects)
+    refuse_bytes("too short for its objects, or too many of them");
   std::vector<SceneObject> objects(count);
   if (count == 0) return objects;
   BitReader reader(bytes);
   const int points_width = read_width(reader);
-  for (SceneObject& object : objects)
+  for (SceneObject& object : objects) {
     object.points = static_cast<std::int64_t>(reader.read(points_width));
+    if (object.points < 1) refuse_bytes("an object without points");
+  }
   for (const Column& column : columns) {
     const int width = read_width(reader);
     for (SceneObject& object : objects)

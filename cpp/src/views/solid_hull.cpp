@@ -9,6 +9,7 @@
 #include <cstdlib>
 #include <limits>
 #include <memory>
+#include <new>
 #include <string>
 #include <utility>
 
@@ -113,6 +114,7 @@ std::optional<Hull> solid_hull(Eigen::Matrix3Xd& points) {
                     " points, a convex hull takes at most 2^31 - 1");
   QhullRun run(points);
   if (run.exit_code() == qh_ERRsingular || run.exit_code() == qh_ERRprec) return std::nullopt;
+  if (run.exit_code() == qh_ERRmem) throw std::bad_alloc();
   if (run.exit_code() != qh_ERRnone) throw DataError("convex hull: " + run.complaint());
   return measure(run, points.rowwise().mean());
 }

@@ -43,11 +43,12 @@ def fit_rigid(poses: Floats, truth: Floats) -> RigidMotion:
             belong to the same time.
 
     Raises:
-        ShapeError: the shapes are wrong or differ, or there are no poses.
+        ShapeError: these are no numbers, the shapes are wrong or differ, or there are no poses.
         DataError: a value is not finite.
 
     Source: Kabsch 1976, in two dimensions.
     """
+    poses, truth = _numbers("poses", poses), _numbers("truth", truth)
     _check(poses, truth)
     here, there = poses[:, :2].mean(axis=0), truth[:, :2].mean(axis=0)
     spread = (poses[:, :2] - here).T @ (truth[:, :2] - there)
@@ -60,6 +61,13 @@ def fit_rigid(poses: Floats, truth: Floats) -> RigidMotion:
     c, s = np.cos(turn), np.sin(turn)
     x, y = there - np.array([c * here[0] - s * here[1], s * here[0] + c * here[1]])
     return RigidMotion(float(x), float(y), turn)
+
+
+def _numbers(name: str, rows: Floats) -> Floats:
+    try:
+        return np.asarray(rows, np.float64)
+    except (TypeError, ValueError):
+        raise ShapeError(f"{name}: expected an array of numbers (n, 3)") from None
 
 
 def _check(poses: Floats, truth: Floats) -> None:

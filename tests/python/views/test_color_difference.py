@@ -120,3 +120,5 @@ def test_bad_colours_are_refused(
 def test_infinite_lab_values_are_refused() -> None:
     with pytest.raises(DataError, match="inf"):
         ciede2000([50, math.inf, 0], [50, 0, 0])
+    with pytest.raises(DataError):
+        ciede2000([50, 0, 0], [50, 1e300, 0])

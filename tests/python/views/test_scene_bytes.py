@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes as bytes and as JSON: small, true to the scene, and suspicious of everything else."""
 
+import binascii
 import json
+import resource
 
 import numpy as np
 import pytest
@@ -110,13 +112,8 @@ def test_foreign_bytes_are_refused() -> None:
 
 
 def crc(data: bytes) -> bytes:
-    """CRC-16/CCITT by its polynomial."""
-    value = 0xFFFF
-    for byte in data:
-        value ^= byte << 8
-        for _ in range(8):
-            value = (value << 1 ^ 0x1021 if value & 0x8000 else value << 1) & 0xFFFF
-    return value.to_bytes(2, "little")
+    """CRC-16/CCITT."""
+    return binascii.crc_hqx(data, 0xFFFF).to_bytes(2, "little")
 
 
 def test_sections_of_later_programs_are_passed_over() -> None:
@@ -133,6 +130,73 @@ def test_nonsense_with_a_right_checksum_is_refused(content: bytes) -> None:
     data = b"\x5c\1" + content
     with pytest.raises(DataError):
         Scene.from_bytes(data + crc(data))
+
+
+def varint(value: int) -> bytes:
+    return bytes([value]) if value < 128 else bytes([value & 127 | 128]) + varint(value >> 7)
+
+
+def section(kind: int, bits: str) -> bytes:
+    """A section's bytes of bits, the first of which are the lowest."""
+    padded = bits + "0" * (-len(bits) % 8)
+    content = int(padded[::-1], 2).to_bytes(len(padded) // 8, "little")
+    return varint(kind) + varint(len(content)) + content
+
+
+def small(value: int, order: int) -> str:
+    """An exponential Golomb code."""
+    high = (value >> order) + 1
+    width = high.bit_length() - 1
+    return "0" * width + "1" + plain(high - (1 << width), width) + plain(value, order)
+
+
+def plain(value: int, width: int) -> str:
+    return "".join(str(value >> i & 1) for i in range(width))
+
+
+def scene_of(*sections: bytes) -> bytes:
+    data = b"\x5c\1" + b"".join(sections)
+    return data + crc(data)
+
+
+def image_bits(rows: int, columns: int, runs: list[int]) -> str:
+    steps = plain(int(np.float32(0.1).view(np.uint32)), 32) * 2
+    box = small(0, 4) + small(0, 6) + small(rows, 4) + small(columns, 6)
+    return steps + plain(0, 96) + box + "".join(small(run, 2) for run in runs)
+
+
+def test_bytes_that_name_more_cells_than_they_hold_take_no_memory() -> None:
+    bits = image_bits(7200, 7200, [0, 7200 * 7200])
+    bomb = scene_of(section(2, bits))
+    assert len(bomb) < 50
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(DataError):
+        Scene.from_bytes(bomb)
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert after - before < 50_000  # kB; all cells would take 500 MB
+
+
+def test_a_cell_of_the_fewest_bits_is_read() -> None:
+    cells = image_bits(1, 3, [0, 3]) + (small(0, 3) + 3 * small(0, 1)) * 3
+    assert len(Scene.from_bytes(scene_of(section(2, cells))).image) == 3
+
+
+def test_bytes_of_more_than_a_million_objects_are_refused() -> None:
+    count = 8_000_000
+    named = "".join(plain(byte, 8) for byte in varint(count))
+    bits = named + plain(1, 6) + "1" * count + plain(0, 30)
+    with pytest.raises(DataError):
+        Scene.from_bytes(scene_of(section(1, bits)))
+
+
+def test_objects_without_points_are_refused() -> None:
+    def objects(points: int) -> bytes:
+        bits = plain(1, 8) + plain(1, 6) + plain(points, 1) + plain(0, 30)
+        return scene_of(section(1, bits))
+
+    assert len(Scene.from_bytes(objects(1))) == 1
+    with pytest.raises(DataError):
+        Scene.from_bytes(objects(0))
 
 
 def test_json_is_exact_and_readable() -> None:
