@@ -320,7 +320,7 @@ TEST_CASE("a file cut anywhere is refused by name") {
   check_refused<DataError>([&] { DescriptorIndex::load(path); }, "cut off?");
   write_bytes(path, bytes + "x");
   check_refused<DataError>([&] { DescriptorIndex::load(path); },
-                           path + ": 1 bytes longer than the 6 descriptors of length 3");
+                           path + ": 1 byte longer than the 6 descriptors of length 3");
 }
 
 TEST_CASE("any flipped bit is noticed and the file refused by name") {

@@ -27,6 +27,7 @@ struct Match {
 ///
 /// A query is answered as if it were the next descriptor to be added, number size(): only older
 /// ones outside the exclusion window are candidates. Equal distances go to the lowest index.
+/// Threads may share it through const members while none changes it.
 class DescriptorIndex {
  public:
   /// Throws ConfigError if dimension is 0 or the window is negative.
@@ -55,6 +56,12 @@ class DescriptorIndex {
   /// damaged.
   static DescriptorIndex load(const std::string& path);
 
+  /// The content of such a file, to send to another process.
+  std::vector<std::uint8_t> to_bytes() const;
+
+  /// Throws DataError as load() does.
+  static DescriptorIndex from_bytes(std::span<const std::uint8_t> bytes);
+
   std::size_t size() const { return stamps_ns_.size(); }
   std::size_t dimension() const;
   ExclusionWindow window() const { return window_; }
@@ -63,6 +70,12 @@ class DescriptorIndex {
 
  private:
   struct Rows;
+
+  template <class Sink>
+  void write(Sink& sink) const;
+  template <class Source>
+  static DescriptorIndex read(Source&& source);
+  void check_content(const std::string& name) const;
 
   void check_stamp(std::optional<std::int64_t> stamp_ns) const;
   bool is_old_enough(std::size_t i, std::optional<std::int64_t> stamp_ns) const;

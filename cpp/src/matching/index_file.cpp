@@ -2,19 +2,21 @@
 // SPDX-License-Identifier: Apache-2.0
 // The file: magic, version, byte order mark, dimension, window, count, stamps, descriptors,
 // checksum.
+#include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
-#include <atomic>
 #include <cerrno>
 #include <cstring>
-#include <filesystem>
-#include <fstream>
 #include <span>
 #include <string>
-#include <system_error>
+#include <vector>
 
+#include "../detail/atomic_file.hpp"
+#include "../detail/checks.hpp"
 #include "../detail/interrupt.hpp"
 #include "fusionslam/errors.hpp"
+#include "nearest.hpp"
 #include "row_chunks.hpp"
 
 namespace fusionslam {
@@ -51,83 +53,108 @@ class Checksum {
   throw DataError(path + ": " + why);
 }
 
-/// Writes a new file beside `path` and moves it there at the end; leaves nothing behind if it is
-/// interrupted before. Computes the checksum of all that it writes.
+/// Writes parts of an index and computes the checksum of them all.
+template <class Sink>
 class Writer {
  public:
-  explicit Writer(const std::string& path)
-      : path_(path), temporary_(temporary_name(path)), file_(temporary_, std::ios::binary) {
-    if (!file_) refuse(path, std::string("cannot be written: ") + std::strerror(errno));
-  }
-  Writer(const Writer&) = delete;
-  Writer& operator=(const Writer&) = delete;
-  ~Writer() {
-    std::error_code ignored;
-    if (!moved_) std::filesystem::remove(temporary_, ignored);
-  }
+  explicit Writer(Sink& sink) : sink_(sink) {}
 
   template <class T>
   void write(std::span<const T> values) {
     detail::check_interrupt();
     sum_.add(values.data(), values.size_bytes());
-    file_.write(reinterpret_cast<const char*>(values.data()),
-                static_cast<std::streamsize>(values.size_bytes()));
-    if (!file_) fail(std::strerror(errno));
+    sink_.write(std::as_bytes(values));
   }
-
-  void finish() {
+  void write_sum() {
     const std::uint64_t sum = sum_.value();
-    write(std::span<const std::uint64_t>(&sum, 1));
-    file_.close();
-    if (!file_) fail(std::strerror(errno));
-    std::error_code error;
-    std::filesystem::rename(temporary_, path_, error);
-    if (error) fail(error.message());
-    moved_ = true;
+    write(std::span(&sum, 1));
   }
 
  private:
-  static std::string temporary_name(const std::string& path) {
-    static std::atomic<unsigned> number{0};  // threads may save to one path at a time
-    return path + "." + std::to_string(::getpid()) + "." + std::to_string(number++) + ".tmp";
-  }
-  [[noreturn]] void fail(const std::string& why) const {
-    refuse(path_, "cannot be written: " + why);
-  }
-
-  std::string path_;
-  std::string temporary_;
-  std::ofstream file_;
+  Sink& sink_;
   Checksum sum_;
-  bool moved_ = false;
 };
 
-/// Reads a file from its beginning and computes the checksum of all that it reads.
+/// Bytes in memory that grow.
+struct MemorySink {
+  std::vector<std::uint8_t> bytes;
+
+  void write(std::span<const std::byte> more) {
+    const auto* begin = reinterpret_cast<const std::uint8_t*>(more.data());
+    bytes.insert(bytes.end(), begin, begin + more.size());
+  }
+};
+
+/// Bytes in memory, read from the first on.
+struct MemorySource {
+  std::span<const std::uint8_t> bytes;
+  std::string name = "bytes of a descriptor index";
+
+  std::uintmax_t size() const { return bytes.size(); }
+  void read(std::span<std::byte> to) {
+    if (to.size() > bytes.size()) refuse(name, "cannot be read to its end");
+    std::memcpy(to.data(), bytes.data(), to.size());
+    bytes = bytes.subspan(to.size());
+  }
+};
+
+/// A file, read from its beginning. What is no regular file is refused: a pipe would wait for ever.
+class FileSource {
+ public:
+  explicit FileSource(const std::string& path)
+      : name(path), file_(::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC)) {
+    struct stat status{};
+    if (file_ < 0 || ::fstat(file_, &status) != 0)
+      refuse(path, std::string("cannot be read: ") + std::strerror(errno));
+    if (!S_ISREG(status.st_mode)) {
+      ::close(file_);
+      refuse(path, S_ISDIR(status.st_mode) ? "cannot be read: it is a folder, expected a file"
+                                           : "cannot be read: it is a device, expected a file");
+    }
+    size_ = static_cast<std::uintmax_t>(status.st_size);
+  }
+  FileSource(const FileSource&) = delete;
+  FileSource& operator=(const FileSource&) = delete;
+  ~FileSource() { ::close(file_); }
+
+  std::uintmax_t size() const { return size_; }
+  void read(std::span<std::byte> to) {
+    while (!to.empty()) {
+      const ssize_t count = ::read(file_, to.data(), to.size());
+      if (count < 0 && errno == EINTR) continue;
+      if (count <= 0) refuse(name, "cannot be read to its end");
+      to = to.subspan(static_cast<std::size_t>(count));
+    }
+  }
+
+  const std::string name;
+
+ private:
+  int file_;
+  std::uintmax_t size_ = 0;
+};
+
+/// Reads parts of an index and computes the checksum of them all.
+template <class Source>
 class Reader {
  public:
-  explicit Reader(const std::string& path) : path_(path), file_(path, std::ios::binary) {
-    if (!file_) refuse(path, std::string("cannot be read: ") + std::strerror(errno));
-  }
+  explicit Reader(Source& source) : source_(source) {}
 
   template <class T>
   void read(std::span<T> values) {
     detail::check_interrupt();
-    file_.read(reinterpret_cast<char*>(values.data()),
-               static_cast<std::streamsize>(values.size_bytes()));
-    if (!file_) refuse(path_, "cannot be read to its end");
+    source_.read(std::as_writable_bytes(values));
     sum_.add(values.data(), values.size_bytes());
   }
-
   void check_sum() {
     const std::uint64_t expected = sum_.value();
     std::uint64_t sum = 0;
     read(std::span(&sum, 1));
-    if (sum != expected) refuse(path_, "damaged: its checksum does not fit its content");
+    if (sum != expected) refuse(source_.name, "damaged: its checksum does not fit its content");
   }
 
  private:
-  std::string path_;
-  std::ifstream file_;
+  Source& source_;
   Checksum sum_;
 };
 
@@ -147,16 +174,19 @@ void check_size(const std::string& path, const Header& header, std::uintmax_t si
   const std::uintmax_t row = sizeof(std::int64_t) + header.dimension * sizeof(float);
   const bool too_short = header.dimension > size || body / row < header.count;
   if (!too_short && body % row == 0 && body / row == header.count) return;
-  const std::string descriptors = std::to_string(header.count) + " descriptors of length " +
+  const std::string descriptors = detail::count_text(header.count, "descriptor") + " of length " +
                                   std::to_string(header.dimension) + " that its header names";
   if (too_short)
-    refuse(path, std::to_string(size) + " bytes do not hold the " + descriptors + " (cut off?)");
-  refuse(path, std::to_string(body - header.count * row) + " bytes longer than the " + descriptors);
+    refuse(path,
+           detail::count_text(size, "byte") + " cannot hold the " + descriptors + " (cut off?)");
+  refuse(path,
+         detail::count_text(body - header.count * row, "byte") + " longer than the " + descriptors);
 }
 
 }  // namespace
 
-void DescriptorIndex::save(const std::string& path) const {
+template <class Sink>
+void DescriptorIndex::write(Sink& sink) const {
   Header header{};
   std::memcpy(header.magic, magic, sizeof(magic));
   header.version = version;
@@ -165,24 +195,33 @@ void DescriptorIndex::save(const std::string& path) const {
   header.window_frames = window_.frames;
   header.window_nanoseconds = window_.nanoseconds;
   header.count = size();
-  Writer writer(path);
+  Writer writer(sink);
   writer.write(std::span<const Header>(&header, 1));
   writer.write(std::span<const std::int64_t>(stamps_ns_));
   for (std::size_t i = 0; i < rows_->chunk_count(); ++i) writer.write(rows_->chunk(i));
-  writer.finish();
+  writer.write_sum();
 }
 
-DescriptorIndex DescriptorIndex::load(const std::string& path) {
-  std::error_code error;
-  const std::uintmax_t size = std::filesystem::file_size(path, error);
-  if (error) refuse(path, "cannot be read: " + error.message());
+/// The checksum finds damage, but anyone can compute it.
+void DescriptorIndex::check_content(const std::string& name) const {
+  try {
+    for (std::size_t i = 0; i < size(); ++i) detail::check_values(descriptor(i), i);
+  } catch (const DataError& error) {
+    refuse(name, error.what());
+  }
+}
+
+template <class Source>
+DescriptorIndex DescriptorIndex::read(Source&& source) {
+  const std::uintmax_t size = source.size();
   if (size < sizeof(Header) + sizeof(std::uint64_t))
-    refuse(path, std::to_string(size) + " bytes are too few for a descriptor index (cut off?)");
-  Reader reader(path);
+    refuse(source.name,
+           "too short for a descriptor index, " + detail::count_text(size, "byte") + " (cut off?)");
+  Reader reader(source);
   Header header{};
   reader.read(std::span(&header, 1));
-  check_header(path, header);
-  check_size(path, header, size);
+  check_header(source.name, header);
+  check_size(source.name, header, size);
 
   DescriptorIndex index(header.dimension, {header.window_frames, header.window_nanoseconds});
   index.stamps_ns_.resize(header.count);
@@ -193,7 +232,26 @@ DescriptorIndex DescriptorIndex::load(const std::string& path) {
     left -= rows.size() / header.dimension;
   }
   reader.check_sum();
+  index.check_content(source.name);
   return index;
+}
+
+void DescriptorIndex::save(const std::string& path) const {
+  detail::AtomicFile file(path);
+  write(file);
+  file.replace();
+}
+
+DescriptorIndex DescriptorIndex::load(const std::string& path) { return read(FileSource(path)); }
+
+std::vector<std::uint8_t> DescriptorIndex::to_bytes() const {
+  MemorySink sink;
+  write(sink);
+  return std::move(sink.bytes);
+}
+
+DescriptorIndex DescriptorIndex::from_bytes(std::span<const std::uint8_t> bytes) {
+  return read(MemorySource{bytes});
 }
 
 }  // namespace fusionslam

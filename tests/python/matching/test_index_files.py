@@ -2,9 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stored indexes: whole, cut, changed and in the wrong place."""
 
+import fcntl
 import os
 import re
+import stat
 import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -97,7 +103,7 @@ def test_bytes_at_the_end_are_noticed(stored: Path) -> None:
     content = stored.read_bytes()
     for count in (1, 36):
         stored.write_bytes(content + bytes(count))
-        assert re.search(rf"\b{count} bytes", refusal(stored))
+        assert re.search(rf"\b{count} byte", refusal(stored))
 
 
 def test_a_file_that_is_no_index_is_refused(tmp_path: Path) -> None:
@@ -132,11 +138,153 @@ def test_a_folder_without_permission_is_named(tmp_path: Path) -> None:
 
 def test_a_failed_save_leaves_the_old_file_as_it_was(stored: Path) -> None:
     before = stored.read_bytes()
-    blocker = stored.with_name(f"{stored.name}.{os.getpid()}.tmp")
-    blocker.mkdir()  # where the temporary file would be written
-    try:
-        filled(5).save(str(stored))
-    except DataError:
-        assert stored.read_bytes() == before
-    else:
-        assert len(DescriptorIndex.load(str(stored))) == 5
+    # Where no file may grow beyond 100 bytes.
+    code = (
+        "import resource, signal, sys, fusionslam; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100));"
+        "fusionslam.DescriptorIndex.load(sys.argv[1]).save(sys.argv[1])"
+    )
+    done = subprocess.run([sys.executable, "-c", code, stored], capture_output=True, text=True)
+    assert f"DataError: {stored}: " in done.stderr
+    assert stored.read_bytes() == before
+    assert os.listdir(stored.parent) == [stored.name]
+
+
+def test_a_new_file_gets_what_the_umask_leaves_and_an_old_one_keeps_its_mode(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "places.index"
+    for mask, mode in ((0o077, 0o600), (0o027, 0o640), (0o000, 0o666)):
+        before = os.umask(mask)
+        try:
+            filled().save(path)
+        finally:
+            os.umask(before)
+        assert stat.S_IMODE(path.stat().st_mode) == mode
+        path.unlink()
+    for mode in (0o600, 0o644, 0o4755):
+        filled().save(path)
+        path.chmod(mode)
+        filled(5).save(path)
+        assert stat.S_IMODE(path.stat().st_mode) == mode
+        assert len(DescriptorIndex.load(path)) == 5
+
+
+def test_a_symbolic_link_is_written_through(tmp_path: Path) -> None:
+    (tmp_path / "data").mkdir()
+    filled().save(tmp_path / "data" / "real.index")
+    (tmp_path / "second").symlink_to("data/real.index")
+    (tmp_path / "first").symlink_to(tmp_path / "second")
+    (tmp_path / "dangling").symlink_to("data/new.index")
+    filled(5).save(tmp_path / "first")
+    filled(6).save(tmp_path / "dangling")
+    assert len(DescriptorIndex.load(tmp_path / "data" / "real.index")) == 5
+    assert len(DescriptorIndex.load(tmp_path / "data" / "new.index")) == 6
+    assert sorted(os.listdir(tmp_path / "data")) == ["new.index", "real.index"]
+    assert all((tmp_path / name).is_symlink() for name in ("first", "second", "dangling"))
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(DataError):
+        filled().save(tmp_path / "loop")
+
+
+def leave_temporary(path: Path, name: str = "abc_1234") -> Path:
+    """What a writer that was killed leaves behind."""
+    left = path.with_name(f".{path.name}.{name}")
+    left.write_bytes(b"half an index")
+    return left
+
+
+def test_what_killed_writers_left_goes_with_the_next_save(stored: Path) -> None:
+    left = [leave_temporary(stored), leave_temporary(stored, "zzzzzzzz")]
+    others = [
+        leave_temporary(stored.with_name("other.index")),
+        leave_temporary(stored, "too_long_"),
+        leave_temporary(stored, "UPPER_12"),
+    ]
+    filled(5).save(stored)
+    assert not any(path.exists() for path in left)
+    assert all(path.exists() for path in others)
+
+
+def test_what_another_writer_holds_stays_for_a_day(stored: Path) -> None:
+    held = leave_temporary(stored)
+    with held.open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        filled(5).save(stored)
+        assert held.exists()
+        yesterday = time.time() - 25 * 3600
+        os.utime(held, (yesterday, yesterday))
+        filled(5).save(stored)
+        assert not held.exists()
+
+
+def test_nothing_but_files_is_taken_for_a_leftover(stored: Path, tmp_path: Path) -> None:
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    link = stored.with_name(f".{stored.name}.abcdefgh")
+    link.symlink_to(victim)
+    folder = stored.with_name(f".{stored.name}.aaaaaaaa")
+    folder.mkdir()
+    filled(5).save(stored)
+    assert link.is_symlink() and folder.is_dir() and victim.read_text() == "mine"
+
+
+KILLED = """
+import sys, numpy, fusionslam
+index = fusionslam.DescriptorIndex(1000)
+for _ in range(2000):
+    index.add(numpy.ones(1000, numpy.float32))
+print(flush=True)
+while True:
+    index.save(sys.argv[1])
+"""
+
+
+def test_killed_writers_leave_the_old_file_or_the_new_one_and_nothing_that_grows(
+    stored: Path,
+) -> None:
+    names = set()
+    for _ in range(4):
+        with subprocess.Popen(
+            [sys.executable, "-c", KILLED, stored], stdout=subprocess.PIPE
+        ) as writer:
+            assert writer.stdout is not None
+            writer.stdout.readline()
+            while not (left := set(os.listdir(stored.parent)) - {stored.name} - names):
+                pass
+            writer.kill()
+        names |= left
+        assert len(DescriptorIndex.load(stored)) in (20, 2000)
+        assert len(os.listdir(stored.parent)) <= 2
+    assert len(names) >= 4  # no name twice
+    assert all(re.fullmatch(rf"\.{stored.name}\.[a-z0-9_]{{8}}", name) for name in names)
+    filled().save(stored)
+    assert os.listdir(stored.parent) == [stored.name]
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_what_is_no_file_is_neither_read_nor_replaced(
+    tmp_path: Path, make: Callable[[Path], None]
+) -> None:
+    path = tmp_path / "special"
+    make(path)
+    refusal(path)
+    with pytest.raises(DataError):
+        filled().save(path)
+    assert os.listdir(tmp_path) == ["special"] and not path.is_file()
+
+
+def test_devices_are_refused_without_reading() -> None:
+    for device in ("/dev/zero", "/dev/null", "/dev/tty"):
+        refusal(Path(device))
+
+
+def test_crafted_descriptors_that_are_not_finite_are_refused(stored: Path) -> None:
+    content = bytearray(stored.read_bytes())
+    struct.pack_into("<f", content, len(content) - 12, float("nan"))
+    value = 0xCBF29CE484222325
+    for byte in content[:-8]:
+        value = (value ^ byte) * 0x100000001B3 % 2**64
+    struct.pack_into("<Q", content, len(content) - 8, value)
+    stored.write_bytes(content)
+    assert "19" in refusal(stored)
