@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "../detail/interrupt.hpp"
+
 namespace fusionslam::detail {
 
 double Drift::largest() const { return (xx + yy) / 2 + std::hypot((xx - yy) / 2, xy); }
@@ -23,6 +25,7 @@ bool DriftSearch::reach(std::int64_t node) {
   const auto known = reached_.find(node);
   if (known != reached_.end() && known->second.settled) return true;
   while (!waiting_.empty()) {
+    check_interrupt();
     std::pop_heap(waiting_.begin(), waiting_.end());
     const Waiting next = waiting_.back();
     waiting_.pop_back();

@@ -14,9 +14,6 @@ namespace fusionslam {
 namespace detail {
 namespace {
 
-// A variance of 0 would give a link unlimited weight.
-constexpr double least_variance = 1e-6;
-
 void arrive(MapArrays& map, std::int64_t node, const Arrival& arrival) {
   map.current = node;
   const Pose2 pose = compose(map.nodes[node], arrival.offset);
@@ -97,10 +94,9 @@ Measure reverse(const Measure& measure) {
   return back;
 }
 
-/// The variance after one more measure. It falls no lower than a quarter of that one's, because
-/// systematic errors of odometry do not average out.
+/// The variance after one more measure.
 double variance_with(double old, double more) {
-  return std::min(old, std::max(old * more / (old + more), more / 4));
+  return std::min(old, std::max(old * more / (old + more), least_share * more));
 }
 
 /// Mean of both measures, weighted by their certainty.
@@ -197,7 +193,7 @@ ExperienceMap::ExperienceMap(const ExperienceMapConfig& config)
     : map_(std::make_unique<Storage>()) {
   validate(config);
   map_->config = config;
-  map_->facing = config.initial_heading;
+  map_->facing = wrap_angle(config.initial_heading);
 }
 ExperienceMap::~ExperienceMap() = default;
 ExperienceMap::ExperienceMap(ExperienceMap&&) noexcept = default;

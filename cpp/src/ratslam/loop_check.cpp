@@ -15,7 +15,6 @@
 namespace fusionslam::detail {
 namespace {
 
-constexpr std::size_t most_pending = 64;  // older ones are forgotten
 constexpr double without_limit = std::numeric_limits<double>::infinity();
 // Odometry whose variance is so many times a view's does not count beside it.
 constexpr double unsure = 100;

@@ -15,6 +15,16 @@ namespace fusionslam::detail {
 /// No length, angle, time or variance of a map is larger; squares and sums of such are finite.
 constexpr double largest_value = 1e12;
 
+/// Variance that every measure has at least: 0 would give a link unlimited weight.
+constexpr double least_variance = 1e-6;
+
+/// Share of a measure's variance below which more measures do not lower that of their mean,
+/// because systematic errors of odometry do not average out.
+constexpr double least_share = 0.25;
+
+/// Loops that wait for others to agree with them; older ones are forgotten.
+constexpr std::size_t most_pending = 64;
+
 /// The same angle in (-pi, pi].
 inline double wrap_angle(double angle) {
   constexpr double pi = std::numbers::pi;

@@ -11,6 +11,7 @@
 namespace fusionslam {
 namespace {
 
+using detail::least_share;
 using detail::Link;
 using detail::MapArrays;
 using detail::Measure;
@@ -47,7 +48,9 @@ void put(std::vector<double>& values, const Pose2& pose) {
 }
 
 Measure read_measure(const double* values) {
-  expect(values[4] > 0 && values[5] > 0, "a link's variance is not above 0");
+  constexpr double least = least_share * detail::least_variance;
+  expect(values[4] >= least && values[5] >= least, "a link's variance is below any that a map has");
+  expect(values[0] >= 0 && values[3] >= 0, "a link's distance or duration is below 0");
   return {
       values[0], detail::wrap_angle(values[1]), detail::wrap_angle(values[2]), values[3], values[4],
       values[5]};
@@ -65,8 +68,29 @@ void check_sizes(const MapState& state) {
   expect_size(state.robot.size(), MapState::robot_values, "robot");
   expect_size(state.counts.size(), MapState::robot_counts, "counts");
   expect(state.pending_ends.size() % 2 == 0, "pending_ends has no two values a loop");
+  expect(state.pending_ends.size() <= 2 * detail::most_pending,
+         "pending_ends names " + std::to_string(state.pending_ends.size() / 2) +
+             " loops, expected at most " + std::to_string(detail::most_pending));
   expect_size(state.pending.size(), MapState::pending_values * (state.pending_ends.size() / 2),
               "pending");
+}
+
+/// Every node but the first was made with a link from an earlier one, so that all are joined.
+void expect_joined(const MapState& state, std::int64_t count) {
+  std::vector<bool> joined(static_cast<std::size_t>(count));
+  for (std::size_t i = 0; i < state.ends.size(); i += 2)
+    if (state.ends[i] < state.ends[i + 1])
+      joined[static_cast<std::size_t>(state.ends[i + 1])] = true;
+  for (std::int64_t node = 1; node < count; ++node)
+    expect(joined[static_cast<std::size_t>(node)],
+           "no link leads to node " + std::to_string(node) + " from an earlier one");
+}
+
+/// Searches add up variances and would never end where a sum could fall.
+void check_robot(const std::vector<double>& robot) {
+  constexpr std::size_t not_negative[] = {3, 4, 5, 9, 10};
+  for (const std::size_t i : not_negative)
+    expect(robot[i] >= 0, "robot holds a time or variance below 0");
 }
 
 void check_values(const MapState& state) {
@@ -79,6 +103,8 @@ void check_values(const MapState& state) {
   for (std::size_t i = 0; i < state.ends.size(); i += 2)
     expect(state.ends[i] != state.ends[i + 1],
            "a link joins node " + std::to_string(state.ends[i]) + " to itself");
+  expect_joined(state, count);
+  check_robot(state.robot);
   expect_nodes(state.due, count, "due");
   expect_nodes(state.pending_ends, count, "pending_ends");
   const std::int64_t current = state.counts[0];

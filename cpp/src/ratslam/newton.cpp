@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Places and headings of nodes by weighted least squares over links (Gauss-Newton on SE(2), sparse
 // LDLT), of the nodes around a change or of the whole map.
+#include <Eigen/IterativeLinearSolvers>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
@@ -66,6 +67,20 @@ double move_downhill(Part& part, const Vector& step, Part::Sums& sums) {
   return 0;
 }
 
+/// The solution where factors would take too long, as near as a bounded number of steps comes.
+Vector solve_without_factors(const Part::Matrix& hessian, const Vector& right) {
+  constexpr int rounds = 10, steps_a_round = 50;
+  Eigen::ConjugateGradient<Part::Matrix, Eigen::Lower> solver(hessian);
+  solver.setMaxIterations(steps_a_round);
+  Vector found = Vector::Zero(right.size());
+  for (int round = 0; round < rounds; ++round) {
+    check_interrupt();
+    found = solver.solveWithGuess(right, found);
+    if (solver.info() == Eigen::Success) break;
+  }
+  return found;
+}
+
 /// Gauss-Newton steps, each made shorter until it lessens the sum; factors serve as long as they
 /// bring the map nearer quickly.
 Solved solve(MapArrays& map, Part& part) {
@@ -74,17 +89,19 @@ Solved solve(MapArrays& map, Part& part) {
   Part::Matrix hessian;
   Vector gradient;
   Part::Sums sums = part.evaluate();
+  const bool direct = part.has_sparse_factors();
   bool factored = false;
   double last = 0;
   while (!solved.converged && solved.steps < most_steps) {
     check_interrupt();
     const bool fresh = !factored;
     part.linearize(gradient, fresh ? &hessian : nullptr);
-    if (fresh) {
+    if (fresh && direct) {
       if (solved.steps == 0) factors.analyzePattern(hessian);
       factors.factorize(hessian);
     }
-    const Vector step = factors.solve(-gradient);
+    const Vector step =
+        direct ? Vector(factors.solve(-gradient)) : solve_without_factors(hessian, -gradient);
     solved.work += static_cast<double>(part.size()) * (fresh ? 1 : chord_cost);
     ++solved.steps;
     const double size = farthest(step);
@@ -97,7 +114,7 @@ Solved solve(MapArrays& map, Part& part) {
     // If no fraction of a new step reduces the sum, only rounding is left.
     solved.converged = size <= map.config.tolerance || (fresh && share == 0);
     // Old factors are reused while they halve the step.
-    factored = share == 1 && (fresh || size < last / 2);
+    factored = direct && share == 1 && (fresh || size < last / 2);
     last = size;
   }
   return solved;
@@ -161,8 +178,10 @@ void solve_whole(MapArrays& map, Relaxation& done) {
 /// Relaxes growing surroundings of the nodes that are due, until the nodes next to them are at rest
 /// or the work is used up. The whole map takes the rest later, or at once if that is much.
 void solve_parts(MapArrays& map, Relaxation& done) {
-  if (std::all_of(map.due.begin(), map.due.end(),
-                  [&](std::int64_t node) { return unrest(map, node) <= calm_m; })) {
+  if (std::all_of(map.due.begin(), map.due.end(), [&](std::int64_t node) {
+        check_interrupt();
+        return unrest(map, node) <= calm_m;
+      })) {
     map.due.clear();
     return;
   }

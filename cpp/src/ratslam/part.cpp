@@ -7,6 +7,8 @@
 #include <cmath>
 #include <utility>
 
+#include "../detail/interrupt.hpp"
+
 namespace fusionslam::detail {
 namespace {
 
@@ -205,6 +207,38 @@ void Part::add_blocks(const PartLink& link, double place, double rotation, doubl
     block[0][2] += x, block[1][2] += y;
 }
 
+bool Part::has_sparse_factors() const {
+  constexpr double most_work = 1e10;  // multiplications
+  constexpr std::int64_t most_blocks = 10'000'000;
+  constexpr double work_of_block = 27;
+  constexpr std::int64_t few = 500;  // nodes, whose factors are small even if they are full
+  if (size() <= few) return true;
+  const auto count = static_cast<std::size_t>(size());
+  std::vector<std::vector<int>> lower(count);
+  for (std::size_t i = 0; i < count; ++i)
+    for (int slot = first_[i]; slot < first_[i + 1]; ++slot)
+      lower[static_cast<std::size_t>(beside_[slot])].push_back(static_cast<int>(i));
+  // Blocks of each column by walks along the elimination tree (Liu 1986).
+  std::vector<int> parent(count, -1), reached(count, -1);
+  std::vector<std::int64_t> blocks(count);
+  std::int64_t total = 0;
+  for (std::size_t row = 0; row < count; ++row) {
+    const int here = static_cast<int>(row);
+    reached[row] = here;
+    for (int column : lower[row])
+      for (; reached[column] != here; column = parent[column]) {
+        if (parent[column] < 0) parent[column] = here;
+        reached[column] = here;
+        ++blocks[column];
+        if (++total > most_blocks) return false;
+      }
+  }
+  double work = 0;
+  for (const std::int64_t number : blocks)
+    work += work_of_block * static_cast<double>(number) * static_cast<double>(number);
+  return work <= most_work;
+}
+
 void Part::move(const Vector& step, double share) {
   for (std::int64_t i = 0; i < size(); ++i) {
     Pose2& node = map_.nodes[nodes_[i]];
@@ -229,6 +263,7 @@ double Part::unrest_beside() const {
   double farthest = 0;
   for (const std::int64_t inside : nodes_)
     map_.around(inside, [&](std::int64_t, std::int64_t other) {
+      check_interrupt();
       if (row(other) < 0 && other != 0) farthest = std::max(farthest, unrest(map_, other));
     });
   return farthest;

@@ -39,6 +39,10 @@ class Part {
   /// Newton's approximation of the Hessian: its lower triangle, of the same pattern each time.
   void linearize(Vector& gradient, Matrix* hessian) const;
 
+  /// True if factors of the Hessian take no more than some seconds and a gigabyte. Links between
+  /// places all over the map fill them up, which no drive does.
+  bool has_sparse_factors() const;
+
   void move(const Vector& step, double share);
   std::vector<Pose2> poses() const;
   void put_back(const std::vector<Pose2>& poses);

@@ -9,6 +9,7 @@
 #include <numbers>
 #include <string>
 
+#include "../detail/interrupt.hpp"
 #include "fusionslam/errors.hpp"
 #include "sheet_kernel.hpp"
 
@@ -106,6 +107,7 @@ void convolve(const double* cells, std::size_t n, const SheetKernels kernels, co
   const std::size_t area = n * n, before = by.reach * area;
   const Active active(cells, area, kernels);
   for (std::size_t th = 0; th < layers_count; ++th) {
+    detail::check_interrupt();
     double* const to = layers + before + th * area;
     if (active.layers[th])
       blur_layer(cells + th * area, n, by, padded, to);
@@ -231,12 +233,14 @@ void PoseSheet::move(std::span<const double> x, std::span<const double> y, doubl
   const SheetKernels kernels = detail::sheet_kernels(simd_level());
   const auto n = static_cast<std::size_t>(size_), area = layer_size();
   const Active active(cells_.data(), area, kernels);
-  for (std::size_t th = 0; th < layers_count; ++th)
+  for (std::size_t th = 0; th < layers_count; ++th) {
+    detail::check_interrupt();
     if (active.layers[th])
       move_layer(cells_.data() + th * area, n, {x[th], size_}, {y[th], size_}, kernels,
                  padded_.data(), next_.data() + th * area);
     else
       std::fill_n(next_.data() + th * area, area, 0.0);
+  }
   const Way turn(layers, headings);
   for (std::size_t th = 0; th < layers_count; ++th) {
     const std::size_t from = (th + layers_count - turn.whole) % layers_count;

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <optional>
 
+#include "../detail/interrupt.hpp"
 #include "thumbnail.hpp"
 
 namespace fusionslam {
@@ -245,6 +246,7 @@ Alignment align_views(const PreparedView& current, const PreparedView& stored, f
   const auto mine = some_of(current, 2 * points), theirs = some_of(stored, 2 * points);
   double best_score = -1;
   for (const Pose& start : starts) {
+    check_interrupt();
     const std::optional<Fit> found = fit(current, stored, few, start, config);
     if (!found) continue;
     Tally tally;

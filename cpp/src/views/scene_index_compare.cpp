@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "../detail/interrupt.hpp"
 #include "color_difference.hpp"
 #include "scene_index.hpp"
 #include "similarity_kernel.hpp"
@@ -37,6 +38,7 @@ class Comparison {
     best_.assign(size_, 0.0F);
     std::fill(result, result + (end - begin), 0.0);
     for (const auto& object : current_) {
+      check_interrupt();
       compare(object);
       kernels_.keep_best(sums_.data(), size_, best_.data());
       add_bests(object.weight, begin, end, result);

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <string>
 
+#include "../detail/interrupt.hpp"
 #include "color_difference.hpp"
 #include "fusionslam/errors.hpp"
 
@@ -49,6 +50,7 @@ double best_matches_mean(const Objects& current, const Objects& stored, const Te
                          ColorDifference color) {
   double sum = 0, total = 0;
   for (const auto& object : current) {
+    detail::check_interrupt();
     double best = 0;
     for (const auto& other : stored)
       best = std::max(best, similarity_of(object, other, terms, color));

@@ -92,7 +92,7 @@ class ExperienceMap:
     number of sweeps. The ``robust`` preset, the default, weights each link by its expected drift
     (``drift_m``, ``drift_turn``, ``drift_heading``: random walks, so that variances add up along
     the path; ``place_m``, ``place_rad`` for views), solves for positions and headings together,
-    and accepts loops only after ``check``.
+    and accepts loops only after ``check``. Threads may share a map.
 
     Args:
         config: None for the defaults.

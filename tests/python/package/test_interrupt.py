@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import fusionslam
+from fusionslam import views
 from fusionslam.storage.files import delay_interrupts
+from scenes import random_scene
 
 
 class Alarm(Exception):
@@ -34,6 +36,9 @@ COLORS = RANDOM.integers(0, 256, CLOUD.shape, dtype=np.uint8)
 TABLE = RANDOM.random((6000, 576), dtype=np.float32)
 IMAGE = np.zeros((375, 1242, 3), np.uint8)
 PROJECTION = np.array([[50, 0, 600, 0], [0, 50, 180, 0], [0, 0, 1, 9]], float)
+SCENE = random_scene(RANDOM, 20_000)
+SCENES = views.SceneIndex(views.SimilarityConfig(color_difference="ciede2000"))
+SCENES.add(SCENE)
 
 # Each takes far longer than the alarm needs, on any machine and level.
 LONG: dict[str, Callable[[], object]] = {
@@ -46,6 +51,8 @@ LONG: dict[str, Callable[[], object]] = {
     "voxel_downsample": lambda: fusionslam.voxel_downsample(CLOUD, size=0.01),
     "remove_ground_plane": lambda: fusionslam.remove_ground_plane(CLOUD),
     "nearest_causal": lambda: fusionslam.nearest_causal(TABLE, window=0, k=5),
+    "scene_similarity": lambda: views.scene_similarity(SCENE, SCENE),
+    "similarities": lambda: SCENES.similarities(SCENE),
 }
 
 

@@ -449,6 +449,13 @@ def put(index: Any, value: Any) -> Callable[[Any], Any]:
         ("loops: ends", longer),
         ("ends: node 0", put((0, 1), 0)),
         ("links: variance", put((2, 4), 0.0)),
+        ("links: variance", put((2, 5), 1e-9)),
+        ("links: distance", put((2, 0), -1.0)),
+        ("links: duration", put((2, 3), -1.0)),
+        ("ends: node 1", put((0, 0), 3)),
+        *[("robot", put(i, -1.0)) for i in (3, 4, 5, 9, 10)],
+        *[("robot", put(i, value)) for i in range(11) for value in (np.inf, 1e13)],
+        ("pending_ends", lambda _: np.zeros((65, 2), np.int64)),
         ("counts: current node", put(0, 121)),
     ],
 )
@@ -459,6 +466,18 @@ def test_an_impossible_state_is_refused(
     state = graph.state()
     state[array] = change(state[array])
     check_refused(graph, lambda: graph.restore(state), named or array)
+
+
+@pytest.mark.parametrize("heading", [5.0, -7.0, np.pi, 1.0])
+def test_a_map_begun_at_any_heading_is_restored_bit_for_bit(heading: float) -> None:
+    begun = ExperienceMap(initial_heading=heading)
+    state = begun.state()
+    assert np.cos(begun.pose[2] - heading) == pytest.approx(1)
+    restored = ExperienceMap(initial_heading=heading)
+    restored.restore(state)
+    assert {name: values.tobytes() for name, values in restored.state().items()} == {
+        name: values.tobytes() for name, values in state.items()
+    }
 
 
 @pytest.mark.parametrize("name", ["version", "nodes", "ends", "links", "robot", "pending"])

@@ -164,6 +164,7 @@ struct MapState {
 };
 
 /// The graph of places that a robot has visited (Milford & Wyeth 2004; Ball et al. 2013).
+/// Threads may share it through const members while none changes it.
 class ExperienceMap {
  public:
   explicit ExperienceMap(const ExperienceMapConfig& config = {});

@@ -16,6 +16,7 @@ struct SheetPlace {
 
 /// Cells P[th, y, x], all three axes wrapped: headings ten degrees apart, size by size places.
 /// They are not negative. Every instruction set gives the same bits.
+/// Threads may share it through const members while none changes it.
 class PoseSheet {
  public:
   static constexpr int headings = 36;
