@@ -14,6 +14,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -36,23 +37,28 @@ inline std::string shape_text(const py::array& array) {
 /// float64 is accepted for float32 and converted; integers, booleans and objects are not.
 inline bool is_float(const py::array& array) { return array.dtype().kind() == 'f'; }
 
+/// Throws ShapeError for what is no array. A lack of memory and signals are no fault of `source`.
 inline py::array as_array(py::handle source, const char* name) {
-  py::array array = py::array::ensure(source);
-  if (!array) {
-    PyErr_Clear();
+  try {
+    return py::array(py::reinterpret_borrow<py::object>(source));
+  } catch (const py::error_already_set& error) {
+    if (error.matches(PyExc_MemoryError) || !error.matches(PyExc_Exception)) throw;
     throw ShapeError(std::string(name) + " is no array");
   }
-  return array;
 }
 
 template <class T>
-py::array_t<T, py::array::c_style | py::array::forcecast> contiguous(const py::array& array) {
-  return py::array_t<T, py::array::c_style | py::array::forcecast>::ensure(array);
+using ContiguousArray = py::array_t<T, py::array::c_style | py::array::forcecast>;
+
+/// Throws MemoryError if there is no memory for a copy: array_t::ensure would return a null array.
+template <class T>
+ContiguousArray<T> contiguous(const py::array& array) {
+  return ContiguousArray<T>(array);
 }
 
 /// float (N, 3).
 struct PointsArg {
-  py::array_t<float, py::array::c_style | py::array::forcecast> array;
+  ContiguousArray<float> array;
 
   explicit PointsArg(py::handle source) {
     const py::array given = as_array(source, "points");
@@ -66,8 +72,7 @@ struct PointsArg {
   PointsView view() const { return {array.data(), static_cast<std::size_t>(array.shape(0))}; }
 };
 
-inline py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast> bytes_array(
-    const py::array& given, const char* name) {
+inline ContiguousArray<std::uint8_t> bytes_array(const py::array& given, const char* name) {
   if (!given.dtype().is(py::dtype::of<std::uint8_t>()) &&
       !given.dtype().equal(py::dtype::of<std::uint8_t>()))
     throw ShapeError(std::string(name) + " has dtype " +
@@ -77,7 +82,7 @@ inline py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast> byte
 
 /// uint8 (N, 3), RGB.
 struct ColorsArg {
-  py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast> array;
+  ContiguousArray<std::uint8_t> array;
 
   explicit ColorsArg(py::handle source) {
     const py::array given = as_array(source, "colors");
@@ -90,19 +95,23 @@ struct ColorsArg {
 
 /// uint8 (H, W, 3) RGB or (H, W).
 struct ImageArg {
-  py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast> array;
+  ContiguousArray<std::uint8_t> array;
 
   explicit ImageArg(py::handle source) {
     const py::array given = as_array(source, "image");
     if (given.ndim() != 2 && !(given.ndim() == 3 && given.shape(2) == 3))
       throw ShapeError("image has shape " + shape_text(given) + ", expected (H, W, 3) or (H, W)");
+    constexpr py::ssize_t most = std::numeric_limits<int>::max();
+    if (given.shape(0) > most || given.shape(1) > most)
+      throw ShapeError("image has shape " + shape_text(given) + ", expected up to " +
+                       std::to_string(most) + " pixels a side");
     array = bytes_array(given, "image");
   }
   ImageView view() const {
     const int channels = array.ndim() == 3 ? 3 : 1;
     const auto width = static_cast<int>(array.shape(1));
     return {array.data(), width, static_cast<int>(array.shape(0)), channels,
-            static_cast<std::size_t>(width * channels)};
+            static_cast<std::size_t>(width) * static_cast<std::size_t>(channels)};
   }
 };
 
@@ -146,7 +155,7 @@ struct DistortionArg {
 
 /// float (H, W), pixels.
 struct DisparityArg {
-  py::array_t<float, py::array::c_style | py::array::forcecast> array;
+  ContiguousArray<float> array;
 
   explicit DisparityArg(py::handle source) {
     const py::array given = as_array(source, "disparity");
@@ -161,7 +170,7 @@ struct DisparityArg {
 
 /// float64, of any shape.
 struct NumbersArg {
-  py::array_t<double, py::array::c_style | py::array::forcecast> array;
+  ContiguousArray<double> array;
 
   explicit NumbersArg(py::handle source)
       : array(contiguous<double>(as_numbers(source, "numbers"))) {}
@@ -182,7 +191,7 @@ using RectificationArg = MatrixArg<3, 3, rectification_name>;
 /// float (D,), or (N, D) for a table.
 template <int Dimensions>
 struct DescriptorsArg {
-  py::array_t<float, py::array::c_style | py::array::forcecast> array;
+  ContiguousArray<float> array;
 
   explicit DescriptorsArg(py::handle source) {
     constexpr const char* name = Dimensions == 1 ? "descriptor" : "descriptors";
@@ -235,6 +244,22 @@ auto without_gil(Work&& work) {
     return PyErr_CheckSignals() != 0;
   });
   return work();
+}
+
+/// A part of what __getstate__ gave, for __setstate__. Throws DataError if it is another one.
+template <class Value>
+Value part_of_state(const py::object& state, std::size_t i, std::size_t parts, const char* name) {
+  try {
+    const auto all = state.cast<py::tuple>();
+    if (py::isinstance<py::tuple>(state) && all.size() == parts) return all[i].cast<Value>();
+  } catch (const py::cast_error&) {
+    // refused below
+  } catch (const py::reference_cast_error&) {  // None in the place of an object
+  } catch (const py::error_already_set& error) {
+    if (!error.matches(PyExc_TypeError)) throw;
+  }
+  throw DataError(std::string("state of ") + name + ": no " + std::to_string(parts) +
+                  " parts of the kinds that it has");
 }
 
 void bind_descriptors(py::module_& module);

@@ -110,6 +110,23 @@ OptionTable describe_options() {
   return options;
 }
 
+template <class Config>
+py::dict state_of_config(const Config& config) {
+  py::dict state;
+  Config::visit(config, [&](const char* name, const auto& value, const OptionInfo&) {
+    state[name] = option_to_python(value);
+  });
+  return state;
+}
+
+template <class Config>
+Config config_from_state(const py::object& state) {
+  if (!py::isinstance<py::dict>(state) || py::len(state) != py::len(state_of_config(Config{})))
+    throw DataError(std::string("state of a configuration: expected every option of ") +
+                    Config::section);
+  return with_options(Config{}, py::reinterpret_borrow<Options>(state));
+}
+
 /// Binds an immutable configuration: keyword arguments in, read-only attributes out.
 template <class Config>
 py::class_<Config> bind_config(py::module_& module, const char* name, const char* doc) {
@@ -132,6 +149,7 @@ py::class_<Config> bind_config(py::module_& module, const char* name, const char
   });
   bound.def_static("options", &describe_options<Config>,
                    "Every option: name, kind, default, help, unit, range or choices.");
+  bound.def(py::pickle(&state_of_config<Config>, &config_from_state<Config>));
   bound.def("__repr__", [name = std::string(name)](const Config& self) {
     std::string text;
     Config::visit(self, [&](const char* option, const auto& value, const OptionInfo&) {

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cmath>
 #include <filesystem>
+#include <string_view>
 
 #include "common.hpp"
 #include "shared_index.hpp"
@@ -50,7 +51,7 @@ void bind_matching(py::module_& module) {
 
 A query is answered as if it were the next descriptor to be added, number len(index): candidates
 are older by more than window frames and by more than window_seconds.
-Equal distances go to the lowest index.)")
+Equal distances go to the lowest index. Threads may share an index; processes get copies (pickle).)")
       .def(py::init([](py::ssize_t dimension, py::ssize_t window, double window_seconds) {
              if (dimension < 1)
                throw ConfigError("dimension is " + std::to_string(dimension) +
@@ -93,7 +94,13 @@ Raises:
           [](const SharedDescriptors& self, const std::filesystem::path& path) {
             self.read([&](const DescriptorIndex& index) { index.save(path.string()); });
           },
-          "path"_a, "Writes one file atomically. Raises DataError naming the path.")
+          "path"_a,
+          R"(Writes one file, whole or not at all, through a symbolic link.
+
+The file keeps its mode; a new one gets what the umask leaves.
+
+Raises:
+    DataError: naming the path.)")
       .def_static(
           "load",
           [](const std::filesystem::path& path) {
@@ -102,6 +109,21 @@ Raises:
           },
           "path"_a,
           "Reads an index. Raises DataError if the file is none, of another version, or truncated.")
+      .def(py::pickle(
+          [](const SharedDescriptors& self) {
+            const auto bytes =
+                self.read([](const DescriptorIndex& index) { return index.to_bytes(); });
+            return py::bytes(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+          },
+          [](const py::object& state) {
+            if (!py::isinstance<py::bytes>(state))
+              throw DataError("state of a descriptor index: expected bytes");
+            const std::string_view text = py::reinterpret_borrow<py::bytes>(state);
+            return std::make_unique<SharedDescriptors>(without_gil([&] {
+              return DescriptorIndex::from_bytes(
+                  {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
+            }));
+          }))
       .def(
           "descriptor",
           [](const SharedDescriptors& self, std::size_t i) {

@@ -69,7 +69,7 @@ StateDict arrays_of(MapState&& state) {
 }
 
 template <class T>
-void take(const StateDict& arrays, const char* name, std::vector<T>& values) {
+void take(const py::dict& arrays, const char* name, std::vector<T>& values) {
   if (!arrays.contains(name))
     throw DataError(std::string("state of an experience map: no array '") + name + "'");
   const py::array given = as_array(arrays[name], name);
@@ -81,7 +81,7 @@ void take(const StateDict& arrays, const char* name, std::vector<T>& values) {
   values.assign(array.data(), array.data() + array.size());
 }
 
-MapState state_of(const StateDict& arrays) {
+MapState state_of(const py::dict& arrays) {
   MapState state;
   take(arrays, "nodes", state.nodes);
   take(arrays, "ends", state.ends);
@@ -109,7 +109,7 @@ void bind_changes(py::class_<SharedMap>& bound) {
           [](SharedMap& self, int kind, std::int64_t source, std::int64_t target, double rotation,
              const std::pair<double, double>& place) {
             const MapAction action = action_of(kind, source, target, rotation, place);
-            return tuple_of(self.write([&](ExperienceMap& map) { return map.check(action); }));
+            return tuple_of(self.write_long([&](auto& map) { return map.check(action); }));
           },
           "kind"_a, "source"_a, "target"_a, "relative_rotation"_a, "relative_place"_a,
           "Whether a loop fits odometry: the values of LoopCheck.")
@@ -118,7 +118,7 @@ void bind_changes(py::class_<SharedMap>& bound) {
           [](SharedMap& self, int kind, std::int64_t source, std::int64_t target, double rotation,
              const std::pair<double, double>& place) {
             const MapAction action = action_of(kind, source, target, rotation, place);
-            self.write([&](ExperienceMap& map) { map.apply(action); });
+            self.write_long([&](auto& map) { map.apply(action); });
           },
           "kind"_a, "source"_a, "target"_a, "relative_rotation"_a, "relative_place"_a,
           "Does what the pose cells say.")
@@ -158,9 +158,25 @@ void bind_values(py::class_<SharedMap>& bound) {
           [](const SharedMap& self) {
             return tuple_of(self.read([](const auto& map) { return map.offset(); }));
           })
-      .def("state", [](const SharedMap& self) {
-        return arrays_of(self.read([](const auto& map) { return map.state(); }));
-      });
+      .def("state",
+           [](const SharedMap& self) {
+             return arrays_of(self.read([](const auto& map) { return map.state(); }));
+           })
+      .def(py::pickle(
+          [](const SharedMap& self) {
+            ExperienceMapConfig config;
+            MapState state = self.read([&](const ExperienceMap& map) {
+              config = map.config();
+              return map.state();
+            });
+            return py::make_tuple(config, arrays_of(std::move(state)));
+          },
+          [](const py::object& state) {
+            constexpr const char* name = "an experience map";
+            ExperienceMap map(part_of_state<ExperienceMapConfig>(state, 0, 2, name));
+            map.restore(state_of(part_of_state<py::dict>(state, 1, 2, name)));
+            return std::make_unique<SharedMap>(std::move(map));
+          }));
 }
 
 }  // namespace
@@ -178,7 +194,8 @@ void bind_ratslam_experience_map(py::module_& module) {
       .def(py::init(
           [](const Options& options) { return with_options(ExperienceMapConfig{}, options); }));
   py::class_<SharedMap> bound(module, "ExperienceMap",
-                              "Places and links; fusionslam.ratslam.ExperienceMap is for users.");
+                              "Places and links; fusionslam.ratslam.ExperienceMap is for users. "
+                              "Threads may share a map.");
   bound.def(py::init([](const ExperienceMapConfig& config) {
               return std::make_unique<SharedMap>(ExperienceMap(config));
             }),

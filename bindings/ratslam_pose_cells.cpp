@@ -8,6 +8,23 @@ namespace {
 
 using SharedSheet = SharedIndex<PoseSheet>;
 
+py::array_t<double> activity_of(const SharedSheet& self) {
+  int n = 0;
+  std::vector<double> cells = self.read([&](const PoseSheet& sheet) {
+    n = sheet.size();
+    return std::vector<double>(sheet.activity().begin(), sheet.activity().end());
+  });
+  return to_numpy(std::move(cells), {PoseSheet::headings, n, n});
+}
+
+std::unique_ptr<SharedSheet> sheet_from_state(const py::object& state) {
+  constexpr const char* name = "a sheet of pose cells";
+  PoseSheet sheet(part_of_state<int>(state, 0, 2, name));
+  const NumbersArg activity(part_of_state<py::object>(state, 1, 2, name));
+  sheet.assign(activity.values());
+  return std::make_unique<SharedSheet>(std::move(sheet));
+}
+
 void bind_sheet(py::module_& module) {
   using namespace py::literals;
   py::class_<SharedSheet>(
@@ -20,17 +37,8 @@ Raises:
     ConfigError: a size that is not 7 to 1000.)")
       .def(py::init([](int size) { return std::make_unique<SharedSheet>(PoseSheet(size)); }),
            "size"_a)
-      .def_property_readonly(
-          "activity",
-          [](const SharedSheet& self) {
-            int n = 0;
-            std::vector<double> cells = self.read([&](const PoseSheet& sheet) {
-              n = sheet.size();
-              return std::vector<double>(sheet.activity().begin(), sheet.activity().end());
-            });
-            return to_numpy(std::move(cells), {PoseSheet::headings, n, n});
-          },
-          "float64 (36, n, n) by heading, y and x; not negative: a copy.")
+      .def_property_readonly("activity", &activity_of,
+                             "float64 (36, n, n) by heading, y and x; not negative: a copy.")
       .def(
           "assign",
           [](SharedSheet& self, const NumbersArg& activity) {
@@ -45,7 +53,7 @@ Raises:
       .def(
           "settle",
           [](SharedSheet& self, double global_inhibition) {
-            self.write([&](PoseSheet& sheet) { sheet.settle(global_inhibition); });
+            self.write_long([&](PoseSheet& sheet) { sheet.settle(global_inhibition); });
           },
           "global_inhibition"_a,
           R"(One step of the attractor: excitation, inhibition, and the sum 1.
@@ -55,7 +63,7 @@ Raises:
       .def(
           "move",
           [](SharedSheet& self, const NumbersArg& x, const NumbersArg& y, double layers) {
-            self.write([&](PoseSheet& sheet) { sheet.move(x.values(), y.values(), layers); });
+            self.write_long([&](PoseSheet& sheet) { sheet.move(x.values(), y.values(), layers); });
           },
           "x"_a, "y"_a, "layers"_a,
           R"(Moves activity, exactly over whole cells and linearly between them.
@@ -86,7 +94,13 @@ Raises:
           R"(Where the packet is: x, y and th in cells.
 
 The circular means over the box of seven cells a side around the largest cell, the first one of
-equally large ones.)");
+equally large ones.)")
+      .def(py::pickle(
+          [](const SharedSheet& self) {
+            const int size = self.read([](const PoseSheet& sheet) { return sheet.size(); });
+            return py::make_tuple(size, activity_of(self));
+          },
+          &sheet_from_state));
 }
 
 }  // namespace

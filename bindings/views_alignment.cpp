@@ -1,5 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+
 #include "common.hpp"
 #include "configuration.hpp"
 #include "shared_index.hpp"
@@ -18,6 +21,43 @@ py::typing::Dict<py::str, py::float_> evidence_of(const Alignment& alignment) {
   return evidence;
 }
 
+Alignment alignment_from_state(const py::object& state) {
+  constexpr const char* name = "an alignment";
+  const auto number = [&](std::size_t i) { return part_of_state<double>(state, i, 5, name); };
+  Alignment alignment{number(0), number(1), number(2), number(3), {}};
+  alignment.evidence.values = part_of_state<decltype(AlignmentEvidence::values)>(state, 4, 5, name);
+  const auto& evidence = alignment.evidence.values;
+  if (!std::isfinite(alignment.x + alignment.y + alignment.yaw) ||
+      !(alignment.probability >= 0 && alignment.probability <= 1) ||
+      !std::all_of(evidence.begin(), evidence.end(), [](double one) { return std::isfinite(one); }))
+    throw DataError("state of an alignment: a number is not finite, or no probability");
+  return alignment;
+}
+
+AlignmentConfig config_of(const SharedScenes& self) {
+  return self.read([](const AlignmentIndex& index) { return index.config(); });
+}
+
+/// The configuration and the range image of each scene.
+py::tuple state_of(const SharedScenes& self) {
+  AlignmentConfig config;
+  const auto images = self.read([&](const AlignmentIndex& index) {
+    config = index.config();
+    std::vector<RangeImage> all;
+    for (std::size_t i = 0; i < index.size(); ++i) all.push_back(index.image(i));
+    return all;
+  });
+  return py::make_tuple(config, images);
+}
+
+std::unique_ptr<SharedScenes> index_from_state(const py::object& state) {
+  constexpr const char* name = "an alignment index";
+  AlignmentIndex index(part_of_state<AlignmentConfig>(state, 0, 2, name));
+  for (RangeImage& image : part_of_state<std::vector<RangeImage>>(state, 1, 2, name))
+    index.add({{}, std::move(image)});
+  return std::make_unique<SharedScenes>(std::move(index));
+}
+
 void bind_result(py::module_& module) {
   py::class_<Alignment>(module, "Alignment", "The alignment of one scene with another.")
       .def_readonly("x", &Alignment::x,
@@ -30,12 +70,18 @@ void bind_result(py::module_& module) {
                     "reach and turn of the configuration.")
       .def_property_readonly("evidence", &evidence_of,
                              "The numbers from which the probability is computed, by name.")
-      .def("__repr__", [](const Alignment& self) {
-        std::ostringstream text;
-        text << "<Alignment x " << self.x << " m, y " << self.y << " m, yaw " << self.yaw
-             << " rad, probability " << self.probability << '>';
-        return text.str();
-      });
+      .def("__repr__",
+           [](const Alignment& self) {
+             std::ostringstream text;
+             text << "<Alignment x " << self.x << " m, y " << self.y << " m, yaw " << self.yaw
+                  << " rad, probability " << self.probability << '>';
+             return text.str();
+           })
+      .def(py::pickle(
+          [](const Alignment& self) {
+            return py::make_tuple(self.x, self.y, self.yaw, self.probability, self.evidence.values);
+          },
+          &alignment_from_state));
 }
 
 void bind_functions(py::module_& module) {
@@ -106,9 +152,8 @@ Returns:
            [](const SharedScenes& self) {
              return self.read([](const AlignmentIndex& index) { return index.size(); });
            })
-      .def_property_readonly("config", [](const SharedScenes& self) {
-        return self.read([](const AlignmentIndex& index) { return index.config(); });
-      });
+      .def_property_readonly("config", &config_of)
+      .def(py::pickle(&state_of, &index_from_state));
 }
 
 }  // namespace

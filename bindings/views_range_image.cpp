@@ -65,7 +65,7 @@ Immutable; equal if all cells are.)")
                throw ShapeError(
                    "cells is no array like RangeImage.cells: one dimension, fields "
                    "column, row, range, color");
-             const auto array = py::array_t<Cell, py::array::c_style>::ensure(cells);
+             const auto array = contiguous<Cell>(cells);
              return check_image({azimuth_step,
                                  elevation_step,
                                  sensor,

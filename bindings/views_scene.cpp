@@ -71,12 +71,12 @@ Scene check_scene(Scene&& scene) {
 }
 
 Scene scene_from_array(const py::object& objects, const std::optional<RangeImage>& image) {
-  const py::array given = py::array::ensure(objects);
-  if (!given || given.ndim() != 1 || !given.dtype().equal(py::dtype::of<SceneObject>()))
+  const py::array given = as_array(objects, "objects");
+  if (given.ndim() != 1 || !given.dtype().equal(py::dtype::of<SceneObject>()))
     throw ShapeError(
         "objects is no array like Scene.objects: one dimension, fields center, "
         "volume, area, color, extents, box_min, box_max, points");
-  const auto array = py::array_t<SceneObject, py::array::c_style>::ensure(given);
+  const auto array = contiguous<SceneObject>(given);
   return check_scene({{array.data(), array.data() + array.size()}, image.value_or(RangeImage{})});
 }
 

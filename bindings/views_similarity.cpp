@@ -65,7 +65,8 @@ void bind_functions(py::module_& module) {
       "scene_similarity",
       [](const Scene& current, const Scene& stored, const std::string& preset,
          const OptionalConfig& config) {
-        return scene_similarity(current, stored, chosen(config, preset));
+        const SimilarityConfig settings = chosen(config, preset);
+        return without_gil([&] { return scene_similarity(current, stored, settings); });
       },
       "current"_a, "stored"_a, py::kw_only(), "preset"_a = "robust", "config"_a = py::none(),
       R"(The similarity of two scenes, 0 to 1 (Stastny 2022, 4.6).
@@ -80,6 +81,18 @@ Args:
 
 Raises:
     ConfigError: unknown preset, all weights 0. DataError: an object that is not finite.)");
+}
+
+SimilarityConfig config_of(const SharedScenes& self) {
+  return self.read([](const SceneIndex& index) { return index.config(); });
+}
+
+std::unique_ptr<SharedScenes> index_from_state(const py::object& state) {
+  constexpr const char* name = "a scene index";
+  SceneIndex index(part_of_state<SimilarityConfig>(state, 0, 3, name));
+  index.restore({part_of_state<std::vector<std::uint64_t>>(state, 1, 3, name),
+                 part_of_state<std::vector<double>>(state, 2, 3, name)});
+  return std::make_unique<SharedScenes>(std::move(index));
 }
 
 void bind_index(py::module_& module) {
@@ -133,9 +146,15 @@ Raises:
            [](const SharedScenes& self) {
              return self.read([](const SceneIndex& index) { return index.size(); });
            })
-      .def_property_readonly("config", [](const SharedScenes& self) {
-        return self.read([](const SceneIndex& index) { return index.config(); });
-      });
+      .def_property_readonly("config", &config_of)
+      .def(py::pickle(
+          [](const SharedScenes& self) {
+            SceneIndexState state =
+                self.read([](const SceneIndex& index) { return index.state(); });
+            return py::make_tuple(config_of(self), to_numpy(std::move(state.ends)),
+                                  to_numpy(std::move(state.values)));
+          },
+          &index_from_state));
 }
 
 }  // namespace

@@ -58,15 +58,25 @@ std::size_t AlignmentIndex::size() const { return scenes_->images.size(); }
 const AlignmentConfig& AlignmentIndex::config() const { return scenes_->config; }
 
 std::size_t AlignmentIndex::add(const Scene& scene) {
-  scenes_->thumbnails.push_back(detail::thumbnail_of(scene.image));
   scenes_->images.push_back(scene.image);
+  try {
+    scenes_->thumbnails.push_back(detail::thumbnail_of(scene.image));
+  } catch (...) {
+    scenes_->images.pop_back();
+    throw;
+  }
   return size() - 1;
 }
 
-void AlignmentIndex::remove(std::size_t number) {
+const RangeImage& AlignmentIndex::image(std::size_t number) const {
   if (number >= size())
     throw ConfigError("there is no scene " + std::to_string(number) + " among " +
                       std::to_string(size()));
+  return scenes_->images[number];
+}
+
+void AlignmentIndex::remove(std::size_t number) {
+  image(number);
   const auto place = static_cast<std::ptrdiff_t>(number);
   scenes_->thumbnails.erase(scenes_->thumbnails.begin() + place);
   scenes_->images.erase(scenes_->images.begin() + place);

@@ -3,8 +3,10 @@
 #include "scene_index.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 #include <type_traits>
+#include <utility>
 
 #include "../detail/parallel.hpp"
 
@@ -17,8 +19,8 @@ using detail::StoredScenes;
 using Objects = std::vector<ComparedObject>;
 
 /// Calls visit(column, value) for every column, with how its value is got from an object.
-template <class Visitor>
-void visit_columns(StoredScenes& scenes, Visitor&& visit) {
+template <class Scenes, class Visitor>
+void visit_columns(Scenes& scenes, Visitor&& visit) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     visit(scenes.color[axis], [=](const ComparedObject& o) { return o.color[axis]; });
     visit(scenes.center[axis], [=](const ComparedObject& o) { return o.center[axis]; });
@@ -96,6 +98,34 @@ void SceneIndex::replace(std::size_t number, const Scene& scene) {
 void SceneIndex::remove(std::size_t number) {
   check_number(*scenes_, number);
   scenes_->remove(number);
+}
+
+SceneIndexState SceneIndex::state() const {
+  SceneIndexState state;
+  state.ends.assign(scenes_->ends.begin(), scenes_->ends.end());
+  visit_columns(std::as_const(*scenes_), [&](const auto& column, auto&&) {
+    state.values.insert(state.values.end(), column.begin(), column.end());
+  });
+  return state;
+}
+
+void SceneIndex::restore(const SceneIndexState& state) {
+  const std::size_t objects = state.ends.empty() ? 0 : state.ends.back();
+  if (!std::is_sorted(state.ends.begin(), state.ends.end()) || objects > state.values.size() ||
+      state.values.size() != SceneIndexState::columns * objects ||
+      !std::all_of(state.values.begin(), state.values.end(),
+                   [](double value) { return std::isfinite(value); }))
+    throw DataError("state of a scene index: " + std::to_string(state.values.size()) +
+                    " values, expected finite ones, " + std::to_string(SceneIndexState::columns) +
+                    " for each of " + std::to_string(objects) + " objects in order");
+  auto scenes = std::make_unique<Storage>(scenes_->config);
+  scenes->ends.assign(state.ends.begin(), state.ends.end());
+  auto next = state.values.begin();
+  visit_columns(*scenes, [&](auto& column, auto&&) {
+    column.assign(next, next + static_cast<std::ptrdiff_t>(objects));
+    next += static_cast<std::ptrdiff_t>(objects);
+  });
+  scenes_ = std::move(scenes);
 }
 
 std::vector<double> SceneIndex::similarities(const Scene& current, int threads) const {

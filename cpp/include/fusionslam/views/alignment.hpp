@@ -86,6 +86,7 @@ struct AlignedScene {
 
 /// Stored scenes, numbered from 0 in the order in which they were added; those most similar to the
 /// current scene are aligned with it.
+/// Threads may share it through const members while none changes it.
 class AlignmentIndex {
  public:
   explicit AlignmentIndex(const AlignmentConfig& config = {});
@@ -102,6 +103,8 @@ class AlignmentIndex {
 
   std::size_t size() const;
   const AlignmentConfig& config() const;
+  /// The range image of a stored scene, all that is kept of it. Throws as remove().
+  const RangeImage& image(std::size_t number) const;
 
   /// The candidates, most probable first, of equal ones the lowest number first. The result does
   /// not depend on the threads (0: one a core).

@@ -107,8 +107,16 @@ double object_similarity(const SceneObject& a, const SceneObject& b,
 double scene_similarity(const Scene& current, const Scene& stored,
                         const SimilarityConfig& config = {});
 
+/// The content of a SceneIndex.
+struct SceneIndexState {
+  static constexpr std::size_t columns = 13;
+
+  std::vector<std::uint64_t> ends;  ///< of each scene's objects among all
+  std::vector<double> values;       ///< of all objects, column by column
+};
+
 /// Many stored scenes, compared with one in a single call. Numbered from 0 in the order in which
-/// they were added.
+/// they were added. Threads may share it through const members while none changes it.
 class SceneIndex {
  public:
   /// Throws ConfigError as object_similarity.
@@ -128,6 +136,12 @@ class SceneIndex {
 
   std::size_t size() const;
   const SimilarityConfig& config() const;
+
+  /// What it holds, to send to another process.
+  SceneIndexState state() const;
+  /// Takes over a state; the configuration stays, and must be that of the state's index. Throws
+  /// DataError for an impossible one; the index is then unchanged.
+  void restore(const SceneIndexState& state);
 
   /// scene_similarity(current, stored) of every stored scene, to 1e-6 (the hot loop is float).
   /// The result does not depend on the threads (0: one a core).
