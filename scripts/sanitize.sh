@@ -2,11 +2,26 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
 # Runs the C++ tests and the Python tests of the bindings under AddressSanitizer and
-# UndefinedBehaviorSanitizer. Any finding ends the run.
+# UndefinedBehaviorSanitizer, and the C++ tests of threads under ThreadSanitizer. Any finding ends
+# the run. With --threads only the latter.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 python=$PWD/.venv/bin/python
+
+# A program of its own: fusionslam-tests would take minutes more to build.
+build=build/sanitize-threads
+cmake -S . -B $build -G Ninja -DCMAKE_CXX_FLAGS="-fsanitize=thread" \
+  -DCMAKE_INTERPROCEDURAL_OPTIMIZATION=OFF -DCMAKE_BUILD_TYPE=Debug \
+  -DCMAKE_CXX_FLAGS_DEBUG="-O1 -DNDEBUG" >$build-configure.log 2>&1 ||
+  { cat $build-configure.log; exit 1; }
+cmake --build $build --target fusionslam-thread-tests
+echo "C++ tests of threads under ThreadSanitizer"
+# Its shadow memory needs addresses that are not chosen at random.
+TSAN_OPTIONS="suppressions=$PWD/scripts/thread_sanitizer.supp halt_on_error=1" \
+  setarch --addr-no-randomize $build/tests/cpp/fusionslam-thread-tests
+if [ "${1:-}" = --threads ]; then exit; fi
+
 build=build/sanitize
 flags="-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer"
 # PCL was built without a sanitizer: its Eigen and ours must take and free memory the same way.
