@@ -11,6 +11,7 @@
 namespace fusionslam::bindings {
 
 using Options = py::KWArgs<py::object>;
+using ConfigState = py::typing::Dict<py::str, py::object>;
 using OptionTable = py::typing::List<py::typing::Dict<py::str, py::object>>;
 
 /// Python value of an option: enumerations are their names.
@@ -111,8 +112,8 @@ OptionTable describe_options() {
 }
 
 template <class Config>
-py::dict state_of_config(const Config& config) {
-  py::dict state;
+ConfigState state_of_config(const Config& config) {
+  ConfigState state;
   Config::visit(config, [&](const char* name, const auto& value, const OptionInfo&) {
     state[name] = option_to_python(value);
   });

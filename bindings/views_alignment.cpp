@@ -11,6 +11,7 @@ namespace fusionslam::bindings {
 namespace {
 
 using SharedScenes = SharedIndex<AlignmentIndex>;
+using IndexState = py::typing::Tuple<AlignmentConfig, py::typing::List<RangeImage>>;
 
 py::typing::Dict<py::str, py::float_> evidence_of(const Alignment& alignment) {
   py::typing::Dict<py::str, py::float_> evidence;
@@ -39,7 +40,7 @@ AlignmentConfig config_of(const SharedScenes& self) {
 }
 
 /// The configuration and the range image of each scene.
-py::tuple state_of(const SharedScenes& self) {
+IndexState state_of(const SharedScenes& self) {
   AlignmentConfig config;
   const auto images = self.read([&](const AlignmentIndex& index) {
     config = index.config();

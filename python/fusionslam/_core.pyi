@@ -18,11 +18,15 @@ class StereoConfig:
         """
         Every option: name, kind, default, help, unit, range or choices.
         """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
     def __init__(self, *, preset: str = 'image_undistort', **kwargs: typing.Any) -> None:
         """
         The preset's values (image_undistort or sgbm), with the given options in their place.
         """
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
         ...
     @property
     def block_size(self) -> int:
@@ -113,9 +117,13 @@ class GroundPlaneConfig:
         """
         Every option: name, kind, default, help, unit, range or choices.
         """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
     def __init__(self, **kwargs: typing.Any) -> None:
         ...
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
         ...
     @property
     def distance(self) -> float:
@@ -141,9 +149,13 @@ class GroundSegmentsConfig:
         """
         Every option: name, kind, default, help, unit, range or choices.
         """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
     def __init__(self, **kwargs: typing.Any) -> None:
         ...
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
         ...
     @property
     def distance(self) -> float:
@@ -199,11 +211,15 @@ class M2dpConfig:
         """
         Every option: name, kind, default, help, unit, range or choices.
         """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
     def __init__(self, *, preset: str = 'robust', **kwargs: typing.Any) -> None:
         """
         The preset's values, with the given options in their place.
         """
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
         ...
     @property
     def author_lab(self) -> bool:
@@ -266,16 +282,20 @@ class DescriptorIndex:
     
     A query is answered as if it were the next descriptor to be added, number len(index): candidates
     are older by more than window frames and by more than window_seconds.
-    Equal distances go to the lowest index.
+    Equal distances go to the lowest index. Threads may share an index; processes get copies (pickle).
     """
     @staticmethod
     def load(path: os.PathLike[str] | str | bytes) -> DescriptorIndex:
         """
         Reads an index. Raises DataError if the file is none, of another version, or truncated.
         """
+    def __getstate__(self) -> bytes:
+        ...
     def __init__(self, dimension: typing.SupportsInt | typing.SupportsIndex, *, window: typing.SupportsInt | typing.SupportsIndex = 0, window_seconds: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
         ...
     def __len__(self) -> int:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
         ...
     def add(self, descriptor: numpy.typing.NDArray[numpy.float32], *, stamp_ns: typing.SupportsInt | typing.SupportsIndex | None = None) -> int:
         """
@@ -298,7 +318,12 @@ class DescriptorIndex:
         """
     def save(self, path: os.PathLike[str] | str | bytes) -> None:
         """
-        Writes one file atomically. Raises DataError naming the path.
+        Writes one file, whole or not at all, through a symbolic link.
+        
+        The file keeps its mode; a new one gets what the umask leaves.
+        
+        Raises:
+            DataError: naming the path.
         """
     @property
     def dimension(self) -> int:
@@ -355,11 +380,15 @@ class SceneConfig:
         """
         Every option: name, kind, default, help, unit, range or choices.
         """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
     def __init__(self, *, preset: str = 'robust', **kwargs: typing.Any) -> None:
         """
         The preset's values, with the given options in their place.
         """
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
         ...
     @property
     def azimuth_step(self) -> float:
@@ -511,11 +540,15 @@ class SimilarityConfig:
         """
         Every option: name, kind, default, help, unit, range or choices.
         """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
     def __init__(self, *, preset: str = 'robust', **kwargs: typing.Any) -> None:
         """
         The preset's values, with the given options in their place.
         """
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
         ...
     @property
     def color_a(self) -> float:
@@ -618,11 +651,15 @@ class SceneIndex:
     
     They are numbered from 0 in the order in which they were added. Threads may share an index.
     """
+    def __getstate__(self) -> tuple[SimilarityConfig, numpy.typing.NDArray[numpy.uint64], numpy.typing.NDArray[numpy.float64]]:
+        ...
     def __init__(self, config: SimilarityConfig | None = None, *, preset: str = 'robust') -> None:
         """
         Uses the configuration or, without one, the preset.
         """
     def __len__(self) -> int:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
         ...
     def add(self, scene: Scene) -> int:
         """
@@ -658,9 +695,13 @@ class AlignmentConfig:
         """
         Every option: name, kind, default, help, unit, range or choices.
         """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
     def __init__(self, **kwargs: typing.Any) -> None:
         ...
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
         ...
     @property
     def candidates(self) -> int:
@@ -706,7 +747,11 @@ class Alignment:
     """
     The alignment of one scene with another.
     """
+    def __getstate__(self) -> tuple[float, float, float, float, typing.Annotated[list[float], "FixedSize(12)"]]:
+        ...
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
         ...
     @property
     def evidence(self) -> dict[str, float]:
@@ -739,9 +784,13 @@ class AlignmentIndex:
     
     They are numbered from 0 in the order in which they were added. Threads may share an index.
     """
+    def __getstate__(self) -> tuple[AlignmentConfig, list[RangeImage]]:
+        ...
     def __init__(self, config: AlignmentConfig | None = None) -> None:
         ...
     def __len__(self) -> int:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
         ...
     def add(self, scene: Scene) -> int:
         """
@@ -773,7 +822,11 @@ class PoseSheet:
     Raises:
         ConfigError: a size that is not 7 to 1000.
     """
+    def __getstate__(self) -> tuple[int, numpy.typing.NDArray[numpy.float64]]:
+        ...
     def __init__(self, size: typing.SupportsInt | typing.SupportsIndex) -> None:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
         ...
     def assign(self, activity: numpy.typing.NDArray[numpy.float64]) -> None:
         """
@@ -836,9 +889,13 @@ class ExperienceMapConfig:
         """
         Every option: name, kind, default, help, unit, range or choices.
         """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
     def __init__(self, **kwargs: typing.Any) -> None:
         ...
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
         ...
     @property
     def agreed_sigmas(self) -> float:
@@ -922,11 +979,15 @@ class ExperienceMapConfig:
         """
 class ExperienceMap:
     """
-    Places and links; fusionslam.ratslam.ExperienceMap is for users.
+    Places and links; fusionslam.ratslam.ExperienceMap is for users. Threads may share a map.
     """
+    def __getstate__(self) -> tuple[ExperienceMapConfig, dict[str, numpy.ndarray]]:
+        ...
     def __init__(self, config: ExperienceMapConfig) -> None:
         ...
     def __len__(self) -> int:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
         ...
     def apply(self, kind: typing.SupportsInt | typing.SupportsIndex, source: typing.SupportsInt | typing.SupportsIndex, target: typing.SupportsInt | typing.SupportsIndex, relative_rotation: typing.SupportsFloat | typing.SupportsIndex, relative_place: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex]) -> None:
         """

@@ -297,8 +297,8 @@ def test_other_broken_runs_are_refused() -> None:
         fit_rigid(np.zeros((2, 3)), np.zeros((3, 3)))
     for wrong in (["a"], None, [[1, 2], [3]], [0, 0, 0]):
         with pytest.raises(ShapeError):
-            fit_rigid(wrong, np.zeros((1, 3)))  # type: ignore[arg-type]
-    assert fit_rigid([[0, 0, 0]], [[1, 2, 0]]).x == 1  # type: ignore[arg-type]
+            fit_rigid(wrong, np.zeros((1, 3)))
+    assert fit_rigid([[0, 0, 0]], [[1, 2, 0]]).x == 1
 
 
 def test_a_report_is_read_back_as_it_was_saved(tmp_path: Path) -> None:

@@ -243,7 +243,7 @@ while True:
 def test_killed_writers_leave_the_old_file_or_the_new_one_and_nothing_that_grows(
     stored: Path,
 ) -> None:
-    names = set()
+    names: set[str] = set()
     for _ in range(4):
         with subprocess.Popen(
             [sys.executable, "-c", KILLED, stored], stdout=subprocess.PIPE
