@@ -118,6 +118,16 @@ void SceneIndex::restore(const SceneIndexState& state) {
     throw DataError("state of a scene index: " + std::to_string(state.values.size()) +
                     " values, expected finite ones, " + std::to_string(SceneIndexState::columns) +
                     " for each of " + std::to_string(objects) + " objects in order");
+  // The last two columns are closeness and weight, the number of points.
+  const auto weights = state.values.end() - static_cast<std::ptrdiff_t>(objects);
+  const auto between = [](double least, double most) {
+    return [=](double value) { return value >= least && value <= most; };
+  };
+  if (!std::all_of(weights - static_cast<std::ptrdiff_t>(objects), weights, between(0, 1)) ||
+      !std::all_of(weights, state.values.end(), between(1, 1e18)))
+    throw DataError(
+        "state of a scene index: an object's closeness is not 0 to 1, or its weight "
+        "not 1 to 1e18");
   auto scenes = std::make_unique<Storage>(scenes_->config);
   scenes->ends.assign(state.ends.begin(), state.ends.end());
   auto next = state.values.begin();
