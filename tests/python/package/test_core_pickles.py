@@ -150,7 +150,7 @@ def test_a_wrong_state_is_a_typed_error(name: str, number: int) -> None:
 def test_states_whose_parts_do_not_fit_are_refused() -> None:
     config, ends, values = scene_index().__getstate__()
     spoilt, weightless, near = values.copy(), values.copy(), values.copy()
-    spoilt[3], weightless[-1], near[-1 - ends[-1]] = np.nan, 0, 2
+    spoilt[3], weightless[-1], near[-1 - int(ends[-1])] = np.nan, 0, 2
     for state in [
         (config, ends[:-1], values),
         (config, ends[::-1].copy(), values),
