@@ -75,6 +75,9 @@ else:
     SegmentsSection = _ground_section("SegmentsSection", GroundSegmentsConfig, _ROBOT_SEGMENTS)
 logger = logging.getLogger(__name__)
 
+PER_FRAME = "per_frame"
+"""Attribute of a log record that holds its message without the frame: commands count these."""
+
 Source = Literal["lidar", "stereo", "cloud"]
 SENSORS_OF: Mapping[str, tuple[str, ...]] = {
     "lidar": ("points", "left"),
@@ -145,7 +148,11 @@ def remove_ground(frame: Frame, cloud: Cloud, config: FusionConfig) -> Cloud:
     points = _transform(cloud, frame_from_points(frame, _ground_frame(config))).points
     kept = _above_ground(points, config)
     if len(kept) == len(cloud):
-        logger.warning("frame %d: no ground found, all points are kept", frame.index)
+        logger.warning(
+            "frame %d: no ground found, all points are kept",
+            frame.index,
+            extra={PER_FRAME: "no ground found, all points are kept"},
+        )
     return subset(cloud, kept)
 
 
@@ -162,8 +169,9 @@ def frame_from_points(frame: Frame, name: CloudFrame) -> NDArray[np.float64]:
     needs = f"which fusion.frame={name} needs"
     if frame.robot_from_points is None:
         raise DataError(
-            f"frame {frame.index} does not say where its scan is on the robot "
-            f"(robot_from_points: TF or a calibration), {needs}",
+            f"frame {frame.index} does not say where its scan is on the robot, {needs}: give "
+            "robot_from_points in a calib.yaml (--calib, or in a plain folder), or TF in a bag; or "
+            "take the scan's frame (--set fusion.frame=scan)",
             code="no-transform",
             fields=(name,),
         )
@@ -214,14 +222,21 @@ def _scan(frame: Frame) -> Cloud:
     scan = Cloud(frame.points, frame.colors)
     valid = drop_invalid(scan.points)
     if len(valid) < len(scan):
-        dropped = counted(len(scan) - len(valid), "point")
-        logger.warning("frame %d: dropped %s with NaN or infinity", frame.index, dropped)
+        logger.warning(
+            "frame %d: dropped %s with NaN or infinity",
+            frame.index,
+            counted(len(scan) - len(valid), "point"),
+            extra={PER_FRAME: "points with NaN or infinity are dropped"},
+        )
     return subset(scan, valid)
 
 
 def _camera(frame: Frame, name: str) -> Camera:
     if name not in frame.cameras:
-        message = f"frame {frame.index} has no calibration of the {name} camera"
+        message = (
+            f"frame {frame.index} has no calibration of the {name} camera: give one (--calib), or "
+            "take clouds as they are (--set fusion.source=cloud)"
+        )
         raise DataError(message, code="no-calibration", fields=(name,))
     return frame.cameras[name]
 

@@ -24,8 +24,11 @@ if TYPE_CHECKING:
 Command = Callable[..., None]
 
 
-def _start_logging(verbose: bool) -> bool:
-    """Send the library's messages to stderr: warnings and above, or more if verbose."""
+def _start_logging(ctx: typer.Context, verbose: bool) -> bool:
+    """Send the library's messages to stderr: warnings and above, or more if verbose.
+
+    What is said of each frame is said once at the end, with the number of frames.
+    """
     import logging
 
     from rich.logging import RichHandler
@@ -35,6 +38,10 @@ def _start_logging(verbose: bool) -> bool:
     handler = RichHandler(console=stderr(), show_path=False, show_time=False)
     level = logging.INFO if verbose else logging.WARNING
     handler.addFilter(_pass_once())
+    if not verbose:
+        frames: dict[str, set[str]] = {}
+        handler.addFilter(_set_aside(frames))
+        ctx.call_on_close(lambda: _report_frames(frames))
     logging.basicConfig(level=level, format="%(message)s", handlers=[handler], force=True)
     return verbose
 
@@ -50,6 +57,26 @@ def _pass_once() -> "Callable[[LogRecord], bool]":
         return new
 
     return is_new
+
+
+def _set_aside(frames: dict[str, set[str]]) -> "Callable[[LogRecord], bool]":
+    """Return a filter that collects records about single frames instead of passing them."""
+
+    def is_other(entry: "LogRecord") -> bool:
+        text = getattr(entry, "per_frame", None)
+        if text is not None:
+            frames.setdefault(text, set()).add(entry.getMessage())
+        return text is None
+
+    return is_other
+
+
+def _report_frames(frames: dict[str, set[str]]) -> None:
+    import logging
+
+    for text, messages in frames.items():
+        count = f"{len(messages)} frame{'' if len(messages) == 1 else 's'}"
+        logging.getLogger(__name__).warning("%s: %s (--verbose lists them)", count, text)
 
 
 DESCRIPTORS = ("m2dp", "cm2dp", "shot", "cshot")

@@ -198,6 +198,7 @@ def _new_map(whole: Any, views: str | None, recording: "Recording") -> "RatSlam"
 
     from fusionslam.config import merged
     from fusionslam.errors import DataError
+    from fusionslam.pipelines.recording import settle_frame
     from fusionslam.ratslam.slam import RatSlam
     from fusionslam.ratslam.view_sources import SourceOptions, build_view_source
     from fusionslam.views.recognisers import method_of
@@ -205,6 +206,8 @@ def _new_map(whole: Any, views: str | None, recording: "Recording") -> "RatSlam"
     # A recording of images alone has no clouds; views that need them fail later.
     with suppress(DataError):
         whole = merged(whole, {"fusion": {"source": opt.choose_source(None, whole, recording)}})
+        fusion = settle_frame(whole.fusion, recording.open(whole.fusion.source))
+        whole = whole.model_copy(update={"fusion": fusion})
     options = SourceOptions(whole.views, whole.fusion, whole.descriptors, whole.visual_templates)
     name = views or method_of(whole.views)
     return RatSlam(whole.ratslam, views=build_view_source(name, options))

@@ -167,18 +167,20 @@ def _check_name(path: Path) -> None:
 
 
 def open_data(recording: "Recording", whole: Any) -> "tuple[Dataset, Any]":
-    """Open the recording; return it and the configuration with the source of its clouds."""
+    """Open the recording; return it and the configuration with source and frame of its clouds."""
     from dataclasses import replace
 
     from fusionslam.config import merged
     from fusionslam.datasets.base import CloudDataset
+    from fusionslam.pipelines.recording import settle_frame
 
     recording = replace(recording, shapes=whole.recording.shapes)
     whole = merged(whole, {"fusion": {"source": opt.choose_source(None, whole, recording)}})
     dataset = recording.open()
     if isinstance(dataset, CloudDataset):
         return dataset, whole
-    return recording.open(whole.fusion.source), whole
+    dataset = recording.open(whole.fusion.source)
+    return dataset, whole.model_copy(update={"fusion": settle_frame(whole.fusion, dataset)})
 
 
 def open_scenes(

@@ -197,10 +197,12 @@ class FileDataset(Dataset):
     Attributes:
         streams: the files of each sensor in use: "points", "left", "right".
         frame_cameras: reads the calibration of one frame, for data where each has its own.
+        robot_from_points: float64 (4, 4), where the scanner is on the robot; None if unknown.
     """
 
     streams: Mapping[str, Stream]
     frame_cameras: Callable[[int], Mapping[str, Camera]] | None = None
+    robot_from_points: Matrix | None = None
 
     @property
     def counts(self) -> dict[str, int]:
@@ -237,6 +239,7 @@ class FileDataset(Dataset):
             images=self._images(number, cameras),
             cameras=cameras,
             pose=None if self.poses is None else self.poses[index],
+            robot_from_points=self.robot_from_points,
         )
 
     def _scan(

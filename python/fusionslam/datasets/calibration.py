@@ -15,6 +15,10 @@ from fusionslam.sensors.frame import Camera
 from fusionslam.storage.files import PathLike, reading
 
 CAMERA_KEYS = ("projection", "rectified_from_points", "size")
+# Tolerance for orthogonality: numbers written by hand have few digits.
+_ORTHOGONAL = 1e-3
+ON_ROBOT = "robot_from_points"
+"""Key of calib.yaml that says where the scanner is on the robot."""
 
 
 @dataclass(frozen=True)
@@ -97,13 +101,44 @@ def read_calib_yaml(path: PathLike) -> dict[str, Camera]:
         DataError: the file is missing or not YAML, a key is unknown or missing, or a value has
             the wrong shape.
     """
+    path, entries = Path(path), _calib_yaml(Path(path))
+    cameras = {name: entry for name, entry in entries.items() if name != ON_ROBOT}
+    return {name: _yaml_camera(path, name, entry) for name, entry in cameras.items()}
+
+
+def read_place_on_robot(path: PathLike) -> NDArray[np.float64] | None:
+    """Read ``robot_from_points`` of a calib.yaml: float64 (4, 4), or None if it is not there.
+
+    The robot's frame has x ahead, y to the left, z up, and its origin on the ground.
+
+    Raises:
+        DataError: as ``read_calib_yaml``, or the matrix is no rotation and translation.
+    """
+    path, entries = Path(path), _calib_yaml(Path(path))
+    if ON_ROBOT not in entries:
+        return None
+    matrix = _array(path, ON_ROBOT, entries[ON_ROBOT], (4, 4))
+    turn = matrix[:3, :3]
+    apart = np.abs(turn @ turn.T - np.eye(3)).max() if np.isfinite(matrix).all() else np.inf
+    if (
+        apart > _ORTHOGONAL
+        or np.linalg.det(turn) < 0
+        or not np.array_equal(matrix[3], [0, 0, 0, 1])
+    ):
+        raise DataError(
+            f"{path}: {ON_ROBOT} is no rotation and translation",
+            code="not-a-rotation",
+            fields=(str(path), ON_ROBOT),
+        )
+    return matrix
+
+
+def _calib_yaml(path: Path) -> dict[str, Any]:
     import yaml
 
-    path = Path(path)
-    with reading(path, "YAML with a camera 'left' and, for stereo, 'right'"):
+    with reading(path, f"YAML with cameras 'left' and 'right', or {ON_ROBOT}"):
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    entries = _mapping(path, "the file", content, ("left", "right"))
-    return {name: _yaml_camera(path, name, entry) for name, entry in entries.items()}
+    return _mapping(path, "the file", content, ("left", "right", ON_ROBOT))
 
 
 def _yaml_camera(path: Path, name: str, entry: Any) -> Camera:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.base import Dataset, FileDataset
-from fusionslam.datasets.calibration import read_calib_yaml
+from fusionslam.datasets.calibration import read_calib_yaml, read_place_on_robot
 from fusionslam.datasets.cloud_files import CLOUD_SUFFIXES
 from fusionslam.datasets.pose_files import match_poses, pick, read_poses, read_times
 from fusionslam.datasets.streams import (
@@ -52,6 +52,7 @@ def open_folder(path: Path, request: Request) -> Dataset:
     numbers, gaps = frame_numbers(chosen, request)
     poses = request.poses or find_existing(root / "poses.txt")
     stamps = _stamps(root, numbers, name_stamps, poses)
+    calibration = request.calibration or find_existing(root / "calib.yaml")
     return FileDataset(
         kind="folder",
         name=root.name,
@@ -62,8 +63,9 @@ def open_folder(path: Path, request: Request) -> Dataset:
         pose_frame="points",
         body_from_points=np.eye(4),
         poses=match_poses(poses, numbers, stamps) if poses else None,
-        cameras=_cameras(request.calibration or find_existing(root / "calib.yaml"), chosen),
+        cameras=_cameras(calibration, chosen),
         gaps=gaps,
+        robot_from_points=read_place_on_robot(calibration) if calibration else None,
     )
 
 
@@ -129,7 +131,7 @@ def _cameras(path: Path | None, streams: dict[str, Stream]) -> dict[str, Camera]
     if path is None:
         return {}
     cameras = read_calib_yaml(path)
-    names = [name for name in streams if name != "points"]
+    names = [name for name in streams if name != "points"] if cameras else []
     for name in names:
         if name not in cameras:
             raise DataError(f"{path} lacks camera '{name}', of which there are images")

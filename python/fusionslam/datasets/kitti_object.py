@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fusionslam.datasets.base import Dataset, FileDataset
 from fusionslam.datasets.calibration import camera, homogeneous, read_calibration
-from fusionslam.datasets.kitti_odometry import POSE_FRAME, find_streams
+from fusionslam.datasets.kitti_odometry import POSE_FRAME, ROBOT_FROM_VELODYNE, find_streams
 from fusionslam.datasets.streams import Request, Stream, choose, frame_numbers, itself, one_of, scan
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera
@@ -43,6 +43,7 @@ def open_kitti_object(path: Path, request: Request) -> Dataset:
         body_is_camera=True,
         cameras=cameras(int(numbers[0])),
         gaps=gaps,
+        robot_from_points=ROBOT_FROM_VELODYNE,
         frame_cameras=cameras,
     )
 

@@ -27,6 +27,9 @@ from fusionslam.datasets.streams import (
 from fusionslam.sensors.frame import Camera
 
 POSE_FRAME = "camera 0 (left grey)"
+ROBOT_FROM_VELODYNE = np.eye(4)
+"""KITTI's car: its scanner, x ahead and z up, is 1.73 m above the ground (Geiger et al. 2012)."""
+ROBOT_FROM_VELODYNE[2, 3] = 1.73
 # Cameras 2 and 3 are the colour pair, 0 and 1 the grey one.
 PAIRS = ({"left": 2, "right": 3}, {"left": 0, "right": 1})
 
@@ -63,6 +66,7 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
         poses=match_poses(poses, numbers, stamps) if poses else None,
         cameras=_cameras(calibration, cameras, chosen) if calibration else {},
         gaps=gaps,
+        robot_from_points=ROBOT_FROM_VELODYNE,
     )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets.base import Dataset, FileDataset
 from fusionslam.datasets.calibration import Calibration, camera, homogeneous, read_calibration
-from fusionslam.datasets.kitti_odometry import POSE_FRAME, find_streams
+from fusionslam.datasets.kitti_odometry import POSE_FRAME, ROBOT_FROM_VELODYNE, find_streams
 from fusionslam.datasets.pose_files import match_poses, pick, read_timestamps
 from fusionslam.datasets.streams import (
     Request,
@@ -64,6 +64,7 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
             if name in chosen
         },
         gaps=gaps,
+        robot_from_points=ROBOT_FROM_VELODYNE,
     )
 
 

@@ -19,6 +19,7 @@ from fusionslam.sensors.synchronizer import SyncConfig
 logger = logging.getLogger(__name__)
 
 SENSORS = ("points", "left", "right")
+_SOURCES = "points and left, left and right, or points alone (source lidar, stereo or cloud)"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 # If the numbers of the first and the last file are further apart (28 hours at 10 Hz), the file
 # names are not frame numbers.
@@ -183,7 +184,9 @@ def choose(streams: Mapping[str, Stream | None], request: Request, root: Path) -
     for sensor in wanted:
         if sensor not in found:
             others = f", only of {', '.join(found)}" if found else ""
-            message = f"{root} has no files of sensor '{sensor}'{others}"
+            message = (
+                f"{root} has no files of sensor '{sensor}'{others}; clouds come from {_SOURCES}"
+            )
             raise MissingSensorError(message, fields=(sensor,))
     return {sensor: found[sensor] for sensor in SENSORS if sensor in wanted}
 

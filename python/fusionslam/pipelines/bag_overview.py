@@ -64,6 +64,12 @@ class Inspection:
 
     def fusion(self, dataset: "Dataset | None") -> FirstCloud:
         """Tell whether the bag can be fused; if not, list everything known to be missing."""
+        if (
+            dataset is not None
+            and dataset.sensors == ("points",)
+            and "left" not in self.source.roles
+        ):
+            return first_cloud(dataset)
         missing = [
             f"no {kind}" + (" of the camera" * (role == "camera_info"))
             for role, kind in _NEEDED.items()
@@ -73,7 +79,10 @@ class Inspection:
             missing += self._missing_link()
         has_pairs = dataset is not None and dataset.has_stereo and not dataset.has_points
         if dataset is None or (missing and not has_pairs):
-            return FirstCloud("not possible", problem="; ".join(missing) or "no frames")
+            left = (
+                "" if dataset is None else f"; commands use {' and '.join(dataset.sensors)} alone"
+            )
+            return FirstCloud("not possible", problem=f"{'; '.join(missing) or 'no frames'}{left}")
         return first_cloud(dataset)
 
     def cameras(self) -> str:

@@ -26,7 +26,7 @@ from fusionslam.fusion import ROBOT_FUSION
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, add_odometry_errors
 from fusionslam.geometry.se2 import places_of, transform_points
 from fusionslam.geometry.trajectory import Trajectory, read_trajectory
-from fusionslam.pipelines.recording import Recording, SceneRecording
+from fusionslam.pipelines.recording import ON_ROBOT, Recording, SceneRecording, settle_frame
 from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.image_series import ImageSeries
@@ -161,7 +161,7 @@ class Drive:
         """
         whole = self._all_scenes
         whole.true_poses()
-        if whole.frame != "robot":
+        if whole.frame not in ON_ROBOT:
             raise DataError(
                 f"{whole.name}: scenes in the frame {whole.frame!r}, expected 'robot'",
                 code="wrong-frame",
@@ -211,6 +211,7 @@ class Drive:
     def _record(self, *, ground: bool) -> SceneSet:
         """Record all scans as clouds, with or without the ground."""
         fusion = merged(ROBOT_FUSION, {"source": _source(self.dataset)})
+        fusion = settle_frame(fusion, self.dataset)
         ranges = self._ranges
         if ground:
             fusion = merged(fusion, {"ground": "none"})

@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets import write_cloud, write_poses_tum
+from fusionslam.datasets.calibration import ON_ROBOT
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.pipelines.results import Work, claim
+from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.files import atomic_path
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
@@ -38,7 +40,9 @@ def write_clouds(
     command: str = "",
     progress: Progress | None = None,
 ) -> int:
-    """Write ``clouds/NNNNNN.<format>``, times.txt and, if the data has them, poses of the scans.
+    """Write ``clouds/NNNNNN.<format>``, times.txt and, if known, the poses of the clouds.
+
+    calib.yaml says where the clouds are on the robot, if that is known and fixed.
 
     Files have the numbers of the dataset's frames. Existing clouds are kept, so that an
     interrupted call resumes. Format bin drops the colours.
@@ -101,7 +105,7 @@ def _refuse_foreign(root: Path) -> None:
     """Raise DataError if files not written by an earlier call have the names of ours."""
     if Work.load(root) is not None:
         return
-    for name in ("clouds", "times.txt", "poses.txt"):
+    for name in ("clouds", "times.txt", "poses.txt", "calib.yaml"):
         if (root / name).exists():
             raise DataError(
                 f"{root} holds {name}, which no earlier fuse wrote: choose another folder",
@@ -117,6 +121,26 @@ def _write_texts(root: Path, dataset: "Dataset", config: FusionConfig) -> None:
     poses = cloud_poses(dataset, config)
     if poses is not None:
         write_poses_tum(root / "poses.txt", dataset.stamps_ns, poses)
+    place = _place_on_robot(dataset, config)
+    if place is not None:
+        with atomic_path(root / "calib.yaml") as temporary:
+            temporary.write_text(f"{ON_ROBOT}: {place.ravel().tolist()}\n", encoding="ascii")
+
+
+def _place_on_robot(dataset: "Dataset", config: FusionConfig) -> Matrix | None:
+    """float64 (4, 4): robot_from_cloud; None if it is unknown or differs between frames."""
+    if config.frame == "odometry":
+        return None
+    places = []
+    for index in range(len(dataset)):
+        frame = dataset[index]
+        if frame.robot_from_points is None:
+            return None
+        cloud_from_points = frame_from_points(frame, config.frame)
+        places.append(frame.robot_from_points @ np.linalg.inv(cloud_from_points))
+        if not np.allclose(places[0], places[-1], rtol=0, atol=1e-9):
+            return None
+    return places[0]
 
 
 def cloud_poses(dataset: "Dataset", config: FusionConfig) -> NDArray[np.float64] | None:

@@ -43,7 +43,7 @@ def first_cloud(dataset: "Dataset") -> FirstCloud:
     if isinstance(dataset, CloudDataset):
         return FirstCloud("not needed", detail="the clouds have their colours")
     if dataset.sensors == ("points",):
-        return FirstCloud("not possible", problem="no images to colour the scans with")
+        return _only_scans(dataset)
     is_pair = dataset.has_stereo and not (dataset.has_points and dataset.cameras)
     if not is_pair and not dataset.has_points:
         return FirstCloud("not possible", problem="no scans and no pairs of images")
@@ -52,6 +52,21 @@ def first_cloud(dataset: "Dataset") -> FirstCloud:
         return try_frame(dataset[0], config)
     except FusionSlamError as error:
         return FirstCloud("not possible", problem=one_line(error))
+
+
+def _only_scans(dataset: "Dataset") -> FirstCloud:
+    """Tell whether scans without images have colours of their own."""
+    try:
+        colors = dataset[0].colors
+    except FusionSlamError as error:
+        return FirstCloud("not possible", problem=one_line(error))
+    if colors is not None:
+        return FirstCloud("not needed", detail="the scans have their colours (source cloud)")
+    return FirstCloud(
+        "not possible",
+        problem="no images to colour the scans with: commands take them without colours "
+        "(source cloud)",
+    )
 
 
 def try_frames(frames: "Iterable[Frame]", config: FusionConfig) -> FirstCloud | None:

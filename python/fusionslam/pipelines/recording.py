@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The one way to open a command's DATA, as a value that is stored with results."""
 
+import logging
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.config import merged
 from fusionslam.datasets import Dataset, open_dataset
 from fusionslam.datasets.base import CloudDataset
 from fusionslam.datasets.streams import (
@@ -20,11 +22,13 @@ from fusionslam.datasets.streams import (
     check_self_contained,
 )
 from fusionslam.errors import DataError
-from fusionslam.fusion import SENSORS_OF
+from fusionslam.fusion import SENSORS_OF, FusionConfig
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.synchronizer import SyncConfig
 from fusionslam.views.scene_set import SceneSet, is_scene_set
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,8 @@ class Recording:
             everything = self.open()
             if everything.sensors == ("points",) or isinstance(everything, CloudDataset):
                 return ("cloud",)
+            if everything.has_points and not everything.cameras and _has_colors(everything):
+                return ("cloud",)
         except DataError as error:
             problem = error
         usable = tuple(source for source in ("lidar", "stereo") if self._allows(source))
@@ -129,6 +135,29 @@ class Recording:
         return True
 
 
+def _has_colors(dataset: Dataset) -> bool:
+    return dataset[0].colors is not None
+
+
+def settle_frame(config: FusionConfig, dataset: Dataset) -> FusionConfig:
+    """Return a configuration whose clouds are in the scan's frame if the robot's is not known.
+
+    The log says so: the scan's frame serves as the robot's if it has x ahead and z up.
+    """
+    if config.frame != "robot" or isinstance(dataset, CloudDataset):
+        return config
+    rows = {0, len(dataset) // 2, len(dataset) - 1}
+    if any(dataset[row].robot_from_points is not None for row in rows):
+        return config
+    logger.warning(
+        "%s does not say where its scans are on the robot: clouds are in the scan's frame "
+        "(fusion.frame=scan), taken to have x ahead and z up; robot_from_points in a calib.yaml "
+        "(--calib, or in a plain folder) says where they are",
+        dataset.name,
+    )
+    return merged(config, {"frame": "scan"})
+
+
 @contextmanager
 def name_frame(dataset: Dataset, index: int) -> Iterator[None]:
     """Add the names of recording and frame to a DataError of the block."""
@@ -144,6 +173,10 @@ def name_frame(dataset: Dataset, index: int) -> Iterator[None]:
 
 def _absolute(path: str | os.PathLike[str]) -> str:
     return str(absolute_path(path))
+
+
+ON_ROBOT = ("robot", "scan")
+"""Frames of clouds that move with the robot; a scene set is in the scan's if only that is known."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -165,7 +198,7 @@ class SceneRecording(CloudDataset):
             numbers=scenes.numbers,
             stamps_ns=scenes.stamps_ns,
             pose_frame="the robot",
-            body_from_points=np.eye(4) if scenes.frame == "robot" else None,
+            body_from_points=np.eye(4) if scenes.frame in ON_ROBOT else None,
             poses=None if scenes.poses is None else ground_poses(*scenes.poses.T),
             scenes=scenes,
         )

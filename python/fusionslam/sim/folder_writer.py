@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fusionslam.datasets import write_poses_tum
+from fusionslam.datasets.calibration import ON_ROBOT
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.messages import Event, Odometry, Picture, Scan
@@ -154,9 +156,8 @@ class FolderWriter:
         _write(self._root / "times.txt", "".join(seconds).encode())
         stamps = np.array(self._stamps, dtype=np.int64)
         write_poses_tum(self._root / "poses.txt", stamps, self._poses(stamps))
-        if self._cameras:
-            text = yaml.safe_dump(self._calibration(), default_flow_style=None, sort_keys=False)
-            _write(self._root / "calib.yaml", text.encode())
+        text = yaml.safe_dump(self._calibration(), default_flow_style=None, sort_keys=False)
+        _write(self._root / "calib.yaml", text.encode())
 
     def _poses(self, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
         """world_from_lidar at time stamps, interpolated between the received true poses."""
@@ -170,9 +171,9 @@ class FolderWriter:
         )
         return ground_poses(*places) @ base_from(self._robot, self._lidar.frame_id)
 
-    def _calibration(self) -> dict[str, dict[str, list[float] | list[int]]]:
+    def _calibration(self) -> dict[str, Any]:
         base_from_lidar = base_from(self._robot, self._lidar.frame_id)
-        return {
+        cameras = {
             side: {
                 "projection": projection(camera, right=side == "right").ravel().tolist(),
                 # P of the right camera refers to the left camera's frame.
@@ -185,6 +186,7 @@ class FolderWriter:
             }
             for side, camera in self._cameras.items()
         }
+        return {ON_ROBOT: base_from_lidar.ravel().tolist()} | cameras
 
 
 def first_lidar(robot: RobotConfig) -> LidarMount:

@@ -2,20 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every command with every kind of DATA: it does its work, or says what it found and lacks."""
 
-import inspect
 from itertools import product
 from pathlib import Path
-from typing import get_args
 
+import numpy as np
 import pytest
 
+from bags import translation
 from cli import error_of, fails, run, succeeds
 from fusionslam import datasets
-from fusionslam.cli.recordings import build_recording
 from fusionslam.datasets.base import OdometryOrigin, PosesOrigin
 from fusionslam.datasets.streams import MissingSensorError
 from fusionslam.pipelines.drives import open_drive
+from fusionslam.pipelines.first_frame import first_cloud
+from fusionslam.pipelines.overview import look_at
 from fusionslam.pipelines.recording import Recording
+from kitti import write_sequence
 from recordings import write_drive
 
 WINDOW = ("--set", "loop_closure.window=2", "--set", "evaluation.window=2")
@@ -79,6 +81,50 @@ def test_what_is_in_a_recording_is_told_by_fields(data: dict[str, Path]) -> None
     assert ways[0].length_m == pytest.approx(ways[1].length_m)
 
 
+@pytest.fixture(scope="module")
+def fused(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A sequence in KITTI's layout, what ``fuse`` makes of it, and clouds that know no robot."""
+    base = tmp_path_factory.mktemp("fused")
+    paths = {name: base / name for name in ("kitti", "folder", "bag.mcap", "bare")}
+    write_sequence(paths["kitti"], [0, 1, 2, 3, 0, 1], [400] * 6, metres=3, width=64)
+    for name in ("folder", "bag.mcap", "bare"):
+        succeeds("fuse", paths["kitti"], "-o", paths[name])
+    (paths["bare"] / "calib.yaml").unlink()
+    return paths
+
+
+@pytest.mark.parametrize("name", ["kitti", "folder", "bag.mcap", "bare"])
+@pytest.mark.parametrize("command", ["views match", "bench views", "ratslam"])
+def test_clouds_of_kitti_and_of_fuse_are_recognised_and_mapped(
+    command: str, name: str, fused: dict[str, Path], tmp_path: Path
+) -> None:
+    result = succeeds(*COMMANDS[command], fused[name], "-o", tmp_path / "out")
+    assert result.stderr.count("WARNING") == (name == "bare"), result.stderr
+    assert ("fusion.frame=scan" in result.stderr) == (name == "bare")
+
+
+@pytest.mark.parametrize("command", ["views match", "ratslam"])
+def test_what_concerns_every_frame_is_said_once_with_their_number(
+    command: str, fused: dict[str, Path], tmp_path: Path
+) -> None:
+    below = ("--set", "fusion.ground_height=-9")
+    result = succeeds(*COMMANDS[command], fused["folder"], "-o", tmp_path / "out", *below)
+    (line,) = (line for line in result.stderr.splitlines() if "WARNING" in line)
+    assert line.split()[:3] == ["WARNING", "6", "frames:"]
+    every = run(*COMMANDS[command], fused["folder"], "-o", tmp_path / "all", *below, "--verbose")
+    assert len({line for line in every.stderr.splitlines() if "WARNING" in line}) == 6
+
+
+def test_fuse_says_where_its_clouds_are_on_the_robot(fused: dict[str, Path]) -> None:
+    for name in ("kitti", "folder", "bag.mcap"):
+        frame = datasets.open_dataset(fused[name])[0]
+        np.testing.assert_allclose(frame.robot_from_points, translation(0, 0, 1.73), atol=1e-9)
+    for name in ("folder", "bag.mcap"):
+        overview = look_at(Recording.at(fused[name]))
+        found = overview.fusion or first_cloud(datasets.open_dataset(fused[name]))
+        assert found.status == "not needed"
+
+
 def test_a_world_is_recorded_and_then_read_as_a_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -122,9 +168,3 @@ def test_options_are_checked_before_a_world_is_recorded(
 ) -> None:
     monkeypatch.setattr("fusionslam.sim.recordings.record_world", pytest.fail)
     fails(2, *words, "warehouse", "-o", tmp_path / "out")
-
-
-def test_the_help_of_kind_names_all_kinds() -> None:
-    option = get_args(inspect.signature(build_recording).parameters["kind"].annotation)[-1]
-    named = set(option.metavar.strip("[]").split("|"))
-    assert named == {*datasets.KINDS, "scenes"}

@@ -10,7 +10,7 @@ import yaml
 
 pytest.importorskip("rosbags", reason="bags are an extra")
 
-from bags import drive, without, write_bag
+from bags import START, drive, static, without, write_bag
 from cli import fails, succeeds
 from error_codes import has_code
 from fusionslam.datasets import open_dataset
@@ -18,6 +18,7 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.pipelines.overview import look_at
 from fusionslam.pipelines.recording import Recording
 from fusionslam.sensors.frame import Camera
+from fusionslam.sensors.messages import Event, FrameTransforms
 
 
 def calib_yaml(path: Path, camera: Camera, **changes: object) -> Path:
@@ -109,3 +110,22 @@ def test_commands_take_a_calibration(tmp_path: Path, camera: Camera) -> None:
     assert "velodyne" in fails(1, *words, tmp_path / "without")
     succeeds(*words, tmp_path / "with", "--calib", file)
     assert open_dataset(tmp_path / "with")[0].colors is not None
+
+
+def test_the_file_places_a_scanner_that_tf_does_not_link_to_the_robot(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "poor.bag", without(drive(), "/tf_static"))
+    file = tmp_path / "robot.yaml"
+    file.write_text("robot_from_points: [1,0,0,0.2, 0,1,0,0, 0,0,1,0.5, 0,0,0,1]\n")
+    placed = open_dataset(bag, sensors=("points",), calibration=file)[0]
+    assert placed.robot_from_points[:3, 3].tolist() == [0.2, 0, 0.5]
+    assert open_dataset(bag, sensors=("points",))[0].robot_from_points is None
+
+
+def test_a_scanner_that_tf_links_to_something_else_is_named(tmp_path: Path) -> None:
+    mast = FrameTransforms(transforms=(static("mast", "velodyne", np.eye(4)),))
+    events = [Event("/tf_static", START, mast), *without(drive(), "/tf_static")]
+    file = tmp_path / "robot.yaml"
+    file.write_text("robot_from_points: [1,0,0,0.2, 0,1,0,0, 0,0,1,0.5, 0,0,0,1]\n")
+    with pytest.raises(DataError, check=has_code("two-parents", "velodyne", "mast", "base")):
+        bag = write_bag(tmp_path / "mast.bag", events)
+        open_dataset(bag, sensors=("points",), calibration=file)

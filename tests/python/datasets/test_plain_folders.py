@@ -116,9 +116,18 @@ def test_calib_yaml_describes_the_cameras_of_a_folder(tmp_path: Path) -> None:
     assert camera.rectified_from_points[2, 0] == 1
 
 
+def test_calib_yaml_may_say_only_where_the_scanner_is_on_the_robot(tmp_path: Path) -> None:
+    put_text(tmp_path / "calib.yaml", "robot_from_points: [1,0,0,0, 0,1,0,0, 0,0,1,0.5, 0,0,0,1]")
+    dataset = open_dataset(folder(tmp_path))
+    assert dataset[0].robot_from_points[2, 3] == 0.5 and not dataset.cameras
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("robot_from_points: [2,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]", "robot_from_points"),
+        ("robot_from_points: [.nan,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]", "robot_from_points"),
+        ("robot_from_points: [1, 2]", "robot_from_points"),
         ("left: {projection: [1, 2]}", "left.projection"),
         ("left: {projektion: [1, 2]}", "left .*projektion"),
         ("left: {size: [4, 3]}", "left .*projection"),

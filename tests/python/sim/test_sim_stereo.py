@@ -56,6 +56,13 @@ def test_the_bag_gives_the_folders_clouds(recorded: Path) -> None:
         np.testing.assert_array_equal(first.colors, second.colors)
 
 
+def test_the_folder_says_where_the_scanner_is_on_the_robot_as_the_bags_tf_does(
+    recorded: Path,
+) -> None:
+    exact, folder = open_dataset(recorded / "png.bag"), open_dataset(recorded / "folder")
+    np.testing.assert_allclose(exact[0].robot_from_points, folder[0].robot_from_points, atol=1e-12)
+
+
 def test_compression_moves_few_points(recorded: Path) -> None:
     exact, lossy = (
         fuse(open_dataset(recorded / f"{kind}.bag")[0], STEREO) for kind in ("png", "jpeg")

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fusionslam.datasets.bags.topics import INFO_ROLES
-from fusionslam.datasets.calibration import read_calib_yaml
-from fusionslam.errors import DataError
+from fusionslam.datasets.calibration import ON_ROBOT, read_calib_yaml, read_place_on_robot
+from fusionslam.errors import DataError, naming
 from fusionslam.sensors.frame import Camera
 from fusionslam.sensors.messages import CameraInfo, FrameTransform, FrameTransforms
+from fusionslam.sensors.robot_frames import ROBOT_FRAMES
+from fusionslam.storage.arrays import Matrix
 
 if TYPE_CHECKING:
     from fusionslam.datasets.bags.indexed_bag import IndexedBag
@@ -24,6 +26,8 @@ CALIBRATED = "camera of calib.yaml"
 def apply_calibration(source: "IndexedBag", path: Path) -> "IndexedBag":
     """Use the cameras of a file instead of a bag's CameraInfo; its TF still places all else.
 
+    ``robot_from_points`` of the file places the scanner on a robot that TF does not link to it.
+
     Images are used as they are: the projections are for images without distortion.
 
     Args:
@@ -34,7 +38,11 @@ def apply_calibration(source: "IndexedBag", path: Path) -> "IndexedBag":
         DataError: as ``read_calib_yaml``; no size, or the right camera's ``rectified_from_points``
             differs from the left one's.
     """
-    cameras = read_calib_yaml(path)
+    cameras, place = read_calib_yaml(path), read_place_on_robot(path)
+    if place is not None and "points" in source.roles:
+        _place_scanner(source, path, place)
+    if not cameras and place is not None:
+        return source
     if "left" not in cameras:
         raise DataError(f"{path} lacks camera 'left', which the images of a bag need")
     _check_right(path, cameras)
@@ -53,6 +61,20 @@ def apply_calibration(source: "IndexedBag", path: Path) -> "IndexedBag":
         )
         source.index.frames.add(FrameTransforms(transforms=(link,)))
     return replace(source, roles=roles)
+
+
+def _place_scanner(source: "IndexedBag", path: Path, place: Matrix) -> None:
+    """Link the scanner to the robot. Raises DataError if TF links it to something else."""
+    frames, scanner = source.index.frames, source.series("points").frame_id
+    link = FrameTransform(
+        stamp_ns=0,
+        parent=frames.robot or ROBOT_FRAMES[0],
+        child=scanner,
+        parent_from_child=place,
+        static=True,
+    )
+    with naming(f"{path}: {ON_ROBOT}"):
+        frames.add(FrameTransforms(transforms=(link,)))
 
 
 def _check_right(path: Path, cameras: dict[str, Camera]) -> None:
