@@ -30,7 +30,7 @@ from fusionslam._core import (
     voxel_downsample,
 )
 from fusionslam.config import CoreConfig, Section, core_section, option
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, ShapeError
 from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Camera, Cloud, CloudFrame, Frame
 
@@ -220,6 +220,12 @@ def _scan(frame: Frame) -> Cloud:
         message = f"frame {frame.index} has no scan, which this source needs"
         raise DataError(message, code="missing-sensor", fields=("points",))
     scan = Cloud(frame.points, frame.colors)
+    if scan.colors is not None and scan.colors.shape != (len(scan), 3):
+        raise ShapeError(
+            f"frame {frame.index}: colors have shape {scan.colors.shape}, expected "
+            f"({len(scan)}, 3), one of each point",
+            fields=("colors",),
+        )
     valid = drop_invalid(scan.points)
     if len(valid) < len(scan):
         logger.warning(

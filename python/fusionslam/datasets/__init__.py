@@ -38,6 +38,7 @@ from fusionslam.datasets.range_recording import is_recording
 from fusionslam.datasets.streams import SENSORS, Request, absolute_path, check_self_contained
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.synchronizer import SyncConfig
+from fusionslam.storage.files import check_regular
 
 __all__ = [
     "KINDS",
@@ -151,6 +152,7 @@ def _root(path: str | os.PathLike[str]) -> Path:
     except OSError as error:
         message = f"{root} cannot be read: {error.strerror}"
         raise DataError(message, code="unreadable", fields=(str(root),)) from error
+    check_regular(root, "a recording")
     if not stat.S_ISDIR(mode) and bag_kind(root) is None and not is_recording(root):
         message = f"{root} is a file: expected the folder of a recording, or a bag"
         if root.suffix == ".npz":

@@ -23,6 +23,7 @@ from fusionslam.sensors.messages import (
     Odometry,
     Picture,
     Scan,
+    as_nanoseconds,
 )
 from fusionslam.sensors.robot_frames import RobotFrames
 from fusionslam.sensors.synchronizer import (
@@ -144,7 +145,7 @@ class FrameBuilder:
         self._pending: deque[Pair] = deque()
         self._given_up: Counter[tuple[str, str]] = Counter()
         self._newest_ns: int | None = None
-        self._jump_ns = round(self.config.sync.jump * NANOSECONDS)
+        self._jump_ns = as_nanoseconds("jump", self.config.sync.jump)
         self._scan_frame = ""
         self._logged: set[tuple[str, ...]] = set()
 

@@ -6,6 +6,8 @@ Bags, the simulator and robots deliver these; a ``Synchronizer`` groups them int
 value has the stamp of its header (integer nanoseconds) and the name of its frame.
 """
 
+import math
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,11 +15,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import ClockError, ShapeError
+from fusionslam.errors import ClockError, ConfigError, DataError, ShapeError
 from fusionslam.storage.arrays import Matrix, Points
 
 NANOSECONDS = 1_000_000_000
 """Per second."""
+
+
+def as_stamp(stamp_ns: Any) -> int:
+    """A stamp as Python's int, which never overflows. Raises DataError for anything else."""
+    try:
+        return operator.index(stamp_ns)
+    except TypeError as error:
+        raise DataError(
+            f"a stamp is {stamp_ns!r}, expected integer nanoseconds",
+            code="stamp",
+            fields=(str(stamp_ns),),
+        ) from error
+
+
+def as_nanoseconds(name: str, seconds: float) -> int:
+    """Nanoseconds of a duration. Raises ConfigError unless it is finite and not negative."""
+    if not 0 <= seconds < math.inf:
+        raise ConfigError(
+            f"{name} is {seconds}, expected a finite number of seconds, at least 0",
+            code="out-of-range",
+            fields=(name,),
+        )
+    return round(seconds * NANOSECONDS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

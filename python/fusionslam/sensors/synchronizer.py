@@ -16,7 +16,7 @@ from pydantic import model_validator
 
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError
-from fusionslam.sensors.messages import NANOSECONDS
+from fusionslam.sensors.messages import NANOSECONDS, as_nanoseconds, as_stamp
 
 DUPLICATE = "duplicate"
 LATE = "late"
@@ -142,8 +142,8 @@ class Synchronizer:
         self.unused: Counter[str] = Counter()
         self.dropped: Counter[tuple[str, str]] = Counter()
         self.jumps = 0
-        self._lateness = round(self.config.lateness * NANOSECONDS)
-        self._reach = round(self.config.max_difference * NANOSECONDS)
+        self._lateness = as_nanoseconds("lateness", self.config.lateness)
+        self._reach = as_nanoseconds("max_difference", self.config.max_difference)
         self._restart()
 
     @property
@@ -161,7 +161,9 @@ class Synchronizer:
 
         Raises:
             ConfigError: the sensor was not named at construction.
+            DataError: the stamp is no integer.
         """
+        stamp_ns = as_stamp(stamp_ns)
         if sensor not in self._buffers:
             raise ConfigError(f"sensor is {sensor!r}, expected one of {', '.join(self._buffers)}")
         self.added[sensor] += 1

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fusionslam.errors import DataError
-from fusionslam.sensors.messages import NANOSECONDS, FrameTransform
+from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, as_nanoseconds, as_stamp
 from fusionslam.storage.arrays import Matrix
 
 # Tolerance for orthogonality: real robots send rounded quaternions.
@@ -89,8 +89,8 @@ class TransformTree:
     """
 
     def __init__(self, *, history_s: float | None = 10.0, extrapolation_s: float = 0.0) -> None:
-        self._history = None if history_s is None else round(history_s * NANOSECONDS)
-        self._tolerance = round(extrapolation_s * NANOSECONDS)
+        self._history = None if history_s is None else as_nanoseconds("history_s", history_s)
+        self._tolerance = as_nanoseconds("extrapolation_s", extrapolation_s)
         self._links: dict[str, _Link] = {}
 
     @property
@@ -115,7 +115,7 @@ class TransformTree:
             message = f"frame '{child}' has two parents, '{link.parent}' and '{parent}'"
             raise DataError(message, code="two-parents", fields=(child, link.parent, parent))
         if not transform.static:
-            self._put(link, transform.stamp_ns, matrix)
+            self._put(link, as_stamp(transform.stamp_ns), matrix)
         elif not link.stamps:
             link.static = matrix
 
@@ -147,7 +147,7 @@ class TransformTree:
             TransformError: a frame is unknown, the frames are not connected, or a frame on the
                 path has no samples around that time.
         """
-        up, down = self._ways(target, source)
+        stamp_ns, (up, down) = as_stamp(stamp_ns), self._ways(target, source)
         target_from_top = np.linalg.inv(self._climb(down, stamp_ns))
         return np.asarray(target_from_top @ self._climb(up, stamp_ns), dtype=np.float64)
 

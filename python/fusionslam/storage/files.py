@@ -4,6 +4,7 @@
 
 import os
 import signal
+import stat
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -23,6 +24,8 @@ def reading(path: PathLike | None, expected: str) -> Iterator[None]:
         path: of the file being read; None for bytes within a file, whose reader adds the name.
         expected: description of the file, such as "a stored view run".
     """
+    if path is not None:
+        check_regular(path, expected)
     try:
         with nullcontext() if path is None else naming(path):
             yield
@@ -38,6 +41,28 @@ def reading(path: PathLike | None, expected: str) -> Iterator[None]:
         raise DataError(
             f"{subject}expected {expected} ({why})", code="damaged-file", fields=(str(path),)
         ) from error
+
+
+def check_regular(path: PathLike, expected: str) -> None:
+    """Raise DataError if a path is a pipe, a device or a socket, where reading may never end.
+
+    A missing file is left to its reader.
+
+    Args:
+        path: of the file or folder.
+        expected: description of the file, such as "a stored view run".
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):
+        return
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        kind = "a pipe or socket" if stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) else "a device"
+        raise DataError(
+            f"{path} is {kind}, expected a file: {expected}",
+            code="not-a-file",
+            fields=(str(path),),
+        )
 
 
 @contextmanager

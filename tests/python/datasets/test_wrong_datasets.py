@@ -8,18 +8,22 @@ from pathlib import Path
 
 import pytest
 
+from cli import error_of
 from error_codes import has_code
 from fusionslam.datasets import (
+    open_bag,
     open_dataset,
     read_times,
     read_timestamps,
 )
 from fusionslam.errors import ConfigError, DataError
+from fusionslam.pipelines.recording import Recording
 from kitti import (
     ODOMETRY_CALIB,
     P2,
     P3,
     POSE_LINE,
+    folder,
     odometry,
     put_image,
     put_scan,
@@ -189,3 +193,27 @@ def test_a_recording_that_belongs_to_somebody_else_is_named(tmp_path: Path) -> N
     finally:
         os.seteuid(user)
         root.chmod(0o755)
+
+
+@pytest.mark.parametrize("name", ["x", "x.npz", "x.bag", "x.mcap", "x.db3", "x.glb"])
+def test_a_pipe_is_no_recording(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    for opened in (open_dataset, lambda path: Recording.at(path).open(), open_bag):
+        with pytest.raises(DataError, check=has_code("not-a-file", tmp_path / name)):
+            opened(tmp_path / name)
+    assert error_of(1, "info", tmp_path / name).code == "not-a-file"
+
+
+def test_a_device_is_no_recording() -> None:
+    with pytest.raises(DataError, check=has_code("not-a-file", "/dev/zero")):
+        open_dataset("/dev/zero")
+
+
+@pytest.mark.parametrize("file", ["clouds/000.ply", "images/000.png", "poses.txt", "calib.yaml"])
+def test_a_pipe_or_device_among_the_files_is_named(tmp_path: Path, file: str) -> None:
+    folder(tmp_path)
+    (tmp_path / file).unlink(missing_ok=True)
+    os.mkfifo(tmp_path / file)
+    with pytest.raises(DataError, check=has_code("not-a-file", tmp_path / file)):
+        frame = open_dataset(tmp_path)[0]
+        assert frame.points is not None and frame.images["left"] is not None

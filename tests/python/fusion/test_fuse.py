@@ -10,7 +10,7 @@ import pytest
 import fusionslam
 from clouds import PROJECTION, ground_and_things, homogeneous, scene
 from error_codes import has_code
-from fusionslam import Camera, DataError, Frame, FusionConfig
+from fusionslam import Camera, DataError, Frame, FusionConfig, ShapeError
 
 
 def frame(seed: int = 18, **changes: object) -> Frame:
@@ -93,3 +93,13 @@ def test_a_camera_far_from_the_origin_is_not_singular() -> None:
     far = PROJECTION.copy()
     far[:, 3] = [5e9, 5e9, 5e6]
     fusionslam.colorize(points, image, far)  # nothing may be in view, but nothing is wrong either
+
+
+@pytest.mark.parametrize("count", [10, 99])
+@pytest.mark.parametrize("invalid", [False, True])
+def test_colours_of_another_number_than_the_points_are_refused(count: int, invalid: bool) -> None:
+    points = np.ones((50, 3), np.float32)
+    points[3:4] = np.nan if invalid else 1
+    frame = Frame(points=points, colors=np.zeros((count, 3), np.uint8))
+    with pytest.raises(ShapeError, check=has_code("shape", "colors")):
+        fusionslam.fuse(frame, FusionConfig(source="cloud"))

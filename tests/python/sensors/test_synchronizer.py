@@ -2,13 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pairing scans with images: against brute force on sorted data, for any order of arrival."""
 
+import math
 from typing import Any, Literal
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusionslam.errors import ConfigError
+from error_codes import has_code
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.synchronizer import (
     BUFFER_FULL,
     CLOCK_JUMP,
@@ -220,3 +223,21 @@ def test_a_sensor_that_was_not_named_is_refused() -> None:
 def test_a_jump_within_the_lateness_makes_no_sense() -> None:
     with pytest.raises(ValueError, match=r"jump .*lateness"):
         SyncConfig(lateness=2.0)
+
+
+def test_stamps_are_any_integers_and_nothing_else() -> None:
+    sync = Synchronizer(SyncConfig(lateness=0.5))
+    for stamp in (np.int8(5), np.uint64(6)):
+        sync.add("points", stamp, None)
+        sync.add("left", stamp, None)
+    assert len(sync.flush()) == 2
+    with pytest.raises(DataError, check=has_code("stamp", "1.5")):
+        sync.add("points", 1.5, None)
+
+
+@pytest.mark.parametrize("name", ["lateness", "max_difference"])
+def test_endless_durations_are_refused(name: str) -> None:
+    jump = {"jump": math.inf} if name == "lateness" else {}
+    config = SyncConfig.model_construct(**{**SyncConfig().model_dump(), name: math.inf, **jump})
+    with pytest.raises(ConfigError, check=has_code("out-of-range", name)):
+        Synchronizer(config)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Transforms at any time: against scipy's Slerp, closed forms and the odometry of a real bag."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
 from error_codes import has_code
-from fusionslam.errors import DataError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.messages import FrameTransform
 from fusionslam.sensors.transforms import TransformError, TransformTree
 
@@ -242,3 +243,10 @@ def _time(message: object) -> float:
 def _pose(place: object, turn: object) -> NDArray[np.float64]:
     rotation = Rotation.from_quat([getattr(turn, axis) for axis in "xyzw"])
     return matrix(rotation, [getattr(place, axis) for axis in "xyz"])
+
+
+@pytest.mark.parametrize("seconds", [math.inf, math.nan, -1.0])
+@pytest.mark.parametrize("name", ["history_s", "extrapolation_s"])
+def test_durations_that_are_no_finite_time_are_refused(name: str, seconds: float) -> None:
+    with pytest.raises(ConfigError, check=has_code("out-of-range", name)):
+        TransformTree(**{name: seconds})

@@ -18,6 +18,7 @@ from fusionslam.datasets.bags.messages import is_known, plain_type, value_of
 from fusionslam.datasets.bags.stores import need_rosbags, type_store
 from fusionslam.errors import DataError, naming
 from fusionslam.sensors.messages import Event, Message
+from fusionslam.storage.files import check_regular
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -82,7 +83,7 @@ def open_bag(path: str | os.PathLike[str]) -> "Bag":
 def bag_kind(path: Path) -> str | None:
     """ "rosbag1", "rosbag2" or "mcap" by the file's first bytes; None if it is not a bag."""
     storage = _storage(path)
-    if storage is None:
+    if storage is None or not storage.is_file():
         return None
     try:
         start = _start(storage)
@@ -331,6 +332,7 @@ def _find_kind(path: Path) -> str:
             code="not-a-bag",
             fields=(str(path),),
         )
+    check_regular(storage, "a bag")
     if not storage.stat().st_size:
         raise DataError(
             f"{storage} is empty: expected a bag", code="empty-file", fields=(str(storage),)
