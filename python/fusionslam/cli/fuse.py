@@ -65,6 +65,8 @@ def fuse(
         if format is not None:
             raise ConfigError(f"--format {format} is for folders of clouds, {output} is a bag")
         needs_extra("bags")
+    elif format is None:
+        opt.check_folder_name(output, BAG_SUFFIXES, "--format ply")
     if pictures:
         needs_extra("report", module="matplotlib")
     recording = build_recording()

@@ -376,6 +376,28 @@ def check_choice(key: str, value: str | None, values: Sequence[str]) -> str | No
     return value
 
 
+def check_folder_name(output: Path, suffixes: Sequence[str], instead: str) -> None:
+    """Check that the name of a folder does not look like a file of a kind that is not written.
+
+    Args:
+        output: the folder.
+        suffixes: those that are written as files.
+        instead: the option that writes a folder of any name.
+
+    Raises:
+        ConfigError: the name has a suffix with a letter in it.
+    """
+    from fusionslam.errors import ConfigError
+
+    if any(letter.isalpha() for letter in output.suffix):
+        raise ConfigError(
+            f"--output {output}: {output.suffix} is no kind of recording that is written; expected "
+            f"{', '.join(suffixes)}, or a folder: {instead} writes one of this name",
+            code="suffix",
+            fields=(output.suffix, *suffixes),
+        )
+
+
 def command_line() -> str:
     """Return the command line, quoted so that it can be run again."""
     import shlex

@@ -153,6 +153,9 @@ def _output(path: Path | None, format: str | None) -> tuple[Path, str]:
     if path is None:
         raise ConfigError("--output is missing: expected a bag or a folder to write")
     kind = FORMATS.get(format or path.suffix.lower().lstrip("."), "folder")
+    if kind == "folder" and format is None:
+        known = [f".{name}" for name in FORMATS if name != "folder"]
+        opt.check_folder_name(path, known, "--format folder")
     if kind != "folder":
         needs_extra("bags")
     return path, kind

@@ -38,6 +38,7 @@ from fusionslam.datasets.range_recording import is_recording
 from fusionslam.datasets.streams import SENSORS, Request, absolute_path, check_self_contained
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.synchronizer import SyncConfig
+from fusionslam.storage.archive import format_of
 from fusionslam.storage.files import check_regular
 
 __all__ = [
@@ -155,9 +156,13 @@ def _root(path: str | os.PathLike[str]) -> Path:
     check_regular(root, "a recording")
     if not stat.S_ISDIR(mode) and bag_kind(root) is None and not is_recording(root):
         message = f"{root} is a file: expected the folder of a recording, or a bag"
-        if root.suffix == ".npz":
+        fields = [str(root)]
+        if format := format_of(root):
+            message = f"{root} holds results ({format}), expected a recording; info describes it"
+            fields.append(format)
+        elif root.suffix == ".npz":
             message = f"{root} is no scene set and no range recording, or it is cut short"
-        raise DataError(message, code="no-recording", fields=(str(root),))
+        raise DataError(message, code="no-recording", fields=fields)
     return root
 
 

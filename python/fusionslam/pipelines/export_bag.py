@@ -14,7 +14,7 @@ import numpy as np
 from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
-from fusionslam.pipelines.export_folder import refuse_input
+from fusionslam.pipelines.export_folder import log_empty, refuse_input
 from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import (
@@ -79,12 +79,16 @@ def write_cloud_bag(
     maker = _Maker(dataset, config, _find_fixed_frames(dataset))
     # Clouds wait for their turn in memory, so only as many as there are threads are made ahead.
     made = ordered_results(maker.events, range(len(dataset)), jobs, ahead=max(jobs, 1) + 1)
+    empty = []
     with open_writer(target) as bag, made as frames:
         for done, events in enumerate(frames, start=1):
             for event in events:
                 bag.write(event)
+                if isinstance(event.message, Scan) and not len(event.message.points):
+                    empty.append(done - 1)
             if progress is not None:
                 progress(done, len(dataset))
+    log_empty(dataset, empty)
     return len(dataset)
 
 

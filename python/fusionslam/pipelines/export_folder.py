@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 FORMATS = ("ply", "pcd", "bin")
+# Most frames that a warning names.
+_NAMED = 20
 
 
 def write_clouds(
@@ -78,17 +80,40 @@ def write_clouds(
     claim(root, Work(recording, dataset.name, command, about=about))
     _write_texts(root, dataset, config)
 
-    def write(index: int) -> None:
+    def write(index: int) -> bool:
+        """Write a cloud unless it is there already; tell whether it has no points."""
         path = root / "clouds" / f"{index:06d}.{format}"
-        if not path.exists():
-            with name_frame(dataset, index):
-                write_cloud(path, fuse(dataset[index], config))
+        if path.exists():
+            return False
+        with name_frame(dataset, index):
+            cloud = fuse(dataset[index], config)
+            write_cloud(path, cloud)
+        return not len(cloud)
 
+    empty = []
     with ordered_results(write, range(len(dataset)), jobs) as written:
-        for done, _ in enumerate(written, start=1):
+        for done, is_empty in enumerate(written, start=1):
+            empty += [done - 1] * is_empty
             if progress is not None:
                 progress(done, len(dataset))
+    log_empty(dataset, empty)
     return len(dataset)
+
+
+def log_empty(dataset: "Dataset", rows: list[int]) -> None:
+    """Warn of frames that gave a cloud without points, by their numbers in the recording."""
+    if not rows:
+        return
+    numbers = [str(number) for number in dataset.numbers[rows[:_NAMED]]]
+    more = ", ..." if len(rows) > _NAMED else ""
+    logger.warning(
+        "%s: %d of %d clouds have no points: frame%s %s",
+        dataset.name,
+        len(rows),
+        len(dataset),
+        "s" if len(rows) > 1 else "",
+        ", ".join(numbers) + more,
+    )
 
 
 def refuse_input(recording: Recording, target: Path) -> None:

@@ -15,7 +15,9 @@ from fusionslam.errors import DataError
 from fusionslam.help_texts import counted
 from fusionslam.pipelines.first_frame import FirstCloud, first_cloud
 from fusionslam.pipelines.recording import SceneRecording
+from fusionslam.pipelines.stored_files import stored_rows
 from fusionslam.sensors.frame import Camera
+from fusionslam.views.scene_set import is_scene_set
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
@@ -55,6 +57,8 @@ def overview(dataset: "Dataset") -> Overview:
 def look_at(recording: "Recording") -> Overview:
     """Summarise a recording and fuse its first frame; for a bag, summarise its content.
 
+    Stored results are no recording; the summary says what they are.
+
     The summary of a bag that cannot be opened as a dataset gives the reason.
 
     Raises:
@@ -65,8 +69,16 @@ def look_at(recording: "Recording") -> Overview:
     from fusionslam.pipelines.bag_overview import Inspection
 
     path = Path(recording.path)
+    # A folder of results may hold clouds of fuse, and then is a recording.
+    if path.is_file() and not is_scene_set(path) and (rows := stored_rows(path)):
+        return Overview(rows, [])
     if (recording.kind or bag_kind(path)) not in BAG_KINDS:
-        dataset = recording.open()
+        try:
+            dataset = recording.open()
+        except DataError as error:
+            if error.code == "no-recording" and (rows := stored_rows(path)):
+                return Overview(rows, [])
+            raise
         whole = overview(dataset)
         return Overview([*whole.rows, ("fusion", str(first_cloud(dataset)))], whole.gaps)
     calibration = Path(recording.calibration) if recording.calibration else None

@@ -13,7 +13,10 @@ from cli import error_of, fails, run, succeeds
 from fusionslam import datasets
 from fusionslam.datasets.base import OdometryOrigin, PosesOrigin
 from fusionslam.datasets.streams import MissingSensorError
+from fusionslam.fusion import FusionConfig
 from fusionslam.pipelines.drives import open_drive
+from fusionslam.pipelines.export_bag import write_cloud_bag
+from fusionslam.pipelines.export_folder import write_clouds
 from fusionslam.pipelines.first_frame import first_cloud
 from fusionslam.pipelines.overview import look_at
 from fusionslam.pipelines.recording import Recording
@@ -123,6 +126,53 @@ def test_fuse_says_where_its_clouds_are_on_the_robot(fused: dict[str, Path]) -> 
         overview = look_at(Recording.at(fused[name]))
         found = overview.fusion or first_cloud(datasets.open_dataset(fused[name]))
         assert found.status == "not needed"
+
+
+def test_info_says_what_stored_results_are(fused: dict[str, Path], tmp_path: Path) -> None:
+    folder = fused["folder"]
+    words = ("--no-report", "--views", "objects", "--save", tmp_path / "map/state.npz")
+    succeeds("ratslam", folder, "-o", tmp_path / "map", *words)
+    succeeds("views", "match", folder, "-o", tmp_path / "views", "--no-report")
+    succeeds("describe", folder, "-o", tmp_path / "runs", "-d", "m2dp")
+    for name, format, counts in (
+        ("map/state.npz", "ratslam", {"nodes", "links"}),
+        ("map/run.npz", "ratslam_run", {"nodes", "links", "steps"}),
+        ("map/map.json", "experience_map", {"counts"}),
+        ("views/matcher.npz", "view_matcher", {"views"}),
+        ("runs/cloud-m2dp.npz", "descriptor_run", {"frames"}),
+        ("runs", "work", {"command"}),
+    ):
+        rows = dict(look_at(Recording.at(tmp_path / name)).rows)
+        assert f"(fusionslam.{format}." in rows["kind"] and counts <= rows.keys()
+        succeeds("info", tmp_path / name)
+    state = tmp_path / "map/state.npz"
+    error = error_of(1, "fuse", state, "-o", tmp_path / "out")
+    assert (error.code, error.fields) == ("no-recording", (str(state), "fusionslam.ratslam.1"))
+    assert dict(look_at(Recording.at(tmp_path / "runs/cloud-m2dp.npz")).rows)["frames"] == "6"
+
+
+@pytest.mark.parametrize("name", ["out", "out.mcap"])
+def test_fuse_names_frames_without_points(
+    name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    write_sequence(tmp_path / "kitti", [0, 1, 2], [300, 0, 300], metres=3, width=64)
+    write = write_clouds if name == "out" else write_cloud_bag
+    assert write(Recording.at(tmp_path / "kitti"), tmp_path / name, FusionConfig()) == 3
+    (record,) = (record for record in caplog.records if record.levelname == "WARNING")
+    assert record.args == ("KITTI odometry 03", 1, 3, "", "1")
+
+
+@pytest.mark.parametrize("suffix", [".xyz", ".rosbag", ".ply"])
+def test_names_of_files_that_are_not_written_are_refused(
+    suffix: str, fused: dict[str, Path], tmp_path: Path
+) -> None:
+    output = tmp_path / f"out{suffix}"
+    for words in (("fuse", fused["kitti"]), ("sim", "house")):
+        error = error_of(2, *words, "-o", output)
+        assert error.code == "suffix" and {suffix, ".bag", ".db3", ".mcap"} <= {*error.fields}
+    assert not output.exists()
+    succeeds("fuse", fused["kitti"], "-o", output, "--format", "pcd")
+    assert len(datasets.open_dataset(output)) == 6
 
 
 def test_a_world_is_recorded_and_then_read_as_a_recording(
