@@ -14,6 +14,7 @@ from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
 from fusionslam.errors import DataError
 from fusionslam.help_texts import counted
 from fusionslam.pipelines.first_frame import FirstCloud, first_cloud
+from fusionslam.pipelines.frame_check import FrameCheck, check_rows
 from fusionslam.pipelines.recording import SceneRecording
 from fusionslam.pipelines.stored_files import stored_rows
 from fusionslam.sensors.frame import Camera
@@ -54,39 +55,57 @@ def overview(dataset: "Dataset") -> Overview:
     return Overview(list(_rows(dataset)), [int(number) for number in dataset.gaps])
 
 
-def look_at(recording: "Recording") -> Overview:
+Check = Callable[["Dataset"], list[FrameCheck]]
+"""Reads all frames: ``check_frames`` with its options."""
+
+
+def look_at(recording: "Recording", check: Check | None = None) -> Overview:
     """Summarise a recording and fuse its first frame; for a bag, summarise its content.
 
     Stored results are no recording; the summary says what they are.
+
+    Args:
+        recording: the data.
+        check: reads all frames, not only the first.
 
     The summary of a bag that cannot be opened as a dataset gives the reason.
 
     Raises:
         DataError: a file cannot be read. ConfigError: as ``open_dataset``.
     """
-    from fusionslam.datasets.bags.reader import bag_kind
-    from fusionslam.datasets.bags.stores import KINDS as BAG_KINDS
-    from fusionslam.pipelines.bag_overview import Inspection
-
     path = Path(recording.path)
     # A folder of results may hold clouds of fuse, and then is a recording.
     if path.is_file() and not is_scene_set(path) and (rows := stored_rows(path)):
         return Overview(rows, [])
+    try:
+        found = _look_at_data(recording, path, check)
+    except DataError as error:
+        if error.code == "no-recording" and (rows := stored_rows(path)):
+            return Overview(rows, [])
+        raise
+    if check is None and found.error is None:
+        found.rows.append(("checked", "the first frame only; --all reads all"))
+    return found
+
+
+def _look_at_data(recording: "Recording", path: Path, check: Check | None) -> Overview:
+    from fusionslam.datasets.bags.reader import bag_kind
+    from fusionslam.datasets.bags.stores import KINDS as BAG_KINDS
+    from fusionslam.pipelines.bag_overview import Inspection
+
     if (recording.kind or bag_kind(path)) not in BAG_KINDS:
-        try:
-            dataset = recording.open()
-        except DataError as error:
-            if error.code == "no-recording" and (rows := stored_rows(path)):
-                return Overview(rows, [])
-            raise
+        dataset = recording.open()
         whole = overview(dataset)
-        return Overview([*whole.rows, ("fusion", str(first_cloud(dataset)))], whole.gaps)
+        rows = [*whole.rows, ("fusion", str(first_cloud(dataset))), *_checked(dataset, check)]
+        return Overview(rows, whole.gaps)
     calibration = Path(recording.calibration) if recording.calibration else None
     bag = Inspection.of(path, recording.topics, recording.stamps, calibration)
-    return look_at_bag(bag, recording.open)
+    return look_at_bag(bag, recording.open, check)
 
 
-def look_at_bag(bag: "Inspection", open_dataset: "Callable[[], Dataset]") -> Overview:
+def look_at_bag(
+    bag: "Inspection", open_dataset: "Callable[[], Dataset]", check: Check | None = None
+) -> Overview:
     """As ``look_at``, for messages that are indexed already."""
     rows = [*bag.rows()]
     try:
@@ -99,7 +118,13 @@ def look_at_bag(bag: "Inspection", open_dataset: "Callable[[], Dataset]") -> Ove
         rows.append(("cameras", bag.cameras()))
     rows += [row for row in _rows(dataset) if row[0] not in dict(rows)]
     fusion = bag.fusion(dataset)
-    return Overview([*rows, ("fusion", str(fusion))], list(dataset.gaps), None, fusion)
+    rows += [("fusion", str(fusion)), *_checked(dataset, check)]
+    return Overview(rows, list(dataset.gaps), None, fusion)
+
+
+def _checked(dataset: "Dataset", check: Check | None) -> list[tuple[str, str]]:
+    """Return what reading all frames found."""
+    return [] if check is None else list(check_rows(check(dataset)))
 
 
 def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:

@@ -18,6 +18,7 @@ from fusionslam.pipelines.drives import open_drive
 from fusionslam.pipelines.export_bag import write_cloud_bag
 from fusionslam.pipelines.export_folder import write_clouds
 from fusionslam.pipelines.first_frame import first_cloud
+from fusionslam.pipelines.frame_check import FrameCheck, check_frames
 from fusionslam.pipelines.overview import look_at
 from fusionslam.pipelines.recording import Recording
 from kitti import write_sequence
@@ -149,6 +150,32 @@ def test_info_says_what_stored_results_are(fused: dict[str, Path], tmp_path: Pat
     error = error_of(1, "fuse", state, "-o", tmp_path / "out")
     assert (error.code, error.fields) == ("no-recording", (str(state), "fusionslam.ratslam.1"))
     assert dict(look_at(Recording.at(tmp_path / "runs/cloud-m2dp.npz")).rows)["frames"] == "6"
+
+
+def test_info_reads_all_frames_if_asked_and_names_those_that_are_damaged(tmp_path: Path) -> None:
+    root = write_sequence(tmp_path, [0, 1, 2, 3, 4], [300, 0, 300, 400, 300], metres=3, width=64)
+    (root / "velodyne/000004.bin").write_bytes(b"123")
+    (root / "image_2/000002.png").write_bytes((root / "image_2/000002.png").read_bytes()[:400])
+    scan = np.fromfile(root / "velodyne/000003.bin", np.float32)
+    scan[:400:4] = np.nan
+    scan.tofile(root / "velodyne/000003.bin")
+    recording = Recording.at(tmp_path)
+    assert "--all" in dict(look_at(recording).rows)["checked"]
+    checks: list[FrameCheck] = []
+
+    def check(dataset: datasets.Dataset) -> list[FrameCheck]:
+        checks.extend(check_frames(dataset, jobs=2))
+        return checks
+
+    rows = look_at(recording, check).rows
+    assert {c.number: (*c.errors,) for c in checks if c.errors} == {2: ("left",), 4: ("points",)}
+    assert [c.points for c in checks] == [300, 0, 300, 400, None]
+    assert [c.invalid for c in checks] == [0, 0, 0, 100, 0]
+    found = dict(rows)
+    assert {"frame 2", "frame 4"} <= found.keys() and "000004.bin" in found["frame 4"]
+    assert "1" in found["empty scans"] and "25.0%" in found["invalid points"]
+    printed = succeeds("info", tmp_path, "--all")
+    assert "000002.png" in printed.stdout
 
 
 @pytest.mark.parametrize("name", ["out", "out.mcap"])
