@@ -217,7 +217,7 @@ def _stereo_cloud(frame: Frame, config: FusionConfig) -> Cloud:
 def _scan(frame: Frame) -> Cloud:
     """The frame's scan without invalid points."""
     if frame.points is None:
-        message = f"frame {frame.index} has no scan, which this source needs"
+        message = f"frame {frame.index} has no scan, which this source (fusion.source) needs"
         raise DataError(message, code="missing-sensor", fields=("points",))
     scan = Cloud(frame.points, frame.colors)
     if scan.colors is not None and scan.colors.shape != (len(scan), 3):
@@ -249,7 +249,10 @@ def _camera(frame: Frame, name: str) -> Camera:
 
 def _image(frame: Frame, name: str) -> NDArray[np.uint8]:
     if name not in frame.images:
-        message = f"frame {frame.index} has no {name} image, which this source needs"
+        message = (
+            f"frame {frame.index} has no {name} image, which this source needs: "
+            "fusion.source=cloud takes clouds as they are"
+        )
         raise DataError(message, code="missing-sensor", fields=(name,))
     image, size = frame.images[name], _camera(frame, name).size
     if size is not None and size != (image.shape[1], image.shape[0]):
