@@ -75,7 +75,7 @@ def _report_frames(frames: dict[str, set[str]]) -> None:
     import logging
 
     for text, messages in frames.items():
-        count = f"{len(messages)} frame{'' if len(messages) == 1 else 's'}"
+        count = help_texts.counted(len(messages), "frame")
         logging.getLogger(__name__).warning("%s: %s (--verbose lists them)", count, text)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fusionslam.errors import FusionSlamError, one_line
+from fusionslam.help_texts import counted
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
 
@@ -77,12 +78,12 @@ def _check(dataset: "Dataset", index: int) -> FrameCheck:
 def check_rows(checks: list[FrameCheck]) -> Iterator[tuple[str, str]]:
     """Yield (label, value) pairs about all frames, and about each that cannot be read."""
     bad = [check for check in checks if check.errors]
-    yield "checked", f"all {len(checks)} frames, {len(bad)} cannot be read"
+    yield "checked", f"all of {counted(len(checks), 'frame')}, {len(bad)} cannot be read"
     for check in bad[:_NAMED]:
         for sensor, error in check.errors.items():
             yield f"frame {check.number}", f"{sensor}: {one_line(error)}"
     if len(bad) > _NAMED:
-        yield "more", f"{len(bad) - _NAMED} frames that cannot be read"
+        yield "more", f"{counted(len(bad) - _NAMED, 'frame')} that cannot be read"
     empty = [check.number for check in checks if check.points == 0]
     if empty:
         yield "empty scans", _name(empty)
@@ -100,4 +101,4 @@ def check_rows(checks: list[FrameCheck]) -> Iterator[tuple[str, str]]:
 def _name(numbers: list[int]) -> str:
     some = ", ".join(map(str, numbers[:_NAMED]))
     more = ", ..." if len(numbers) > _NAMED else ""
-    return f"{len(numbers)} frame{'' if len(numbers) == 1 else 's'}: {some}{more}"
+    return f"{counted(len(numbers), 'frame')}: {some}{more}"
