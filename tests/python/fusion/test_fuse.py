@@ -44,7 +44,7 @@ def test_fuse_drops_and_counts_invalid_points(caplog: pytest.LogCaptureFixture) 
     with caplog.at_level(logging.WARNING, logger="fusionslam"):
         made = fusionslam.fuse(frame(points=spoilt))
     assert np.array_equal(made.points, clean.points)
-    assert [record.args for record in caplog.records] == [(7, 3)]
+    assert [record.args for record in caplog.records] == [(7, "3 points")]
 
 
 def test_fuse_removes_ground_and_thins_out() -> None:
