@@ -179,8 +179,14 @@ def _live(live: str | None, events: "RunEvents") -> "Iterator[Watch | None]":
 
 
 def _load_map(state: Path, options: list[str]) -> "tuple[RatSlam, RatSlamRun | None]":
-    """Return a stored map and its run. Raises ConfigError for options that the map decides."""
-    from fusionslam.errors import ConfigError
+    """Return a stored map and its run.
+
+    Raises:
+        ConfigError: options that the map decides. DataError: the file is no state, or its views
+            come from another process.
+    """
+    from fusionslam.errors import ConfigError, DataError
+    from fusionslam.ratslam.external_views import GivenViews
     from fusionslam.ratslam.slam import RatSlam, load_run
 
     for text in options:
@@ -190,7 +196,38 @@ def _load_map(state: Path, options: list[str]) -> "tuple[RatSlam, RatSlamRun | N
                 code="set-by-state",
                 fields=(text,),
             )
-    return RatSlam.load(state), load_run(state)
+    _check_state(state)
+    slam = RatSlam.load(state)
+    if slam.views is None or isinstance(slam.views, GivenViews):
+        raise DataError(
+            f"--resume {state}: its views were recognised by another process (a ROS node, or a "
+            "program of yours) and are not in the file: continue it there (map_file:=, "
+            "RatSlam.load), or build a map of all recordings with --save",
+            code="given-views",
+            fields=(str(state),),
+        )
+    return slam, load_run(state)
+
+
+def _check_state(state: Path) -> None:
+    """Raise DataError for a recording or a stored result of another command."""
+    from fusionslam.datasets.kinds import KINDS
+    from fusionslam.errors import DataError
+    from fusionslam.ratslam.slam import FORMAT
+    from fusionslam.storage.archive import format_of
+
+    found = format_of(state)
+    kinds = (kind for kind in KINDS.values() if state.is_dir() or not kind.folder)
+    kind = next((kind.name for kind in kinds if state.exists() and kind.recognises(state)), None)
+    if kind is None and found in (None, FORMAT):
+        return  # what cannot be read at all is refused by RatSlam.load
+    what = f"of format {found}" if kind is None else f"a recording ({kind})"
+    raise DataError(
+        f"--resume {state}: it is {what}, expected the file that ratslam --save (or Ctrl-C) wrote; "
+        "a recording is given as DATA",
+        code="no-state",
+        fields=(str(state), kind or str(found)),
+    )
 
 
 def _new_map(whole: Any, views: str | None, recording: "Recording") -> "RatSlam":

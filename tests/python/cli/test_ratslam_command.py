@@ -15,7 +15,8 @@ from bags import drive, write_bag
 from cli import error_of, fails, last_line, run, succeeds
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.pipelines.maps import RunRecorder
-from fusionslam.ratslam import RatSlam
+from fusionslam.ratslam import GivenView, Look, Motion, OnlineRatSlam, RatSlam
+from fusionslam.storage.archive import save_archive
 from recordings import write_drive
 
 WRITTEN = (
@@ -219,6 +220,37 @@ def test_a_state_says_how_its_map_is_made(recording: Path, tmp_path: Path) -> No
     ):
         error = error_of(2, *words, "--resume", tmp_path / "s.npz", *more)
         assert error.code == "set-by-state"
+
+
+def test_a_file_that_is_no_state_is_refused_by_what_it_is(
+    recording: Path, bag: Path, tmp_path: Path
+) -> None:
+    save_archive(tmp_path / "run.npz", "fusionslam.ratslam_run.1", {}, {})
+    (tmp_path / "text.npz").write_text("no archive")
+    expected = {
+        recording: ("no-state", "ranges"),
+        bag: ("no-state", "rosbag1"),
+        tmp_path / "run.npz": ("no-state", "fusionslam.ratslam_run.1"),
+    }
+    words = ("ratslam", recording, "-o", tmp_path / "out", *QUICK)
+    for path, (code, kind) in expected.items():
+        error = error_of(1, *words, "--resume", path)
+        assert (error.code, error.fields) == (code, (str(path), kind))
+    for name in ("text.npz", "missing.npz"):
+        assert name in fails(1, *words, "--resume", tmp_path / name)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_map_with_views_of_another_process_is_refused(recording: Path, tmp_path: Path) -> None:
+    online = OnlineRatSlam()
+    online.process(Motion(0, 0.5, 0.0))
+    online.process(Look(0, GivenView(0, True)))
+    online.save(tmp_path / "node.npz")
+    RatSlam().save(tmp_path / "own.npz")
+    for name in ("node.npz", "own.npz"):
+        words = ("ratslam", recording, "-o", tmp_path / "out", *QUICK)
+        error = error_of(1, *words, "--resume", tmp_path / name)
+        assert (error.code, error.fields) == ("given-views", (str(tmp_path / name),))
 
 
 def test_an_output_that_is_a_file_is_said_before_anything_is_done(
