@@ -17,7 +17,7 @@ from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.report import map_figure, write_ratslam_report
 from fusionslam.report.maps.aligned_run import scene_of
 from fusionslam.report.maps.map_figures import draw_map
-from fusionslam.report.maps.plots import draw_activity, draw_errors, draw_views
+from fusionslam.report.maps.plots import DrawnTime, draw_activity, draw_errors, draw_views
 from fusionslam.report.maps.sections import MISSING, answer, run_labels, summarise_run
 from fusionslam.report.maps.tables import (
     MOST,
@@ -221,6 +221,27 @@ def test_the_stored_runs_are_those_that_were_given(written: tuple[Path, Page]) -
     ]
     again = RatSlamRun.load(stored[0])
     assert np.array_equal(again.actions, wrong_run().actions) and again.views == "eyes"
+
+
+def test_pauses_between_recordings_are_not_drawn(tmp_path: Path) -> None:
+    day = drifting_run()
+    count = len(day)
+    seconds = np.arange(count) * 30.0
+    pauses = np.where(np.arange(count) < count // 2, 0, 86_400.0)
+    stamps_ns = np.rint((seconds + pauses) * 1e9).astype(np.int64)
+    run = replace(day, stamps_ns=stamps_ns)
+    driven = seconds[-1] - 30
+    time = DrawnTime.of(run)
+    assert time.seconds[-1] == pytest.approx(1.03 * driven) and len(time.pauses) == 1
+    assert run.seconds[-1] - time.left_out == pytest.approx(time.seconds[-1])
+    assert time.at(run, stamps_ns) == pytest.approx(time.seconds)
+    for figure in (draw_activity(run), draw_views(scene_of(run, judge_map(run)))):
+        assert figure is not None
+        assert all(axis.get_xlim()[1] < 2 * driven for axis in figure.axes)
+    # Without a pause nothing changes, however far apart the steps are.
+    for gap in (1.0, 30.0, 3600.0):
+        even = replace(day, stamps_ns=np.rint(np.arange(count) * gap * 1e9).astype(np.int64))
+        assert DrawnTime.of(even).seconds == pytest.approx(even.seconds)
 
 
 def test_maps_stand_beside_the_exact_trajectory() -> None:

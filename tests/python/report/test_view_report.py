@@ -99,6 +99,18 @@ def test_every_table_has_the_baselines_and_loops_stand_beside_accuracy(
     assert "(used" in tables[3]
 
 
+def test_programs_without_a_sensor_that_were_compared_have_one_row_a_table(tmp_path: Path) -> None:
+    none: dict[str, Any] = dict.fromkeys(
+        ("similarities", "threshold", "build_seconds", "match_seconds", "bytes_per_view", "curve")
+    )
+    compared = [
+        some_run(f"no sensor: {n}", ids=every_kth(60, n), config={}, **none) for n in (1, 2, 3)
+    ]
+    page = write_view_report([some_run(), *compared], tmp_path)
+    tables = re.findall(r"<table>.*?</table>", page.read_text("utf-8"), flags=re.DOTALL)
+    assert [table.count(">no sensor: ") for table in tables] == [3, 3, 3, 3]
+
+
 def test_the_figures_are_those_of_the_judge(written: tuple[Path, Page]) -> None:
     report = some_run().judge()
     assert report.loop_recall is not None and report.loop_precision is not None

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plots of a RatSLAM run over time: pose cells, views and actions, errors."""
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,7 @@ from fusionslam.report.maps.aligned_run import Scene, align_poses
 from fusionslam.report.maps.map_figures import DENIED, MAP, RECKONED, RIGHT, WRONG
 from fusionslam.report.maps.tables import new_views
 from fusionslam.report.page.figures import CURVE_COLORS, PATH, new_figure
-from fusionslam.storage.arrays import Floats
+from fusionslam.storage.arrays import Floats, Integers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,12 +22,52 @@ if TYPE_CHECKING:
 
 _COLUMNS = 900
 _WIDTH = 9.2
+_PAUSE_S = 60.0
+
+
+@dataclass(frozen=True)
+class DrawnTime:
+    """Times of a run for the axis of a plot, in which the pauses between recordings are short.
+
+    A pause is longer than a minute and than half of the time without pauses.
+
+    Attributes:
+        seconds: float64 (n), time of each step on the axis.
+        pauses: float64 (p), the middles of the pauses on the axis.
+        left_out: seconds that the axis is shorter than the run.
+    """
+
+    seconds: Floats
+    pauses: Floats
+    left_out: float
+
+    @classmethod
+    def of(cls, run: RatSlamRun) -> "DrawnTime":
+        gaps = np.diff(run.seconds, prepend=run.seconds[:1])
+        driven = float(gaps[gaps <= _PAUSE_S].sum())
+        is_pause = (gaps > max(_PAUSE_S, driven / 2)) & (driven > 0)
+        short = np.where(is_pause, 0.03 * driven, gaps)
+        seconds = np.cumsum(short)
+        return cls(seconds, (seconds - short / 2)[is_pause], float((gaps - short).sum()))
+
+    def at(self, run: RatSlamRun, stamps_ns: Integers) -> Floats:
+        """Place stamps of a run on the axis."""
+        return np.interp((stamps_ns - run.stamps_ns[0]) / 1e9, run.seconds, self.seconds)
+
+    def label(self, axis: "Axes", *others: "Axes") -> None:
+        """Label the axis, and draw a line at each pause, also into other axes above it."""
+        left_out = f", {self.left_out:,.0f} s of pauses left out" if self.pauses.size else ""
+        axis.set_xlabel(f"time (s{left_out})")
+        for each in (axis, *others):
+            for pause in self.pauses:
+                each.axvline(pause, color=PATH, lw=1, ls=":")
 
 
 def draw_activity(run: RatSlamRun) -> "Figure | None":
     """Draw the pose cells' activity along each axis over time; None without a view step."""
     if not run.is_view.any():
         return None
+    time = DrawnTime.of(run)
     figure = new_figure(_WIDTH, 6.2)
     panels = figure.subplots(3, 1, sharex=True)
     rows = ((run.activity_th, "th (deg)", 360.0), (run.activity_x, "x (cells)", None))
@@ -35,22 +76,21 @@ def draw_activity(run: RatSlamRun) -> "Figure | None":
     ):
         size = activity.shape[1]
         top = reach or float(size)
-        _draw_activity_image(axis, run, activity, top)
+        _draw_activity_image(axis, time.seconds[run.is_view], activity, top)
         decoded = run.cells[run.is_view, column] * top / size
-        axis.plot(run.seconds[run.is_view], decoded, ".", ms=1.6, mew=0, color="white", alpha=0.8)
+        axis.plot(time.seconds[run.is_view], decoded, ".", ms=1.6, mew=0, color="white", alpha=0.8)
         axis.set(ylabel=label, ylim=(0, top))
     panels[0].set_yticks(range(0, 361, 90))
-    panels[-1].set_xlabel("time (s)")
+    time.label(panels[-1], *panels[:-1])
     shown = panels[0].images[0]
     figure.colorbar(shown, ax=list(panels), shrink=0.6, pad=0.01, label="share of the activity")
     return figure
 
 
 def _draw_activity_image(
-    axis: "Axes", run: RatSlamRun, activity: NDArray[np.float32], top: float
+    axis: "Axes", stamps: Floats, activity: NDArray[np.float32], top: float
 ) -> None:
     """Draw an image with columns at even times, each with the latest activity at that time."""
-    stamps = run.seconds[run.is_view]
     start, end = float(stamps[0]), float(max(stamps[-1], stamps[0] + 1e-3))
     moments = np.linspace(start, end, min(_COLUMNS, max(2, len(stamps))))
     rows = np.searchsorted(stamps, moments + 1e-9, side="right") - 1
@@ -76,7 +116,8 @@ def draw_views(scene: Scene) -> "Figure | None":
 
     figure = new_figure(_WIDTH, 4.6)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    seconds, ids = run.seconds[run.is_view], run.view_ids[run.is_view]
+    time = DrawnTime.of(run)
+    seconds, ids = time.seconds[run.is_view], run.view_ids[run.is_view]
     new = new_views(ids)
     for mask, color, name in ((~new & (ids >= 0), RIGHT, "known view"), (new, MAP, "new view")):
         label = f"{name}: {np.count_nonzero(mask)}"
@@ -85,19 +126,19 @@ def draw_views(scene: Scene) -> "Figure | None":
     above.set(ylabel="view", ylim=(-0.04 * most - 0.5, 1.04 * most + 0.5))
     above.yaxis.set_major_locator(MaxNLocator(integer=True))
     above.grid(alpha=0.25)
-    _draw_events(below, scene, seconds[ids < 0])
-    below.set_xlabel("time (s)")
+    _draw_events(below, scene, time, seconds[ids < 0])
+    time.label(below, above)
     figure.legend(loc="outside upper left", ncols=2)
     return figure
 
 
-def _draw_events(axis: "Axes", scene: Scene, blind: Floats) -> None:
+def _draw_events(axis: "Axes", scene: Scene, time: DrawnTime, blind: Floats) -> None:
     """Draw a row of ticks for each kind of event."""
-    run, kinds, seconds = scene.run, scene.run.actions[:, 0], scene.run.seconds
+    run, kinds, seconds = scene.run, scene.run.actions[:, 0], time.seconds
     right = scene.made[scene.right]
     rows = (
         ("nothing seen", blind, PATH),
-        ("refused loop", (run.refused["stamp_ns"] - run.stamps_ns[0]) / 1e9, DENIED),
+        ("refused loop", time.at(run, run.refused["stamp_ns"]), DENIED),
         ("false loop", seconds[scene.made[scene.false]], WRONG),
         ("right loop" if scene.truth is not None else "loop", seconds[right], RIGHT),
         ("known node", seconds[kinds == ActionKind.CREATE_EDGE], RIGHT),
@@ -119,6 +160,7 @@ def draw_errors(scene: Scene) -> "Figure | None":
     figure = new_figure(_WIDTH, 3.6)
     axis = figure.add_subplot()
     run, report, rows = scene.run, scene.report, scene.run.node_ids >= 0
+    time = DrawnTime.of(run)
     for poses, errors, color, style, name in (
         (run.dead_reckoning, report.dead_reckoning, RECKONED, "--", "dead reckoning"),
         (run.poses, report.live, CURVE_COLORS[5], "-", "map, at the time"),
@@ -128,8 +170,9 @@ def draw_errors(scene: Scene) -> "Figure | None":
             continue
         apart = np.hypot(*(align_poses(poses, errors) - scene.truth)[rows, :2].T)
         label = f"{name}: RMSE {errors.rmse_m:.2f} m"
-        axis.plot(run.seconds[rows], apart, style, color=color, lw=1.2, label=label)
-    axis.set(xlabel="time (s)", ylabel="metres from the truth")
+        axis.plot(time.seconds[rows], apart, style, color=color, lw=1.2, label=label)
+    time.label(axis)
+    axis.set_ylabel("metres from the truth")
     axis.set_ylim(bottom=0)
     axis.grid(alpha=0.25)
     figure.legend(loc="outside upper left", ncols=3)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fusionslam._core import ActionKind
 from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.report.maps.plots import DrawnTime
 from fusionslam.report.page.figures import CURVE_COLORS, new_figure
 from fusionslam.report.page.tables import Column, Table, build_table
 
@@ -65,7 +66,8 @@ def _percentile(run: RatSlamRun, stage: int | None, share: int) -> float | None:
 
 def _speed(run: RatSlamRun) -> float | None:
     spent = float(run.step_seconds.sum())
-    return float(run.seconds[-1]) / spent if spent > 0 and run.seconds[-1] > 0 else None
+    driven = float(run.seconds[-1]) - DrawnTime.of(run).left_out
+    return driven / spent if spent > 0 and driven > 0 else None
 
 
 def draw_step_times(run: RatSlamRun) -> "Figure | None":
@@ -76,16 +78,18 @@ def draw_step_times(run: RatSlamRun) -> "Figure | None":
     times = np.where(run.step_seconds > 0, run.step_seconds * 1e3, np.nan)
     if not np.isfinite(times).any():
         return None
+    time = DrawnTime.of(run)
     figure = new_figure(_WIDTH, 3.6)
     left, right = figure.subplots(1, 2, sharey=True)
     changed = run.actions[:, 0] != ActionKind.NONE
     nodes = np.cumsum(run.actions[:, 0] == ActionKind.CREATE_NODE)
     for stage, color in enumerate(_COLORS):
         if (label := _stage_label(run, stage)) is not None:
-            left.plot(run.seconds, times[:, stage], ".", ms=2, color=color)
+            left.plot(time.seconds, times[:, stage], ".", ms=2, color=color)
             left.plot([], [], "o", color=color, label=label)
     right.plot(nodes[changed], times[changed, 2], ".", ms=3, color=_COLORS[2])
-    left.set(xlabel="time (s)", ylabel="milliseconds", yscale="log", title="every step")
+    time.label(left)
+    left.set(ylabel="milliseconds", yscale="log", title="every step")
     right.set(xlabel="nodes of the map", title="map, in steps that change it")
     left.yaxis.set_major_formatter("{x:g}")
     for axis in (left, right):

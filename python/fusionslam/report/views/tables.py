@@ -125,17 +125,24 @@ def _table_beside(names: Sequence[str], judged: Judged, others: Sequence[Row]) -
     """
     run, report = judged[0]
     own = [view_row(each.method, judgement, each) for each, judgement in judged]
-    table = _table_of(names, [*own, *_baseline_rows(run, report.rule)])
+    table = _table_of(
+        names, [*own, *_baseline_rows(run, report.rule, [each for each, _ in judged])]
+    )
     beside = _table_of(names, others)
     plain = [(label, [Cell(cell.text) for cell in cells]) for label, cells in beside.rows]
     return Table(table.heads, table.rows + plain)
 
 
-def _baseline_rows(run: ViewRun, rule: ViewRule) -> list[Row]:
-    """Return the scores of programs without a sensor on the drive of a run."""
+def _baseline_rows(run: ViewRun, rule: ViewRule, runs: Sequence[ViewRun] = ()) -> list[Row]:
+    """Return the scores of programs without a sensor on the drive of a run.
+
+    Those that are among ``runs`` have a row already: they alone store nothing.
+    """
+    there = [each.ids for each in runs if each.bytes_per_view is None]
     return [
         view_row(f"no sensor: {name}", judge_views(ids, run.poses, run.stamps, rule=rule))
         for name, ids in baselines(len(run)).items()
+        if not any(np.array_equal(ids, known) for known in there)
     ]
 
 
