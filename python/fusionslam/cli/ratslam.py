@@ -136,6 +136,8 @@ def ratslam(
                 odometry,
                 whole.odometry,
                 seen=whole.visual_odometry,
+                resumed=resume is not None,
+                continued=save is not None,
                 jobs=opt.cores(jobs),
                 progress=step,
             )

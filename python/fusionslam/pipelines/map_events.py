@@ -126,6 +126,8 @@ def events_of(
     errors: OdometryConfig = DRIFT,
     *,
     seen: VisualOdometryConfig | None = None,
+    resumed: bool = False,
+    continued: bool = False,
     jobs: int = 1,
     progress: Step | None = None,
 ) -> RunEvents:
@@ -137,6 +139,9 @@ def events_of(
         odometry: one of ``ODOMETRY``; None for the topic if there is one, else the ground truth.
         errors: odometry errors of "truth+noise".
         seen: configuration of visual odometry; None for the defaults.
+        resumed: whether the map began with an earlier recording: the motion before the first view
+            counts, too.
+        continued: whether a later recording may follow: the motion after the last view counts, too.
         jobs: number of images rendered in parallel.
         progress: rendering progress callback.
 
@@ -148,7 +153,8 @@ def events_of(
         title, motions = estimate_motions(drive, seen, jobs=jobs, progress=progress)
     else:
         title, motions = motions_of(drive, odometry, errors)
-    return RunEvents(drive.name, title, during(motions, stamps_ns), stamps_ns, item, drive.truth)
+    used = during(motions, stamps_ns, resumed=resumed, continued=continued)
+    return RunEvents(drive.name, title, used, stamps_ns, item, drive.truth)
 
 
 def motions_of(
@@ -232,15 +238,20 @@ def _image_looks(
 
 
 def during(
-    motions: Sequence[Odometry | Motion], stamps_ns: NDArray[np.int64]
+    motions: Sequence[Odometry | Motion],
+    stamps_ns: NDArray[np.int64],
+    *,
+    resumed: bool = False,
+    continued: bool = False,
 ) -> list[Odometry | Motion]:
     """Return the odometry from the last one before the first view to the first after the last view.
 
     Args:
         motions: in the order of stamps.
         stamps_ns: int64 (m), m > 0, increasing stamps of the views.
+        resumed, continued: as for ``events_of``.
     """
     stamps = np.array([motion.stamp_ns for motion in motions], np.int64)
     first = max(int(np.searchsorted(stamps, stamps_ns[0], side="right")) - 1, 0)
     last = int(np.searchsorted(stamps, stamps_ns[-1], side="left")) + 1
-    return list(motions[first:last])
+    return list(motions[0 if resumed else first : None if continued else last])

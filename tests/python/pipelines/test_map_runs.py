@@ -194,6 +194,32 @@ def test_a_bag_is_driven_by_its_topic_whatever_order_it_arrived_in(tmp_path: Pat
     assert equal(*runs)
 
 
+def test_a_recording_in_two_parts_gives_the_same_map_as_in_one(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    from bags import START, drive, without, write_bag
+
+    # Between two images, with odometry messages on either side.
+    cut, whole = START + 2 * SECOND + SECOND // 20, list(without(drive(4.0), "/points"))
+
+    def mapped(
+        name: str, events: list[Any], slam: RatSlam | None = None, **parts: Any
+    ) -> tuple[RatSlam, RatSlamRun]:
+        write_bag(tmp_path / name, events)
+        views = TemplateSource(columns=16, rows=8, bottom=None) if slam is None else slam.views
+        assert isinstance(views, TemplateSource)
+        found = events_of(open_drive(tmp_path / name), views, resumed=slam is not None, **parts)
+        taking = RunRecorder(slam or RatSlam(views=views), replace(found, name="bag"))
+        run_events(taking)
+        return taking.slam, taking.record()
+
+    slam, first = mapped("1.bag", [e for e in whole if e.time_ns < cut], continued=True)
+    slam.save(tmp_path / "state.npz")
+    later = [e for e in whole if e.time_ns >= cut or e.topic == "/tf_static"]
+    _, second = mapped("2.bag", later, RatSlam.load(tmp_path / "state.npz"))
+    _, expected = mapped("whole.bag", whole)
+    assert equal(join_runs(first, second), expected)
+
+
 def test_odometry_of_made_truth_is_that_of_the_simulator() -> None:
     from fusionslam.pipelines.map_events import motions_of
 

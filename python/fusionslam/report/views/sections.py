@@ -88,9 +88,12 @@ def _describe_drive(run: ViewRun, report: ViewReport) -> str:
     back = f"{report.revisits} of them come back to where the robot was more than "
     if not report.revisits:
         back = "none of them comes back to where the robot was more than "
+    longer = ""
+    if not report.revisits:
+        longer = " Loops need a longer drive, on which the robot comes back to known places."
     return (
         f"{counted(len(run), 'scan')} in {seconds:.0f} s and {length:.0f} m; "
-        f"{back}{report.rule.loop_age:g} s before."
+        f"{back}{report.rule.loop_age:g} s before.{longer}"
     )
 
 
