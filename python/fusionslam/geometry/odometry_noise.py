@@ -61,9 +61,16 @@ class OdometryTrack(NamedTuple):
 
 
 def simulate_odometry(
-    trajectory: Trajectory, config: OdometryConfig, rate_hz: float
+    trajectory: Trajectory,
+    config: OdometryConfig,
+    rate_hz: float,
+    *,
+    also_ns: NDArray[np.int64] | None = None,
 ) -> OdometryTrack:
     """Simulate odometry along a trajectory at ``rate_hz``, from its first pose on.
+
+    ``also_ns``, int64 (m), are further stamps within the trajectory; regular ones within a
+    millisecond of them are left out.
 
     Each step is an arc: the robot turns by half the step's angle, goes straight, and turns by the
     other half. Scale factors and noise change angle and translation, then the steps are chained
@@ -73,6 +80,10 @@ def simulate_odometry(
         ConfigError: the rate is not above 0, or so low that there are fewer than two stamps.
     """
     stamps = _stamps(trajectory, rate_hz)
+    if also_ns is not None:
+        after = np.searchsorted(also_ns, stamps).clip(1, len(also_ns) - 1)
+        away = np.minimum(np.abs(stamps - also_ns[after - 1]), np.abs(stamps - also_ns[after]))
+        stamps = np.union1d(stamps[away > 1_000_000], also_ns)
     seconds = stamps / 1e9
     x, y, yaw = trajectory.places(seconds)
     gap = np.diff(seconds)
