@@ -52,7 +52,9 @@ class DrawnTime:
 
     def at(self, run: RatSlamRun, stamps_ns: Integers) -> Floats:
         """Place stamps of a run on the axis."""
-        return np.interp((stamps_ns - run.stamps_ns[0]) / 1e9, run.seconds, self.seconds)
+        return np.asarray(
+            np.interp((stamps_ns - run.stamps_ns[0]) / 1e9, run.seconds, self.seconds)
+        )
 
     def label(self, axis: "Axes", *others: "Axes") -> None:
         """Label the axis, and draw a line at each pause, also into other axes above it."""
