@@ -243,7 +243,7 @@ TEST_CASE("the resolution is the mean distance to the nearest neighbour") {
     sum += nearest;
   }
   CHECK(cloud_resolution(cloud.points_view()) == doctest::Approx(sum / 300).epsilon(1e-6));
-  check_refused<DataError>([&] { cloud_resolution({cloud.points.data(), 1}); }, "1 points");
+  check_refused<DataError>([&] { cloud_resolution({cloud.points.data(), 1}); }, "1 point,");
 }
 
 }  // namespace
