@@ -147,7 +147,7 @@ UNUSABLE: dict[str, np.ndarray] = {
 @pytest.mark.parametrize("kind", UNUSABLE)
 @pytest.mark.parametrize("call", DESCRIBE)
 def test_a_cloud_that_cannot_be_described_says_why(call: str, kind: str) -> None:
-    with pytest.raises(DataError, match=r"points|point 33\b") as error:
+    with pytest.raises(DataError, match=r"\bpoints?\b") as error:
         DESCRIBE[call](UNUSABLE[kind].astype(np.float32))
     assert "\n" not in str(error.value)
 
