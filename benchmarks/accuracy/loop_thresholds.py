@@ -35,7 +35,7 @@ from fusionslam.storage.cache import cache_folder
 PAGE = ROOT / "docs" / "stages" / "loop_closure.md"
 THRESHOLDS = ROOT / "python" / "fusionslam" / "loop_closure" / "thresholds.yaml"
 FITTED = (101, 102, 103, 104)
-REPORTED = (1, 3, 5)
+REPORTED = (1, 2, 3, 5, 11)
 NAMES = tuple(
     f"{kind.name}:{preset}" if preset else kind.name
     for kind in DESCRIPTORS.values()
