@@ -8,7 +8,6 @@ core's own tables, so their values are defined only once too.
 """
 
 import difflib
-import re
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, TypeVar, get_args
@@ -17,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from pydantic.fields import FieldInfo
 
 from fusionslam.errors import ConfigError
+from fusionslam.storage.files import parse_yaml, read_yaml
 
 
 class Section(BaseModel):
@@ -186,14 +186,12 @@ def with_settings(section: S, settings: list[str]) -> S:
 
 def _setting(text: str) -> tuple[list[str], Any]:
     """Split ``stage.key=value`` into the parts of the key and the value."""
-    import yaml
-
     key, equals, value = text.partition("=")
     if not equals:
         raise ConfigError(f"--set {text}: expected stage.key=value")
     try:
-        return key.strip().split("."), _read_yaml(value)
-    except yaml.YAMLError as error:
+        return key.strip().split("."), parse_yaml(value)
+    except ValueError as error:
         raise ConfigError(f"--set {text}: the value is no YAML: {error}") from error
 
 
@@ -204,40 +202,17 @@ def with_file(section: S, path: str | Path, *, new_names: bool = False) -> S:
         ConfigError: the file cannot be read (code "config-file"), or a key is wrong; the message
             names it.
     """
-    import yaml
-
     named: dict[str, Any] = {"code": "config-file", "fields": (str(path),)}
     try:
-        changes = _read_yaml(Path(path).read_text(encoding="utf-8")) or {}
+        changes = read_yaml(path) or {}
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}", **named) from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        problem = _yaml_problem(error)
-        raise ConfigError(f"{path}: cannot be read as YAML: {problem}", **named) from error
+    except ValueError as error:
+        raise ConfigError(f"{path}: cannot be read as YAML: {error}", **named) from error
     if not isinstance(changes, dict):
         found = type(changes).__name__
         raise ConfigError(f"{path}: expected stages with their keys, found {found}", **named)
     return merged(section, changes, new_names=new_names)
-
-
-def _read_yaml(text: str) -> Any:
-    """Parse YAML and read 2e-5 as a number: PyYAML follows YAML 1.1, which requires 2.0e-5."""
-    import yaml
-
-    class Loader(yaml.SafeLoader):
-        """Keeps the added resolver out of PyYAML's own loader."""
-
-    power = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$")
-    Loader.add_implicit_resolver("tag:yaml.org,2002:float", power, list("-+.0123456789"))
-    return yaml.load(text, Loader)
-
-
-def _yaml_problem(error: Exception) -> str:
-    """PyYAML's message with line and column, without its excerpt."""
-    mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
-    if mark is None or problem is None:
-        return str(error)
-    return f"line {mark.line + 1}, column {mark.column + 1}: {problem}"
 
 
 def walk(section: Section, where: str = "") -> Iterator[tuple[str, Any, FieldInfo]]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, naming
 from fusionslam.sensors.frame import Camera
-from fusionslam.storage.files import PathLike, reading
+from fusionslam.storage.files import PathLike, read_yaml, reading
 
 CAMERA_KEYS = ("projection", "rectified_from_points", "size")
 # Tolerance for orthogonality: numbers written by hand have few digits.
@@ -134,10 +134,8 @@ def read_place_on_robot(path: PathLike) -> NDArray[np.float64] | None:
 
 
 def _calib_yaml(path: Path) -> dict[str, Any]:
-    import yaml
-
     with reading(path, f"YAML with cameras 'left' and 'right', or {ON_ROBOT}"):
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = read_yaml(path)
     return _mapping(path, "the file", content, ("left", "right", ON_ROBOT))
 
 

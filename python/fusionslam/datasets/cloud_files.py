@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.files import PathLike, atomic_path, reading
+from fusionslam.storage.files import PathLike, atomic_path, check_pixels, reading
 
 CLOUD_SUFFIXES = (".bin", ".pcd", ".ply")
 _LONGEST_HEADER = 200
 """In lines."""
+_MOST_VALUES = 10_000
+"""Numbers of a point of a PCD file; pypcd4 makes a column of each."""
 # KITTI's scans: little-endian float32 x, y, z, reflectance.
 BIN_RECORD = np.dtype(("<f4", 4))
 
@@ -61,6 +63,7 @@ def read_pcd(path: PathLike) -> Cloud:
     path = Path(path)
     with reading(path, "a PCD file with fields x, y and z"):
         _check_header(path, b"DATA ", b"")
+        _check_counts(path)
         cloud = PointCloud.from_path(path)
         rows = np.atleast_1d(cloud.pc_data)
         points = _float32(np.stack([rows[axis] for axis in "xyz"], axis=1))
@@ -103,6 +106,18 @@ def _check_header(path: Path, last: bytes, first: bytes) -> None:
         message = f"is cut short in its header: there is no line {last.decode().strip()}"
     if message:
         raise DataError(message, code="bad-header", fields=(str(path),))
+
+
+def _check_counts(path: Path) -> None:
+    """Raise ValueError if a point of a PCD file has too many numbers."""
+    with path.open("rb") as file:
+        for line in islice(file, _LONGEST_HEADER):
+            key, *values = line[: 20 * _MOST_VALUES].split()[: _MOST_VALUES + 1] or [b""]
+            count = sum(map(int, values)) if key == b"COUNT" else len(values)
+            if count > _MOST_VALUES and key in (b"FIELDS", b"SIZE", b"TYPE", b"COUNT"):
+                raise ValueError(f"{count} numbers a point, expected at most {_MOST_VALUES}")
+            if key == b"DATA":
+                return
 
 
 def write_cloud(path: PathLike, cloud: Cloud) -> None:
@@ -182,6 +197,7 @@ def read_image(path: PathLike) -> NDArray[np.uint8]:
     with reading(path, "an 8-bit grey or RGB image"), Image.open(path) as image:
         if image.mode[0] in "IF":
             raise DataError(f"pixels of mode {image.mode}, expected 8 bits a channel")
+        check_pixels(image)
         return np.array(image.convert("L" if image.mode in ("1", "L", "LA") else "RGB"))
 
 

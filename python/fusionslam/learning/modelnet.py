@@ -10,7 +10,7 @@ each, listed in train_files.txt and test_files.txt) and the meshes of Wu et al. 
 import gzip
 import os
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import trimesh
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.learning.procedural_shapes import sample_points
 from fusionslam.learning.shape_sets import ShapeSet
-from fusionslam.storage.files import reading
+from fusionslam.storage.archive import parse_array
+from fusionslam.storage.files import EXPANSION, MOST_EXPANDED, check_expansion, reading
 
 Part = Literal["train", "test"]
 
@@ -88,11 +89,25 @@ def _read_arrays(path: Path) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
             "pip install 'fusionslam[learn]'"
         ) from error
     with reading(path, "HDF5 with data and label"), h5py.File(path, "r") as stored:
-        data = np.asarray(stored["data"], np.float32)
-        label = np.asarray(stored["label"], np.int64).reshape(-1)
+        size = path.stat().st_size
+        data = np.asarray(_own_data(stored, "data", size), np.float32)
+        label = np.asarray(_own_data(stored, "label", size), np.int64).reshape(-1)
         if not np.isfinite(data).all():
             raise DataError("data has values that are not finite", code="not-finite")
     return data, label
+
+
+def _own_data(stored: Any, name: str, size: int) -> Any:
+    """A data set stored in this HDF5 file of ``size`` bytes. Raises ValueError for any other."""
+    import h5py
+
+    if not isinstance(stored.get(name, getlink=True), h5py.HardLink):
+        raise ValueError(f"{name} is in another file")
+    found = stored[name]
+    if found.external or found.is_virtual:
+        raise ValueError(f"{name} is in another file")
+    check_expansion(found.size * max(found.dtype.itemsize, 8), size)
+    return found
 
 
 def _read_off(base: Path, part: Part, points: int, rng: np.random.Generator) -> ShapeSet:
@@ -148,7 +163,10 @@ def read_voxels(
 def _read_grids(path: Path) -> NDArray[np.bool_]:
     open_file = gzip.open if path.suffix == ".gz" else open
     with reading(path, "an array of voxels"), open_file(path, "rb") as stream:
-        values = np.load(stream, allow_pickle=False)
+        size = path.stat().st_size
+        data = bytearray(stream.read(max(MOST_EXPANDED, EXPANSION * size) + 1))
+        check_expansion(len(data), size)
+        values = parse_array(data, path.name)
     if values.ndim == 5 and values.shape[1] == 1:
         values = values[:, 0]
     if values.ndim != 4 or 0 in values.shape:

@@ -17,20 +17,17 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
-from fusionslam.storage.files import PathLike, atomic_path, reading
+from fusionslam.storage.files import PathLike, atomic_path, check_expansion, reading
 
 ABOUT = "about"
 DIGEST = "digest"
 """Key of the digest of all other values."""
-MOST_EXPANDED = 256 << 20
-"""Bytes to which a file may expand in memory, or ``EXPANSION`` times its size if that is more."""
-EXPANSION = 100
 
 _ARRAY_DIGESTS = "array_digests"
 _LONGEST_HEADER = 1 << 16  # of an array of numpy's first format
@@ -170,6 +167,22 @@ def load_json(path: PathLike, format: str | None, expected: str) -> Iterator[dic
         yield content
 
 
+def parse_array(data: bytearray, name: str) -> NDArray[Any]:
+    """View the bytes of a ``.npy`` as its array. Raises ValueError unless they are just that."""
+    start = io.BytesIO(bytes(memoryview(data)[:_LONGEST_HEADER]))
+    if np.lib.format.read_magic(start) != (1, 0):
+        raise ValueError(f"{name} is of another version of numpy's format")
+    shape, fortran_order, dtype = np.lib.format.read_array_header_1_0(start)
+    if dtype.hasobject:
+        raise ValueError(f"{name} holds Python objects")
+    expected = start.tell() + dtype.itemsize * math.prod(shape)
+    if len(data) != expected:
+        raise ValueError(f"{name} has {len(data)} bytes, its header says {expected}")
+    order: Literal["F", "C"] = "F" if fortran_order else "C"
+    rows: NDArray[Any] = np.ndarray(shape, dtype, data, start.tell(), order=order)
+    return rows if rows.flags.aligned else rows.copy()
+
+
 class _Member:
     """One array of a ``.npz``."""
 
@@ -178,22 +191,7 @@ class _Member:
 
     def read(self) -> NDArray[Any]:
         """Read the array. Raises ValueError unless it is one array and nothing else."""
-        data = self._bytes()
-        start = io.BytesIO(bytes(memoryview(data)[:_LONGEST_HEADER]))
-        if np.lib.format.read_magic(start) != (1, 0):
-            raise ValueError(f"{self._info.filename} is of another version of numpy's format")
-        shape, fortran_order, dtype = np.lib.format.read_array_header_1_0(start)
-        if dtype.hasobject:
-            raise ValueError(f"{self._info.filename} holds Python objects")
-        expected = start.tell() + dtype.itemsize * math.prod(shape)
-        if len(data) != expected:
-            raise ValueError(
-                f"{self._info.filename} has {len(data)} bytes, its header says {expected}"
-            )
-        rows: NDArray[Any] = np.ndarray(
-            shape, dtype, data, start.tell(), order="F" if fortran_order else "C"
-        )
-        return rows if rows.flags.aligned else rows.copy()
+        return parse_array(self._bytes(), self._info.filename)
 
     def _bytes(self) -> bytearray:
         """All bytes: the archive's check sum is compared at their end only."""
@@ -232,9 +230,7 @@ def _check_sizes(infos: list[zipfile.ZipInfo], size: int) -> None:
         raise ValueError("its members are not arrays of different names")
     if sum(info.compress_size for info in infos) > size:
         raise ValueError("its members overlap")
-    expanded, most = sum(info.file_size for info in infos), max(MOST_EXPANDED, EXPANSION * size)
-    if expanded > most:
-        raise ValueError(f"it expands to {expanded} bytes, expected at most {most}")
+    check_expansion(sum(info.file_size for info in infos), size)
 
 
 def _open(source: PathLike | BinaryIO) -> AbstractContextManager[BinaryIO]:

@@ -1,8 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Atomic writing of files and folders, and reading with errors that name the file."""
+"""Atomic writing of files and folders, reading with errors that name the file, and its limits."""
 
+import functools
 import os
+import re
 import signal
 import stat
 import tempfile
@@ -10,10 +12,99 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from fusionslam.errors import DataError, FusionSlamError, naming
 
+if TYPE_CHECKING:
+    from PIL import Image
+
 PathLike = str | os.PathLike[str]
+
+MOST_EXPANDED = 256 << 20
+"""Bytes to which a file may expand in memory, or ``EXPANSION`` times its size if that is more."""
+EXPANSION = 100
+MOST_PIXELS = 90_000_000
+"""Pixels of an image that is read."""
+
+_LONGEST_YAML = 256 << 10  # characters
+_DEEPEST_YAML = 50
+_MOST_YAML = 200_000  # values, each alias counted as what it stands for
+
+
+def check_expansion(expanded: int, size: int) -> None:
+    """Raise ValueError if ``size`` stored bytes claim to be more in memory than is allowed."""
+    most = max(MOST_EXPANDED, EXPANSION * size)
+    if expanded > most:
+        raise ValueError(f"{size} bytes expand to {expanded}, expected at most {most}")
+
+
+def check_pixels(image: "Image.Image") -> None:
+    """Raise ValueError if an image that is not decoded yet has too many pixels."""
+    width, height = image.size
+    if width * height > MOST_PIXELS:
+        raise ValueError(f"{width} x {height} pixels, expected at most {MOST_PIXELS}")
+
+
+def read_yaml(path: PathLike) -> Any:
+    """Read a YAML file of settings. Raises OSError, or ValueError as ``parse_yaml``."""
+    with Path(path).open(encoding="utf-8") as file:
+        return parse_yaml(file.read(_LONGEST_YAML + 1))
+
+
+def parse_yaml(text: str) -> Any:
+    """Parse YAML without tags of programs; numbers such as 2e-5, which YAML 1.1 lacks, are read.
+
+    Raises:
+        ValueError: it is no YAML, or too long, too deep, or an alias contains itself or expands
+            to too many values; the message gives line and column.
+    """
+    import yaml
+
+    if len(text) > _LONGEST_YAML:
+        raise ValueError(f"more than {_LONGEST_YAML} characters")
+    try:
+        return yaml.load(text, _yaml_loader())
+    except yaml.YAMLError as error:
+        mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
+        if mark is None or problem is None:
+            raise ValueError(str(error)) from error
+        raise ValueError(f"line {mark.line + 1}, column {mark.column + 1}: {problem}") from error
+
+
+@functools.cache
+def _yaml_loader() -> type[Any]:
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        """Counts the values that aliases expand to, and keeps the added resolver to itself."""
+
+        def __init__(self, stream: Any) -> None:
+            super().__init__(stream)
+            self.depth = 0
+            self.sizes: dict[int, int] = {}  # by id of a node
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+            is_alias, mark = isinstance(event, yaml.AliasEvent), event.start_mark
+            self.depth += 1
+            if self.depth > _DEEPEST_YAML:
+                raise yaml.composer.ComposerError(None, None, "nested too deep", mark)
+            node: Any = super().compose_node(parent, index)
+            self.depth -= 1
+            if is_alias and id(node) not in self.sizes:
+                raise yaml.composer.ComposerError(None, None, "an alias inside its anchor", mark)
+            if not is_alias:
+                parts: list[Any] = [] if isinstance(node, yaml.ScalarNode) else node.value
+                inner = [x for part in parts for x in (part if isinstance(part, tuple) else [part])]
+                self.sizes[id(node)] = 1 + sum(self.sizes[id(x)] for x in inner)
+            if self.sizes[id(node)] > _MOST_YAML:
+                raise yaml.composer.ComposerError(None, None, "too many values", mark)
+            return node
+
+    power = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$")
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", power, list("-+.0123456789"))
+    return Loader
 
 
 @contextmanager

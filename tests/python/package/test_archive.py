@@ -12,7 +12,7 @@ import pytest
 
 from error_codes import has_code
 from fusionslam.errors import DataError
-from fusionslam.storage import archive
+from fusionslam.storage import files
 from fusionslam.storage.archive import (
     array_names,
     format_of,
@@ -225,7 +225,7 @@ def test_a_small_file_that_expands_beyond_the_limit_is_refused_unread(
     np.savez_compressed(path, rows=np.zeros(1 << 20, np.uint8))
     with load_arrays(path, "rows") as arrays:
         assert len(arrays["rows"]) == 1 << 20
-    monkeypatch.setattr(archive, "MOST_EXPANDED", 1 << 19)
+    monkeypatch.setattr(files, "MOST_EXPANDED", 1 << 19)
     monkeypatch.setattr(np, "ndarray", None)  # nothing may be read
     with pytest.raises(DataError, check=has_code("damaged-file", path)), load_arrays(path, "rows"):
         pass

@@ -215,3 +215,59 @@ def test_without_pycollada_the_message_says_how_to_get_it(monkeypatch: pytest.Mo
         FusionSlamError, match=r"fusionslam\[sim\]", check=has_code("missing-extra", "sim")
     ):
         load_world(ROOM)
+
+
+def test_models_that_include_each_other_again_and_again_are_refused(
+    room: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fusionslam.sim.worlds.models._MOST_MODELS", 500)
+    for name in "ab":
+        folder = room / "models" / name
+        folder.mkdir()
+        include = "".join(f"<include><uri>model://{other}</uri></include>" for other in "ab")
+        (folder / "model.sdf").write_text(f"<sdf><model name='{name}'>{include}</model></sdf>")
+    world = next(room.glob("*/*.world"))
+    world.write_text("<sdf><world name='w'><include><uri>model://a</uri></include></world></sdf>")
+    with pytest.raises(DataError, check=has_code("too-many-models")):
+        load_world(room)
+
+
+@pytest.mark.parametrize(
+    "uri",
+    [
+        "model://../../secret.obj",
+        "model://table/../../../../secret.obj",
+        "../../../secret.obj",
+        "file://{outside}/secret.obj",
+        "{outside}/secret.obj",
+        "model:///{outside}/secret.obj",
+    ],
+)
+def test_meshes_outside_of_the_world_s_folders_are_not_read(room: Path, uri: str) -> None:
+    (room.parent / "secret.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    written = uri.replace("{outside}", str(room.parent))
+    damage(room, "models/table/table.sdf", "model://table/meshes/table.dae", written)
+    expect_missing(room, f"mesh {written}: named by table_1/link/visual, not found")
+
+
+def test_a_texture_that_lies_above_the_world_s_folders_is_not_read(room: Path) -> None:
+    (room.parent / "photos").mkdir()
+    (room / "models/table/materials/textures/top.png").rename(room.parent / "photos/top.png")
+    expect_missing(room, "texture ../../../../photos/top.png", "table.dae")
+
+
+def test_textures_and_materials_outside_of_the_world_s_folders_are_not_read(room: Path) -> None:
+    (room.parent / "secret.mtl").write_text("newmtl x\nKd 1 0 0\n")
+    lamp = room / "models/lamp/meshes/lamp.obj"
+    text = lamp.read_text()
+    for name in ("../../../../secret.mtl", str(room.parent / "secret.mtl")):
+        lamp.write_text(text.replace("lamp.mtl", name))
+        expect_missing(room, f"material {name}")
+
+
+def test_worlds_of_too_many_triangles_are_refused(
+    room: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fusionslam.sim.worlds.surfaces.MOST_TRIANGLES", 20)
+    with pytest.raises(DataError, check=has_code("too-many-triangles")):
+        load_world(room)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from error_codes import has_code
 from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import Trajectory, write_trajectory
 from fusionslam.sim.scene import Scene
@@ -245,3 +246,49 @@ def test_corners_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes().replace(SQUARE[0].tobytes(), nan))
     with pytest.raises(DataError, match=r"nan\.glb"):
         load_world(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({"count": 2_000_000_000, "type": "MAT4", "componentType": 5126}, "damaged-file"),
+        ({"count": "many", "type": "VEC3", "componentType": 5126}, "damaged-file"),
+        ({"count": 10**400, "type": "VEC3", "componentType": 5126}, "damaged-file"),
+    ],
+)
+def test_arrays_larger_than_the_file_can_fill_are_refused(
+    tmp_path: Path, change: dict[str, Any], code: str
+) -> None:
+    glb = Glb()
+    glb.node("square", glb.square(None))
+    glb.header["accessors"].append(change)
+    path = tmp_path / "hostile.glb"
+    path.write_bytes(glb.bytes())
+    with pytest.raises(DataError, check=has_code(code, path)):
+        load_world(path)
+
+
+def test_a_header_nested_without_end_is_refused(tmp_path: Path) -> None:
+    text = b'{"asset":' * 100_000
+    path = tmp_path / "hostile.glb"
+    path.write_bytes(
+        struct.pack("<4sII", b"glTF", 2, 20 + len(text))
+        + struct.pack("<I4s", len(text), b"JSON")
+        + text
+    )
+    with pytest.raises(DataError, check=has_code("gltf-header")):
+        load_world(path)
+
+
+@pytest.mark.parametrize("uri", ["../secret.png", "%2e%2e/secret.png", "{outside}/secret.png"])
+def test_images_outside_of_the_file_s_folder_are_not_read(tmp_path: Path, uri: str) -> None:
+    Image.fromarray(FOUR).save(tmp_path / "secret.png")
+    glb = Glb()
+    material = glb.image({"uri": uri.replace("{outside}", str(tmp_path))})
+    glb.node("square", glb.square(material, TEXCOORD_0=glb.array(SQUARE[:, :2].copy(), "VEC2")))
+    (tmp_path / "in").mkdir()
+    path = tmp_path / "in" / "hostile.glb"
+    path.write_bytes(glb.bytes())
+    with pytest.raises(DataError, check=has_code("unresolved")):
+        load_world(path)
+    load_world(path, lenient=True)

@@ -12,6 +12,7 @@ from PIL import Image
 
 from fusionslam._core import demosaic
 from fusionslam.errors import DataError
+from fusionslam.storage.files import check_pixels
 
 Pixels = NDArray[np.uint8]
 
@@ -124,6 +125,7 @@ def compressed_image_of(message: Any) -> Pixels:
 
 
 def _decode(picture: Image.Image) -> Pixels:
+    check_pixels(picture)
     if picture.mode in _GREY_MODES:
         return np.array(picture.convert("L"))
     if picture.mode in _COLOR_MODES:

@@ -19,7 +19,7 @@ from pydantic import (
 from fusionslam.datasets.cloud_files import read_image
 from fusionslam.errors import DataError
 from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part
-from fusionslam.storage.files import PathLike, atomic_path, reading
+from fusionslam.storage.files import PathLike, atomic_path, read_yaml, reading
 
 _OCCUPIED, _REACHABLE, _OTHER = 0, 254, 205
 _EXPECTED = "a map of ROS map_server (YAML with image, resolution, origin)"
@@ -112,10 +112,8 @@ class _Description(BaseModel):
 
 
 def _read_description(path: Path) -> _Description:
-    import yaml
-
     with reading(path, _EXPECTED):
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        values = read_yaml(path)
     try:
         return _Description.model_validate(values)
     except ValidationError as error:

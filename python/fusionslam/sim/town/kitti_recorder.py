@@ -30,7 +30,7 @@ from fusionslam.sim.town.layout import TownConfig, make_town
 from fusionslam.sim.town.route import Drive, DriveConfig, make_drive
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.cache import cache_folder
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.files import atomic_path, reading
 from fusionslam.storage.parallel import available_cores
 from fusionslam.storage.progress import Progress
 
@@ -192,11 +192,9 @@ def _claim(root: Path, config: SimConfig) -> bool:
 
 
 def _read_identity(path: Path) -> dict[str, object]:
-    try:
+    with reading(path, "the identity of a recording"):
         read = json.loads(path.read_text())
         return {key: read[key] for key in ("format", "config")}
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DataError(f"cannot read {path}: {error}") from error
 
 
 def _summary(config: SimConfig, drive: Drive) -> dict[str, object]:

@@ -8,9 +8,11 @@ write such worlds copy Gazebo's displayed colours.
 """
 
 import json
+import os
 import struct
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +26,17 @@ from fusionslam.sim.worlds.surfaces import (
     Look,
     Piece,
     TexturePool,
+    TriangleCount,
     check_piece,
     mesh_of,
     rgb_of,
     triangles_of,
 )
+from fusionslam.storage.files import check_expansion, reading
 
 _HEADER = struct.Struct("<4sII")
 _CHUNK = struct.Struct("<I4s")
+_COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 # Extensions that a file may require and that make no difference here, or that Pillow decodes.
 _HARMLESS = ("KHR_materials_", "EXT_texture_webp")
 
@@ -57,10 +62,28 @@ def _check(path: Path, missing: Unresolved) -> None:
     needed = [n for n in header.get("extensionsRequired", ()) if not n.startswith(_HARMLESS)]
     if needed:
         raise DataError(f"{path}: requires {', '.join(needed)}, expected glTF without extensions")
+    _check_accessors(path, header)
     for image in header.get("images", ()):
         uri = image.get("uri", "data:")
-        if not uri.startswith("data:") and not (path.parent / uri).is_file():
+        if not uri.startswith("data:") and not _is_beside(uri, path):
+            missing.add("texture", uri, f"is not in {path.parent}")
+        elif not uri.startswith("data:") and not (path.parent / uri).is_file():
             missing.add("texture", uri, f"no such file in {path.parent}")
+
+
+def _check_accessors(path: Path, header: dict[str, Any]) -> None:
+    """Refuse arrays that would take more memory than the file can fill."""
+    with reading(path, "binary glTF"):
+        numbers = sum(
+            max(int(each["count"]), 0) * _COMPONENTS.get(each["type"], 16)
+            for each in header.get("accessors", ())
+        )
+        check_expansion(4 * numbers, path.stat().st_size)
+
+
+def _is_beside(uri: str, path: Path) -> bool:
+    folder = os.path.abspath(path.parent)
+    return Path(os.path.abspath(path.parent / unquote(uri))).is_relative_to(folder)
 
 
 def _read_header(path: Path) -> dict[str, Any]:
@@ -84,7 +107,7 @@ def _read_header(path: Path) -> dict[str, Any]:
     start = _HEADER.size + _CHUNK.size
     try:
         header = json.loads(data[start : start + size])
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise DataError(
             f"{path}: its JSON part cannot be read: {error}", code="gltf-header"
         ) from error
@@ -99,6 +122,8 @@ def _objects(path: Path) -> dict[str, list[Piece]]:
 
     try:
         return _pieces(trimesh.load_scene(path, file_type="glb", process=False))
+    except DataError:
+        raise
     except Exception as error:  # a damaged file can raise almost any exception in the reader
         raise DataError(
             f"{path}: damaged binary glTF: {type(error).__name__}: {error}", code="damaged"
@@ -108,12 +133,14 @@ def _objects(path: Path) -> dict[str, list[Piece]]:
 def _pieces(scene: Any) -> dict[str, list[Piece]]:
     order = {name: number for number, name in enumerate(scene.geometry)}
     found: dict[str, list[Piece]] = {}
+    count = TriangleCount()
     nodes = [(*scene.graph[node], node) for node in scene.graph.nodes_geometry]
     for world_from_node, geometry, node in sorted(nodes, key=lambda n: (order[n[1]], n[2])):
         mesh = scene.geometry[geometry]
         if getattr(mesh, "faces", None) is not None and len(mesh.faces):
             name = _object_name(scene, node, mesh)
-            found.setdefault(name, []).append(check_piece(_piece(mesh)).move(world_from_node))
+            (piece,) = count.add([check_piece(_piece(mesh))])
+            found.setdefault(name, []).append(piece.move(world_from_node))
     return found
 
 

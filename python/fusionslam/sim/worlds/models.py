@@ -17,6 +17,8 @@ log = logging.getLogger(__name__)
 
 # Depth limit against models that include one another; real worlds nest two or three deep.
 _DEEPEST = 16
+# A model that includes two others, which include two others and so on, would be endless without it.
+_MOST_MODELS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +52,9 @@ def shapes_of(path: Path, library: Library) -> Iterator[Shape]:
     if people:
         log.info("%s: actors move and are left out: %s", path, people)
     models = [e for e in world if e.tag in ("model", "include")]
+    walk = _Walk(library, path.resolve().parent)
     for element in [*models, *world.findall("state/insertions/model")]:
-        yield from _Walk(library, path.resolve().parent).outermost(element, states)
+        yield from walk.outermost(element, states)
 
 
 class _Walk:
@@ -61,6 +64,8 @@ class _Walk:
         self._library = library
         self._missing = library.missing
         self._folder = folder
+        self._visited = 0
+        self._roots: dict[Path, ET.Element] = {}
 
     def outermost(
         self, element: ET.Element, states: dict[str | None, ET.Element]
@@ -112,13 +117,21 @@ class _Walk:
         """The model and the folder of its file; None, and recorded, if it cannot be read."""
         if element.tag == "model":
             return element, folder
+        self._visited += 1
+        if self._visited > _MOST_MODELS:
+            raise DataError(
+                f"{self._folder}: more than {_MOST_MODELS} models are included",
+                code="too-many-models",
+            )
         uri = (element.findtext("uri") or "").strip()
         file = self._library.model_file(uri, folder)
         if file is None:
             self._missing.add("model", uri, f"included by {folder}, not found")
             return None
         try:
-            model = _root(file).find("model")
+            if file not in self._roots:
+                self._roots[file] = _root(file)
+            model = self._roots[file].find("model")
         except DataError as error:
             self._missing.add("model", uri, str(error))
             return None
@@ -148,7 +161,7 @@ def _world(path: Path) -> ET.Element:
 def _root(path: Path) -> ET.Element:
     try:
         root = ET.parse(path).getroot()
-    except ET.ParseError as error:
+    except (ET.ParseError, LookupError, ValueError) as error:  # an unknown or odd encoding
         raise DataError(f"{path}: not XML, expected SDF: {error}", code="not-xml") from error
     except OSError as error:
         raise DataError(f"{path}: {error.strerror}, expected SDF") from error

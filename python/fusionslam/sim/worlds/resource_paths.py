@@ -33,6 +33,8 @@ class Library:
         listed = [p for name in MODEL_PATHS for p in os.environ.get(name, "").split(os.pathsep)]
         self._roots = [here / "models", self.root / "models", here, self.root]
         self._roots += [Path(path) for path in listed if path]
+        # Links are followed only in the world's own path: a folder of models may be linked.
+        self._allowed = [Path(os.path.abspath(root)) for root in self._roots]
         self._images: dict[Path, NDArray[np.uint8] | None] = {}
 
     def find(self, uri: str, folder: Path) -> Path | None:
@@ -40,12 +42,18 @@ class Library:
         scheme, _, rest = uri.strip().rpartition("://")
         if scheme not in ("", "model", "file"):
             return None
-        places = [root / rest for root in self._roots]
+        places = [root / rest.lstrip("/") for root in self._roots]
         if scheme == "file":  # AWS models use file://models/NAME/...
             places = [Path("/") / rest, self.root / rest, *places]
         elif not scheme:
             places.insert(0, folder / rest)
-        return next((place for place in places if rest and place.exists()), None)
+        allowed = (place for place in places if rest and self._is_allowed(place))
+        return next((place for place in allowed if place.exists()), None)
+
+    def _is_allowed(self, place: Path, *more: Path) -> bool:
+        """Whether a path is in a folder of the world, of MODEL_PATHS, or of ``more``."""
+        whole = Path(os.path.abspath(place))
+        return any(whole.is_relative_to(root) for root in (*self._allowed, *more))
 
     def model_file(self, uri: str, folder: Path) -> Path | None:
         """The SDF file of an included model: the newest one listed in its model.config."""
@@ -55,7 +63,7 @@ class Library:
         config = place / "model.config"
         listed = _sdf_files(config) if config.is_file() else []
         names = [name for _, name in sorted(listed, reverse=True)]
-        found = (place / name for name in [*names, "model.sdf"])
+        found = (place / name for name in [*names, "model.sdf"] if Path(name).name == name)
         return next((file for file in found if file.is_file()), None)
 
     def texture(self, written: str, mesh: Path) -> NDArray[np.uint8] | None:
@@ -83,12 +91,13 @@ class Library:
         folder = mesh.resolve().parent
         inner = Path(*[part for part in path.parts if part not in ("..", ".", "/")])
         above = [p for p in folder.parents if p == self.root or self.root in p.parents]
-        return [
+        places = [
             folder / path,
             folder / path.name,
             folder.parent / "materials" / "textures" / path.name,
             *(place / inner for place in above),
         ]
+        return [place for place in places if self._is_allowed(place, folder.parent)]
 
     def _decode(self, file: Path) -> NDArray[np.uint8] | None:
         try:
@@ -126,7 +135,7 @@ def _sdf_files(config: Path) -> list[tuple[tuple[int, ...], str]]:
     """Version and name of the files listed in a model.config; empty if it cannot be read."""
     try:
         entries = ET.parse(config).getroot().findall("sdf")
-    except (ET.ParseError, OSError):
+    except (ET.ParseError, OSError, LookupError, ValueError):
         return []
     return [(_version(entry.get("version", "0")), (entry.text or "").strip()) for entry in entries]
 

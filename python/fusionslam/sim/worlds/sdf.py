@@ -18,7 +18,7 @@ from fusionslam.sim.worlds.materials import color_of
 from fusionslam.sim.worlds.missing_resources import Unresolved
 from fusionslam.sim.worlds.models import Shape, shapes_of
 from fusionslam.sim.worlds.resource_paths import Library
-from fusionslam.sim.worlds.surfaces import Piece, TexturePool, mesh_of
+from fusionslam.sim.worlds.surfaces import Piece, TexturePool, TriangleCount, mesh_of
 
 # How far a visual plane is lowered below a floor laid on it, and the tolerance for "on it".
 _SUNK_M = 0.01
@@ -50,13 +50,14 @@ def _scene(shapes: Iterable[Shape], kind: str, library: Library) -> Scene | None
     reader = GeometryReader(library, looks=kind == "visual")
     pieces: dict[str, list[Piece]] = {}
     planes: set[str] = set()
+    count = TriangleCount()
     for shape in shapes:
         if shape.element.tag != kind:
             continue
         name = shape.model
         if shape.element.find("geometry/plane") is not None:
             planes.add(name)
-        pieces.setdefault(name, []).extend(_pieces(shape, reader, library))
+        pieces.setdefault(name, []).extend(_pieces(shape, reader, library, count))
     pool = TexturePool()
     meshes = {name: mesh_of(found, pool) for name, found in pieces.items() if found}
     if not meshes:
@@ -66,10 +67,12 @@ def _scene(shapes: Iterable[Shape], kind: str, library: Library) -> Scene | None
     return scene_of(parts_of(meshes), pool.textures, INDOOR_LIGHT)
 
 
-def _pieces(shape: Shape, reader: GeometryReader, library: Library) -> list[Piece]:
+def _pieces(
+    shape: Shape, reader: GeometryReader, library: Library, count: TriangleCount
+) -> list[Piece]:
     material = shape.element.find("material")
     color = color_of(material, shape.owner, library.missing)
-    found = reader.read(shape.element, shape.folder, shape.owner, color)
+    found = count.add(reader.read(shape.element, shape.folder, shape.owner, color))
     return [piece.move(shape.world_from_shape) for piece in found]
 
 

@@ -11,11 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
+from fusionslam.errors import DataError
 from fusionslam.sim.mesh import Mesh
+from fusionslam.storage.files import check_pixels
 
 # Larger images are halved until they fit: no camera comes close enough to see their finest texels,
 # and one of 8192 x 8192 alone takes 700 MB with its mipmaps.
 LARGEST_SIDE = 2048
+MOST_TRIANGLES = 20_000_000
+"""Of a world: a small file can place one large mesh many thousand times."""
 # The colour that Gazebo and most viewers use without a material.
 PLAIN = (0.7, 0.7, 0.7)
 
@@ -69,6 +73,22 @@ def check_piece(piece: Piece) -> Piece:
     return piece
 
 
+class TriangleCount:
+    """Counts the triangles of a world."""
+
+    def __init__(self) -> None:
+        self._count = 0
+
+    def add(self, pieces: Sequence[Piece]) -> Sequence[Piece]:
+        """Count pieces and return them. Raises DataError for too many triangles."""
+        self._count += sum(len(piece.triangles) for piece in pieces)
+        if self._count > MOST_TRIANGLES:
+            raise DataError(
+                f"the world has more than {MOST_TRIANGLES} triangles", code="too-many-triangles"
+            )
+        return pieces
+
+
 class TexturePool:
     """The textures of a scene, each stored once even if several files or materials use it.
 
@@ -114,6 +134,7 @@ def rgb_of(image: Image.Image) -> NDArray[np.uint8]:
     Raises:
         OSError, ValueError, SyntaxError: raised by Pillow if it cannot decode the image.
     """
+    check_pixels(image)
     halvings = 0
     while max(image.size) >> halvings > LARGEST_SIDE:
         halvings += 1
