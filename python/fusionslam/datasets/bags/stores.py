@@ -5,6 +5,7 @@
 import functools
 from typing import TYPE_CHECKING, Any, Literal
 
+from fusionslam.datasets.bags.decompression import bound_decompression
 from fusionslam.errors import DataError
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ def need_rosbags() -> None:
     except ImportError as error:
         message = "bags need rosbags: pip install 'fusionslam[bags]'"
         raise DataError(message, code="missing-extra", fields=("bags",)) from error
+    bound_decompression()
 
 
 @functools.cache
