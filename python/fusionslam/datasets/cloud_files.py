@@ -136,7 +136,7 @@ def write_cloud(path: PathLike, cloud: Cloud) -> None:
     if cloud.colors is not None and cloud.colors.shape != points.shape:
         raise ShapeError(f"colors have shape {cloud.colors.shape}, expected {points.shape}")
     data = encode(Cloud(points, cloud.colors))
-    with atomic_path(path) as temporary:
+    with atomic_path(path, durable=False) as temporary:
         temporary.write_bytes(data)
 
 

@@ -2,13 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Atomic writing of files and folders, reading with errors that name the file, and its limits."""
 
+import errno
 import functools
+import hashlib
 import os
+import platform
 import re
+import secrets
+import shutil
 import signal
 import stat
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
@@ -26,6 +32,11 @@ MOST_EXPANDED = 256 << 20
 EXPANSION = 100
 MOST_PIXELS = 90_000_000
 """Pixels of an image that is read."""
+
+_MARK = "fusionslam"
+_TEMPORARY = re.compile(rf"\..*\.{_MARK}-(?P<host>[0-9a-f]{{8}})-(?P<pid>\d+)-[0-9a-f]{{16}}")
+_OLD_S = 7 * 24 * 3600
+_cleaned: set[tuple[int, str]] = set()
 
 _LONGEST_YAML = 256 << 10  # characters
 _DEEPEST_YAML = 50
@@ -157,31 +168,125 @@ def check_regular(path: PathLike, expected: str) -> None:
 
 
 @contextmanager
-def atomic_path(path: PathLike) -> Iterator[Path]:
+def atomic_path(path: PathLike, *, durable: bool = True) -> Iterator[Path]:
     """Yield a temporary path beside ``path``; it replaces ``path`` on success, else is deleted.
+
+    A link is kept, and the file that it leads to replaced. The file keeps its mode; a new one gets
+    that of the process (umask). What killed processes left in the folder is deleted.
+
+    Args:
+        path: of the file.
+        durable: whether the file must survive a power cut from the end of the block on, which
+            takes milliseconds; False for one of many files that can be made again.
 
     Raises:
         DataError: the folder cannot be made or written, or the path is neither a file nor a
             folder, such as a device, which must not be replaced (code "cannot-write").
     """
-    target = Path(path)
+    target = Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
     if os.path.exists(target) and not (os.path.isfile(target) or os.path.isdir(target)):
         raise cannot_write(target, "it is a device, expected a file")
+    if os.path.islink(target):
+        raise cannot_write(target, "its links lead in a circle")
+    mode = stat.S_IMODE(target.stat().st_mode) if os.path.isfile(target) else None
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        os.close(handle)
+        temporary = _name_temporary(target)
+        new = os.O_CREAT | os.O_EXCL | os.O_WRONLY
+        os.close(os.open(temporary, new, 0o666 if mode is None else mode))
     except OSError as error:
         raise cannot_write(target, why_not(target, error)) from error
-    temporary = Path(name)
     try:
         yield temporary
-        temporary.chmod(0o644)
+        if mode is not None:
+            temporary.chmod(mode)
+        if durable:
+            _flush_to_disk(temporary)
         temporary.replace(target)
+        if durable:
+            _flush_to_disk(target.parent)
     except OSError as error:
         raise cannot_write(target, error.strerror) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def scratch_folder(target: Path) -> Iterator[Path]:
+    """Yield a temporary folder on the disk of ``target``; it is deleted at the end of the block.
+
+    Raises:
+        DataError: it cannot be made (code "cannot-write").
+    """
+    try:
+        folder = _name_temporary(target)
+        folder.mkdir(mode=0o700)
+    except OSError as error:
+        raise cannot_write(target, why_not(target, error)) from error
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _name_temporary(target: Path) -> Path:
+    """Choose a name beside ``target`` that cannot be guessed, in a folder without left files."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    _delete_leftovers(target.parent)
+    random = secrets.token_hex(8)
+    # 255 bytes are the longest name; a character can take four.
+    return target.parent / f".{target.name[:40]}.{_MARK}-{_host()}-{os.getpid()}-{random}"
+
+
+def _delete_leftovers(folder: Path) -> None:
+    """Delete temporary files and folders of processes that were killed; once per process."""
+    key = os.getpid(), os.path.abspath(folder)
+    if key in _cleaned:
+        return
+    _cleaned.add(key)
+    with os.scandir(folder) as entries:
+        left = [entry for entry in entries if _is_leftover(entry)]
+    for entry in left:
+        with suppress(OSError):
+            if entry.is_dir(follow_symlinks=False):
+                shutil.rmtree(entry.path)
+            else:
+                os.unlink(entry.path)
+
+
+def _is_leftover(entry: "os.DirEntry[str]") -> bool:
+    """Whether the process that made an entry is dead; one of another machine may live."""
+    found = _TEMPORARY.match(entry.name)
+    if found is None:
+        return False
+    try:
+        if time.time() - entry.stat(follow_symlinks=False).st_mtime > _OLD_S:
+            return True
+        if found["host"] != _host():
+            return False
+        os.kill(int(found["pid"]), 0)
+    except ProcessLookupError:
+        return True
+    except (OSError, OverflowError):
+        return False
+    return False
+
+
+@functools.cache
+def _host() -> str:
+    """Short name of this machine or container, in which process ids are unique."""
+    return hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+
+
+def _flush_to_disk(path: Path) -> None:
+    """Wait until a file's content or a folder's entries are on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # a file system that cannot
+            raise
+    finally:
+        os.close(descriptor)
 
 
 @contextmanager

@@ -4,9 +4,7 @@
 
 import logging
 import os
-import shutil
 import sqlite3
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
@@ -17,7 +15,7 @@ from fusionslam.datasets.bags.messages import MessageBuilder, is_static, ros_typ
 from fusionslam.datasets.bags.stores import KINDS, make_in, need_rosbags, type_store
 from fusionslam.errors import ConfigError, DataError, naming
 from fusionslam.sensors.messages import NANOSECONDS, Event, FrameTransforms
-from fusionslam.storage.files import cannot_write, delay_interrupts, why_not
+from fusionslam.storage.files import cannot_write, delay_interrupts, scratch_folder
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos
@@ -62,7 +60,7 @@ def open_writer(
     _check_images(images)
     need_rosbags()
     _refuse_other(target, kind)
-    with _scratch_beside(target) as scratch:
+    with scratch_folder(target) as scratch:
         writer = BagWriter(target, kind, scratch, images)
         try:
             yield writer
@@ -258,20 +256,6 @@ def _refuse_other(target: Path, kind: str) -> None:
         for path in target.iterdir():
             if path.name != "metadata.yaml" and path.suffix not in (".db3", ".mcap"):
                 raise DataError(f"{target} holds {path.name}, which is no part of a bag")
-
-
-@contextmanager
-def _scratch_beside(target: Path) -> Iterator[Path]:
-    """Yield a temporary folder on the same disk; it is deleted afterwards."""
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
-    except OSError as error:
-        raise cannot_write(target, why_not(target, error)) from error
-    try:
-        yield scratch
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def _latched_qos() -> "Qos":

@@ -234,10 +234,10 @@ def _write_json(path: Path, value: dict[str, object]) -> None:
 
 
 def _write_bytes(path: Path, data: bytes) -> None:
-    with atomic_path(path) as temporary:
+    with atomic_path(path, durable=False) as temporary:
         temporary.write_bytes(data)
 
 
 def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
-    with atomic_path(path) as temporary:
+    with atomic_path(path, durable=False) as temporary:
         Image.fromarray(image).save(temporary, format="PNG", compress_level=1)

@@ -1,0 +1,219 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A file is the old one or the new one, whatever happens, and nothing is left behind that grows.
+
+FUSIONSLAM_KILLS is the number of writers that are killed (30 by default).
+"""
+
+import os
+import resource
+import signal
+import stat
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from error_codes import has_code
+from fusionslam import LoopDetector
+from fusionslam.errors import DataError
+from fusionslam.sensors.frame import Cloud
+from fusionslam.storage import files
+from fusionslam.storage.archive import load_archive, load_json, save_archive, save_json
+from fusionslam.storage.files import atomic_path, scratch_folder
+from scenes import place
+
+KILLS = int(os.environ.get("FUSIONSLAM_KILLS", "30"))
+FORMAT = "fusionslam.test.1"
+ROWS = np.zeros(200_000)
+
+
+def write(path: Path, text: str) -> None:
+    with atomic_path(path) as temporary:
+        temporary.write_text(text)
+
+
+@contextmanager
+def umask(mask: int) -> Iterator[None]:
+    before = os.umask(mask)
+    try:
+        yield
+    finally:
+        os.umask(before)
+
+
+def mode_of(path: Path) -> int:
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+@pytest.mark.parametrize(("mask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
+def test_a_new_file_has_the_mode_of_the_process(tmp_path: Path, mask: int, mode: int) -> None:
+    with umask(mask):
+        write(tmp_path / "a", "new")
+    assert mode_of(tmp_path / "a") == mode
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o664])
+def test_a_file_that_is_written_again_keeps_its_mode(tmp_path: Path, mode: int) -> None:
+    path = tmp_path / "a"
+    path.write_text("old")
+    path.chmod(mode)
+    with atomic_path(path) as temporary:
+        assert not mode_of(temporary) & ~mode
+        temporary.write_text("new")
+    assert (path.read_text(), mode_of(path)) == ("new", mode)
+
+
+def test_a_link_is_kept_and_what_it_leads_to_is_replaced(tmp_path: Path) -> None:
+    for folder in ("real", "links"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "real/a").write_text("old")
+    (tmp_path / "links/a").symlink_to("../real/a")
+    (tmp_path / "links/b").symlink_to("a")
+    (tmp_path / "links/new").symlink_to("../real/new")
+    for name in ("a", "b", "new"):
+        write(tmp_path / "links" / name, name)
+        assert (tmp_path / "links" / name).is_symlink()
+        assert (tmp_path / "links" / name).read_text() == name
+    assert sorted(os.listdir(tmp_path / "real")) == ["a", "new"]
+    (tmp_path / "links/loop").symlink_to("loop")
+    with pytest.raises(DataError, check=has_code("cannot-write")):
+        write(tmp_path / "links/loop", "no")
+
+
+def test_the_name_of_a_temporary_file_cannot_be_guessed_or_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with atomic_path(tmp_path / "a") as one, atomic_path(tmp_path / "a") as other:
+        assert one != other
+    victim = tmp_path / "victim"
+    victim.write_text("kept")
+    monkeypatch.setattr(files.secrets, "token_hex", lambda _: "0" * 16)
+    with atomic_path(tmp_path / "a") as temporary:
+        planted = temporary
+    planted.symlink_to(victim)
+    with pytest.raises(DataError, check=has_code("cannot-write")):
+        write(tmp_path / "a", "over")
+    assert victim.read_text() == "kept"
+
+
+def test_long_names_are_written(tmp_path: Path) -> None:
+    name = "\N{CJK UNIFIED IDEOGRAPH-4E00}" * 85
+    write(tmp_path / name, "x")
+    assert os.listdir(tmp_path) == [name]
+
+
+def killed(work: Callable[[], Any], seconds: float) -> None:
+    """Do work again and again in a child, which is killed after some time."""
+    child = os.fork()
+    if not child:
+        try:
+            while True:
+                work()
+        finally:
+            os._exit(1)
+    time.sleep(seconds)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+
+
+def test_what_killed_writers_leave_is_deleted_by_the_next(tmp_path: Path) -> None:
+    def begin() -> None:
+        with atomic_path(tmp_path / "a") as temporary, scratch_folder(tmp_path / "b") as folder:
+            (folder / "part").write_text("x")
+            temporary.with_name(f"{temporary.name}.7.0.tmp").write_text("of the C++ core")
+            time.sleep(1000)
+
+    others = (".hidden", ".a.fusionslam-00000000-1-0123456789abcdef", "a.fusionslam")
+    for name in others:
+        (tmp_path / name).write_text("of others")
+    killed(begin, 0.3)
+    assert len(os.listdir(tmp_path)) == 6
+    with atomic_path(tmp_path / "c") as alive:
+        write(tmp_path / "a", "new")
+        assert alive.exists()
+        alive.write_text("c")
+    assert sorted(os.listdir(tmp_path)) == sorted([*others, "a", "c"])
+
+
+def test_old_leftovers_of_other_machines_are_deleted(tmp_path: Path) -> None:
+    left = tmp_path / ".a.fusionslam-00000000-1-0123456789abcdef"
+    left.write_text("old")
+    os.utime(left, (0, 0))
+    write(tmp_path / "a", "new")
+    assert os.listdir(tmp_path) == ["a"]
+
+
+def check_archive(folder: Path) -> None:
+    with load_archive(folder / "a.npz", FORMAT, "a test") as (_, arrays):
+        assert len(arrays["rows"]) == len(ROWS)
+
+
+def check_json(folder: Path) -> None:
+    with load_json(folder / "a.json", FORMAT, "a test") as content:
+        assert len(content["numbers"]) == 20_000
+
+
+def detector() -> LoopDetector:
+    made = LoopDetector("m2dp")
+    for number in range(40):
+        made.add(Cloud(place(number % 5).points))
+    return made
+
+
+DETECTOR = detector()
+WRITERS: dict[str, tuple[Callable[[Path], Any], Callable[[Path], Any], int]] = {
+    "archive": (
+        lambda folder: save_archive(folder / "a.npz", FORMAT, {}, {"rows": ROWS}),
+        check_archive,
+        1,
+    ),
+    "JSON": (
+        lambda folder: save_json(folder / "a.json", FORMAT, {"numbers": [0.5] * 20_000}),
+        check_json,
+        1,
+    ),
+    "loop detector": (DETECTOR.save, LoopDetector.load, 2),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_killed_writer_leaves_the_old_or_the_new_file(tmp_path: Path, name: str) -> None:
+    save, check, count = WRITERS[name]
+    save(tmp_path)
+    rng = np.random.default_rng(2)
+    for _ in range(KILLS // len(WRITERS)):
+        killed(lambda: save(tmp_path), float(rng.uniform(0.002, 0.05)))
+        check(tmp_path)
+    files._cleaned.clear()
+    save(tmp_path)
+    assert len(os.listdir(tmp_path)) == count
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("room", [0, 1000, 20_000])
+def test_a_full_disk_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, name: str, room: int
+) -> None:
+    save, check, count = WRITERS[name]
+    save(tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    child = os.fork()
+    if not child:
+        code = 1
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+            save(tmp_path)
+        except DataError:
+            code = 0
+        finally:
+            os._exit(code)
+    _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 0
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    check(tmp_path)
+    assert len(before) == count
