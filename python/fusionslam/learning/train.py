@@ -30,7 +30,12 @@ from fusionslam.learning.training_loop import Progress, Trained, train
 from fusionslam.learning.weight_files import load_pointnet, save_weights
 from fusionslam.storage.archive import save_json
 from fusionslam.views.second_stage.architecture import PointNetConfig
-from fusionslam.views.second_stage.network_files import About, Calibration
+from fusionslam.views.second_stage.network_files import (
+    DIGESTS,
+    About,
+    Calibration,
+    digest_files,
+)
 from fusionslam.views.second_stage.scores import calibrate
 
 
@@ -183,6 +188,7 @@ def _write_card(path: Path, config: Section, trained: Trained, origin: Origin) -
         "scores": {name: round(value, 6) for name, value in trained.scores.items()},
         "cpu_seconds": round(trained.cpu_seconds, 1),
         "config": config.model_dump(mode="json"),
+        DIGESTS: digest_files(path),
         "versions": {"python": platform.python_version(), "torch": torch.__version__},
     }
     save_json(path, None, card, indent=2)

@@ -10,7 +10,7 @@ from fusionslam.learning.pointnet import PointNet
 from fusionslam.learning.torch_extra import nn, torch
 from fusionslam.storage.files import atomic_path, reading
 from fusionslam.views.second_stage.architecture import PointNetConfig
-from fusionslam.views.second_stage.network_files import About, read_about
+from fusionslam.views.second_stage.network_files import About, check_digest, read_about
 
 _MISSING = "weights need safetensors, which is not installed: pip install 'fusionslam[learn]'"
 
@@ -48,6 +48,7 @@ def load_pointnet(path: str | os.PathLike[str]) -> tuple[PointNet, About]:
         from safetensors import safe_open
     except ImportError as error:
         raise FusionSlamError(_MISSING) from error
+    check_digest(Path(path))
     with reading(path, "weights of a pointnet network"):
         with safe_open(path, framework="pt") as stored:
             metadata = stored.metadata()

@@ -3,19 +3,23 @@
 """The networks that come with the package: size, cards, ONNX against torch, and what they do."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from error_codes import has_code
+from fusionslam.errors import DataError
 from fusionslam.learning.places import Places, same_places
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views.second_stage import MODELS, SecondStage
 from fusionslam.views.second_stage.inputs import network_input
-from fusionslam.views.second_stage.network_files import SHIPPED
+from fusionslam.views.second_stage.network_files import SHIPPED, check_digest
 from fusionslam.views.second_stage.scores import area_under_curve
 from learning import cloud
 from refusals import refuses
+from stored import change_json
 
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 
@@ -30,6 +34,28 @@ def test_each_network_is_below_a_megabyte_and_has_a_card(stem: str) -> None:
     assert card["command"].startswith("fusionslam views train ")
     assert card["data"] and card["cpu_seconds"] > 0 and card["scores"]
     assert card["config"]["optimiser"]["seed"] == 0
+
+
+@pytest.mark.parametrize("stem", STEMS)
+@pytest.mark.parametrize("suffix", ["onnx", "safetensors"])
+def test_a_network_of_which_one_bit_changed_is_refused(
+    stem: str, suffix: str, tmp_path: Path
+) -> None:
+    for path in SHIPPED.glob(f"{stem}.*"):
+        shutil.copy(path, tmp_path)
+    path = tmp_path / f"{stem}.{suffix}"
+    check_digest(path)
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(DataError, check=has_code("wrong-digest", path)):
+        check_digest(path)
+    if suffix == "onnx" and stem.endswith("features"):
+        with pytest.raises(DataError, check=has_code("wrong-digest", path)):
+            SecondStage(path, tmp_path / path.name)
+    card = tmp_path / f"{stem}.json"
+    change_json(card, sha256={})
+    check_digest(path)
 
 
 def test_nothing_else_is_shipped() -> None:

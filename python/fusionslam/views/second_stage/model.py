@@ -23,7 +23,13 @@ from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.files import reading
 from fusionslam.views.second_stage.architecture import ComparisonConfig, PointNetConfig
 from fusionslam.views.second_stage.inputs import network_input
-from fusionslam.views.second_stage.network_files import SHIPPED, About, Kind, read_about
+from fusionslam.views.second_stage.network_files import (
+    SHIPPED,
+    About,
+    Kind,
+    check_digest,
+    read_about,
+)
 from fusionslam.views.second_stage.scores import probability_of
 
 Features = NDArray[np.float32]
@@ -163,6 +169,7 @@ def _open_session(path: Path, kind: Kind) -> tuple[Any, About]:
     # Leave the robot's cores to others: one thread, without spinning while it waits.
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
+    check_digest(path)
     with reading(path, f"a {kind} network in ONNX"):
         session = onnxruntime.InferenceSession(
             path.read_bytes(), options, providers=["CPUExecutionProvider"]

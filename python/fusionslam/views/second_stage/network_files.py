@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Metadata of network files, both safetensors and ONNX."""
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,11 +11,16 @@ from typing import Any, Literal
 
 from fusionslam.config import Section
 from fusionslam.errors import DataError
+from fusionslam.storage.archive import load_json
 from fusionslam.storage.files import reading
 from fusionslam.views.second_stage.architecture import ComparisonConfig, PointNetConfig
 
 FORMAT = "fusionslam.network.1"
+DIGESTS = "sha256"
+"""Key of the digests in a model card."""
+
 _KEY = "fusionslam"
+_SUFFIXES = (".onnx", ".safetensors")
 Kind = Literal["pointnet", "comparison"]
 _CONFIGS: Mapping[str, type[Section]] = {
     "pointnet": PointNetConfig,
@@ -57,6 +63,31 @@ class About:
         if self.calibration is not None:
             values["calibration"] = vars(self.calibration)
         return {_KEY: json.dumps(values)}
+
+
+def digest_files(card: Path) -> dict[str, str]:
+    """SHA-256 of the network files beside a model card, by suffix."""
+    files = (card.with_suffix(suffix) for suffix in _SUFFIXES)
+    return {f.suffix: hashlib.sha256(f.read_bytes()).hexdigest() for f in files if f.exists()}
+
+
+def check_digest(path: Path) -> None:
+    """Raise DataError if a network file is not the one that the card beside it describes.
+
+    Cards of version 0.1 have no digests.
+    """
+    card = path.with_suffix(".json")
+    if not card.exists() or not path.exists():
+        return
+    with load_json(card, None, "a model card") as values:
+        expected = values.get(DIGESTS, {}).get(path.suffix)
+    if expected is not None and expected != digest_files(card)[path.suffix]:
+        raise DataError(
+            f"{path} was changed after it was written: it does not fit its digest in "
+            f"{card.name} (remove both digests there if the change was intended)",
+            code="wrong-digest",
+            fields=(str(path),),
+        )
 
 
 def read_about(path: Path, metadata: Mapping[str, str] | None, kind: Kind) -> About:
