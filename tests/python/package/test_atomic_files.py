@@ -177,7 +177,7 @@ WRITERS: dict[str, tuple[Callable[[Path], Any], Callable[[Path], Any], int]] = {
         check_json,
         1,
     ),
-    "loop detector": (DETECTOR.save, LoopDetector.load, 2),
+    "loop detector": (DETECTOR.save, LoopDetector.load, 1),
 }
 
 
