@@ -19,10 +19,24 @@ from fusionslam.storage.machine import machine, versions
 
 T = TypeVar("T")
 
+_LONGEST_PART = 58
+"""In bytes: names of four parts, a suffix and those of temporary files have at most 255."""
+
 
 def file_name(*parts: str) -> str:
-    """Make a file name from names given by users."""
-    return "_".join(re.sub(r"[^\w.-]+", "-", part).strip("-") or "x" for part in parts)
+    """Make a file name from names given by users; only very long parts are cut."""
+    return "_".join(
+        _fit(re.sub(r"[^\w.-]+", "-", part).strip("-") or "x", _LONGEST_PART) for part in parts
+    )
+
+
+def _fit(part: str, most: int) -> str:
+    """Cut a part of more bytes than this; a digest tells equal beginnings apart."""
+    data = part.encode()
+    if len(data) <= most:
+        return part
+    digest = hashlib.sha256(data).hexdigest()[:8]
+    return data[: most - 9].decode(errors="ignore") + "-" + digest
 
 
 def picture_name(*parts: str) -> str:
