@@ -33,7 +33,7 @@ from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from kitti import odometry, raw_drive
 from recordings import write_drive
-from scenes import LAPS, place
+from scenes import LAPS, MeanColor, painted, place, two_stages
 from scenes import drive as scenes_of
 
 
@@ -121,6 +121,15 @@ def test_a_matcher_with_a_second_stage_takes_its_views_along() -> None:
     shipped = ViewMatcher(ViewMatcherConfig(method="two_stages"))
     shipped.process(place(0))
     assert sent(shipped).process(place(0, 1)) == shipped.process(place(0, 1))
+
+
+def test_a_matcher_takes_a_comparison_of_its_own_along() -> None:
+    one = two_stages(MeanColor())
+    one.process(painted(0, 0, 40))
+    other = sent(one)
+    for shade in (40, 200):
+        assert other.process(painted(0, 1, shade)) == one.process(painted(0, 1, shade))
+    assert other.stats == one.stats
 
 
 def test_another_process_recognises_places(worker: ProcessPoolExecutor) -> None:
