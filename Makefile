@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-.PHONY: demo test bench bench-quick bench-ros reproduce reproduce-quick sanitize lint tidy docs nightly release format stub setup ros clean
+.PHONY: demo test bench bench-quick bench-ros reproduce reproduce-quick sanitize lint tidy docs nightly wheel release format stub setup ros clean
 
 # Another Python: make test PYTHON=python3.13 VENV=.venv-3.13
 export PYTHON ?= python3
@@ -57,8 +57,14 @@ nightly: lint docs sanitize tidy
 	scripts/bench.sh
 	test -z "$$FUSIONSLAM_TEST_DATA" || $(BIN)/python -m benchmarks.accuracy.checks
 
-release: setup
-	scripts/release.sh
+# For which Pythons: make wheel PYTHONS="python3.11 python3.13"; by default those on PATH.
+export PYTHONS
+wheel: setup
+	scripts/wheel.sh
+
+# What make wheel built, each installed away from the source and used.
+release: wheel
+	for wheel in out/dist/*.whl; do scripts/test_wheel.sh $$wheel || exit 1; done
 
 # About ten minutes of one core, so a part of nightly, not of lint.
 tidy: setup

@@ -1,0 +1,79 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+# Builds into out/dist: the sdist, from it one wheel for each Python, which holds all but the C and
+# C++ runtime, an SBOM, and checksums. PYTHONS="python3.11 /opt/python3.14/bin/python3" says for
+# which; without it, for those of 3.11 to 3.14 that are on PATH and run.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+bin=$PWD/${VENV:-.venv}/bin work=$PWD/build/wheel dist=$PWD/out/dist
+tools=$work/tools/bin
+scripts/debian.sh dpkg-dev libpcl-dev libopencv-dev libeigen3-dev libqhull-dev
+! command -v ccache >/dev/null || export CMAKE_C_COMPILER_LAUNCHER=ccache CMAKE_CXX_COMPILER_LAUNCHER=ccache
+
+mkdir -p "$work"
+[ -x "$tools/python" ] || "$bin/python" -m venv "$work/tools"
+mapfile -t wanted < <("$bin/python" -c 'import tomllib
+for wanted in tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["release"]: print(wanted)')
+# The wheels are built by what .venv is built by.
+mapfile -t builders < <("$bin/python" -m pip list --format freeze | grep -E '^(scikit[-_]build[-_]core|pybind11)==')
+install() { "$tools/python" -m pip --disable-pip-version-check "$@"; }
+install install --quiet "${wanted[@]}" "${builders[@]}"
+
+rm -rf "$dist" "$work"/{raw,repaired,source}
+mkdir -p "$work/source"
+"$tools/python" -m build --sdist --no-isolation --outdir "$dist" >"$work/sdist.log" 2>&1 ||
+  { tail -50 "$work/sdist.log"; exit 1; }
+tar -xzf "$dist"/*.tar.gz --strip-components 1 -C "$work/source"
+opencv=$(scripts/opencv.sh)
+
+# Prints the version of a Python for which a wheel can be built, or else says why not and fails.
+version_of() {
+  "$1" -c '
+import sys, sysconfig
+from pathlib import Path
+version = "{}.{}".format(*sys.version_info[:2])
+if not (3, 11) <= sys.version_info[:2]:
+    sys.exit(f"fusionslam needs Python 3.11 or newer, this is {version}")
+if not (Path(sysconfig.get_path("include")) / "Python.h").is_file():
+    sys.exit("no Python.h: its development package is missing")
+print(version)' 2>"$work/refusal" && return
+  echo "skipped $1: $(head -1 "$work/refusal")" >&2
+  return 1
+}
+
+built=()
+for python in ${PYTHONS:-python3.11 python3.12 python3.13 python3.14}; do
+  version=$(version_of "$python") || continue
+  echo "Building the wheel for Python $version"
+  environment=$work/venv-$version
+  rm -rf "$environment"
+  "$python" -m venv --without-pip "$environment"
+  install --python "$environment/bin/python" install --quiet "${builders[@]}" ninja
+  # In one build folder, so that the core is compiled once for all.
+  install --python "$environment/bin/python" wheel --no-build-isolation --no-deps \
+    -C "build-dir=$work/source/build/cmake" -C "cmake.define.OpenCV_DIR=$opencv" \
+    -w "$work/raw" "$work/source" >"$work/build-$version.log" 2>&1 ||
+    { tail -50 "$work/build-$version.log"; exit 1; }
+  built+=("$version")
+done
+[ "${#built[@]}" -gt 0 ] || { echo "no Python to build a wheel for" >&2; exit 1; }
+for wheel in "$work"/raw/*.whl; do
+  PATH=$tools:$PATH "$tools/auditwheel" repair --strip -w "$work/repaired" "$wheel" \
+    >"$work/repair.log" 2>&1 || { tail -50 "$work/repair.log"; exit 1; }
+done
+for wheel in "$work"/repaired/*.whl; do
+  "$tools/python" scripts/wheel_contents.py "$wheel" "$dist"
+done
+
+# The SBOM beside the wheels names the packages that pip installs with them, and those inside name
+# the libraries that each contains.
+environment=$work/venv-${built[0]}
+install --python "$environment/bin/python" uninstall --quiet --yes "${builders[@]%%=*}" ninja
+install --python "$environment/bin/python" install --quiet "$dist"/*-cp"${built[0]/./}"-*.whl
+"$tools/cyclonedx-py" environment "$environment/bin/python" --output-reproducible --of JSON \
+  -o "$dist/$(basename "$dist"/*.tar.gz .tar.gz).cdx.json"
+"$tools/python" -m twine check --strict "$dist"/*.whl "$dist"/*.tar.gz
+(cd "$dist" && sha256sum -- * >SHA256SUMS)
+echo "Built for Python ${built[*]}:"
+ls -l "$dist"
