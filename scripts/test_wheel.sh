@@ -34,7 +34,7 @@ cd "$(dirname "$0")"
 bin=$PWD/environment/bin
 # shellcheck disable=SC2086  # one package a word
 "$bin/python" -m pip install --quiet --disable-pip-version-check \
-  "$(echo "$PWD"/*.whl)[sim,report]" pytest hypothesis scikit-learn ${WITH:-}
+  "$(echo "$PWD"/*.whl)[sim,bags,report]" pytest hypothesis scikit-learn ${WITH:-}
 mkdir elsewhere
 (
   cd elsewhere

@@ -68,8 +68,9 @@ done
 
 # The SBOM beside the wheels names the packages that pip installs with them, and those inside name
 # the libraries that each contains.
-environment=$work/venv-${built[0]}
-install --python "$environment/bin/python" uninstall --quiet --yes "${builders[@]%%=*}" ninja
+environment=$work/venv-sbom
+rm -rf "$environment"
+"$work/venv-${built[0]}/bin/python" -m venv --without-pip "$environment"
 install --python "$environment/bin/python" install --quiet "$dist"/*-cp"${built[0]/./}"-*.whl
 "$tools/cyclonedx-py" environment "$environment/bin/python" --output-reproducible --of JSON \
   -o "$dist/$(basename "$dist"/*.tar.gz .tar.gz).cdx.json"
