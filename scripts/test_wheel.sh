@@ -25,7 +25,7 @@ fi
 folder=${root:-$PWD/build/wheel}/test-$version
 rm -rf "$folder"
 mkdir -p "$folder"
-git ls-files -z pyproject.toml tests/python tests/data | tar -c --null -T - | tar -x -C "$folder"
+git ls-files -z pyproject.toml benchmarks tests/python tests/data | tar -c --null -T - | tar -x -C "$folder"
 cp "$wheel" "$folder"
 cat >"$folder/test.sh" <<'END'
 set -euo pipefail
