@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-.PHONY: demo test bench bench-quick bench-ros reproduce reproduce-quick sanitize lint tidy docs nightly wheel release format stub setup ros clean
+.PHONY: demo test fuzz bench bench-quick bench-ros reproduce reproduce-quick sanitize lint tidy docs nightly wheel release format stub setup ros clean
 
 # Another Python: make test PYTHON=python3.13 VENV=.venv-3.13
 export PYTHON ?= python3
@@ -61,6 +61,10 @@ nightly: lint docs sanitize tidy
 export PYTHONS
 wheel: setup
 	scripts/wheel.sh
+
+# Python and C++; hours with --inputs 100000. CI tries a little of each target with the tests.
+fuzz: setup
+	scripts/fuzz.sh --core $(FUZZ)
 
 # What make wheel built, each installed away from the source and used.
 release: wheel

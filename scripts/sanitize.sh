@@ -45,10 +45,14 @@ mkdir -p $build/package
 cp -r python/fusionslam $build/package/
 rm -f $build/package/fusionslam/_core*.so
 cp $build/bindings/_core*.so $build/package/fusionslam/
-LD_PRELOAD="$(g++ -print-file-name=libasan.so) $(g++ -print-file-name=libubsan.so)" \
-  PYTHONPATH=$build/package "$python" -m pytest -q -p no:cacheprovider -n "$(nproc)" \
+run_pytest() {
+  LD_PRELOAD="$(g++ -print-file-name=libasan.so) $(g++ -print-file-name=libubsan.so)" \
+    PYTHONPATH=$build/package "$python" -m pytest -q -p no:cacheprovider -n "$(nproc)" "$@"
+}
+run_pytest \
   tests/python/package/test_{array_layouts,refused_arrays,gil}.py \
   tests/python/descriptors/test_{descriptors,paper_m2dp,color_bins,robust}.py \
   tests/python/fusion/test_{colorize,filters,fuse,ground,rectify,stereo}.py \
   tests/python/views/test_{dbscan,hulls,scenes,scene_bytes,color_difference,scene_similarity}.py \
   tests/python/views/test_{alignment,range_images}.py
+run_pytest tests/python/package/test_fuzz_targets.py -k "functions or classes or scene or index"

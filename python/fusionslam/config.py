@@ -267,7 +267,7 @@ def _yaml_text(value: Any) -> str:
 
 def split_preset(name: str) -> tuple[str, str | None]:
     """Split a name with an optional preset, such as "cm2dp:author"."""
-    first, colon, preset = name.partition(":")
+    first, colon, preset = str(name).partition(":")
     return first, preset if colon else None
 
 

@@ -1,5 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
+#if defined(__x86_64__)
+#include <cpuid.h>
+#endif
+
 #include "simd.hpp"
 
 #include <cstdlib>
@@ -18,13 +22,20 @@ SimdLevel level_in_use() {
   return level;
 }
 
+#if defined(__x86_64__)
+/// Clang 16 does not know the builtin's name of this feature.
+bool counts_zeros() {
+  unsigned a = 0, b = 0, c = 0, d = 0;
+  return __get_cpuid(0x80000001, &a, &b, &c, &d) && (c & bit_LZCNT);
+}
+#endif
+
 }  // namespace
 
 SimdLevel best_simd_level() {
 #if defined(__x86_64__)
   if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("bmi") ||
-      !__builtin_cpu_supports("bmi2") || !__builtin_cpu_supports("lzcnt") ||
-      !__builtin_cpu_supports("popcnt"))
+      !__builtin_cpu_supports("bmi2") || !__builtin_cpu_supports("popcnt") || !counts_zeros())
     return SimdLevel::baseline;
   const bool avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
                       __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");

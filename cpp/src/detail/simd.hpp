@@ -15,12 +15,18 @@
 
 #define FUSIONSLAM_INLINE [[gnu::always_inline]] inline
 
+#if defined(__clang__)  // ignores the whole attribute where it does not know one part of it
+#define FUSIONSLAM_WIDE_VECTORS ""
+#else
+#define FUSIONSLAM_WIDE_VECTORS ",prefer-vector-width=512"
+#endif
+
 #if defined(__x86_64__)
 #define FUSIONSLAM_AVX2 __attribute__((target("avx2,bmi,bmi2,lzcnt,popcnt")))
 #define FUSIONSLAM_AVX512                  \
   __attribute__((                          \
       target("avx2,bmi,bmi2,lzcnt,popcnt," \
-             "avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512")))
+             "avx512f,avx512bw,avx512dq,avx512vl" FUSIONSLAM_WIDE_VECTORS)))
 #else  // other machines never get past the baseline
 #define FUSIONSLAM_AVX2
 #define FUSIONSLAM_AVX512

@@ -111,8 +111,12 @@ FUSIONSLAM_INLINE std::uint32_t not_above(Vector a, Vector b) {
 
 #if defined(__x86_64__)
 
+#if defined(__clang__)
+#pragma clang attribute push(__attribute__((target("avx2,fma"))), apply_to = function)
+#else
 #pragma GCC push_options
 #pragma GCC target("avx2,fma")
+#endif
 namespace avx2 {
 
 typedef __m256 Vector;
@@ -131,10 +135,18 @@ FUSIONSLAM_INLINE std::uint32_t not_above(Vector a, Vector b) {
 #include "distance_kernel.inc"
 
 }  // namespace avx2
+#if defined(__clang__)
+#pragma clang attribute pop
+#else
 #pragma GCC pop_options
+#endif
 
+#if defined(__clang__)
+#pragma clang attribute push(__attribute__((target("avx2,fma,avx512f,avx512dq"))), apply_to = function)
+#else
 #pragma GCC push_options
 #pragma GCC target("avx2,fma,avx512f,avx512dq,prefer-vector-width=512")
+#endif
 namespace avx512 {
 
 typedef __m512 Vector;
@@ -153,7 +165,11 @@ FUSIONSLAM_INLINE std::uint32_t not_above(Vector a, Vector b) {
 #include "distance_kernel.inc"
 
 }  // namespace avx512
+#if defined(__clang__)
+#pragma clang attribute pop
+#else
 #pragma GCC pop_options
+#endif
 
 DistanceKernels distance_kernels(SimdLevel level) {
   const bool fused = __builtin_cpu_supports("fma");  // some machines have AVX2 without

@@ -9,7 +9,7 @@ import numpy as np
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.se2 import wrapped
-from fusionslam.storage.arrays import Floats
+from fusionslam.storage.arrays import Floats, read_numbers
 
 
 class RigidMotion(NamedTuple):
@@ -48,8 +48,11 @@ def fit_rigid(poses: Floats, truth: Floats) -> RigidMotion:
 
     Source: Kabsch 1976, in two dimensions.
     """
-    poses, truth = _numbers("poses", poses), _numbers("truth", truth)
-    _check(poses, truth)
+    poses, truth = _check("poses", poses), _check("truth", truth)
+    if poses.shape != truth.shape or not len(poses):
+        raise ShapeError(
+            f"poses {poses.shape} and truth {truth.shape}: expected both (n, 3), n > 0"
+        )
     here, there = poses[:, :2].mean(axis=0), truth[:, :2].mean(axis=0)
     spread = (poses[:, :2] - here).T @ (truth[:, :2] - there)
     sine, cosine = spread[0, 1] - spread[1, 0], spread[0, 0] + spread[1, 1]
@@ -63,24 +66,14 @@ def fit_rigid(poses: Floats, truth: Floats) -> RigidMotion:
     return RigidMotion(float(x), float(y), turn)
 
 
-def _numbers(name: str, rows: Floats) -> Floats:
-    try:
-        return np.asarray(rows, np.float64)
-    except (TypeError, ValueError):
-        raise ShapeError(f"{name}: expected an array of numbers (n, 3)") from None
-
-
-def _check(poses: Floats, truth: Floats) -> None:
-    if poses.shape != truth.shape or poses.shape[1:] != (3,) or not len(poses):
-        raise ShapeError(
-            f"poses {poses.shape} and truth {truth.shape}: expected both (n, 3), n > 0"
-        )
-    for name, rows in (("poses", poses), ("truth", truth)):
-        broken = np.flatnonzero(~np.isfinite(rows).all(axis=1))
-        if broken.size:
-            raise DataError(
-                f"{name}: row {broken[0]} is {rows[broken[0]].tolist()}, expected numbers"
-            )
+def _check(name: str, values: Floats) -> Floats:
+    rows = read_numbers(name, values, "(n, 3)")
+    if rows.shape[1:] != (3,):
+        raise ShapeError(f"{name} {rows.shape}: expected (n, 3), n > 0")
+    broken = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    if broken.size:
+        raise DataError(f"{name}: row {broken[0]} is {rows[broken[0]].tolist()}, expected numbers")
+    return rows
 
 
 def rotation(angles: Sequence[float]) -> Floats:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.storage.arrays import Points
+from fusionslam.storage.arrays import Points, read_numbers
 
 Bytes = NDArray[np.uint8]
 
@@ -162,7 +162,7 @@ class _LazyMapping(Mapping[str, Bytes]):
 
 
 def _matrix(name: str, value: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
-    matrix = np.asarray(value, dtype=np.float64)
+    matrix = read_numbers(f"camera {name}", value, str(shape))
     if matrix.shape != shape:
         raise ShapeError(f"camera {name} has shape {matrix.shape}, expected {shape}")
     if not np.isfinite(matrix).all():

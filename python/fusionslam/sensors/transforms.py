@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, as_nanoseconds, as_stamp
 from fusionslam.storage.arrays import Matrix
 
@@ -102,9 +102,13 @@ class TransformTree:
         """Add a transform. If a frame is both moving and static, the moving ones count.
 
         Raises:
+            ShapeError: no FrameTransform.
             DataError: the matrix is not a rigid transform, or the frame would become its own
                 ancestor or already has another parent. The tree stays as it was.
         """
+        if not isinstance(transform, FrameTransform):
+            found = type(transform).__name__
+            raise ShapeError(f"transform: expected a FrameTransform, got {found}")
         parent, child = _name(transform.parent), _name(transform.child)
         matrix = _rigid(transform.parent_from_child, parent, child)
         link = self._links.get(child)
@@ -253,6 +257,8 @@ class TransformTree:
 
 def _name(frame: str) -> str:
     """Remove the leading slash that ROS once put before frame names."""
+    if not isinstance(frame, str):
+        raise DataError(f"frame {frame!r}: expected a name", code="no-name", fields=(str(frame),))
     return frame.removeprefix("/")
 
 

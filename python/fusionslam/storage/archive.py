@@ -16,14 +16,19 @@ import os
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import is_dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import Any, BinaryIO, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from fusionslam.errors import DataError
 from fusionslam.storage.files import PathLike, atomic_path, check_expansion, reading
+
+T = TypeVar("T")
 
 ABOUT = "about"
 DIGEST = "digest"
@@ -181,6 +186,38 @@ def parse_array(data: bytearray, name: str) -> NDArray[Any]:
     order: Literal["F", "C"] = "F" if fortran_order else "C"
     rows: NDArray[Any] = np.ndarray(shape, dtype, data, start.tell(), order=order)
     return rows if rows.flags.aligned else rows.copy()
+
+
+def check_types(value: T) -> T:
+    """Check the fields of a dataclass that was made of a file's values, and return it.
+
+    Arrays and classes of this package check themselves.
+
+    Raises:
+        DataError: a field has a value of another type than it is declared with.
+    """
+    for name, declared in get_type_hints(type(value)).items():
+        checked = _adapter(declared)
+        if checked is not None:
+            try:
+                checked.validate_python(getattr(value, name), strict=True)
+            except ValidationError as error:
+                problem = error.errors()[0]["msg"]
+                raise DataError(f"{name}: {problem}", code="wrong-type", fields=(name,)) from error
+    return value
+
+
+_CHECKED = (np.ndarray, BaseModel)
+
+
+@cache
+def _adapter(declared: Any) -> "TypeAdapter[Any] | None":
+    """Validator of a type; None for arrays and for classes."""
+    for part in (declared, *get_args(declared)):
+        kind = get_origin(part) or part
+        if is_dataclass(kind) or (isinstance(kind, type) and issubclass(kind, _CHECKED)):
+            return None
+    return TypeAdapter(declared, config=ConfigDict(arbitrary_types_allowed=True))
 
 
 class _Member:

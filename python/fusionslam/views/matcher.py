@@ -16,7 +16,7 @@ from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
 from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
 from fusionslam.sensors.frame import Frame
-from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.archive import check_types, load_archive, save_archive
 from fusionslam.storage.files import PathLike
 from fusionslam.views.comparison import Candidate, Comparison, Item, View
 from fusionslam.views.match import NO_VIEW, Slot, ViewMatch, ViewStats
@@ -259,7 +259,7 @@ class ViewMatcher:
             raise DataError(f"{len(self.comparison)} views, but slots {slots.shape}")
         self.threshold = about["threshold"]
         self._slots = [Slot(*row) for row in slots.tolist()]
-        self._stats = ViewStats(**about["stats"])
+        self._stats = check_types(ViewStats(**about["stats"]))
 
 
 def _load(kind: type[ViewMatcher], content: bytes, comparison: Comparison | None) -> ViewMatcher:

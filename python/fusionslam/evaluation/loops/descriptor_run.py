@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import ShapeError
 from fusionslam.evaluation.loops.nearest_matches import validate_descriptors
-from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.archive import check_types, load_archive, save_archive
 
 FORMAT = "fusionslam.descriptor_run.2"
 _TEXTS = ("source", "descriptor", "dataset", "peak_memory_bytes", "config", "skipped")
@@ -111,7 +111,7 @@ class DescriptorRun:
             stages = [name for name in stored if name.startswith(_STAGE)]
             seconds = {name.removeprefix(_STAGE): stored[name] for name in stages}
             values = {**about, **arrays, "seconds": seconds, "poses": stored.get("poses")}
-            return cls(**values)
+            return check_types(cls(**values))
 
 
 _ARRAYS: dict[str, type[np.generic]] = {

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.storage.arrays import read_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,7 @@ def validate_positions(positions: Any, count: int) -> NDArray[np.float64]:
         ShapeError: wrong shape or length.
         DataError: a position that is not finite; the message names its row.
     """
-    places = np.asarray(positions, dtype=np.float64)
+    places = read_numbers("positions", positions, f"({count}, 3)")
     if places.shape != (count, 3):
         raise ShapeError(
             f"positions: shape {places.shape}, expected ({count}, 3): one position a descriptor"

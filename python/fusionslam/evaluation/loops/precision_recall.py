@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.help_texts import counted
-from fusionslam.storage.archive import load_json, save_json
+from fusionslam.storage.archive import check_types, load_json, save_json
 from fusionslam.storage.arrays import Floats
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ class PrecisionRecall:
             DataError: the file is missing, truncated or of another kind; the message names it.
         """
         with load_json(path, FORMAT, "a stored precision-recall result") as content:
-            return cls(**content | _restore(content))
+            return check_types(cls(**content | _restore(content)))
 
     def plot(self, axis: "Axes | None" = None, **style: Any) -> "Axes":
         """Draw the curve, marking recall at 100 % precision and maximal F1.
@@ -189,6 +189,8 @@ def _restore(content: dict[str, Any]) -> dict[str, Any]:
         name: np.array([fill.get(name) if v is None else v for v in content[name]], dtype=dtype)
         for name, dtype in _ARRAYS.items()
     }
+    if np.isnan(arrays["distances"]).any():
+        raise ValueError("distances: expected numbers")
     return arrays | {"recall_at_k": {int(k): v for k, v in content["recall_at_k"].items()}}
 
 

@@ -2,26 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Judge the map of a RatSLAM run: its metric errors and the places that it links."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.maps.report import MapReport, PoseErrors
+from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.evaluation.views.rules import ViewRule, view_rule
 from fusionslam.geometry.rigid import fit_rigid
 from fusionslam.geometry.se2 import wrapped
 from fusionslam.storage.arrays import Floats, Integers, Mask
 
-if TYPE_CHECKING:
-    from fusionslam.evaluation.maps.run import RatSlamRun
-
-
 _PAIRS = 1 << 19
 """Pairs of looks compared at a time: some tens of megabytes."""
 
 
-def judge_map(run: "RatSlamRun", *, rule: str | ViewRule = "paper") -> MapReport:
+def judge_map(run: RatSlamRun, *, rule: str | ViewRule = "paper") -> MapReport:
     """Judge the map of a run, and dead reckoning for comparison, against the true poses.
 
     Without ground truth the report says so and holds only counts. Single steps may lack ground
@@ -37,6 +34,8 @@ def judge_map(run: "RatSlamRun", *, rule: str | ViewRule = "paper") -> MapReport
             finite, stamps that go back, or an unknown node.
         ConfigError: unknown rule.
     """
+    if not isinstance(run, RatSlamRun):
+        raise ShapeError(f"run: expected a RatSlamRun, got {type(run).__name__}")
     rule_name, values = view_rule(rule)
     judge = _Judge(run, values)
     counted: dict[str, Any] = {
@@ -66,7 +65,7 @@ def judge_map(run: "RatSlamRun", *, rule: str | ViewRule = "paper") -> MapReport
 class _Judge:
     """A run, the true poses of its nodes, and the view radius."""
 
-    def __init__(self, run: "RatSlamRun", rule: ViewRule) -> None:
+    def __init__(self, run: RatSlamRun, rule: ViewRule) -> None:
         # Imported here: ratslam imports fusionslam.views, which imports this package.
         from fusionslam._core import ActionKind
 

@@ -10,7 +10,7 @@ from fusionslam.evaluation.views.report import percent, share
 from fusionslam.evaluation.views.rules import ViewRule
 from fusionslam.geometry.rigid import RigidMotion
 from fusionslam.help_texts import counted
-from fusionslam.storage.archive import load_json, save_json
+from fusionslam.storage.archive import check_types, load_json, save_json
 
 FORMAT = "fusionslam.map_report.1"
 
@@ -138,7 +138,7 @@ class MapReport:
             DataError: the file is missing, truncated or of another kind; the message names it.
         """
         with load_json(path, FORMAT, "a stored map report") as content:
-            return cls(**_restore(content))
+            return check_types(cls(**_restore(content)))
 
 
 _ERRORS = {
@@ -157,7 +157,7 @@ def _restore(content: dict[str, Any]) -> dict[str, Any]:
     for name in _ERRORS:
         if kept[name] is not None:
             motion = RigidMotion(*kept[name].pop("motion"))
-            kept[name] = PoseErrors(**kept[name], motion=motion)
+            kept[name] = check_types(PoseErrors(**kept[name], motion=check_types(motion)))
     kept["rule"] = ViewRule(**kept["rule"])
     kept["unjudged"] = tuple(kept["unjudged"])
     return kept

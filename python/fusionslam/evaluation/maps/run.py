@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.se2 import compose
 from fusionslam.help_texts import counted
-from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.archive import check_types, load_archive, save_archive
 from fusionslam.storage.arrays import Floats, Integers
 from fusionslam.storage.files import PathLike
 
@@ -136,6 +136,10 @@ class RatSlamRun:
     activity_y: Activity
 
     def __post_init__(self) -> None:
+        for name in (*_ARRAYS, "why"):
+            value = getattr(self, name)
+            if not (np.ndim(value) or (value is None and name == "truth")):
+                raise ShapeError(f"{name}: {type(value).__name__}, expected an array")
         steps, nodes = len(self.stamps_ns), len(self.nodes)
         for wanted, count in ((_PER_STEP, steps), (_PER_NODE, nodes)):
             for name, (kind, shape) in wanted.items():
@@ -203,7 +207,7 @@ class RatSlamRun:
         """
         with load_archive(source, FORMAT, "a stored RatSLAM run") as (about, arrays):
             kept = {name: array for name, array in arrays.items() if name in _ARRAYS}
-            return cls(**{**about, **kept})
+            return check_types(cls(**{**about, **kept}))
 
 
 def place_on_map(nodes: Floats, ids: Integers, offsets: Floats) -> Floats:

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.evaluation.views.judge import ViewJudge, read_numbers, validate_ids
+from fusionslam.evaluation.views.judge import ViewJudge, validate_ids
 from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.storage.archive import load_json, save_json
-from fusionslam.storage.arrays import Floats, Integers
+from fusionslam.storage.arrays import Floats, Integers, read_numbers
 
 FORMAT = "fusionslam.view_curve.1"
 THRESHOLDS: tuple[float, ...] = tuple(step / 100 for step in range(101))

@@ -12,7 +12,7 @@ from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.views.ground_truth import TrueScans, whole_nanoseconds
 from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.evaluation.views.rules import ViewRule, view_rule
-from fusionslam.storage.arrays import Floats, Integers, Mask
+from fusionslam.storage.arrays import Floats, Integers, Mask, read_numbers
 
 _SECONDS = 9e9
 """Larger stamps (beyond the year 2255) are not seconds."""
@@ -127,11 +127,3 @@ def validate_stamps(stamps: Any, count: int) -> Floats:
     if count and np.abs(times).max() > _SECONDS:
         raise DataError(f"stamps: {times[-1]:g} s is too late; nanoseconds? Divide them by 1e9")
     return times
-
-
-def read_numbers(name: str, values: Any, expected: str) -> Floats:
-    """Return values as float64. Raises ShapeError that says what was expected."""
-    try:
-        return np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ShapeError(f"{name}: expected numbers {expected}; {error}") from error

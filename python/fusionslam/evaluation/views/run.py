@@ -14,7 +14,6 @@ from fusionslam.errors import ShapeError
 from fusionslam.evaluation.views.curve import ViewCurve
 from fusionslam.evaluation.views.judge import (
     judge_views,
-    read_numbers,
     validate_ids,
     validate_poses,
     validate_stamps,
@@ -22,8 +21,8 @@ from fusionslam.evaluation.views.judge import (
 from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.evaluation.views.rules import ViewRule
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.archive import load_archive, save_archive
-from fusionslam.storage.arrays import Floats
+from fusionslam.storage.archive import check_types, load_archive, save_archive
+from fusionslam.storage.arrays import Floats, read_numbers
 
 FORMAT = "fusionslam.view_run.1"
 _PER_SCAN = ("similarities", "build_seconds", "match_seconds")
@@ -146,7 +145,7 @@ class ViewRun:
             curve = about["curve"]
             about["curve"] = ViewCurve.from_json(curve) if curve else None
             kept = {name: array for name, array in arrays.items() if name in _ARRAYS}
-            return cls(**{**about, **kept})
+            return check_types(cls(**{**about, **kept}))
 
 
 def _mean_ms(seconds: Floats | None) -> float | None:

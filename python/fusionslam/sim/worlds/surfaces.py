@@ -64,8 +64,11 @@ def check_piece(piece: Piece) -> Piece:
     """Check a piece and return it.
 
     Raises:
-        ValueError: a corner or a texture coordinate is not finite.
+        ValueError: a corner or a texture coordinate is not finite, or has another number of
+            coordinates.
     """
+    if piece.triangles.shape[1:] != (3, 3):
+        raise ValueError(f"corners are {piece.triangles.shape[1:]}, expected (3, 3) a triangle")
     if not np.isfinite(piece.triangles).all():
         raise ValueError("a corner is not finite")
     if piece.uv is not None and not np.isfinite(piece.uv).all():
