@@ -32,12 +32,14 @@ from fusionslam.storage.progress import Progress
 
 FORMAT = "fusionslam.calib_check.1"
 _FEWEST_POINTS = 100
-# A value is undetermined if its plausible range covers more than this share of the range tried.
+# A shift or delay is undetermined if its plausible range covers more of the range tried.
 _FLAT = 0.7
+# Degrees: an angle is uncertain if a larger error of the present calibration is plausible.
+_CERTAIN = 1.0
 # An explanation with at least this share of the best one's gain may be the true one.
 _NEAR = 0.7
 # A gain of this many standard errors is mentioned.
-_PERHAPS = 2.5
+_PERHAPS = 2.0
 # A gain of this share of the present score leaves a doubt even if it may be chance.
 _MUCH = 0.25
 
@@ -101,6 +103,7 @@ class CalibrationCheck:
         curves: score as a function of each single value, by name; no "delay" if undetermined.
         verdict: in words.
         fits: whether nothing significantly better was found; None if undecided.
+        uncertain: names of the angles of which errors of more than 1 deg may stay unnoticed.
     """
 
     frames: list[int]
@@ -110,6 +113,7 @@ class CalibrationCheck:
     curves: dict[str, Curve]
     verdict: str
     fits: bool | None
+    uncertain: list[str]
 
     def rows(self) -> list[tuple[str, str, str, str]]:
         """Rows of a table: name, best value, range that is not significantly worse, score."""
@@ -164,9 +168,10 @@ def check_calibration(
     trials = {name: search.single(name) for name in (*TURNS, *SHIFTS, DELAY)}
     curves = {name: _curve(name, trial) for name, trial in trials.items() if trial is not None}
     present = float(search.present.scores[0])
-    verdict, fits = _verdict(present, turn, curves, config)
+    verdict, fits = _verdict(present, turn, curves, config, _remedy(len(indices), len(recording)))
     numbers = recording.numbers[indices].tolist()
-    return CalibrationCheck(numbers, points, present, turn, curves, verdict, fits)
+    uncertain = _uncertain(turn, config)
+    return CalibrationCheck(numbers, points, present, turn, curves, verdict, fits, uncertain)
 
 
 def write_overlays(recording: Recording, indices: Sequence[int], folder: Path) -> list[Path]:
@@ -230,32 +235,51 @@ class _Better:
 
 
 def _verdict(
-    present: float, turn: Turn, curves: dict[str, Curve], config: CalibrationCheckConfig
+    present: float,
+    turn: Turn,
+    curves: dict[str, Curve],
+    config: CalibrationCheckConfig,
+    remedy: str,
 ) -> tuple[str, bool | None]:
     """The verdict, best explanation first, and whether the calibration fits."""
     better = sorted(_improvements(turn, curves, config), key=lambda each: -each.score)
-    if any(each.errors > config.sure for each in better):
-        first = better[0]
-        gain = _NEAR * (first.score - present)
-        near = [each.words for each in better[1:] if each.score - present > gain]
+    sure = next((each for each in better if each.errors > config.sure), None)
+    # A rotation that gains far more, even if by chance, leaves room for another explanation.
+    if sure and sure.score - present >= _NEAR * (turn.score - present):
+        near = [
+            each.words
+            for each in better
+            if each is not sure and each.score - present > _NEAR * (sure.score - present)
+        ]
         also = f"; nearly as well: {'; '.join(near)}" if near else ""
-        return f"{first.words}{also}", False
-    wide = _flat_turns(turn, config)
+        return f"{sure.words}{also}", False
+    uncertain = _uncertain(turn, config)
     # Roll moves little in the middle of an image and may stay undetermined.
-    if {"pitch", "yaw"} & {*wide}:
-        return f"cannot say: too little to tell {' and '.join(wide)} by; try more frames", None
-    maybe = next((each for each in better if each.errors > _PERHAPS), None)
+    if {"pitch", "yaw"} & {*uncertain}:
+        return f"cannot say: too little to tell {' and '.join(uncertain)} by; {remedy}", None
+    maybe = sure or next((each for each in better if each.errors > _PERHAPS), None)
     if maybe:
-        return f"cannot say: perhaps {maybe.words}, or that is chance; try more frames", None
-    if doubt := _doubt(present, turn, curves, config):
+        return f"cannot say: perhaps {maybe.words}, or that is chance; {remedy}", None
+    if doubt := _doubt(present, turn, curves, config, remedy):
         return f"cannot say: {doubt}", None
-    wide += [name for name, curve in curves.items() if name == DELAY and curve.flat]
-    about = f" (nothing can be said about {' and '.join(wide)})" if wide else ""
+    uncertain += [name for name, curve in curves.items() if name == DELAY and curve.flat]
+    about = f" (little can be said about {' and '.join(uncertain)})" if uncertain else ""
     return f"calibration fits{about}", True
 
 
+def _remedy(used: int, available: int) -> str:
+    """How to get more depth edges."""
+    if used < available:
+        return f"try more frames (calib_check.frames, {available} at most)"
+    return "record more of a scene with posts, doors or furniture"
+
+
 def _doubt(
-    present: float, turn: Turn, curves: dict[str, Curve], config: CalibrationCheckConfig
+    present: float,
+    turn: Turn,
+    curves: dict[str, Curve],
+    config: CalibrationCheckConfig,
+    remedy: str,
 ) -> str:
     """Doubts about a calibration although nothing is significantly better; empty if none."""
     far = [
@@ -267,7 +291,7 @@ def _doubt(
     if edges:
         return (
             f"the best {' and '.join(edges)} lies at the edge of what was tried; "
-            "try more frames, or a larger calib_check.turn"
+            f"{remedy}, or a larger calib_check.turn"
         )
     scores = [(turn.score, ", ".join(f"{n} {angle:+.1f} deg" for n, angle in far))]
     scores += [
@@ -278,13 +302,14 @@ def _doubt(
     score, words = max((each for each in scores if each[1]), default=(present, ""))
     if not words or score - present <= _MUCH * abs(present):
         return ""
-    return f"{words} scores {score:.4f} against {present:.4f}, or that is chance; try more frames"
+    return f"{words} scores {score:.4f} against {present:.4f}, or that is chance; {remedy}"
 
 
-def _flat_turns(turn: Turn, config: CalibrationCheckConfig) -> list[str]:
-    """Names of the angles for which nearly every value is plausible."""
+def _uncertain(turn: Turn, config: CalibrationCheckConfig) -> list[str]:
+    """Names of the angles whose errors may be large without a significantly worse score."""
+    certain = max(_CERTAIN, config.turn_tolerance) + 1e-6
     ranges = zip(TURNS, turn.ranges, strict=True)
-    return [name for name, (low, high) in ranges if high - low > _FLAT * 2 * config.turn]
+    return [name for name, (low, high) in ranges if max(-low, high) > certain]
 
 
 def _improvements(

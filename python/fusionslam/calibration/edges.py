@@ -20,8 +20,13 @@ from fusionslam.storage.arrays import Floats, Image
 
 # Larger jumps count as this one: else open doors would outweigh all other edges.
 _LARGEST_JUMP = 3.0
-_NEIGHBOURS = 4
 _NEAREST = 0.5
+# Rings of some scanners are ten times as far apart as the points on them.
+_NEIGHBOURS = 24
+_OPPOSITE, _BELOW = [1, 0, 3, 2], 3  # sides are left, right, above, below
+_STRAIGHT = -0.9  # cosine between the directions of opposite neighbours
+_FAR = 3  # neighbours this many times further away than is usual are none
+_BEYOND = 1000.0  # metres; a plane seen beyond its horizon is nowhere
 # Weight of a pixel's own gradient against that of its surroundings: Levinson and Thrun's alpha.
 _OWN_SHARE = 1 / 3
 # Number of parts of a frame whose scores are compared to estimate standard errors.
@@ -30,31 +35,77 @@ STRIPS = 12
 _SURROUNDINGS = 4
 
 
-def depth_edges(points: NDArray[np.float32], jump: float) -> tuple[Floats, Floats]:
-    """Find the points of a scan beside which the depth jumps to something further away.
+def depth_edges(points: NDArray[np.float32], up: Floats, jump: float) -> tuple[Floats, Floats]:
+    """Find where a surface ends and the depth jumps to something further away.
 
-    Neighbours are points in nearly the same direction from the scanner, such as the next ones on
-    a ring; the scan need not have rings.
+    Each point is compared with its nearest neighbours to the left, to the right and above. A
+    neighbour is behind an edge if it is further away than the surface would be there, continued
+    as a plane from the neighbour opposite. So a floor has no edges, however flat the angle and
+    far apart the rings that hit it. The scan need not have rings.
+
+    The edge is somewhere between the point and its neighbour, so the middle is taken, at the
+    point's distance: edges of objects that stand on the ground are mostly upper edges, and taking
+    the points themselves would shift all of them down by half the distance between two rings.
+    Lower edges are left out, because images show the edge of the shadow below them instead.
 
     Args:
         points: float32 (N, 3), metres, with the scanner at the origin.
+        up: float64 (3), roughly the upward direction of the image.
         jump: smallest jump, metres; it is at least a twentieth of the distance.
 
     Returns:
-        float64 (M, 3) points and float64 (M) weights, the square root of the jump up to 3 m.
+        float64 (M, 3) points and float64 (M) weights: the square root of the jump up to 3 m, less
+        where the angle between the two points is larger than in most of the scan.
     """
     distance = np.linalg.norm(points, axis=1).astype(np.float64)
     seen = np.isfinite(distance) & (distance > _NEAREST)
-    points, distance = points[seen].astype(np.float64), distance[seen]
-    if len(points) <= _NEIGHBOURS:
+    distance = distance[seen]
+    if len(distance) < 2:
         return np.zeros((0, 3)), np.zeros(0)
-    angles, near = cKDTree(points / distance[:, None]).query(
-        points / distance[:, None], k=_NEIGHBOURS + 1
-    )
-    close = angles[:, 1:] < 3 * np.median(angles[:, 1:], axis=0)
-    behind = np.where(close, distance[near[:, 1:]] - distance[:, None], 0).max(axis=1)
-    edge = behind > np.maximum(jump, distance / 20)
-    return points[edge], np.sqrt(np.minimum(behind[edge], _LARGEST_JUMP))
+    rays = points[seen].astype(np.float64) / distance[:, None]
+    near, gaps, opposed = _neighbours(rays, up)
+    small = np.percentile(gaps[opposed], 25) if opposed.any() else 1.0
+    opposed[:, _BELOW] = False
+    # On a plane the inverse of the distance is a linear function of the ray.
+    inverse = 1 / distance[:, None]
+    slope = (inverse - inverse[near[:, _OPPOSITE], 0]) / gaps[:, _OPPOSITE]
+    expected = 1 / np.clip(inverse + slope * gaps, 1 / _BEYOND, inverse)
+    behind = np.where(opposed, distance[near] - expected, 0)
+    sure = behind > np.maximum(jump, distance / 20)[:, None]
+    edge = np.flatnonzero(sure.any(axis=1))
+    nearest = np.where(sure, gaps, np.inf)[edge].argmin(axis=1)
+    middle = rays[edge] + rays[near[edge, nearest]]
+    middle *= (distance[edge] / np.linalg.norm(middle, axis=1))[:, None]
+    jumps = np.minimum(behind[edge].max(axis=1), _LARGEST_JUMP)
+    return middle, np.sqrt(jumps) * small / np.maximum(gaps[edge, nearest], small)
+
+
+def _neighbours(rays: Floats, up: Floats) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
+    """Nearest rays to the left, right, above and below.
+
+    Returns:
+        (N, 4) indices, (N, 4) angles to them in radians, and (N, 4) whether there is one that is
+        not unusually far, with another straight opposite.
+    """
+    count = min(_NEIGHBOURS, len(rays) - 1)
+    gaps, near = (each[:, 1:] for each in cKDTree(rays).query(rays, k=count + 1))
+    right = np.cross(rays, up)
+    above = np.cross(right, rays)
+    steps = rays[near] - rays[:, None]
+    across, along = (np.einsum("nki,ni->nk", steps, axis) for axis in (right, above))
+    sides = np.stack([-across, across, along, -along], axis=1)  # (N, 4, count)
+    own = sides >= np.maximum(np.abs(across), np.abs(along))[:, None]
+    own &= (gaps > 0)[:, None]
+    # Columns are in the order of the angle: the first on a side is the nearest.
+    first = own.argmax(axis=2)
+    found = own.any(axis=2)
+    index, angle = np.take_along_axis(near, first, 1), np.take_along_axis(gaps, first, 1)
+    towards = np.take_along_axis(steps, first[..., None], 1) / np.where(found, angle, 1)[..., None]
+    straight = (towards * towards[:, _OPPOSITE]).sum(axis=2) < _STRAIGHT
+    for pair in ([0, 1], [2, 3]):
+        usual = np.median(angle[:, pair][found[:, pair]]) if found[:, pair].any() else 0
+        found[:, pair] &= angle[:, pair] <= _FAR * usual
+    return index, np.where(found, angle, 1), found & found[:, _OPPOSITE] & straight
 
 
 def edge_map(image: Image, reach: float) -> NDArray[np.float32]:

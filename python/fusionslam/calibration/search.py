@@ -51,14 +51,14 @@ class Recording(Protocol):
 class CalibrationCheckConfig(Section):
     """Range and resolution of the calibrations to try."""
 
-    frames: int = option(20, "how many frames are looked at, evenly spread", ge=1)
+    frames: int = option(60, "how many frames are looked at, evenly spread", ge=1)
     turn: float = option(3.0, "largest turn of the camera tried", unit="deg", gt=0, le=20)
     turn_step: float = option(0.5, "first grid of turns; the second is five times finer", gt=0)
     shift: float = option(0.2, "largest shift of the camera tried", unit="m", gt=0)
     delay: float = option(0.2, "largest delay of the images tried", unit="s", gt=0)
     jump: float = option(0.3, "smallest jump in depth that is an edge", unit="m", gt=0)
     reach: float = option(10.0, "how far from it an edge of the image is felt", unit="px", gt=0)
-    points: int = option(1500, "depth edges of a frame that are used", ge=50)
+    points: int = option(1000, "depth edges of a frame that are used", ge=50)
     turn_tolerance: float = option(0.4, "turns smaller than this fit", unit="deg", ge=0)
     shift_tolerance: float = option(0.06, "shifts smaller than this fit", unit="m", ge=0)
     delay_tolerance: float = option(0.025, "delays smaller than this fit", unit="s", ge=0)
@@ -72,7 +72,8 @@ class Site:
         self._recording, self._index, self._config = recording, index, config
         self._frame = recording[index]
         points, image, self.camera = sensor_data(recording, index, self._frame)
-        self._edges = depth_edges(in_view(points, self.camera, image.shape), config.jump)
+        points = in_view(points, self.camera, image.shape)
+        self._edges = depth_edges(points, -self.camera.rectified_from_points[1, :3], config.jump)
         self.view = self._view(image)
         self.stamp_ns = self._frame.stamp_ns
 

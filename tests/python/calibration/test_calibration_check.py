@@ -17,6 +17,7 @@ from cli import succeeds
 from error_codes import has_code
 from fusionslam.calibration.check import (
     CalibrationCheck,
+    Curve,
     Turn,
     _verdict,
     check_calibration,
@@ -32,6 +33,7 @@ from fusionslam.calibration.search import (
 )
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Frame
+from fusionslam.sim import DriveConfig, SimConfig, TownConfig, record
 from worlds import OPTICAL, Drive, make_drive
 
 CONFIG = CalibrationCheckConfig(points=250)
@@ -118,8 +120,8 @@ def test_images_without_edges_say_nothing() -> None:
 @pytest.mark.parametrize(
     ("roll", "score", "words"),
     [
-        (0.2, 0.021, "calibration fits (nothing can be said about roll)"),
-        (1.5, 0.015, "calibration fits (nothing can be said about roll)"),
+        (0.2, 0.021, "calibration fits (little can be said about roll)"),
+        (1.5, 0.015, "calibration fits (little can be said about roll)"),
         (1.5, 0.020, "cannot say: roll +1.5 deg scores 0.0200 against 0.0138"),
         (3.5, 0.014, "cannot say: the best roll lies at the edge of what was tried"),
         (-3.0, 0.014, "cannot say: the best roll lies at the edge of what was tried"),
@@ -128,8 +130,45 @@ def test_images_without_edges_say_nothing() -> None:
 def test_a_doubtful_best_is_not_said_to_fit(roll: float, score: float, words: str) -> None:
     ranges = ((-3.5, 3.5), (-0.5, 0.5), (-0.5, 0.5))
     turn = Turn(degrees=(roll, 0.0, 0.0), ranges=ranges, score=score, errors=1.5)
-    verdict, fits = _verdict(0.0138, turn, {}, CalibrationCheckConfig())
+    verdict, fits = _verdict(0.0138, turn, {}, CalibrationCheckConfig(), "try more")
     assert verdict.startswith(words) and fits is (True if "fits" in words else None)
+
+
+@pytest.mark.parametrize(("bound", "fits"), [(0.9, True), (1.4, None)])
+def test_a_calibration_fits_only_if_an_error_of_a_degree_would_be_noticed(
+    bound: float, fits: bool | None
+) -> None:
+    ranges = ((-0.5, 0.5), (-bound, 0.2), (-0.5, 0.5))
+    turn = Turn(degrees=(0.0, -0.1, 0.0), ranges=ranges, score=0.014, errors=0.5)
+    assert _verdict(0.0138, turn, {}, CalibrationCheckConfig(), "try more")[1] is fits
+
+
+def test_a_shift_is_not_believed_if_a_turn_gains_far_more() -> None:
+    values = np.array([-0.2, 0.0, 0.2])
+    down = Curve("down", values, np.array([0.10, 0.08, 0.07]), low=-0.2, high=-0.2, errors=4.0)
+    for score, fits in ((0.105, False), (0.15, None)):
+        ranges = ((-0.5, 0.5), (-0.9, 0.2), (-0.5, 0.5))
+        turn = Turn(degrees=(0.0, -0.5, 0.0), ranges=ranges, score=score, errors=1.9)
+        assert _verdict(0.08, turn, {"down": down}, CalibrationCheckConfig(), "try")[1] is fits
+
+
+@pytest.fixture(scope="module")
+def town(tmp_path_factory: pytest.TempPathFactory) -> fusionslam.Dataset:
+    """Frames around one block of a town."""
+    block = ((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))
+    drive = DriveConfig(laps=(block,), lap_shift_m=(0.0,), spacing_m=20.0)
+    config = SimConfig(town=TownConfig(seed=7, blocks=(1, 1)), drive=drive)
+    folder = record(config, tmp_path_factory.mktemp("town") / "drive")
+    return fusionslam.open_dataset(folder, sensors=["points", "left"])
+
+
+@pytest.mark.parametrize("degrees", [(0.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, -1.0)])
+def test_a_town_whose_rings_are_far_apart_on_the_road_is_judged_right(
+    town: fusionslam.Dataset, degrees: tuple[float, float, float]
+) -> None:
+    found = check_calibration(Turned(town, degrees))
+    assert found.fits is not any(degrees)
+    assert np.abs(np.subtract(found.turn.degrees, degrees)).max() <= 0.5
 
 
 def test_the_same_data_give_the_same_answer(tmp_path: Path) -> None:
@@ -141,15 +180,71 @@ def test_the_same_data_give_the_same_answer(tmp_path: Path) -> None:
     assert len(stored["curves"]["yaw"]["scores"]) == len(stored["curves"]["yaw"]["values"]) == 61
 
 
-def test_edges_are_the_near_side_of_a_jump() -> None:
-    angles = np.linspace(-0.5, 0.5, 201)
-    distance = np.where(angles > 0, 3.0, 5.0)
-    points = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles]) * distance[:, None]
-    found, weights = depth_edges(points.astype(np.float32), 0.3)
-    turns = np.arctan2(found[:, 1], found[:, 0])
-    assert len(found) and (turns > 0).all() and (turns < 0.02).all()
-    np.testing.assert_allclose(weights, np.sqrt(2), rtol=1e-5)
-    assert len(depth_edges(points.astype(np.float32), 2.5)[0]) == 0
+UP = np.array([0.0, 0.0, 1.0])
+ELEVATIONS, AZIMUTHS = np.meshgrid(
+    np.radians(np.arange(-20, 10.1, 0.5)), np.radians(np.arange(-20, 20.1, 0.4))
+)
+RAYS = np.stack(
+    [
+        np.cos(ELEVATIONS) * np.cos(AZIMUTHS),
+        np.cos(ELEVATIONS) * np.sin(AZIMUTHS),
+        np.sin(ELEVATIONS),
+    ],
+    axis=-1,
+).reshape(-1, 3)
+
+
+def seen_on(rays: NDArray[np.float64], *distances: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Points where the rays first hit one of several surfaces."""
+    nearest = np.min(distances, axis=0)
+    hit = np.isfinite(nearest)
+    return (rays[hit] * nearest[hit, None]).astype(np.float32)
+
+
+def plane_ahead(x: float, top: float, bottom: float = -9.0) -> NDArray[np.float64]:
+    """Distances to a wall at x between two heights; inf where the rays miss it."""
+    distance = x / RAYS[:, 0]
+    height = distance * RAYS[:, 2]
+    return np.where((height <= top) & (height >= bottom), distance, np.inf)
+
+
+def ground(height: float) -> NDArray[np.float64]:
+    with np.errstate(divide="ignore"):
+        distance = height / RAYS[:, 2]
+    return np.where((distance > 0) & (distance < 80), distance, np.inf)
+
+
+def test_edges_lie_between_the_near_side_and_the_far_side_of_a_jump() -> None:
+    near = np.where(AZIMUTHS.ravel() > 0.001, plane_ahead(3.0, 9.0), np.inf)
+    scan = seen_on(RAYS, near, plane_ahead(5.0, 9.0))
+    found, weights = depth_edges(scan, UP, 0.3)
+    azimuth = np.degrees(np.arctan2(found[:, 1], found[:, 0]))
+    # Points of the near side are at 0.4 deg and more, those of the far side at 0 and less.
+    assert len(found) > 50
+    np.testing.assert_allclose(azimuth, 0.2, atol=0.01)
+    np.testing.assert_allclose(found[:, 0], 3.0, rtol=0.01)
+    # The jump is 2 m along x.
+    np.testing.assert_allclose(weights, np.sqrt(2), rtol=0.2)
+    assert len(depth_edges(scan, UP, 2.5)[0]) == 0
+
+
+def test_a_road_has_no_edges_however_far_apart_the_rings() -> None:
+    scan = seen_on(RAYS, ground(-1.7))
+    ranges = np.unique(np.linalg.norm(scan, axis=1).round(1))
+    assert np.diff(ranges).max() > 5  # rings up to several metres apart
+    assert len(depth_edges(scan, UP, 0.3)[0]) == 0
+
+
+def test_the_upper_edge_of_a_wall_is_found_without_a_shift_and_the_lower_one_left_out() -> None:
+    offsets = []
+    for x in (4.0, 4.3, 4.7, 5.1, 5.6, 6.1):
+        scan = seen_on(RAYS, plane_ahead(x, top=-0.4, bottom=-0.8), plane_ahead(30.0, 9.0))
+        found, _ = depth_edges(scan, UP, 0.3)
+        middle = found[np.abs(found[:, 1]) < 0.3]
+        elevation = np.degrees(np.arcsin(middle[:, 2] / np.linalg.norm(middle, axis=1)))
+        offsets.append(elevation.mean() - np.degrees(np.arctan2(-0.4, x)))
+        assert np.ptp(elevation) < 0.5  # one edge
+    assert np.abs(offsets).max() <= 0.26 and abs(np.mean(offsets)) < 0.12
 
 
 def test_an_image_is_felt_around_its_edges_as_far_as_asked() -> None:
