@@ -3,7 +3,7 @@
 """Are wrong turns and delays, put in on purpose, found? Two Markdown tables.
 
     python -m benchmarks.accuracy.calibration [--write]            # single recordings
-    python -m benchmarks.accuracy.calibration --count [--write]    # verdicts of many, half an hour
+    python -m benchmarks.accuracy.calibration --count [--write]    # counts of verdicts, ten minutes
 
 Needs the test data, which FUSIONSLAM_TEST_DATA names, and the extras bags and sim: images are
 stamped late in a copy of the bag, and simulated recordings are made.
@@ -47,7 +47,8 @@ COUNT_HEADER = (
     "recordings", "right data: fits / cannot say / wrong",
     "turned data: found / cannot say / wrong", "error of found angles: mean, largest",
 )  # fmt: skip
-SEEDS_FITTED, SEEDS_REPORTED = (1, 2), (7, 11, 13)
+# The method was chosen on seeds 1 and 2.
+SEEDS = (7, 11, 13)
 SECONDS = 40.0
 # Every axis and both signs. Angles are found if they are nearer than this: roll, pitch, yaw.
 TURNS_PUT_IN: list[tuple[float, float, float]] = [
@@ -123,10 +124,9 @@ def recordings_by_group(data: Path, scratch: Path) -> Iterator[tuple[str, list[R
     yield f"KITTI raw, {len(raw)} frames", [raw]
     yield BAG.name, [open_bag_dataset(data / BAG)]
     yield "embedded drive", [open_bag_dataset(embedded_drive())]
-    for seeds in (SEEDS_FITTED, SEEDS_REPORTED):
-        words = f"seeds {', '.join(map(str, seeds))}"
-        for world in ("town", "house", "warehouse"):
-            yield f"{world}, {words}", [make_recording(world, seed, scratch) for seed in seeds]
+    for world in ("town", "house", "warehouse"):
+        words = f"{world}, seeds {', '.join(map(str, SEEDS))}"
+        yield words, [make_recording(world, seed, scratch) for seed in SEEDS]
 
 
 def make_recording(world: str, seed: int, scratch: Path) -> Recording:
@@ -146,11 +146,14 @@ def run_program(*arguments: object) -> None:
 
 
 def count_verdicts(name: str, recordings: list[Recording]) -> list[object]:
-    """A row of counts: verdicts on the right calibration, and on every turn that is put in."""
+    """A row of counts: verdicts on the right calibration, and on every turn that is put in.
+
+    The recordings of a row share the turns out among them.
+    """
     right, turned, errors = Counter[str](), Counter[str](), []
-    for recording in recordings:
+    for number, recording in enumerate(recordings):
         right[judge_right(check_calibration(recording))] += 1
-        for degrees in TURNS_PUT_IN:
+        for degrees in TURNS_PUT_IN[number :: len(recordings)]:
             found = check_calibration(Turned(recording, degrees))
             verdict = judge_turned(found, degrees)
             turned[verdict] += 1
