@@ -106,6 +106,8 @@ class ViewCurve:
         """Inverse of ``as_json``. Raises ValueError, KeyError or TypeError for anything else."""
         if content.get("format") != FORMAT:
             raise ValueError(f"expected format {FORMAT}")
+        if unknown := content.keys() - {"format", "rule", "thresholds", "figures"}:
+            raise ValueError(f"unknown value {min(unknown)}")
         figures = {name: content["figures"][name] for name in COLUMNS}
         curve = cls(
             np.array(content["thresholds"], dtype=np.float64),
