@@ -202,6 +202,14 @@ def test_a_file_that_may_not_grow_keeps_what_is_whole(tmp_path: Path, suffix: st
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("limit", [3_000, 300_000])
+def test_nothing_is_kept_that_cannot_be_read(tmp_path: Path, suffix: str, limit: int) -> None:
+    path = tmp_path / f"drive.{suffix}"
+    assert str(path) in fill(path, limit)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_full_disk_keeps_what_is_whole(tmp_path: Path, suffix: str) -> None:
     mount = ["mount", "-t", "tmpfs", "-o", "size=12m", "tmpfs", str(tmp_path)]
     if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode:

@@ -18,14 +18,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from arrays import filled
+from bags import drive as bag_drive
+from bags import write_bag
+from drives import circle_events, take
 from error_codes import has_code
-from fusionslam import LoopDetector
+from fusionslam import DescriptorIndex, LoopDetector
+from fusionslam.datasets import open_bag, read_cloud, write_cloud
 from fusionslam.errors import DataError
+from fusionslam.ratslam import RatSlam
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage import files
 from fusionslam.storage.archive import load_archive, load_json, save_archive, save_json
 from fusionslam.storage.files import atomic_path, scratch_folder
-from scenes import place
+from fusionslam.views import SceneSet, ViewMatcher
+from scenes import LAPS, drive, place
 
 KILLS = int(os.environ.get("FUSIONSLAM_KILLS", "30"))
 FORMAT = "fusionslam.test.1"
@@ -165,7 +172,30 @@ def detector() -> LoopDetector:
     return made
 
 
-DETECTOR = detector()
+def slam() -> RatSlam:
+    made = RatSlam()
+    take(made, circle_events(laps=0.5))
+    return made
+
+
+def matcher() -> ViewMatcher:
+    made = ViewMatcher()
+    for number in range(12):
+        made.process(place(number % 5))
+    return made
+
+
+def write_drive(folder: Path) -> None:
+    write_bag(folder / "drive.mcap", bag_drive(0.5))
+
+
+def read_drive(folder: Path) -> None:
+    with open_bag(folder / "drive.mcap") as bag:
+        assert bag.topics
+
+
+DETECTOR, SLAM, MATCHER, SCENES, INDEX = detector(), slam(), matcher(), drive(LAPS), filled(500)
+CLOUD = Cloud(np.ones((20_000, 3), np.float32))
 WRITERS: dict[str, tuple[Callable[[Path], Any], Callable[[Path], Any], int]] = {
     "archive": (
         lambda folder: save_archive(folder / "a.npz", FORMAT, {}, {"rows": ROWS}),
@@ -178,6 +208,12 @@ WRITERS: dict[str, tuple[Callable[[Path], Any], Callable[[Path], Any], int]] = {
         1,
     ),
     "loop detector": (DETECTOR.save, LoopDetector.load, 1),
+    "RatSlam": (lambda at: SLAM.save(at / "a"), lambda at: RatSlam.load(at / "a"), 1),
+    "view matcher": (lambda at: MATCHER.save(at / "a"), lambda at: ViewMatcher.load(at / "a"), 1),
+    "scene set": (lambda at: SCENES.save(at / "a.npz"), lambda at: SceneSet.load(at / "a.npz"), 1),
+    "index": (lambda at: INDEX.save(at / "a"), lambda at: DescriptorIndex.load(at / "a"), 1),
+    "cloud": (lambda at: write_cloud(at / "a.ply", CLOUD), lambda at: read_cloud(at / "a.ply"), 1),
+    "bag": (write_drive, read_drive, 1),
 }
 
 
@@ -195,13 +231,14 @@ def test_a_killed_writer_leaves_the_old_or_the_new_file(tmp_path: Path, name: st
 
 
 @pytest.mark.parametrize("name", WRITERS)
-@pytest.mark.parametrize("room", [0, 1000, 20_000])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.9])
 def test_a_full_disk_leaves_the_old_file_and_nothing_else(
-    tmp_path: Path, name: str, room: int
+    tmp_path: Path, name: str, share: float
 ) -> None:
     save, check, count = WRITERS[name]
     save(tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    room = int(share * max(map(len, before.values())))
     child = os.fork()
     if not child:
         code = 1

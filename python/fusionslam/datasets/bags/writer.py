@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from fusionslam.datasets.bags.image_messages import STORED
 from fusionslam.datasets.bags.messages import MessageBuilder, is_static, ros_type
+from fusionslam.datasets.bags.reader import open_bag
 from fusionslam.datasets.bags.stores import KINDS, make_in, need_rosbags, type_store
 from fusionslam.errors import ConfigError, DataError, naming
 from fusionslam.sensors.messages import NANOSECONDS, Event, FrameTransforms
@@ -40,7 +41,7 @@ def open_writer(
     """Write a bag that appears at ``path`` when the block ends and replaces a bag there.
 
     If the block raises or the disk is full, the messages written until then are kept in a bag
-    named ``<name>.partial<suffix>``, which ``open_bag`` reads.
+    named ``<name>.partial<suffix>``, which ``open_bag`` reads, if one is on the disk whole.
 
     >>> with open_writer("drive.mcap", images={"/camera/image": "jpeg"}) as bag:  # doctest: +SKIP
     ...     bag.write(event)
@@ -186,11 +187,22 @@ class BagWriter:
         partial = self._target.with_name(f"{self._target.stem}.partial{self._target.suffix}")
         if not self.count:
             return "nothing was written before"
+        if not self._is_readable():
+            return "and what was written before is lost: no message had reached the disk whole"
         try:
             self._put_in_place(partial)
         except DataError as error:
             return f"and what was written before is lost: {error}"
         return f"what was written before is kept in {partial}"
+
+    def _is_readable(self) -> bool:
+        """Whether at least one message can be read."""
+        made = self._storage if self._kind == "mcap" else self._path
+        try:
+            with open_bag(made) as bag:
+                return next(iter(bag.events()), None) is not None
+        except DataError:
+            return False
 
     def _give_up(self) -> None:
         """Release a file that cannot be written any further."""
