@@ -255,9 +255,10 @@ class ViewMatcher:
         slots = arrays.pop("slots")
         self.comparison.restore({name.removeprefix(_STATE): rows for name, rows in arrays.items()})
         # Three values before 0.2.0: without the longest absence.
-        if slots.ndim != 2 or slots.shape[1] not in (3, 4) or len(slots) != len(self.comparison):
-            raise DataError(f"{len(self.comparison)} views, but slots {slots.shape}")
-        self.threshold = about["threshold"]
+        is_table = slots.dtype == np.int64 and slots.ndim == 2 and slots.shape[1] in (3, 4)
+        if not is_table or len(slots) != len(self.comparison):
+            raise DataError(f"{len(self.comparison)} views, but slots {slots.dtype} {slots.shape}")
+        self.threshold = float(about["threshold"])
         self._slots = [Slot(*row) for row in slots.tolist()]
         self._stats = check_types(ViewStats(**about["stats"]))
 
