@@ -36,7 +36,7 @@ def interrupts() -> Iterator[None]:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests of ROS, and those that need data that a clone lacks."""
     for item in items:
-        if "ros" in item.path.relative_to(PROJECT / "tests" / "python").parts:
+        if item.path.is_relative_to(PROJECT / "tests" / "python" / "ros"):
             item.add_marker("ros")
         if "test_data" in getattr(item, "fixturenames", ()):
             item.add_marker("data")

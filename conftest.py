@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the code blocks of README.md, CONTRIBUTING.md and docs/ as tests.
+
+Blocks of a page run in their order, in one namespace and one temporary folder. The files that pages
+take for granted, such as drive.bag, are links in that folder to small simulated recordings. C++ and
+CMake blocks do not run: `examples/cpp` is their program, which ctest builds and runs. A block
+that cannot run here has a comment ``<!-- skip: next "REASON" -->`` above it.
+``tests/python/package/test_snippets.py`` checks languages and reasons.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from sybil import Example, Sybil
+from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
+
+PROJECT = Path(__file__).parent
+
+
+def run_bash(example: Example) -> None:
+    """Run a block with bash -e."""
+    _run(["bash", "-e", "-o", "pipefail", "-c", example.parsed])
+
+
+def save_yaml(example: Example) -> None:
+    """Parse a block; save it under the name in its first line, ``# NAME.yaml``, if there is one."""
+    yaml.safe_load(example.parsed)
+    first = example.parsed.splitlines()[0].split()
+    if first[0] == "#" and first[1].rstrip(":").endswith(".yaml"):
+        Path(first[1].rstrip(":")).write_text(example.parsed, encoding="utf-8")
+
+
+def _run(command: list[str]) -> None:
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    done = subprocess.run(
+        command,
+        env=os.environ | {"PATH": path},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, f"{command[-1]}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.fixture(scope="session")
+def made_recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the files that pages take for granted."""
+    folder = tmp_path_factory.mktemp("made")
+    here = Path.cwd()
+    os.chdir(folder)
+    slow_camera = "--set robot.cameras.camera.rate_hz=2"
+    _run(["bash", "-ec", f"fusionslam sim house -o drive.bag --seconds 6 {slow_camera}"])
+    _run([sys.executable, "-c", _SMALL_TOWN])
+    _run(["bash", "-ec", "fusionslam views record drive.bag -o scenes.npz --features cm2dp"])
+    turn = np.linspace(0, 4 * np.pi, 60)  # two rounds of a circle
+    poses = np.column_stack([np.cos(turn), np.sin(turn), turn % (2 * np.pi)])
+    np.savez("small_house.npz", poses=poses, stamps=2.0 * np.arange(60))
+    os.chdir(here)
+    return folder
+
+
+_SMALL_TOWN = """
+from pathlib import Path
+from fusionslam.sim import DriveConfig, SimConfig, TownConfig, record
+
+block = ((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))
+drive = DriveConfig(laps=(block,), lap_shift_m=(0.0,), spacing_m=30.0)
+root = record(SimConfig(town=TownConfig(blocks=(1, 1)), drive=drive), "kitti/dataset", jobs=2)
+(root / "sequences" / "00").rename(root / "sequences" / "06")
+(root / "poses" / "00.txt").rename(root / "poses" / "06.txt")
+"""
+
+
+@pytest.fixture(scope="module")
+def page_folder(made_recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The working folder of one page, with links to the made recordings."""
+    folder = tmp_path_factory.mktemp("page")
+    for name in ("drive.bag", "scenes.npz", "small_house.npz", "kitti"):
+        (folder / name).symlink_to(made_recordings / name)
+    (folder / "DATA").symlink_to(made_recordings / "drive.bag")
+    here = Path.cwd()
+    os.chdir(folder)
+    yield folder
+    os.chdir(here)
+    shutil.rmtree(folder)
+
+
+pytest_collect_file = Sybil(
+    parsers=[
+        SkipParser(),
+        PythonCodeBlockParser(),
+        CodeBlockParser("bash", run_bash),
+        CodeBlockParser("yaml", save_yaml),
+    ],
+    patterns=["README.md", "CONTRIBUTING.md", "docs/*.md", "docs/*/*.md", "docs/*/*/*.md"],
+    path=str(PROJECT),
+    fixtures=["page_folder"],
+).pytest()
