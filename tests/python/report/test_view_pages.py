@@ -30,7 +30,7 @@ def test_the_python_of_the_page_prints_what_the_page_says(
     for snippet in snippets(PAGE):
         exec(compile(snippet, f"{PAGE}.md", "exec"), names)
     text = (DOCS / f"{PAGE}.md").read_text(encoding="utf-8")
-    (printed,) = re.findall(r"^```\n(rule .*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
+    (printed,) = re.findall(r"^```text\n(rule .*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
     assert capsys.readouterr().out == printed
     assert names["curve"].at(names["threshold"])["loop_precision"] >= 0.97
     assert (beside / "out" / "views.html").is_file()
