@@ -4,8 +4,8 @@
 
 Blocks of a page run in their order, in one namespace and one temporary folder. The files that pages
 take for granted, such as drive.bag, are links in that folder to small simulated recordings. C++ and
-CMake blocks do not run: `examples/cpp` is their program, which ctest builds and runs. A block
-that cannot run here has a comment ``<!-- skip: next "REASON" -->`` above it.
+CMake blocks are built and run by ctest (``tests/cpp/consumer.cmake``). A block that cannot run here
+has a comment ``<!-- skip: next "REASON" -->`` above it.
 ``tests/python/package/test_snippets.py`` checks languages and reasons.
 """
 

@@ -42,6 +42,20 @@ function(check_header_lists folder page)
   endforeach()
 endfunction()
 
+# A code block of the page for C++: the first of a language below a heading.
+function(read_block heading language result)
+  file(READ ${source}/docs/reference/cpp.md text)
+  foreach(before "## ${heading}\n" "```${language}\n")
+    string(FIND "${text}" "${before}" start)
+    if(start EQUAL -1)
+      message(FATAL_ERROR "the page for C++ lacks '${before}' (${heading})")
+    endif()
+    string(SUBSTRING "${text}" ${start} -1 text)
+  endforeach()
+  string(REGEX REPLACE "^```[a-z]+\n([^`]*)```.*$" "\\1" text "${text}")
+  set(${result} "${text}" PARENT_SCOPE)
+endfunction()
+
 function(check_cache file)
   file(STRINGS ${file} found REGEX "^(PCL_DIR|OpenCV_DIR|Eigen3_DIR|CMAKE_C_COMPILER):")
   if(found)
@@ -105,10 +119,50 @@ expect_failure("no component cuda, expected core or pcl" ${CMAKE_COMMAND} ${find
                -D wanted=cuda -B ${work}/build-cuda)
 expect_failure("needs PCL" ${CMAKE_COMMAND} ${find_with} -D wanted=pcl
                -D CMAKE_DISABLE_FIND_PACKAGE_PCL=ON -B ${work}/build-without-pcl)
-run(${CMAKE_COMMAND} ${find_with} -D wanted=pcl -B ${work}/build-pcl)
-run(${CMAKE_COMMAND} --build ${work}/build-pcl --config "${config}")
-file(GLOB_RECURSE program ${work}/build-pcl/components)
-run(${program})
+
+# The code of the page for C++, with the least that makes programs of it.
+read_block("Use it in another project" cmake project)
+read_block("PCL clouds" cmake pcl_project)
+read_block("Describe and match" cpp find_places)
+read_block("Interrupting" cpp describe)
+read_block("PCL clouds" cpp describe_pcl)
+file(WRITE ${work}/page/CMakeLists.txt "${project}")
+file(WRITE ${work}/page/main.cpp "${find_places}${describe}" [[
+int main() {
+  std::vector<float> scan;
+  for (int k = 0; k < 400; ++k) scan.push_back(static_cast<float>(k * k % 97));
+  find_places(std::vector(52, scan));
+  const std::vector<unsigned char> grey(300, 128);
+  stop = true;
+  try {
+    describe({scan.data(), 100, 4}, {grey.data(), 100});
+  } catch (const fusionslam::Interrupted&) {
+    std::cout << "interrupted\n";
+  }
+}
+]])
+file(WRITE ${work}/page_pcl/CMakeLists.txt "${pcl_project}")
+file(WRITE ${work}/page_pcl/main.cpp "${describe_pcl}" [[
+#include <iostream>
+int main() {
+  pcl::PointCloud<pcl::PointXYZRGB> cloud;
+  for (int k = 0; k < 100; ++k)
+    cloud.push_back({static_cast<float>(k), static_cast<float>(k * k % 97), 0.1F, 10, 20, 30});
+  std::cout << describe(cloud).size() << " numbers\n";
+}
+]])
+foreach(name page page_pcl)
+  run(${CMAKE_COMMAND} -G ${generator} -D CMAKE_PREFIX_PATH=${work}/prefix
+      -D CMAKE_CXX_COMPILER=${compiler} "-DCMAKE_CXX_FLAGS=${flags}"
+      "-DCMAKE_BUILD_TYPE=${config}" -S ${work}/${name} -B ${work}/${name}/build)
+  run(${CMAKE_COMMAND} --build ${work}/${name}/build --config "${config}")
+  file(GLOB_RECURSE program ${work}/${name}/build/my_robot)
+  run(${program})
+  string(APPEND said "${output}")
+endforeach()
+if(NOT said MATCHES "^0 at distance 0\n.*interrupted\n[0-9]+ numbers\n$")
+  message(FATAL_ERROR "the programs of the page for C++ say:\n${said}")
+endif()
 
 # By pkg-config, which knows no CMake.
 find_program(pkg_config NAMES pkg-config pkgconf)

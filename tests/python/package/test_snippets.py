@@ -33,6 +33,18 @@ def test_every_code_block_names_a_language_that_is_run_or_is_text() -> None:
         assert set(opening) <= LANGUAGES, page
 
 
+def test_ctest_builds_every_block_of_cpp_and_cmake() -> None:
+    written = [
+        (page.name, language)
+        for page in PAGES
+        for language in FENCE.findall(page.read_text(encoding="utf-8"))
+        if language in {"cpp", "cmake"}
+    ]
+    consumer = (PROJECT / "tests/cpp/consumer.cmake").read_text(encoding="utf-8")
+    built = re.findall(r'^read_block\(".*" (cpp|cmake) \w+\)$', consumer, re.MULTILINE)
+    assert Counter(written) == Counter(("cpp.md", language) for language in built)
+
+
 def test_blocks_that_do_not_run_have_a_known_reason() -> None:
     reasons = Counter[str]()
     for page in PAGES:
