@@ -22,6 +22,10 @@ import yaml
 from sybil import Example, Sybil
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
 
+from fusionslam.cli.system_config import SystemConfig
+from fusionslam.config import merged
+from fusionslam.datasets.calibration import read_calib_yaml
+
 PROJECT = Path(__file__).parent
 
 
@@ -30,12 +34,20 @@ def run_bash(example: Example) -> None:
     _run(["bash", "-e", "-o", "pipefail", "-c", example.parsed])
 
 
-def save_yaml(example: Example) -> None:
-    """Parse a block; save it under the name in its first line, ``# NAME.yaml``, if there is one."""
-    yaml.safe_load(example.parsed)
-    first = example.parsed.splitlines()[0].split()
-    if first[0] == "#" and first[1].rstrip(":").endswith(".yaml"):
-        Path(first[1].rstrip(":")).write_text(example.parsed, encoding="utf-8")
+def check_yaml(example: Example) -> None:
+    """Save a block under the name in its first line, ``# NAME.yaml``, for the next blocks to read.
+
+    A calib.yaml is read here. A block without a name holds parameters of ROS nodes.
+    """
+    first = example.parsed.splitlines()[0]
+    if first.startswith("# "):
+        path = Path(first.removeprefix("# "))
+        path.write_text(example.parsed, encoding="utf-8")
+        if path.name == "calib.yaml":
+            read_calib_yaml(path)
+    else:
+        for changes in yaml.safe_load(example.parsed).values():
+            merged(SystemConfig(), changes)
 
 
 def _run(command: list[str]) -> None:
@@ -47,7 +59,7 @@ def _run(command: list[str]) -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=600,
     )
     assert done.returncode == 0, f"{command[-1]}\n{done.stdout}\n{done.stderr}"
 
@@ -62,6 +74,7 @@ def made_recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     _run(["bash", "-ec", f"fusionslam sim house -o drive.bag --seconds 6 {slow_camera}"])
     _run([sys.executable, "-c", _SMALL_TOWN])
     _run(["bash", "-ec", "fusionslam views record drive.bag -o scenes.npz --features cm2dp"])
+    _run([sys.executable, "-c", _FURNISHED_ROOM])
     turn = np.linspace(0, 4 * np.pi, 60)  # two rounds of a circle
     poses = np.column_stack([np.cos(turn), np.sin(turn), turn % (2 * np.pi)])
     np.savez("small_house.npz", poses=poses, stamps=2.0 * np.arange(60))
@@ -80,14 +93,30 @@ root = record(SimConfig(town=TownConfig(blocks=(1, 1)), drive=drive), "kitti/dat
 (root / "poses" / "00.txt").rename(root / "poses" / "06.txt")
 """
 
+_FURNISHED_ROOM = """
+import trimesh
+
+room = trimesh.Scene()
+for name, size, place in (
+    ("floor", (12, 12, 0.02), (0, 0, -0.01)),
+    ("wall", (12, 0.1, 2.5), (0, 1.5, 1.25)),
+    ("cupboard", (1, 0.5, 1.8), (1, 1, 0.9)),
+):
+    box = trimesh.creation.box(size)
+    box.apply_translation(place)
+    room.add_geometry(box, node_name=name, geom_name=name)
+room.export("small_house.glb")
+"""
+
 
 @pytest.fixture(scope="module")
 def page_folder(made_recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The working folder of one page, with links to the made recordings."""
     folder = tmp_path_factory.mktemp("page")
-    for name in ("drive.bag", "scenes.npz", "small_house.npz", "kitti"):
+    for name in ("drive.bag", "scenes.npz", "small_house.npz", "small_house.glb", "kitti"):
         (folder / name).symlink_to(made_recordings / name)
     (folder / "DATA").symlink_to(made_recordings / "drive.bag")
+    (folder / "other.npz").symlink_to(made_recordings / "scenes.npz")
     here = Path.cwd()
     os.chdir(folder)
     yield folder
@@ -100,7 +129,7 @@ pytest_collect_file = Sybil(
         SkipParser(),
         PythonCodeBlockParser(),
         CodeBlockParser("bash", run_bash),
-        CodeBlockParser("yaml", save_yaml),
+        CodeBlockParser("yaml", check_yaml),
     ],
     patterns=["README.md", "CONTRIBUTING.md", "docs/*.md", "docs/*/*.md", "docs/*/*/*.md"],
     path=str(PROJECT),
