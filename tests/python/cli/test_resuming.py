@@ -86,7 +86,7 @@ def test_the_report_names_the_configuration_of_each_run(kitti: Path, tmp_path: P
     succeeds("report", out)
     config = json.loads((out / "metrics.json").read_text())["config"]
     presets = {name: stages["descriptors"]["preset"] for name, stages in config.items()}
-    assert presets == {"lidar / m2dp": "author", "lidar / cm2dp": "robust"}
+    assert presets == {"lidar / m2dp:author": "author", "lidar / cm2dp": "robust"}
     assert "m2dp author" in (out / "report.html").read_text()
     text = succeeds("eval", out).stdout
     assert "m2dp author" in text and "cm2dp robust" in text

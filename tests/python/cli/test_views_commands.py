@@ -118,13 +118,6 @@ def test_a_bag_becomes_a_scene_set_in_the_robots_frame(tmp_path: Path) -> None:
     assert np.all(np.diff(kept.stamps_ns) > 0)
 
 
-def test_data_that_have_no_robot_say_what_to_set(kitti: Path, tmp_path: Path) -> None:
-    words = ("views", "record", kitti, "-o", tmp_path / "set.npz")
-    assert error_of(1, *words).code == "no-transform"
-    succeeds(*words, "--set", "fusion.frame=scan", "--set", "fusion.ground=none")
-    assert len(SceneSet.load(tmp_path / "set.npz")) == 20
-
-
 def test_tuning_writes_yaml_that_match_reads(scenes: Path, tmp_path: Path) -> None:
     pytest.importorskip("pymoo")
     best = tmp_path / "best.yaml"

@@ -305,7 +305,7 @@ def test_info_tells_what_is_in_a_bag_and_that_it_can_be_fused(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("topic", "word"),
     [
-        ("/camera/image", "no Image"),
+        ("/camera/image", "no images"),
         ("/camera/camera_info", "no CameraInfo of the camera"),
         ("/tf_static", "TF does not link 'camera' and 'velodyne'"),
         ("/points", "no PointCloud2"),

@@ -22,7 +22,7 @@ def said(line: str) -> tuple[str, list[float]]:
 def test_the_square_of_the_docs_ends_as_they_say(tmp_path: Path) -> None:
     text = PAGE.read_text(encoding="utf-8")
     found = re.search(
-        r"```python\n(.*?)```\n\n```\n(.*?)\n\.\.\.\n(.*?)\n```\n(.*)", text, re.DOTALL
+        r"```python\n(.*?)```\n\n```text\n(.*?)\n\.\.\.\n(.*?)\n```\n(.*)", text, re.DOTALL
     )
     assert found is not None
     program, first, last, after = found.groups()
