@@ -20,7 +20,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     index.save(path);
     return 0;
   }
-  std::ofstream(path, std::ios::binary).write(reinterpret_cast<const char*>(data), std::streamsize(size));
+  std::ofstream(path, std::ios::binary)
+      .write(reinterpret_cast<const char*>(data), std::streamsize(size));
   try {
     const auto index = fusionslam::DescriptorIndex::load(path);
     index.query(std::vector<float>(index.dimension(), 0.5f), 3, 1000);

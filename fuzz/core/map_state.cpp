@@ -60,8 +60,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     for (int i = 0; i < 3; ++i) {
       map.on_odometry(0.5, 0.1, 0.2);
       const std::int64_t target = i % std::int64_t(map.size() + 1);
-      const fusionslam::MapAction loop{fusionslam::ActionKind::create_edge, map.current(), target,
-                                       0.1, 0.2, 0.1};
+      const fusionslam::MapAction loop{
+          fusionslam::ActionKind::create_edge, map.current(), target, 0.1, 0.2, 0.1};
       if (map.check(loop).accepted) map.apply(loop);
       map.relax(i == 2);
     }

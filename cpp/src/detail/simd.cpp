@@ -4,9 +4,9 @@
 #include <cpuid.h>
 #endif
 
-#include "simd.hpp"
-
 #include <cstdlib>
+
+#include "simd.hpp"
 
 namespace fusionslam {
 namespace {

@@ -13,6 +13,7 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import OPENING, progress
 from fusionslam.cli.failures import INTERRUPTED, needs_extra
 from fusionslam.cli.recordings import build_recording
+from fusionslam.errors import DataError
 from fusionslam.storage.files import make_folder
 from fusionslam.storage.progress import Step
 
@@ -98,6 +99,7 @@ def ratslam(
     from fusionslam.pipelines.drives import open_drive
     from fusionslam.pipelines.map_events import events_of, expected_drift
     from fusionslam.pipelines.maps import RunRecorder
+    from fusionslam.pipelines.results import refuse_input
     from fusionslam.sim.rendered_images import rendered_images
     from fusionslam.views.recognisers import find_recogniser
 
@@ -118,6 +120,7 @@ def ratslam(
         slam, earlier = _load_map(resume, [*options, *changes])
     with make_folder(output), ExitStack() as shown:
         recording = build_recording()
+        refuse_input(recording, output)
         slam = slam or _new_map(whole, views, recording)
         with progress() as step:
             step(OPENING, 0, 1)
@@ -129,6 +132,8 @@ def ratslam(
                 step=step,
             )
             step(OPENING, 1, 1)
+            if resume is None:
+                _refuse_other_run(output, drive.name)
             assert slam.views is not None  # holds for every named source
             events = events_of(
                 drive,
@@ -146,6 +151,19 @@ def ratslam(
             interrupted = _process_events(recorder, step, watch)
         # Before the live view is closed, so that the map is kept even if its file fails.
         _finish(recorder, output, save, interrupted=interrupted, no_report=no_report)
+
+
+def _refuse_other_run(output: Path, name: str) -> None:
+    """Raise DataError if the folder holds the map of another drive, whose files would mix."""
+    from fusionslam.evaluation.maps.run import RatSlamRun
+
+    path = output / "run.npz"
+    if path.exists() and (earlier := RatSlamRun.load(path).name) != name:
+        raise DataError(
+            f"{output} holds the map of {earlier}: choose another folder or delete this one",
+            code="other-results",
+            fields=(str(output), earlier),
+        )
 
 
 def _finish(

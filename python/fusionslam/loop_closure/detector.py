@@ -333,6 +333,8 @@ class LoopDetector:
     ) -> "tuple[LoopDetector, dict[str, NDArray[Any]]]":
         """``load``, and all arrays in the same file. Raises as ``load``."""
         source = Path(folder)
+        if source.name == FILE and source.is_file():
+            source = source.parent
         if (source / _FORMER_FILE).exists() and not (source / FILE).exists():
             return cls._load_former(source), {}
         with load_archive(source / FILE, FORMAT, "a stored loop detector") as (about, arrays):

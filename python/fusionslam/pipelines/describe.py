@@ -171,6 +171,9 @@ def first_that_works(dataset: "Dataset", action: Callable[[int], T], bad_frames:
     raise DataError(f"{dataset.name}: no frame can be described", code="no-frame")
 
 
+_HOW_TO_SKIP = "--skip-bad-frames, bad_frames='skip', leaves such frames out"
+
+
 @dataclass(frozen=True)
 class _Described:
     """One described frame: index, vectors, number of points, seconds by stage; or why it failed."""
@@ -264,8 +267,10 @@ class _Work:
         except DataError as error:
             if self.bad_frames == "skip":
                 return _Described(index, reason=str(error))
+            # What is wrong with the first frame is wrong with all, more often than not.
+            hint = f" ({_HOW_TO_SKIP})" if index else ""
             with name_frame(self.dataset, index):
-                raise
+                raise DataError(f"{error}{hint}", code=error.code, fields=error.fields) from error
 
     def _describe(self, index: int) -> "_Described":
         watch, vectors = Stopwatch(), {}

@@ -14,8 +14,9 @@ import numpy as np
 from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
-from fusionslam.pipelines.export_folder import log_empty, refuse_input
+from fusionslam.pipelines.export_folder import log_empty
 from fusionslam.pipelines.recording import Recording, name_frame
+from fusionslam.pipelines.results import refuse_input
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import (
     Event,

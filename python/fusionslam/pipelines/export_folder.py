@@ -16,7 +16,7 @@ from fusionslam.datasets.calibration import ON_ROBOT
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.pipelines.recording import Recording, name_frame
-from fusionslam.pipelines.results import Work, claim
+from fusionslam.pipelines.results import Work, claim, refuse_input
 from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.files import atomic_path
 from fusionslam.storage.parallel import ordered_results
@@ -114,16 +114,6 @@ def log_empty(dataset: "Dataset", rows: list[int]) -> None:
         "s" if len(rows) > 1 else "",
         ", ".join(numbers) + more,
     )
-
-
-def refuse_input(recording: Recording, target: Path) -> None:
-    """Raise DataError if writing to ``target`` would replace the input."""
-    source, there = Path(recording.path).resolve(), target.resolve()
-    if there == source or (target.exists() and source.exists() and target.samefile(source)):
-        raise DataError(
-            f"{target} is the recording that is read: write to another place",
-            code="output-is-input",
-        )
 
 
 def _refuse_foreign(root: Path) -> None:

@@ -58,8 +58,9 @@ def claim(folder: str | os.PathLike[str], work: Work) -> Work:
         The work, with the configurations of the earlier work that it does not replace.
 
     Raises:
-        DataError: the folder holds work on other data, or cannot be written.
+        DataError: the folder is the recording or holds work on other data, or cannot be written.
     """
+    refuse_input(work.recording, folder)
     earlier = Work.load(folder)
     if earlier is not None:
         if (_place(earlier.recording), earlier.dataset, earlier.about) != (
@@ -77,6 +78,17 @@ def claim(folder: str | os.PathLike[str], work: Work) -> Work:
         work = replace(work, configs=earlier.configs | work.configs)
     work.save(folder)
     return work
+
+
+def refuse_input(recording: Recording, target: str | os.PathLike[str]) -> None:
+    """Raise DataError if results were to be written into the recording or in its place."""
+    source, there = _place(recording), Path(target).resolve()
+    if there == source or (there.exists() and source.exists() and there.samefile(source)):
+        raise DataError(
+            f"{target} is the recording that is read: write to another place",
+            code="output-is-input",
+            fields=(str(target),),
+        )
 
 
 def forget_demo(folder: str | os.PathLike[str], recording: Recording) -> None:

@@ -9,9 +9,11 @@ import pytest
 import yaml
 
 import fusionslam
+from bags import drive, write_bag
 from cli import (
     FRAMES,
     NO_WINDOW,
+    error_of,
     run,
     succeeds,
     vectors,
@@ -98,3 +100,21 @@ def test_bench_takes_the_source_that_the_configuration_names(kitti: Path, tmp_pa
     assert [path.name for path in (tmp_path / "out" / "descriptors").iterdir()] == [
         "lidar-m2dp.npz"
     ]
+
+
+@pytest.mark.parametrize(
+    "words", [("describe", "-d", "m2dp"), ("loops", "-d", "m2dp"), ("views", "match"), ("ratslam",)]
+)
+def test_results_are_not_written_into_the_recording(kitti: Path, words: tuple[str, ...]) -> None:
+    before = sorted(path.name for path in kitti.iterdir())
+    assert error_of(1, *words, kitti, "-o", kitti).code == "output-is-input"
+    assert sorted(path.name for path in kitti.iterdir()) == before
+
+
+def test_a_map_is_not_written_among_the_files_of_another_drive(kitti: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    succeeds("ratslam", kitti, "-o", out, "--views", "m2dp", "--no-report")
+    succeeds("ratslam", kitti, "-o", out, "--views", "m2dp", "--no-report")
+    write_bag(tmp_path / "other.bag", drive())
+    words = ("ratslam", tmp_path / "other.bag", "-o", out, "--views", "m2dp", "--no-report")
+    assert error_of(1, *words).code == "other-results"

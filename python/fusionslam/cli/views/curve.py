@@ -35,10 +35,12 @@ def curve(
     open_scenes: "Callable[..., SceneSet]",
 ) -> None:
     """Judge the ids at many thresholds, and name the best ones."""
+    from fusionslam.pipelines.results import refuse_input
     from fusionslam.pipelines.views import sweep_thresholds
 
     whole = views_config()
     recording = build_recording()
+    refuse_input(recording, output)
     with progress() as step:
         scenes = open_scenes(recording, whole, step)
         found = sweep_thresholds(

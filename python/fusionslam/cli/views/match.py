@@ -33,6 +33,7 @@ def match(
     no_report: opt.NoReport = False,
 ) -> None:
     """Give each scan the id of its place, as on a robot; judge the ids if true poses are known."""
+    from fusionslam.pipelines.results import refuse_input
     from fusionslam.pipelines.views import run_views
     from fusionslam.views.matcher import ViewMatcher
     from fusionslam.views.recognisers import describe_method
@@ -40,6 +41,7 @@ def match(
     whole = views_config()
     matcher = ViewMatcher(whole.views, fusion=whole.fusion, descriptors=whole.descriptors)
     recording = build_recording()
+    refuse_input(recording, output)
     with progress() as step:
         scenes = open_scenes(recording, whole, step)
         if scenes.poses is not None and not no_report:
