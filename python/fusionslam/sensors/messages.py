@@ -6,7 +6,6 @@ Bags, the simulator and robots deliver these; a ``Synchronizer`` groups them int
 value has the stamp of its header (integer nanoseconds) and the name of its frame.
 """
 
-import math
 import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -35,14 +34,14 @@ def as_stamp(stamp_ns: Any) -> int:
 
 
 def as_nanoseconds(name: str, seconds: float) -> int:
-    """Nanoseconds of a duration. Raises ConfigError unless it is finite and not negative."""
-    if not 0 <= seconds < math.inf:
+    """Nanoseconds of a duration. Raises ConfigError if it is negative or beyond 64 bits."""
+    if not 0 <= seconds < 2**63 / NANOSECONDS:
         raise ConfigError(
-            f"{name} is {seconds}, expected a finite number of seconds, at least 0",
+            f"{name} is {seconds}, expected a number of seconds from 0 to 9e9",
             code="out-of-range",
             fields=(name,),
         )
-    return round(seconds * NANOSECONDS)
+    return round(float(seconds) * NANOSECONDS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

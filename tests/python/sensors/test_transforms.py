@@ -245,7 +245,7 @@ def _pose(place: object, turn: object) -> NDArray[np.float64]:
     return matrix(rotation, [getattr(place, axis) for axis in "xyz"])
 
 
-@pytest.mark.parametrize("seconds", [math.inf, math.nan, -1.0])
+@pytest.mark.parametrize("seconds", [math.inf, math.nan, -1.0, 1e300, 10**400])
 @pytest.mark.parametrize("name", ["history_s", "extrapolation_s"])
 def test_durations_that_are_no_finite_time_are_refused(name: str, seconds: float) -> None:
     with pytest.raises(ConfigError, check=has_code("out-of-range", name)):
