@@ -10,7 +10,7 @@ import typer
 from rich.progress import Progress
 
 from fuzz.results import write_table
-from fuzz.supervisor import CORE, Outcome, core_targets, run_targets
+from fuzz.supervisor import CORE, Outcome, core_targets, run_targets, stored_outcome
 from fuzz.targets import all_targets
 
 
@@ -25,6 +25,9 @@ def main(
     jobs: Annotated[int, typer.Option(help="Targets run at a time.")] = os.cpu_count() or 1,
     seed: Annotated[int, typer.Option(help="Of the generator; 0 for another one each time.")] = 1,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder.")] = Path("out/fuzz"),
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Keep what the folder holds of finished targets.")
+    ] = False,
     write: Annotated[
         bool, typer.Option("--write", help="Write the table of docs/results/robustness.md.")
     ] = False,
@@ -35,10 +38,13 @@ def main(
     if not names:
         raise typer.BadParameter(f"no target is named {', '.join(target or ())}")
     wanted = {name: core_inputs or inputs if name.startswith(CORE) else inputs for name in names}
-    done: list[Outcome] = []
+    folder = output.resolve()
+    stored = [stored_outcome(name, folder) for name in names] if resume else []
+    done = [one for one in stored if one and one.inputs >= wanted[one.target] and not one.findings]
+    left = {name: wanted[name] for name in names if name not in {one.target for one in done}}
     with Progress() as progress:
-        bar = progress.add_task("targets", total=len(names))
-        for outcome in run_targets(wanted, output.resolve(), jobs=jobs, seed=seed):
+        bar = progress.add_task("targets", total=len(left))
+        for outcome in run_targets(left, folder, jobs=jobs, seed=seed):
             done.append(outcome)
             progress.advance(bar)
             progress.console.print(describe(outcome))

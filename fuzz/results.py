@@ -16,7 +16,9 @@ def write_table(outcomes: Iterable[Outcome]) -> None:
     """Write one row a target, and the sums."""
     done = sorted(outcomes, key=lambda outcome: outcome.target)
     rows = [_row(outcome.target, [outcome]) for outcome in done]
-    write_between(PAGE, "fuzz", table(["target", "inputs", *FIGURES], [*rows, _row("all", done)]))
+    text = table(["target", "inputs", *FIGURES], [*rows, _row("all", done)])
+    commits = ", ".join(sorted({outcome.commit for outcome in done}))
+    write_between(PAGE, "fuzz", f"{text}\n\nTried at commit {commits}.")
 
 
 def _row(name: str, outcomes: Sequence[Outcome]) -> list[str]:

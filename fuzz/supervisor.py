@@ -2,14 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs workers, starts them again where a finding ended them, and adds up what they found."""
 
+import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from fuzz import PROJECT
@@ -20,6 +22,7 @@ CORE_BINARIES = PROJECT / "build" / "fuzz" / "fuzz" / "core"
 # libFuzzer's names of what it leaves behind.
 ARTIFACTS = {"crash-": "crashes", "timeout-": "hangs", "oom-": "memory"}
 RESTARTS = 10
+OUTCOME = "outcome.json"
 
 
 @dataclass
@@ -30,6 +33,7 @@ class Outcome:
         accepted, refused, silent, untyped: numbers of inputs.
         crashes, hangs, memory: numbers of ends of the process.
         findings: files that the runs left.
+        commit: of the code that was tried.
     """
 
     target: str
@@ -41,6 +45,7 @@ class Outcome:
     hangs: int = 0
     memory: int = 0
     findings: list[str] = field(default_factory=list)
+    commit: str = ""
 
     @property
     def inputs(self) -> int:
@@ -66,13 +71,24 @@ def run_targets(
             yield future.result()
 
 
+def stored_outcome(name: str, folder: Path) -> Outcome | None:
+    """What an earlier run of a target left in the folder; None before the first."""
+    path = _folder_of(name, folder) / OUTCOME
+    return Outcome(**json.loads(path.read_bytes())) if path.exists() else None
+
+
+def _folder_of(name: str, folder: Path) -> Path:
+    return folder / name.replace("/", "-")
+
+
 def _run_target(name: str, inputs: int, folder: Path, seed: int) -> Outcome:
-    """Run one target until it has had its inputs, or ended too often."""
-    where = folder / name.replace("/", "-")
+    """Run one target until it has had its inputs, or ended too often, and store the outcome."""
+    where = _folder_of(name, folder)
     (where / "corpus").mkdir(parents=True, exist_ok=True)
-    for old in [where / "counts", where / "log.txt", *_artifacts(where)]:
+    for old in [where / "counts", where / "log.txt", where / OUTCOME, *_artifacts(where)]:
         old.unlink(missing_ok=True)
-    outcome = Outcome(name)
+    shutil.rmtree(where / "findings", ignore_errors=True)
+    outcome = Outcome(name, commit=_commit())
     for attempt in range(RESTARTS):
         left = inputs - outcome.inputs
         if left <= 0:
@@ -82,7 +98,14 @@ def _run_target(name: str, inputs: int, folder: Path, seed: int) -> Outcome:
         if status == 0:
             break
     outcome.findings += map(str, sorted((where / "findings").glob("*.txt")))
+    (where / OUTCOME).write_text(json.dumps(asdict(outcome), indent=1), encoding="utf-8")
     return outcome
+
+
+def _commit() -> str:
+    command = ["git", "describe", "--always", "--dirty"]
+    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True)
+    return run.stdout.strip() or "unknown"
 
 
 def _run(name: str, where: Path, inputs: int, seed: int) -> int:
