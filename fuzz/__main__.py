@@ -10,7 +10,7 @@ import typer
 from rich.progress import Progress
 
 from fuzz.results import write_table
-from fuzz.supervisor import CORE, Outcome, core_targets, run_targets, stored_outcome
+from fuzz.supervisor import CORE, Outcome, core_targets, run_targets
 from fuzz.targets import all_targets
 
 
@@ -26,7 +26,7 @@ def main(
     seed: Annotated[int, typer.Option(help="Of the generator; 0 for another one each time.")] = 1,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder.")] = Path("out/fuzz"),
     resume: Annotated[
-        bool, typer.Option("--resume", help="Keep what the folder holds of finished targets.")
+        bool, typer.Option("--resume", help="Count the inputs that the folder holds.")
     ] = False,
     write: Annotated[
         bool, typer.Option("--write", help="Write the table of docs/results/robustness.md.")
@@ -38,13 +38,10 @@ def main(
     if not names:
         raise typer.BadParameter(f"no target is named {', '.join(target or ())}")
     wanted = {name: core_inputs or inputs if name.startswith(CORE) else inputs for name in names}
-    folder = output.resolve()
-    stored = [stored_outcome(name, folder) for name in names] if resume else []
-    done = [one for one in stored if one and one.inputs >= wanted[one.target] and not one.findings]
-    left = {name: wanted[name] for name in names if name not in {one.target for one in done}}
+    done: list[Outcome] = []
     with Progress() as progress:
-        bar = progress.add_task("targets", total=len(left))
-        for outcome in run_targets(left, folder, jobs=jobs, seed=seed):
+        bar = progress.add_task("targets", total=len(names))
+        for outcome in run_targets(wanted, output.resolve(), jobs=jobs, seed=seed, resume=resume):
             done.append(outcome)
             progress.advance(bar)
             progress.console.print(describe(outcome))

@@ -17,7 +17,7 @@ def write_table(outcomes: Iterable[Outcome]) -> None:
     done = sorted(outcomes, key=lambda outcome: outcome.target)
     rows = [_row(outcome.target, [outcome]) for outcome in done]
     text = table(["target", "inputs", *FIGURES], [*rows, _row("all", done)])
-    commits = ", ".join(sorted({outcome.commit for outcome in done}))
+    commits = ", ".join(sorted({commit for outcome in done for commit in outcome.commits}))
     write_between(PAGE, "fuzz", f"{text}\n\nTried at commit {commits}.")
 
 

@@ -22,7 +22,6 @@ CORE_BINARIES = PROJECT / "build" / "fuzz" / "fuzz" / "core"
 # libFuzzer's names of what it leaves behind.
 ARTIFACTS = {"crash-": "crashes", "timeout-": "hangs", "oom-": "memory"}
 RESTARTS = 10
-OUTCOME = "outcome.json"
 
 
 @dataclass
@@ -33,7 +32,7 @@ class Outcome:
         accepted, refused, silent, untyped: numbers of inputs.
         crashes, hangs, memory: numbers of ends of the process.
         findings: files that the runs left.
-        commit: of the code that was tried.
+        commits: of the code that was tried.
     """
 
     target: str
@@ -45,7 +44,7 @@ class Outcome:
     hangs: int = 0
     memory: int = 0
     findings: list[str] = field(default_factory=list)
-    commit: str = ""
+    commits: list[str] = field(default_factory=list)
 
     @property
     def inputs(self) -> int:
@@ -60,45 +59,43 @@ def core_targets() -> list[str]:
 
 
 def run_targets(
-    inputs: Mapping[str, int], folder: Path, *, jobs: int, seed: int
+    inputs: Mapping[str, int], folder: Path, *, jobs: int, seed: int, resume: bool = False
 ) -> Iterator[Outcome]:
-    """Run targets with so many inputs each, ``jobs`` at a time; yields outcomes as they come."""
+    """Run targets with so many inputs each, ``jobs`` at a time; yields outcomes as they come.
+
+    ``resume`` counts the inputs that the folder holds of targets without a finding.
+    """
     with ThreadPoolExecutor(jobs) as pool:
         futures = [
-            pool.submit(_run_target, name, count, folder, seed) for name, count in inputs.items()
+            pool.submit(_run_target, name, count, folder, seed, resume)
+            for name, count in inputs.items()
         ]
         for future in as_completed(futures):
             yield future.result()
 
 
-def stored_outcome(name: str, folder: Path) -> Outcome | None:
-    """What an earlier run of a target left in the folder; None before the first."""
-    path = _folder_of(name, folder) / OUTCOME
-    return Outcome(**json.loads(path.read_bytes())) if path.exists() else None
-
-
-def _folder_of(name: str, folder: Path) -> Path:
-    return folder / name.replace("/", "-")
-
-
-def _run_target(name: str, inputs: int, folder: Path, seed: int) -> Outcome:
+def _run_target(name: str, inputs: int, folder: Path, seed: int, resume: bool) -> Outcome:
     """Run one target until it has had its inputs, or ended too often, and store the outcome."""
-    where = _folder_of(name, folder)
+    where = folder / name.replace("/", "-")
+    stored = where / "outcome.json"
+    outcome = Outcome(**json.loads(stored.read_bytes())) if stored.exists() else Outcome(name)
+    if not resume or not stored.exists() or outcome.findings:
+        outcome = Outcome(name)
+        shutil.rmtree(where / "findings", ignore_errors=True)
+        for old in [where / "counts", where / "log.txt", stored, *_artifacts(where)]:
+            old.unlink(missing_ok=True)
     (where / "corpus").mkdir(parents=True, exist_ok=True)
-    for old in [where / "counts", where / "log.txt", where / OUTCOME, *_artifacts(where)]:
-        old.unlink(missing_ok=True)
-    shutil.rmtree(where / "findings", ignore_errors=True)
-    outcome = Outcome(name, commit=_commit())
-    for attempt in range(RESTARTS):
-        left = inputs - outcome.inputs
-        if left <= 0:
-            break
-        status = _run(name, where, left, seed + attempt)
+    if outcome.inputs >= inputs:
+        return outcome
+    outcome.commits = sorted({*outcome.commits, _commit()})
+    for _ in range(RESTARTS):
+        # Another seed each time: the same one would choose many of the same inputs again.
+        status = _run(name, where, inputs - outcome.inputs, seed + outcome.inputs)
         _count(outcome, where)
-        if status == 0:
+        if status == 0 or outcome.inputs >= inputs:
             break
     outcome.findings += map(str, sorted((where / "findings").glob("*.txt")))
-    (where / OUTCOME).write_text(json.dumps(asdict(outcome), indent=1), encoding="utf-8")
+    stored.write_text(json.dumps(asdict(outcome), indent=1), encoding="utf-8")
     return outcome
 
 

@@ -26,15 +26,15 @@ def test_every_former_finding_belongs_to_a_target() -> None:
     assert folders <= {name.replace("/", "-") for name in TARGETS}
 
 
-def test_a_resumed_run_tries_targets_with_findings_or_too_few_inputs(
+def test_a_resumed_run_counts_the_inputs_of_targets_without_findings(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     targets = ["functions/m2dp", "functions/shot"]
-    ran: list[str] = []
+    ran: dict[str, int] = {}
     findings = {"functions/shot"}
 
     def run(name: str, where: Path, inputs: int, seed: int) -> int:
-        ran.append(name)
+        ran[name] = inputs
         counts = Counts(where)
         for _ in range(inputs):
             counts.add("refused")
@@ -43,15 +43,16 @@ def test_a_resumed_run_tries_targets_with_findings_or_too_few_inputs(
             (where / "findings" / "untyped-1.txt").touch()
         return 0
 
-    def fuzz(inputs: int, resume: bool) -> list[str]:
+    def fuzz(inputs: int, resume: bool) -> dict[str, int]:
         ran.clear()
         with pytest.raises(typer.Exit):
             main(inputs, target=targets, jobs=1, output=tmp_path, resume=resume)
-        return sorted(ran)
+        return dict(ran)
 
     monkeypatch.setattr(supervisor, "_run", run)
-    assert fuzz(10, resume=False) == targets
+    assert fuzz(10, resume=False) == dict.fromkeys(targets, 10)
     findings.clear()
-    assert fuzz(10, resume=True) == ["functions/shot"]
-    assert fuzz(11, resume=True) == targets
-    assert fuzz(11, resume=True) == []
+    assert fuzz(10, resume=True) == {"functions/shot": 10}
+    assert fuzz(15, resume=True) == dict.fromkeys(targets, 5)
+    assert fuzz(15, resume=True) == {}
+    assert fuzz(15, resume=False) == dict.fromkeys(targets, 15)
