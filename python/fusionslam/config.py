@@ -283,9 +283,19 @@ def explain_choice(
     """
     if renamed and value in renamed:
         return f"called {renamed[value]} now"
-    near = difflib.get_close_matches(value, choices, n=1, cutoff=0.5)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"expected one of {', '.join(choices)}{hint}"
+    return f"expected one of {', '.join(choices)}{suggest(value, choices)}"
+
+
+def suggest(value: str, choices: Collection[str]) -> str:
+    """Return "; did you mean 'm2dp'?" with the choice most like the value; empty if none is."""
+    near = nearest_name(value, choices)
+    return f"; did you mean {near!r}?" if near else ""
+
+
+def nearest_name(value: str, choices: Collection[str]) -> str | None:
+    """Return the choice that is spelled most like the value; None if none is like it."""
+    near = difflib.get_close_matches(str(value), choices, n=1, cutoff=0.5)
+    return near[0] if near else None
 
 
 def _names(section: Section) -> str:
@@ -299,8 +309,8 @@ def _explain_unknown_key(path: str, key: str, known: list[str]) -> str:
 
 
 def _hint(name: str, known: Collection[str]) -> str:
-    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
-    return f"did you mean {near[0]!r}? " if near else ""
+    near = nearest_name(name, known)
+    return f"did you mean {near!r}? " if near else ""
 
 
 def _first_problem(error: ValidationError, where: str) -> str:

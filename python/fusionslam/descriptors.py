@@ -84,7 +84,7 @@ def find_descriptor(name: str) -> Descriptor:
     first, preset = split_preset(name)
     if first not in DESCRIPTORS:
         raise ConfigError(
-            f"unknown descriptor {first!r}; known: {', '.join(DESCRIPTORS)}",
+            f"unknown descriptor {first!r}: {explain_choice(first, DESCRIPTORS)}",
             code="unknown-name",
             fields=("descriptors", first),
         )

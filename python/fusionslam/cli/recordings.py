@@ -150,19 +150,17 @@ def _has_world(folder: Path) -> bool:
 
 def _check_name(path: Path) -> None:
     """Raise DataError unless a nonexistent path is the name of a simulated world."""
-    from difflib import get_close_matches
-
+    from fusionslam.config import nearest_name, suggest
     from fusionslam.sim.catalogue import MADE
 
     if str(path) in MADE:
         return
-    near = get_close_matches(str(path), MADE, n=1, cutoff=0.5)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
+    near = nearest_name(str(path), MADE)
     raise DataError(
         f"{path} does not exist: expected a recording, a world's file or one of "
-        f"{', '.join(MADE)}{hint}",
+        f"{', '.join(MADE)}{suggest(str(path), MADE)}",
         code="no-such-data",
-        fields=near,
+        fields=() if near is None else (near,),
     )
 
 

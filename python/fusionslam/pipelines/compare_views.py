@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from fusionslam.config import explain_choice
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.evaluation import (
     PublishedViews,
@@ -96,7 +97,10 @@ def bench_views(
     found = {name: find_method(name) for name in methods}
     for frame in frames:
         if frame not in FRAMES:
-            raise ConfigError(f"frame is {frame!r}, expected one of {', '.join(FRAMES)}")
+            problem = explain_choice(frame, FRAMES)
+            raise ConfigError(
+                f"frame is {frame!r}, {problem}", code="choice", fields=("frame", frame)
+            )
     for drive in drives:
         # Load every drive first, so that a bad one fails before any is compared.
         logger.info("%s: %d scans", drive.name, len(drive.scenes))

@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.config import explain_choice
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, simulate_odometry
 from fusionslam.geometry.trajectory import Trajectory
@@ -169,7 +170,7 @@ def motions_of(
     if chosen == "truth+noise":
         return _noise_title(errors), _simulate_motions(drive, errors)
     raise ConfigError(
-        f"odometry is {odometry!r}, expected one of {', '.join(ODOMETRY)}",
+        f"odometry is {odometry!r}, {explain_choice(str(odometry), ODOMETRY)}",
         code="choice",
         fields=("odometry", str(odometry)),
     )

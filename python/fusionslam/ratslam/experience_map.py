@@ -22,6 +22,7 @@ from fusionslam._core import ExperienceMapConfig as CoreMapConfig
 from fusionslam.config import Section, core_section, merged
 from fusionslam.errors import DataError
 from fusionslam.evaluation.maps.run import LINK
+from fusionslam.help_texts import counted
 from fusionslam.ratslam.actions import Action
 from fusionslam.storage.arrays import Floats
 
@@ -112,6 +113,10 @@ class ExperienceMap:
     def __setstate__(self, stored: Mapping[str, Any]) -> None:
         ExperienceMap.__init__(self, stored["config"])
         self.restore(stored["state"])
+
+    def __repr__(self) -> str:
+        sizes = f"{counted(len(self.nodes), 'node')}, {counted(len(self.links), 'link')}"
+        return f"<ExperienceMap {self.config.preset}: {sizes}>"
 
     @property
     def nodes(self) -> Floats:

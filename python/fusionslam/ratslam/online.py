@@ -10,11 +10,12 @@
 ['node 0 made of view 0']
 """
 
+import copy
 import logging
 import os
 import threading
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,8 @@ class OnlineRatSlam:
 
     The steps do not depend on interleaving and rate: they equal those of a recording of the same
     messages. Odometry counts from the last message before the first view. An event is processed
-    once odometry and views have both reached its stamp (``order``). Thread-safe.
+    once odometry and views have both reached its stamp (``order``). Thread-safe. It
+    can be sent to another process, with the events that wait.
 
     Args:
         config: None for the defaults.
@@ -89,6 +91,16 @@ class OnlineRatSlam:
         self._here: tuple[Ground, Odometry] | None = None
         self._before: Event | None = None
         self._start(RatSlam(self.config.ratslam, views=GivenViews()))
+
+    def __getstate__(self) -> dict[str, Any]:
+        with delay_interrupts(), self._lock:
+            return copy.deepcopy({k: value for k, value in vars(self).items() if k != "_lock"})
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        vars(self).update(state, _lock=threading.Lock())
+
+    def __repr__(self) -> str:
+        return f"<OnlineRatSlam of {self.slam!r}>"
 
     def _start(self, slam: RatSlam) -> None:
         newest_ns = slam.memory.newest_ns

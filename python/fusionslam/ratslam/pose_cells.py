@@ -140,6 +140,11 @@ class PoseCells:
         PoseCells.__init__(self, stored["config"])
         self.restore(stored["state"])
 
+    def __repr__(self) -> str:
+        sizes = " x ".join(str(size) for size in self.activity.shape)
+        places = ", ".join(f"{value:.3g}" for value in self.best)
+        return f"<PoseCells {self.config.preset}: {sizes} cells, best at {places}>"
+
     @property
     def activity(self) -> Floats:
         """A copy of the activity, float64 (36, n, n) by th, y, x; not negative.

@@ -178,6 +178,10 @@ class RatSlam:
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         vars(self).update(state, _lock=threading.RLock())
 
+    def __repr__(self) -> str:
+        views = "given ids" if self.views is None else self.views.title
+        return f"<RatSlam, views {views}: {self.map!r}>"
+
     @property
     def preset(self) -> str:
         """The preset of the map, which decides whether loops are checked."""

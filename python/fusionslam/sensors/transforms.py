@@ -6,7 +6,6 @@ Foote 2013, "tf: The transform library". Between two samples, positions are inte
 and rotations at constant angular velocity.
 """
 
-import difflib
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fusionslam.config import nearest_name
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, as_nanoseconds, as_stamp
 from fusionslam.storage.arrays import Matrix
@@ -212,8 +212,8 @@ class TransformTree:
         frames, bare = self.frames, _name(name)
         if bare in frames:
             return bare
-        near = difflib.get_close_matches(bare, frames, n=1, cutoff=0.5)
-        hint = f"did you mean '{near[0]}'? " if near else ""
+        near = nearest_name(bare, frames)
+        hint = f"did you mean {near!r}? " if near else ""
         known = ", ".join(frames) or "none"
         raise TransformError(
             f"no frame '{bare}'; {hint}known: {known}",

@@ -5,13 +5,12 @@
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fusionslam.config import Section, merged
+from fusionslam.config import Section, merged, suggest
 from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.indoor import INDOOR_WORLDS
@@ -71,10 +70,9 @@ MADE: dict[str, Entry] = {
 def check_world(name: str) -> None:
     """Raise DataError unless the name is a procedural world or an existing path."""
     if name not in MADE and not Path(name).exists():
-        near = get_close_matches(name, MADE, n=1, cutoff=0.5)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
         raise DataError(
-            f"{name}: no such world, file or folder, expected {', '.join(MADE)} or a path{hint}"
+            f"{name}: no such world, file or folder, expected {', '.join(MADE)} or a path"
+            f"{suggest(name, MADE)}"
         )
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import model_validator
 
-from fusionslam.config import Section, option, with_file
+from fusionslam.config import Section, option, suggest, with_file
 from fusionslam.errors import ConfigError
 from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.geometry.rigid import rotation
@@ -103,7 +103,10 @@ def robot_named(name: str | Path) -> RobotConfig:
     known = robot_names()
     path = _ROBOTS / f"{name}.yaml" if str(name) in known else Path(name)
     if path.suffix not in (".yaml", ".yml"):
-        raise ConfigError(f"robot {str(name)!r}: expected {', '.join(known)} or a .yaml file")
+        raise ConfigError(
+            f"robot {str(name)!r}: expected {', '.join(known)} or a .yaml file"
+            f"{suggest(str(name), known)}"
+        )
     try:
         robot = with_file(RobotConfig(), path, new_names=True)
     except ConfigError as error:

@@ -15,6 +15,7 @@ from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
 from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
+from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Frame
 from fusionslam.storage.archive import check_types, load_archive, save_archive
 from fusionslam.storage.files import PathLike
@@ -81,6 +82,10 @@ class ViewMatcher:
         stream = io.BytesIO()
         self.save(stream)
         return _load, (type(self), stream.getvalue(), self.comparison if self._is_custom else None)
+
+    def __repr__(self) -> str:
+        stored, seen = counted(len(self), "stored view"), counted(self._stats.processed, "scan")
+        return f"<ViewMatcher {self.comparison.kind}: {stored}, {seen}>"
 
     @property
     def stats(self) -> ViewStats:

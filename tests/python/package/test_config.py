@@ -3,6 +3,7 @@
 """Configuration: one definition of each value, the same in the core, Python, YAML and --set."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,14 @@ from pydantic import ValidationError
 import fusionslam
 from fusionslam import ConfigError, GroundPlaneConfig, M2dpConfig, PipelineConfig, StereoConfig
 from fusionslam.config import Section, merged, walk, with_file, with_settings
-from fusionslam.descriptors import M2dpSection
+from fusionslam.descriptors import M2dpSection, find_descriptor
+from fusionslam.errors import FusionSlamError
+from fusionslam.evaluation.loops.protocols import find_protocol
 from fusionslam.fusion import PlaneSection, StereoSection
+from fusionslam.pipelines.methods import find_method
+from fusionslam.sim.catalogue import check_world
+from fusionslam.sim.robot import robot_named
+from fusionslam.views.recognisers import find_recogniser
 
 SECTIONS: list[tuple[type[Any], type[Section]]] = [
     (M2dpConfig, M2dpSection),
@@ -153,6 +160,20 @@ def test_unknown_presets_and_choices_name_those_there_are() -> None:
         M2dpConfig(preset="best")
     with pytest.raises(ConfigError, match=r"stereo\.method .*'magic'.* bm, sgbm"):
         StereoConfig(method="magic")
+
+
+def test_the_nearest_name_is_offered_whatever_registry_refuses_one() -> None:
+    refusals: list[tuple[Callable[[str], object], str, str]] = [
+        (find_descriptor, "cm2pd", "cm2dp"),
+        (find_recogniser, "alignmet", "alignment"),
+        (find_method, "two_stage", "two_stages"),
+        (find_protocol, "revisits", "revisit"),
+        (check_world, "hous", "house"),
+        (robot_named, "turtlebot3_waffle", "turtlebot3_waffle_pi"),
+    ]
+    for find, wrong, near in refusals:
+        with pytest.raises(FusionSlamError, match=f"'{near}'"):
+            find(wrong)
 
 
 # The whole configuration

@@ -13,7 +13,15 @@ import numpy as np
 import pytest
 
 from bags import drive, write_bag
-from drives import circle_events, everything, same, take
+from drives import (
+    circle_events,
+    everything,
+    process_all,
+    process_and_flush,
+    replace_sightings,
+    same,
+    take,
+)
 from fusionslam.cli.system_config import SystemConfig
 from fusionslam.config import Section
 from fusionslam.datasets.streams import GapsError, MissingSensorError
@@ -25,7 +33,14 @@ from fusionslam.loop_closure.detector import Loop
 from fusionslam.pipelines.drives import open_drive
 from fusionslam.pipelines.maps import run_ratslam
 from fusionslam.pipelines.views import run_views
-from fusionslam.ratslam import ExperienceMap, MatcherSource, PoseCells, RatSlam, TemplateSource
+from fusionslam.ratslam import (
+    ExperienceMap,
+    MatcherSource,
+    OnlineRatSlam,
+    PoseCells,
+    RatSlam,
+    TemplateSource,
+)
 from fusionslam.ratslam.view_sources import build_view_source
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.transforms import TransformError, TransformTree
@@ -155,6 +170,16 @@ def test_a_map_is_continued_in_another_process(worker: ProcessPoolExecutor) -> N
     one = RatSlam(views=build_view_source("objects"))
     take(one, events[:-1])
     assert worker.submit(one.step, events[-1]).result() == one.step(events[-1])
+
+
+def test_an_online_map_is_continued_elsewhere_with_the_events_that_wait() -> None:
+    messages = replace_sightings(circle_events(1.3))
+    one = OnlineRatSlam()
+    process_all(one, [object(), *messages[:200]])
+    other = sent(one)
+    assert other.refused == one.refused and other.last == one.last
+    assert process_and_flush(other, messages[200:]) == process_and_flush(one, messages[200:])
+    assert same(everything(other.slam), everything(one.slam))
 
 
 @pytest.mark.parametrize("name", ["alignment", "objects", "visual_templates"])

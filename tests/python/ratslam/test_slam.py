@@ -18,8 +18,18 @@ from drives import (
     take,
 )
 from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.ratslam import ActionKind, Look, Motion, RatSlam, Sighting, Step, TemplateSource
+from fusionslam.ratslam import (
+    ActionKind,
+    Look,
+    Motion,
+    OnlineRatSlam,
+    RatSlam,
+    Sighting,
+    Step,
+    TemplateSource,
+)
 from fusionslam.ratslam.events import Event
+from fusionslam.ratslam.view_sources import build_view_source
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Picture
 from refusals import refuses
@@ -207,3 +217,13 @@ def test_wrong_values_are_named() -> None:
         RatSlam(prese="robust")
     with pytest.raises(ConfigError, match="gap"):
         RatSlam(gap=0)
+
+
+def test_what_maps_shows_what_it_holds_in_one_line() -> None:
+    slam = RatSlam(views=build_view_source("objects"), preset="openratslam")
+    take(slam, circle_events(0.3))
+    graph = f"openratslam: {len(slam.map.nodes)} nodes, {len(slam.map.links)} links"
+    assert graph in repr(slam.map) and graph in repr(slam) and "objects" in repr(slam)
+    assert "36 x 20 x 20" in repr(slam.cells) and "openratslam" in repr(slam.cells)
+    assert repr(RatSlam()) in repr(OnlineRatSlam())
+    assert all("\n" not in repr(each) for each in (slam, slam.map, slam.cells))

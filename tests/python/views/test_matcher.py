@@ -92,6 +92,7 @@ def test_scans_with_nothing_to_recognise_have_no_view_and_are_not_stored() -> No
     places = (0, -1, 1, -1, 0)
     assert ids(one, places) == [0, NO_VIEW, 1, NO_VIEW, 0]
     assert (one.stats.nothing, one.stats.stored, one.stats.processed) == (2, 2, 5)
+    assert "2 stored views" in repr(one) and "5 scans" in repr(one)
     found = one.process(NOTHING)
     assert (found.id, found.is_new, found.stored) == (-1, False, False)
     assert "min_objects" in found.reason
