@@ -3,6 +3,7 @@
 """Bags that are cut, damaged, or written to disks that are full."""
 
 import os
+import struct
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -105,7 +106,55 @@ def test_one_message_that_cannot_be_decoded_is_left_out_counted_and_named(
     assert all(len(frame.points) == 41 and frame.images["left"].any() for frame in dataset)
     assert len(dataset.motion("odometry")) == (100 if topic == "/odom" else 101)
     out = " ".join(succeeds("info", path).stdout.split())
-    assert f"1 message: {path}: {topic}, arrived at {MIDDLE} ns" in out
+    assert f"1 message: {topic}, arrived at {MIDDLE} ns" in out
+
+
+# Height and width as stored, and wrong ones, by topic.
+SIZES = {
+    "/points": (struct.pack("<II", 1, 41), struct.pack("<II", 1, 42)),
+    "/camera/image": (struct.pack("<II", 48, 64), struct.pack("<II", 96, 64)),
+}
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("topic", [*SIZES])
+def test_a_scan_or_image_shorter_than_it_says_is_left_out_by_every_command(
+    tmp_path: Path, suffix: str, topic: str
+) -> None:
+    def bend(name: str, time_ns: int, data: bytes) -> bytes:
+        return data.replace(*SIZES[topic], 1) if (name, time_ns) == (topic, MIDDLE) else data
+
+    path = write_bag(tmp_path / f"drive.{suffix}", drive(), bend=bend)
+    dataset = open_dataset(path)
+    assert isinstance(dataset, BagDataset)
+    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    assert len(dataset) == (4 if topic == "/points" else 5)
+    assert all(len(frame.points) == 41 and frame.images["left"].any() for frame in dataset)
+    images = dataset.camera_images()
+    assert images is not None and len(images.seconds) == (21 if topic == "/points" else 20)
+    assert all(images.image(row).any() for row in range(len(images.seconds)))
+    for command in ("fuse", "views record"):
+        to = tmp_path / f"{command}.npz" if command != "fuse" else tmp_path / command
+        succeeds(*command.split(), path, "-o", to)
+
+
+@pytest.mark.parametrize("stored", ["jpeg", "png"])
+def test_a_picture_that_is_cut_is_left_out(tmp_path: Path, stored: str) -> None:
+    first = b"\xff\xd8" if stored == "jpeg" else b"\x89PNG"
+
+    def bend(name: str, time_ns: int, data: bytes) -> bytes:
+        if (name, time_ns) != ("/camera/image", MIDDLE):
+            return data
+        start = data.index(first)
+        half = (len(data) - start) // 2
+        return data[: start - 4] + struct.pack("<I", half) + data[start : start + half]
+
+    path = write_bag(tmp_path / "drive.bag", drive(), bend=bend, images=stored)
+    dataset = open_dataset(path)
+    assert isinstance(dataset, BagDataset)
+    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    assert dataset.counts["left"] == 20
+    assert all(frame.images["left"].any() for frame in dataset)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

@@ -127,13 +127,18 @@ def write_bag(
     events: Iterable[Event],
     *,
     cut: Callable[[str, int], bool] = lambda topic, time_ns: False,
+    bend: Callable[[str, int, bytes], bytes] = lambda topic, time_ns, data: data,
     **options: Any,
 ) -> Path:
-    """Write a bag; messages that ``cut`` chooses by topic and time lose their last 20 bytes."""
+    """Write a bag; messages that ``cut`` chooses by topic and time lose their last 20 bytes.
+
+    ``bend`` changes the bytes of a message, by topic and time.
+    """
     with open_writer(path, **options) as bag:
         write = bag._writer.write
 
         def write_some(connection: Any, time_ns: int, data: Any) -> None:
+            data = bend(connection.topic, time_ns, bytes(data))
             write(connection, time_ns, data[:-20] if cut(connection.topic, time_ns) else data)
 
         bag._writer.write = write_some

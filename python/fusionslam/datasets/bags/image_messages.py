@@ -35,10 +35,16 @@ _RGB_FROM_YUV = np.array(
 )
 # The colours of the upper left 2x2 pixels, row by row.
 _BAYER = {f"bayer_{pattern}8": pattern for pattern in ("rggb", "bggr", "gbrg", "grbg")}
+# Bytes per pixel.
+_CHANNELS = {name: channels for name, (channels, _) in _LAYOUTS.items()}
+_CHANNELS |= dict.fromkeys(_BAYER, 1) | dict.fromkeys(_YUV, 2)
 _GREY_MODES = ("L", "1")
 _COLOR_MODES = ("RGB", "RGBA", "P", "LA", "PA", "CMYK", "YCbCr")
 # Errors that Pillow raises on damaged pictures or on absurd declared sizes.
 _UNDECODABLE = (OSError, SyntaxError, ValueError, struct.error, Image.DecompressionBombError)
+# First and last bytes of JPEG and PNG pictures; cameras may append zeros.
+_ENDS = ((b"\xff\xd8", b"\xff\xd9"), (b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"))
+_PADDING = 4096
 STORED = ("raw", "jpeg", "png")
 """Formats in which pictures can be stored in a bag."""
 JPEG_QUALITY = 95
@@ -51,21 +57,27 @@ def image_of(message: Any) -> Pixels:
         DataError: the encoding is not supported, or the data is shorter than the message says.
     """
     encoding = message.encoding
+    if encoding not in _CHANNELS:
+        raise DataError(f"field 'encoding' is '{encoding}', expected one of {', '.join(_CHANNELS)}")
+    pixels = _rows(message, _CHANNELS[encoding])
     if encoding in _BAYER:
-        return demosaic(_rows(message, 1)[:, :, 0].copy(), _BAYER[encoding])
+        return demosaic(pixels[:, :, 0].copy(), _BAYER[encoding])
     if encoding in _YUV:
-        return _rgb_of_yuv(_rows(message, 2), *_YUV[encoding])
-    if encoding not in _LAYOUTS:
-        known = ", ".join([*_LAYOUTS, *_BAYER, *_YUV])
-        raise DataError(f"field 'encoding' is '{encoding}', expected one of {known}")
-    channels, order = _LAYOUTS[encoding]
-    pixels = _rows(message, channels)
+        return _rgb_of_yuv(pixels, *_YUV[encoding])
+    order = _LAYOUTS[encoding][1]
     # A copy, so that the message's buffer can be freed.
     return (
         pixels[:, :, 0].copy()
         if len(order) == 1
         else np.stack([pixels[:, :, k] for k in order], axis=2)
     )
+
+
+def check_image(message: Any) -> None:
+    """Raise DataError if the data of a sensor_msgs/Image do not fit its size."""
+    # Images of other encodings, such as depth, may lie in a bag unused.
+    if message.encoding in _CHANNELS:
+        _rows(message, _CHANNELS[message.encoding])
 
 
 def _rows(message: Any, channels: int) -> Pixels:
@@ -122,6 +134,19 @@ def compressed_image_of(message: Any) -> Pixels:
     # "bgr8; jpeg compressed rgb8": the encoder expects BGR but was given RGB.
     swapped = "rgb8" in message.format.partition("compressed")[2]
     return np.ascontiguousarray(pixels[:, :, ::-1]) if swapped and pixels.ndim == 3 else pixels
+
+
+def check_compressed_image(message: Any) -> None:
+    """Raise DataError if a sensor_msgs/CompressedImage in JPEG or PNG is no such picture, or cut.
+
+    Only pictures that do not begin and end as they should are decoded, which takes long.
+    """
+    data, name = np.frombuffer(message.data, dtype=np.uint8), message.format.lower()
+    if "compresseddepth" in name or not any(each in name for each in ("jpeg", "jpg", "png")):
+        return
+    start, end = data[:8].tobytes(), data[-_PADDING:].tobytes().rstrip(b"\0")
+    if not any(start.startswith(first) and end.endswith(last) for first, last in _ENDS):
+        compressed_image_of(message)
 
 
 def _decode(picture: Image.Image) -> Pixels:

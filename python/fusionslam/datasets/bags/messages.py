@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.bags.image_messages import (
+    check_compressed_image,
+    check_image,
     compressed_image_of,
     compressed_parts,
     image_of,
     image_parts,
 )
-from fusionslam.datasets.bags.pointcloud import cloud_parts, scan_from
+from fusionslam.datasets.bags.pointcloud import check_scan, cloud_parts, scan_from
 from fusionslam.errors import DataError, naming
 from fusionslam.sensors.messages import (
     NANOSECONDS,
@@ -60,14 +62,27 @@ def value_of(message: Any, type_name: str, topic: str) -> Message:
     Raises:
         DataError: the message is inconsistent or cannot be used; names topic, stamp and field.
     """
-    when = ""
-    if hasattr(message, "header"):
-        seconds, nanoseconds = divmod(stamp_of(message.header.stamp), NANOSECONDS)
-        when = f" at {seconds}.{nanoseconds:09d} s"
-    with naming(topic + when):
+    with naming(topic + _when(message)):
         if plain_type(type_name) in _TRANSFORMS:
             return _transforms(message, is_static(topic))
         return _VALUES[plain_type(type_name)](message)
+
+
+def check_data(message: Any, type_name: str, topic: str) -> None:
+    """Raise DataError if a scan or image cannot be converted since its data do not fit its size.
+
+    Unlike ``value_of`` it converts nothing, so it is quick enough for every message of a bag.
+    """
+    if check := _CHECKS.get(plain_type(type_name)):
+        with naming(topic + _when(message)):
+            check(message)
+
+
+def _when(message: Any) -> str:
+    if not hasattr(message, "header"):
+        return ""
+    seconds, nanoseconds = divmod(stamp_of(message.header.stamp), NANOSECONDS)
+    return f" at {seconds}.{nanoseconds:09d} s"
 
 
 def stamp_of(time: Any) -> int:
@@ -141,6 +156,11 @@ _VALUES: dict[str, Callable[[Any], Message]] = {
     "sensor_msgs/CompressedImage": lambda m: _picture(m, compressed_image_of(m)),
     "sensor_msgs/CameraInfo": _camera_info,
     "nav_msgs/Odometry": _odometry,
+}
+_CHECKS: dict[str, Callable[[Any], None]] = {
+    "sensor_msgs/PointCloud2": check_scan,
+    "sensor_msgs/Image": check_image,
+    "sensor_msgs/CompressedImage": check_compressed_image,
 }
 _TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
 

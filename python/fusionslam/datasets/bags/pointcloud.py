@@ -44,6 +44,11 @@ def scan_from(message: Any, stamp_ns: int, frame_id: str) -> Scan:
     )
 
 
+def check_scan(message: Any) -> None:
+    """Raise DataError if the data of a sensor_msgs/PointCloud2 do not fit its size and fields."""
+    _cells(message)
+
+
 def _cells(message: Any) -> NDArray[Any]:
     """View the points as (N,) records, without a copy."""
     dtype = _record(message)

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from fusionslam.datasets.bags.messages import is_known, plain_type, value_of
+from fusionslam.datasets.bags.messages import check_data, is_known, plain_type, value_of
 from fusionslam.datasets.bags.stores import need_rosbags, type_store
 from fusionslam.errors import DataError, naming
 from fusionslam.sensors.messages import Event, Message
@@ -180,11 +180,11 @@ class Bag:
         try:
             for stored in self._messages(reader, names, start, stop):
                 try:
-                    with naming(self.path):
-                        raw = self._decode(*stored)
+                    raw = self._decode(*stored)
                 except DataError as error:
                     if on_error is None:
-                        raise
+                        with naming(self.path):
+                            raise
                     on_error(stored[0].topic, stored[1], error)
                 else:
                     yield raw
@@ -251,7 +251,7 @@ class Bag:
         deserialize = store.deserialize_ros1 if self.kind == "rosbag1" else store.deserialize_cdr
         type_name = plain_type(connection.msgtype)
         try:
-            return RawMessage(topic, type_name, time_ns, deserialize(data, connection.msgtype))
+            content = deserialize(data, connection.msgtype)
         except Exception as error:
             raise DataError(
                 f"{topic}, arrived at {time_ns} ns: {len(data)} bytes are no {type_name} "
@@ -259,6 +259,11 @@ class Bag:
                 code="undecodable",
                 fields=(topic,),
             ) from error
+        try:
+            check_data(content, type_name, topic)
+        except DataError as error:
+            raise DataError(str(error), code="undecodable", fields=(topic,)) from error
+        return RawMessage(topic, type_name, time_ns, content)
 
     def _check_definition(self, connection: "Connection") -> None:
         """Check a ROS 1 type's MD5 sum against the definition used here; * matches any."""

@@ -113,7 +113,7 @@ class Evidence:
         topics = [topic for role, topic in roles.items() if role != "truth"]
         topics += [each.name for each in self.bag.topics.values() if each.type in TRANSFORM_TYPES]
         right = [roles.get(role) for role in ("right", INFO_ROLES["right"])]
-        for raw in self.bag.raw(topics):
+        for raw in self.bag.raw(topics, on_error=lambda *_: None):
             with suppress(DataError):
                 value = self._usable(raw.value(), raw.time_ns)
                 if value is not None:
