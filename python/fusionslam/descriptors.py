@@ -103,6 +103,16 @@ def for_preset(config: DescriptorConfig, name: str) -> DescriptorConfig:
     return config if preset is None else merged(config, {"preset": preset})
 
 
+def with_preset(name: str, config: DescriptorConfig) -> str:
+    """Return a descriptor's name with its preset, if it has any: "cm2dp:robust".
+
+    Raises:
+        ConfigError: an unknown name or preset.
+    """
+    kind = find_descriptor(name)
+    return f"{kind.name}:{for_preset(config, name).preset}" if kind.presets else kind.name
+
+
 def in_file_names(name: str) -> str:
     """Return a descriptor's name as files contain it: cm2dp-author."""
     return name.replace(":", "-")

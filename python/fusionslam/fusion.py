@@ -150,7 +150,7 @@ def remove_ground(frame: Frame, cloud: Cloud, config: FusionConfig) -> Cloud:
     if len(kept) == len(cloud):
         logger.warning(
             "frame %d: no ground found, all points are kept",
-            frame.index,
+            frame.number,
             extra={PER_FRAME: "no ground found, all points are kept"},
         )
     return subset(cloud, kept)
@@ -169,16 +169,16 @@ def frame_from_points(frame: Frame, name: CloudFrame) -> NDArray[np.float64]:
     needs = f"which fusion.frame={name} needs"
     if frame.robot_from_points is None:
         raise DataError(
-            f"frame {frame.index} does not say where its scan is on the robot, {needs}: give "
-            "robot_from_points in a calib.yaml (--calib, or in a plain folder), or TF in a bag; or "
-            "take the scan's frame (--set fusion.frame=scan)",
+            f"frame {frame.number} does not say where its scan is on the robot, {needs}: give "
+            "robot_from_points in a calib.yaml, or TF in a bag; FusionConfig(frame='scan') keeps "
+            "the scan's frame",
             code="no-transform",
             fields=(name,),
         )
     if name == "robot":
         return frame.robot_from_points
     if frame.odometry is None:
-        message = f"frame {frame.index} has no odometry, {needs}"
+        message = f"frame {frame.number} has no odometry, {needs}"
         raise DataError(message, code="no-odometry", fields=(name,))
     return np.asarray(frame.odometry @ frame.robot_from_points, dtype=np.float64)
 
@@ -191,7 +191,7 @@ def subset(cloud: Cloud, indices: NDArray[np.int64]) -> Cloud:
 
 
 def _lidar_cloud(frame: Frame, config: FusionConfig) -> Cloud:
-    scan, camera, image = _scan(frame), _camera(frame, "left"), _image(frame, "left")
+    scan, image, camera = _scan(frame), _image(frame, "left"), _camera(frame, "left")
     points, colors, _ = colorize(
         scan.points, image, camera.projection_from_points, interpolation=config.interpolation
     )
@@ -217,12 +217,12 @@ def _stereo_cloud(frame: Frame, config: FusionConfig) -> Cloud:
 def _scan(frame: Frame) -> Cloud:
     """The frame's scan without invalid points."""
     if frame.points is None:
-        message = f"frame {frame.index} has no scan, which this source (fusion.source) needs"
+        message = f"frame {frame.number} has no scan{_suggest_source(frame)}"
         raise DataError(message, code="missing-sensor", fields=("points",))
     scan = Cloud(frame.points, frame.colors)
     if scan.colors is not None and scan.colors.shape != (len(scan), 3):
         raise ShapeError(
-            f"frame {frame.index}: colors have shape {scan.colors.shape}, expected "
+            f"frame {frame.number}: colors have shape {scan.colors.shape}, expected "
             f"({len(scan)}, 3), one of each point",
             fields=("colors",),
         )
@@ -230,7 +230,7 @@ def _scan(frame: Frame) -> Cloud:
     if len(valid) < len(scan):
         logger.warning(
             "frame %d: dropped %s with NaN or infinity",
-            frame.index,
+            frame.number,
             counted(len(scan) - len(valid), "point"),
             extra={PER_FRAME: "points with NaN or infinity are dropped"},
         )
@@ -240,8 +240,8 @@ def _scan(frame: Frame) -> Cloud:
 def _camera(frame: Frame, name: str) -> Camera:
     if name not in frame.cameras:
         message = (
-            f"frame {frame.index} has no calibration of the {name} camera: give one (--calib), or "
-            "take clouds as they are (--set fusion.source=cloud)"
+            f"frame {frame.number} has no calibration of the {name} camera (a recording takes a "
+            f"calib.yaml){_suggest_source(frame)}"
         )
         raise DataError(message, code="no-calibration", fields=(name,))
     return frame.cameras[name]
@@ -249,20 +249,26 @@ def _camera(frame: Frame, name: str) -> Camera:
 
 def _image(frame: Frame, name: str) -> NDArray[np.uint8]:
     if name not in frame.images:
-        message = (
-            f"frame {frame.index} has no {name} image, which this source needs: "
-            "fusion.source=cloud takes clouds as they are"
-        )
+        message = f"frame {frame.number} has no {name} image{_suggest_source(frame)}"
         raise DataError(message, code="missing-sensor", fields=(name,))
     image, size = frame.images[name], _camera(frame, name).size
     if size is not None and size != (image.shape[1], image.shape[0]):
         raise DataError(
-            f"frame {frame.index}: the {name} image is {image.shape[1]}x{image.shape[0]}, "
+            f"frame {frame.number}: the {name} image is {image.shape[1]}x{image.shape[0]}, "
             f"its calibration is for {size[0]}x{size[1]}",
             code="image-size",
             fields=(name,),
         )
     return image
+
+
+def _suggest_source(frame: Frame) -> str:
+    """Name a source for which the frame has all sensors, as the end of a message."""
+    if frame.has_points:
+        return ": fusion=FusionConfig(source='cloud') takes scans as they are"
+    if {"left", "right"} <= set(frame.images):
+        return ": fusion=FusionConfig(source='stereo') needs no scans"
+    return ""
 
 
 def _ground_frame(config: FusionConfig) -> CloudFrame:

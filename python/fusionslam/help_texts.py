@@ -5,11 +5,20 @@
 The command line answers ``--help`` before it can load the configuration, so both read it here.
 """
 
+from collections.abc import Iterable
+from itertools import islice
+
 
 def counted(count: int, noun: str, form: str = "") -> str:
     """Return a count with its noun, which takes an s unless the count is 1: "1 frame"."""
     plural = f"{noun[:-1]}ies" if noun.endswith("ry") else f"{noun}s"
     return f"{count:{form}} {noun if count == 1 else plural}"
+
+
+def listed(items: Iterable[object], most: int = 8) -> str:
+    """Return the first items, and dots if there are more: "3, 5, ..."."""
+    first = [str(item) for item in islice(items, most + 1)]
+    return ", ".join([*first[:most], *(["..."] if len(first) > most else [])])
 
 
 SOURCE = (

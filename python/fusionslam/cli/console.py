@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from fusionslam.help_texts import counted
+from fusionslam.help_texts import counted, listed
 from fusionslam.storage.progress import Step
 
 if TYPE_CHECKING:
@@ -174,15 +174,13 @@ _COSTS = (
 )
 
 
-def left_out(run: "DescriptorRun", most: int = 8) -> str:
+def left_out(run: "DescriptorRun") -> str:
     """List the skipped frames of the run, as the end of a line."""
     if not run.skipped:
         return ""
-    numbers = [str(number) for number in run.skipped]
-    more = ", ..." if len(numbers) > most else ""
-    shown = ", ".join(numbers[:most]) + more
     reason = next(iter(run.skipped.values()))
-    return f", {len(numbers)} left out that cannot be described: {shown} ({reason})"
+    numbers = listed(run.skipped)
+    return f", {len(run.skipped)} left out that cannot be described: {numbers} ({reason})"
 
 
 def _print_groups(table: "Table", groups: Sequence[tuple[str, int]]) -> None:

@@ -17,6 +17,18 @@ DATA, USAGE, INTERRUPTED = 1, 2, 130
 # Its module is private and differs between versions of typer.
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 _KEPT = "fusionslam.kept"
+COMMAND = "fusionslam.command"
+"""Where a context holds the command that runs."""
+_CURES = {
+    "missing-sensor": ("--source", "without --source the first that the data allow is taken"),
+    "no-calibration": ("--calib", "--calib FILE gives a calibration"),
+    "no-transform": ("--calib", "--calib FILE gives transforms"),
+    "equal-stamps": ("--stamps", "--stamps bag takes the times of arrival"),
+    "no-revisits": ("--threshold", "--threshold takes a number, too, and has a default"),
+    "no-threshold": ("--threshold", "--threshold takes a number, too, and has a default"),
+    "clock": ("--stamps", "--stamps bag takes the times of arrival"),
+}
+"""Options that cure an error, by its code; only commands that have the option name it."""
 
 
 class Guarded(TyperGroup):
@@ -49,7 +61,8 @@ class Guarded(TyperGroup):
         except UsageError as error:
             raise _report_usage(error) from error
         except FusionSlamError as error:
-            print(f"error: {_one_line(str(error))}", file=sys.stderr)
+            cure = _cure_of(error, ctx.meta.get(COMMAND))
+            print(f"error: {_one_line(str(error))}{cure}", file=sys.stderr)
             raise typer.Exit(USAGE if isinstance(error, ConfigError) else DATA) from error
         except ImportError as error:
             from fusionslam.doctor import core_error
@@ -130,6 +143,13 @@ def _report_usage(error: Any) -> Exception:
     see = " See" if problem.endswith("?") else "; see"
     print(f"error: {problem}{see} {command} --help", file=sys.stderr)
     return typer.Exit(USAGE)
+
+
+def _cure_of(error: FusionSlamError, command: Any) -> str:
+    """Name the option of a command that cures an error, as the end of its line."""
+    option, cure = _CURES.get(error.code, ("", ""))
+    known = {name for each in getattr(command, "params", ()) for name in each.opts}
+    return f"; {cure}" if option in known else ""
 
 
 def _one_line(text: str) -> str:

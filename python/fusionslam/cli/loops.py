@@ -16,6 +16,7 @@ from fusionslam.cli.recordings import build_recording
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
+    from fusionslam.loop_closure.detector import LoopConfig
     from fusionslam.pipelines.describe import PipelineConfig
     from fusionslam.pipelines.recording import Recording
 
@@ -42,6 +43,7 @@ def loops(
     They are written to loops.csv; of several descriptors, to loops-DESCRIPTOR.csv each.
     """
     from fusionslam.config import merged
+    from fusionslam.descriptors import with_preset
     from fusionslam.pipelines.compare_descriptors import stored_threshold
     from fusionslam.pipelines.describe import for_source
     from fusionslam.pipelines.loops import find_loops, loops_path
@@ -53,15 +55,23 @@ def loops(
         chosen = merged(chosen, {"loop_closure": {"threshold": distance}})
     recording = build_recording()
     chosen = for_source(chosen, opt.choose_source(source, chosen, recording))
-    keep(ctx, output)
     every = descriptors == "all"
+
+    def config_of(name: str) -> "LoopConfig":
+        if threshold is None or distance is not None:
+            return chosen.loop_closure
+        own = with_preset(name, chosen.descriptors)
+        taken = stored_threshold(threshold, chosen.fusion.source, own)
+        return merged(chosen.loop_closure, {"threshold": taken})
+
+    if not every:  # of all, some may turn out not to be describable
+        for name in names:
+            config_of(name)
+    keep(ctx, output)
     runs = describe_frames(recording, output, names, chosen, only_describable=every)
     for name, run in runs.items():
-        config = chosen.loop_closure
-        if threshold is not None and distance is None:
-            config = merged(config, {"threshold": stored_threshold(threshold, run)})
         with progress() as step:
-            found = find_loops(run, config, label_progress(step, "finding loops"))
+            found = find_loops(run, config_of(name), label_progress(step, "finding loops"))
         path = loops_path(output, name if len(names) > 1 else None)
         found.save(path)
         print(f"{f'{name}: ' if len(names) > 1 else ''}{found}{left_out(run)}")

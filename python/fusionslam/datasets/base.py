@@ -233,6 +233,7 @@ class FileDataset(Dataset):
         points, colors = self._scan(number)
         return Frame(
             index=index,
+            number=number,
             stamp_ns=int(self.stamps_ns[index]),
             points=points,
             colors=colors,
@@ -292,6 +293,7 @@ class CloudDataset(Dataset):
         cloud = functools.cache(functools.partial(self.whole_cloud, index))
         return Frame(
             index=index,
+            number=int(self.numbers[index]),
             stamp_ns=int(self.stamps_ns[index]),
             points=(lambda: cloud().points) if self.has_points else None,
             colors=(lambda: cloud().colors) if self.has_points else None,

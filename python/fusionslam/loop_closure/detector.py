@@ -23,9 +23,11 @@ from fusionslam.descriptors import (
     for_preset,
     for_sequence,
     length_of,
+    with_preset,
 )
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.fusion import FusionConfig, fuse
+from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.storage.archive import load_archive, load_json, save_archive
 from fusionslam.storage.growing_array import Rows
@@ -67,12 +69,8 @@ def default_threshold(
     """
     import yaml
 
-    kind, config = (
-        find_descriptor(descriptor),
-        for_preset(describe or DescriptorConfig(), descriptor),
-    )
+    name = with_preset(descriptor, describe or DescriptorConfig())
     fitted = yaml.safe_load(_THRESHOLDS.read_text(encoding="utf-8"))
-    name = f"{kind.name}:{config.preset}" if kind.presets else kind.name
     return float(fitted[source][name])
 
 
@@ -148,6 +146,14 @@ class LoopDetector:
         self._novelty = Rows(np.float32)
         self._lock = threading.RLock()
 
+    def __repr__(self) -> str:
+        name = with_preset(self.descriptor, self.describe_config)
+        return (
+            f"LoopDetector({name} of {self.fusion_config.source} clouds, "
+            f"threshold {self.threshold:.4g}, window {self.config.window}, "
+            f"{counted(len(self), 'frame')} added, {len(self._numbers)} stored)"
+        )
+
     def __len__(self) -> int:
         """Number of frames added so far, forgotten ones included."""
         return self._added
@@ -167,7 +173,7 @@ class LoopDetector:
         """
         if isinstance(frame_or_cloud, Frame):
             stamp_ns = frame_or_cloud.stamp_ns if stamp_ns is None else stamp_ns
-            cloud = self._fuse_frame(frame_or_cloud)
+            cloud = fuse(frame_or_cloud, self.fusion_config)
         elif isinstance(frame_or_cloud, Cloud):
             cloud = frame_or_cloud
         else:
@@ -192,6 +198,9 @@ class LoopDetector:
     ) -> Loop | None:
         """``add`` for a descriptor, float32 (D,), computed elsewhere.
 
+        A descriptor of zeros, which describes nothing, takes a number, but it is not stored and
+        matches nothing.
+
         Raises:
             ShapeError: another length than the descriptor's.
         """
@@ -201,8 +210,11 @@ class LoopDetector:
                 self._check_length(descriptor)
                 index = self._new_index(len(descriptor))
             rows, distances = index.query(descriptor, stamp_ns=stamp_ns)
-            index.add(descriptor, stamp_ns=stamp_ns)
             self._index = index  # only now: a failed first descriptor must not fix the length
+            if not np.any(descriptor):
+                self._added, self.nearest = self._added + 1, None
+                return None
+            index.add(descriptor, stamp_ns=stamp_ns)
             found = None
             if len(rows):
                 match = int(self._numbers.all[rows[0]])
@@ -236,7 +248,7 @@ class LoopDetector:
         are forgotten.
         """
         count = len(self._numbers)
-        # The index counts its window in rows, so the newest rows must be consecutive frames.
+        # The index counts its window in rows, so none of the newest may be forgotten.
         old = count - self.config.window
         # Of equally novel frames the newest goes first.
         order = np.lexsort((-np.arange(old), self._novelty.all[:old]))
@@ -275,20 +287,6 @@ class LoopDetector:
     ) -> None:
         self._numbers, self._stamps_ns = Rows.of(numbers), Rows.of(stamps_ns)
         self._novelty = Rows.of(novelty)
-
-    def _fuse_frame(self, frame: Frame) -> Cloud:
-        """Fuse a frame into a cloud; errors name the source used and how to select another."""
-        try:
-            return fuse(frame, self.fusion_config)
-        except DataError as error:
-            other = "stereo" if {"left", "right"} <= set(frame.images) else "cloud"
-            wanted = self.fusion_config.source
-            if wanted != "lidar" or (frame.has_points and "left" in frame.images):
-                raise
-            raise DataError(
-                f"{error}: the detector's source is {wanted!r}; for this frame use "
-                f"LoopDetector(..., fusion=FusionConfig(source={other!r}))"
-            ) from error
 
     def _check_length(self, descriptor: Any) -> None:
         """Raise ShapeError for a wrong length; the index would accept any length first."""

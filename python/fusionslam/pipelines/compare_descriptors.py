@@ -15,7 +15,7 @@ from typing import Any
 
 from fusionslam.config import merged
 from fusionslam.datasets import match_poses
-from fusionslam.descriptors import DESCRIPTORS, find_descriptor
+from fusionslam.descriptors import DESCRIPTORS, PRESETS, find_descriptor
 from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun, Evaluation, EvaluationConfig, evaluate
 from fusionslam.pipelines.describe import PipelineConfig, describable, for_source, load_runs
@@ -153,37 +153,45 @@ def evaluate_stored(
     return [time_and_evaluate(run, config, step) for run in runs], config.evaluation
 
 
-def stored_threshold(folder: str | os.PathLike[str], run: DescriptorRun) -> float:
+def stored_threshold(folder: str | os.PathLike[str], source: str, name: str) -> float:
     """Return the largest threshold at which loops of a stored run were right.
 
     Args:
-        folder: written by ``benchmark`` or ``describe_dataset``; it holds a run with true poses of
-            the same source, descriptor and preset.
-        run: the run whose loops are to be found.
+        folder: written by ``benchmark`` or ``describe_dataset``; it holds a run with true poses.
+        source, name: the run's source of clouds, and its descriptor, "cm2dp" or "cm2dp:author".
 
     Raises:
-        DataError: there is no such run, or it has no threshold whose loops were right
-            (``TARGET_PRECISION``).
+        DataError: there is no such run, its drive has no revisits, or it has no threshold whose
+            loops were right (``TARGET_PRECISION``).
     """
-    wanted = (run.source, run.name)
-    stored = [each for each in load_runs(runs_folder(folder)) if (each.source, each.name) == wanted]
+    name = name.removesuffix(f":{PRESETS[0]}")
+    runs = load_runs(runs_folder(folder))
+    stored = [run for run in runs if (run.source, run.name) == (source, name)]
     judged = [each for each in stored if each.poses is not None]
     if not judged:
         lacks = "true poses" if stored else "such a run: make one with fusionslam bench"
         raise DataError(
-            f"{folder}: no threshold for {run.source} clouds, {run.name}: it lacks {lacks}",
+            f"{folder}: no threshold for {source} clouds, {name}: it lacks {lacks}",
             code="no-runs",
-            fields=(str(folder), run.source, run.name),
+            fields=(str(folder), source, name),
         )
     rule = stored_config(folder)
     curve = evaluate(judged[0], radius=rule.radius, window=rule.window).curves["revisit"]
+    if not curve.n_revisits:
+        raise DataError(
+            f"{folder}: no threshold, as its drive does not return within {rule.radius:g} m after "
+            f"{rule.window} frames: bench a drive that does, or one with evaluation.radius and "
+            "evaluation.window that fit it",
+            code="no-revisits",
+            fields=(str(folder), source, name),
+        )
     threshold = curve.threshold_at(TARGET_PRECISION)
     if threshold is None:
         raise DataError(
-            f"{folder}: at no threshold are {TARGET_PRECISION:.0%} of the loops of {run.source} "
-            f"clouds, {run.name}, right",
+            f"{folder}: at no threshold are {TARGET_PRECISION:.0%} of the loops of {source} "
+            f"clouds, {name}, right",
             code="no-threshold",
-            fields=(str(folder), run.source, run.name),
+            fields=(str(folder), source, name),
         )
     return threshold
 

@@ -17,7 +17,7 @@ from fusionslam.config import merged
 from fusionslam.descriptors import PRESETS, DescriptorConfig, in_file_names
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.fusion import FusionConfig
-from fusionslam.help_texts import counted
+from fusionslam.help_texts import counted, listed
 from fusionslam.loop_closure.detector import Loop, LoopConfig, LoopDetector
 from fusionslam.storage.files import atomic_path
 
@@ -34,6 +34,7 @@ class LoopReport:
         threshold: largest distance that was accepted.
         loops: accepted loops; query and match are rows of the run.
         without_candidates: number of queries without any candidate to compare with.
+        blank: int64 (M,), numbers of the frames whose descriptor is zero, which match nothing.
         best: smallest distance to a candidate; None if no query had one.
         seconds: float64 (N,), time to search and to store each frame.
     """
@@ -43,6 +44,7 @@ class LoopReport:
     threshold: float
     loops: list[Loop]
     without_candidates: int
+    blank: NDArray[np.int64]
     best: float | None
     seconds: NDArray[np.float64]
 
@@ -57,14 +59,20 @@ class LoopReport:
         step = 10.0 ** (math.floor(math.log10(max(self.best, 1e-9))) - 1)
         return float(f"{math.ceil(self.best / step + 1e-6) * step:.2g}")
 
+    def __repr__(self) -> str:
+        return f"<LoopReport of {self.run!r}: {self}>"
+
     def __str__(self) -> str:
-        rejected = len(self.run) - self.without_candidates - len(self.loops)
+        compared = len(self.run) - self.without_candidates - len(self.blank)
+        rejected = compared - len(self.loops)
         parts = [
             f"{self.without_candidates} without candidates",
             f"{rejected} above threshold {self.threshold:.4g}",
         ]
         if self.best is not None:
             parts.append(f"best {self.best:.4g}")
+        if len(self.blank):
+            parts.append(f"{len(self.blank)} with a descriptor of zeros: {listed(self.blank)}")
         found = f"{counted(len(self.loops), 'loop')} in {counted(len(self.run), 'query')}"
         return f"{found}: {', '.join(parts)}{self._remedy()}"
 
@@ -76,7 +84,7 @@ class LoopReport:
                 "one that was right in a stored bench"
             )
         queries, window = len(self.run), self.config.window
-        if self.without_candidates < queries or not 0 < queries <= window + 1:
+        if self.without_candidates + len(self.blank) < queries or not 0 < queries <= window + 1:
             return ""
         return (
             f"; frames are compared with those {window} and more before them, and there are "
@@ -128,12 +136,14 @@ def find_loops(
             loops.append(loop)
         if progress is not None and (len(seconds) % 100 == 0 or len(seconds) == len(run)):
             progress(len(seconds), len(run))
+    blank = run.numbers[~run.descriptors.any(axis=1)]
     return LoopReport(
         run=run,
         config=detector.config,
         threshold=detector.threshold,
         loops=loops,
-        without_candidates=len(run) - len(distances),
+        without_candidates=len(run) - len(distances) - len(blank),
+        blank=blank,
         best=min(distances, default=None),
         seconds=np.array(seconds),
     )

@@ -221,7 +221,7 @@ def _image_of(item: Any) -> NDArray[Any]:
         return item.image
     if isinstance(item, Frame):
         if "left" not in item.images:
-            raise DataError(f"frame {item.index}: no left image, which visual templates need")
+            raise DataError(f"frame {item.number}: no left image, which visual templates need")
         return item.images["left"]
     if not isinstance(item, np.ndarray):
         raise DataError(f"{type(item).__name__}: visual templates need an image")

@@ -80,7 +80,8 @@ class Frame:
     """Sensor data of one instant. Points and images are loaded on first access.
 
     Args:
-        index: number of the frame in its dataset.
+        index: the frame's place in its dataset, from 0.
+        number: the frame's number in the names of its files; None takes the index.
         stamp_ns: time in nanoseconds.
         points: float32 (N, 3), metres, in the scan's frame; or a function that loads them.
         colors: uint8 (N, 3) RGB, for data whose points are already coloured; or a loader.
@@ -95,6 +96,7 @@ class Frame:
         self,
         *,
         index: int = 0,
+        number: int | None = None,
         stamp_ns: int = 0,
         points: Points | Callable[[], Points] | None = None,
         colors: Bytes | Callable[[], Bytes | None] | None = None,
@@ -105,6 +107,7 @@ class Frame:
         robot_from_points: NDArray[np.float64] | None = None,
     ) -> None:
         self.index = index
+        self.number = index if number is None else number
         self.stamp_ns = stamp_ns
         self.cameras: Mapping[str, Camera] = cameras or {}
         self.pose = pose

@@ -144,7 +144,7 @@ def test_the_threshold_of_a_stored_bench_is_that_of_its_precision(
     for name in ("m2dp", "m2dp:paper"):
         (run,) = [each for each in load_runs(stored) if each.name == name]
         curve = evaluate(run, radius=5, window=2).curves["revisit"]
-        right = curve.accepted(stored_threshold(stored, run))
+        right = curve.accepted(stored_threshold(stored, run.source, run.name))
         assert curve.correct[right].mean() >= 0.95 > curve.correct[curve.matches >= 0].mean()
         succeeds(*words, "-d", name)
         rows = list(csv.DictReader((out / "loops.csv").open()))
@@ -153,6 +153,36 @@ def test_the_threshold_of_a_stored_bench_is_that_of_its_precision(
     assert (error.code, error.fields) == ("no-runs", (str(stored), "lidar", "cm2dp"))
     error = error_of(2, *words, "--threshold", "near")
     assert (error.code, error.fields) == ("choice", ("--threshold", "near"))
+
+
+def test_a_bench_of_a_drive_without_revisits_is_refused_before_anything_is_described(
+    kitti: Path, tmp_path: Path
+) -> None:
+    stored, out = tmp_path / "stored", tmp_path / "out"
+    succeeds("describe", kitti, "-d", "m2dp", "-o", stored)  # the window is longer than the drive
+    error = error_of(1, "loops", kitti, "-d", "m2dp", "-o", out, "--threshold", stored)
+    assert (error.code, error.fields) == ("no-revisits", (str(stored), "lidar", "m2dp"))
+    assert not out.exists()
+
+
+def test_frames_with_a_descriptor_of_zeros_match_nothing_and_are_named(
+    kitti: Path, tmp_path: Path
+) -> None:
+    (run,) = describe_dataset(open_dataset(kitti), ["m2dp"], tmp_path)
+    rows = run.descriptors.copy()
+    rows[[3, 15]] = 0
+    run = replace(run, descriptors=rows, numbers=run.numbers + 700)
+    found = find_loops(run, LoopConfig(threshold=9, window=2))
+    assert found.blank.tolist() == [703, 715] and "703, 715" in str(found)
+    assert found.without_candidates == 3
+    assert len(found.loops) == len(run) - 5
+    assert {loop.query for loop in found.loops} | {loop.match for loop in found.loops} <= {
+        *range(len(run))
+    } - {3, 15}
+    curve = evaluate(run, window=2).curves["revisit"]
+    assert curve.matches[[3, 15]].tolist() == [-1, -1]
+    for each in (run, found, curve, evaluate(run)):
+        assert "\n" not in repr(each) and len(repr(each)) < 300
 
 
 def test_bench_compares_presets_in_one_table(kitti: Path, tmp_path: Path) -> None:

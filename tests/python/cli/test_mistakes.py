@@ -40,6 +40,18 @@ def test_a_wrong_use_is_one_line_too(kitti: Path, words: tuple[str, ...], expect
     assert expected in line and "--help" in line
 
 
+@pytest.mark.parametrize(
+    ("command", "option"), [("loops", "--source"), ("views match", "--source"), ("calib-check", "")]
+)
+def test_an_error_names_the_option_that_cures_it_if_the_command_has_it(
+    command: str, option: str, tmp_path: Path
+) -> None:
+    write_cloud(tmp_path / "000000.bin", Cloud(np.eye(3, dtype=np.float32)))
+    given = [option, "lidar"] if option else []
+    line = fails(1, *command.split(), tmp_path, *given, "-o", tmp_path / "out")
+    assert ("--source" in line) == bool(option)
+
+
 def test_poses_shorter_than_the_recording_are_refused(kitti: Path, tmp_path: Path) -> None:
     truth = tmp_path / "short.txt"
     truth.write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 3)

@@ -14,6 +14,7 @@ from fusionslam.datasets import (
     write_poses_tum,
 )
 from fusionslam.errors import DataError
+from fusionslam.fusion import fuse
 from kitti import COLORS, P2, POINTS, POSE_LINE, folder, put_image, put_scan, put_text
 
 
@@ -31,6 +32,15 @@ def test_clouds_may_lie_in_the_folder_itself(tmp_path: Path) -> None:
         put_scan(tmp_path / name)
     dataset = open_dataset(tmp_path)
     assert dataset.numbers.tolist() == [9, 10, 11] and dataset[0].colors is None
+
+
+def test_errors_name_a_frame_by_the_number_of_its_files(tmp_path: Path) -> None:
+    for number in (720, 721):
+        put_scan(tmp_path / f"{number:06d}.bin")
+    frame = open_dataset(tmp_path)[1]
+    assert (frame.index, frame.number) == (1, 721)
+    with pytest.raises(DataError, match="frame 721 ", check=has_code("missing-sensor", "left")):
+        fuse(frame)
 
 
 def test_clouds_and_images_belong_together_by_the_number_in_their_names(tmp_path: Path) -> None:

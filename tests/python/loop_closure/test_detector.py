@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from error_codes import has_code
 from fusionslam import (
     Camera,
     Cloud,
@@ -53,6 +54,7 @@ def place(number: int, visit: int = 0) -> Cloud:
     return Cloud((points @ np.array(turn).T + visit * 0.5).astype(np.float32), colors)
 
 
+IMAGE = np.zeros((8, 8, 3), np.uint8)
 DRIVE = [place(number) for number in range(PLACES)] + [place(number, 1) for number in (2, 3, 7)]
 
 
@@ -104,8 +106,8 @@ def test_only_distances_up_to_the_threshold_are_loops() -> None:
     distance = 0.25
     for threshold, accepted in [(0.2499, False), (0.25, True), (0.3, True), (0.0, False)]:
         detector = LoopDetector(threshold=threshold, window=0, length=4)
-        detector.add_descriptor(np.zeros(4, np.float32))
-        loop = detector.add_descriptor(np.array([distance, 0, 0, 0], np.float32))
+        detector.add_descriptor(np.ones(4, np.float32))
+        loop = detector.add_descriptor(np.array([1 + distance, 1, 1, 1], np.float32))
         assert (loop is not None) == accepted
         assert detector.nearest == Loop(1, 0, distance)
 
@@ -124,6 +126,27 @@ def test_frames_within_the_seconds_are_no_candidates() -> None:
     loops = [detector.add_descriptor(same, stamp_ns=n * SECOND // 2) for n in range(8)]
     assert [loop is not None for loop in loops] == [False] * 5 + [True] * 3
     assert detector.nearest == Loop(7, 0, 0.0)
+
+
+def test_a_descriptor_of_zeros_takes_a_number_and_matches_nothing(tmp_path: Path) -> None:
+    detector = LoopDetector(threshold=9.0, window=0, length=3)
+    zeros, ones = np.zeros(3, np.float32), np.ones(3, np.float32)
+    for given, match in [(zeros, None), (zeros, None), (ones, None), (zeros, None), (ones, 2)]:
+        loop = detector.add_descriptor(given)
+        assert loop == (None if match is None else Loop(len(detector) - 1, match, 0.0))
+        assert detector.nearest == loop
+        detector.save(tmp_path)
+        detector = LoopDetector.load(tmp_path)
+    assert len(detector) == 5 and detector.frames.tolist() == [2, 4]
+
+
+def test_a_detector_says_what_it_is_in_a_line() -> None:
+    detector = LoopDetector("cm2dp:author", threshold=0.25, window=7, length=3)
+    detector.add_descriptor(np.ones(3, np.float32))
+    line = repr(detector)
+    assert "\n" not in line
+    for part in ("LoopDetector", "cm2dp:author", "lidar", "0.25", "window 7", "1 frame added"):
+        assert part in line
 
 
 def test_the_nearest_candidate_is_known_even_if_it_is_no_loop() -> None:
@@ -537,10 +560,22 @@ def test_items_other_than_frames_and_clouds_are_refused() -> None:
     assert len(detector) == 0
 
 
-def test_a_frame_without_what_the_source_needs_names_the_source_and_the_remedy() -> None:
-    image = np.zeros((8, 8, 3), np.uint8)
-    frame = Frame(images={"left": image, "right": image})
-    with pytest.raises(DataError, match=r"lidar.*stereo"):
-        LoopDetector().add(frame)
-    with pytest.raises(DataError, match="cloud"):
-        LoopDetector("m2dp").add(Frame(points=DRIVE[0].points))
+@pytest.mark.parametrize(
+    ("frame", "field", "remedy"),
+    [
+        (Frame(images=dict.fromkeys(["left", "right"], IMAGE)), "points", "stereo"),
+        (Frame(points=DRIVE[0].points), "left", "cloud"),
+    ],
+)
+def test_a_frame_without_what_the_source_needs_names_a_source_that_does_not(
+    frame: Frame, field: str, remedy: str
+) -> None:
+    with pytest.raises(
+        DataError, match=f"source='{remedy}'", check=has_code("missing-sensor", field)
+    ):
+        LoopDetector("m2dp").add(frame)
+
+
+def test_the_remedy_for_scans_without_images_works() -> None:
+    detector = LoopDetector("m2dp", fusion=FusionConfig(source="cloud"))
+    assert detector.add(Frame(points=DRIVE[0].points)) is None and len(detector) == 1

@@ -134,6 +134,7 @@ class BagDataset(Dataset):
         images = [sensor for sensor in self.sensors if sensor in INFO_ROLES]
         return Frame(
             index=index,
+            number=int(self.numbers[index]),
             stamp_ns=stamp_ns,
             points=(lambda: scan().points) if has_points else None,
             colors=(lambda: scan().colors) if has_points else None,

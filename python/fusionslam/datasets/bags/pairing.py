@@ -121,7 +121,7 @@ def match(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> M
 def _check_clock(source: IndexedBag, role: str, config: SyncConfig) -> None:
     """Raise DataError if the stamps of a topic are all equal or jump back."""
     stamps, topic = source.series(role).stamps_ns, source.roles[role]
-    advice = "the times of arrival can be used instead (--stamps bag)"
+    advice = "stamps='bag' takes the times of arrival"
     if len(stamps) > 1 and stamps.min() == stamps.max():
         raise DataError(
             f"{source.bag.path}: all {len(stamps)} messages of {topic} have the stamp "

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import ShapeError
 from fusionslam.evaluation.loops.nearest_matches import validate_descriptors
+from fusionslam.help_texts import counted
 from fusionslam.storage.archive import check_types, load_archive, save_archive
 
 FORMAT = "fusionslam.descriptor_run.2"
@@ -67,6 +68,13 @@ class DescriptorRun:
             _check_shape(f"seconds[{stage!r}]", seconds, (count,))
         if self.poses is not None:
             _check_shape("poses", self.poses, (count, 4, 4))
+
+    def __repr__(self) -> str:
+        poses = "without" if self.poses is None else "with"
+        return (
+            f"<DescriptorRun of {self.dataset}: {self.name}, {self.source} clouds, "
+            f"{counted(len(self), 'frame')}, {poses} poses>"
+        )
 
     def __len__(self) -> int:
         return len(self.descriptors)

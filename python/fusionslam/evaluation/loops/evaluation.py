@@ -37,6 +37,10 @@ class Evaluation:
     matches: Matches | None = None
     window: int = DEFAULTS.window
 
+    def __repr__(self) -> str:
+        protocols = ", ".join(self.curves) or "nothing to judge by"
+        return f"<Evaluation of {self.run!r}: {protocols}>"
+
     @cached_property
     def costs(self) -> Costs:
         """Time and memory of the run."""
@@ -68,6 +72,8 @@ def evaluate(
 ) -> Evaluation:
     """Find the nearest candidates once and judge them under each protocol.
 
+    A frame with a descriptor of zeros, which describes nothing, has no candidates.
+
     Without ground truth there are matches but no curves. Arguments as for precision_recall.
 
     Raises:
@@ -77,6 +83,8 @@ def evaluate(
     for protocol in protocols:
         validate_config(protocol=protocol, radius=radius, window=window)
     matches = find_matches(run.descriptors, window=window, k=max(RANKS), threads=threads)
+    blank = ~run.descriptors.any(axis=1)
+    matches.indices[blank], matches.distances[blank] = -1, np.inf
     curves: dict[str, PrecisionRecall] = {}
     if (places := run.positions) is not None:
         for name in protocols:

@@ -82,14 +82,20 @@ class PrecisionRecall:
     correct: NDArray[np.bool_]
     revisit: NDArray[np.bool_]
 
+    def __repr__(self) -> str:
+        title, counts, (name, value) = *self._headings(), self._rows()[0]
+        return f"<PrecisionRecall, {title}: {counts}, {name} {_format(value)}>"
+
     def __str__(self) -> str:
-        title = f"protocol {self.protocol}, radius {self.radius:g} m, window {self.window} frames"
-        counts = (
-            f"{counted(self.n_queries, 'query')}, {counted(self.n_revisits, 'revisit')}, "
-            f"{self.n_correct} nearest candidates correct"
-        )
         lines = [f"  {name:<28}{_format(value)}" for name, value in self._rows()]
-        return "\n".join([title, counts, *lines])
+        return "\n".join([*self._headings(), *lines])
+
+    def _headings(self) -> tuple[str, str]:
+        return (
+            f"protocol {self.protocol}, radius {self.radius:g} m, window {self.window} frames",
+            f"{counted(self.n_queries, 'query')}, {counted(self.n_revisits, 'revisit')}, "
+            f"{self.n_correct} nearest candidates correct",
+        )
 
     def metrics(self) -> dict[str, Any]:
         """All scalar figures with protocol, radius and window, ready for JSON."""
