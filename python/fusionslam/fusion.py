@@ -34,6 +34,8 @@ from fusionslam.errors import DataError, ShapeError
 from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Camera, Cloud, CloudFrame, Frame
 
+_FARTHEST_M = 10_000.0
+"""Beyond the range of any LiDAR."""
 # Ground heights below a car's LiDAR, which is mounted at 1.73 m (KITTI), and in a robot's frame
 # (Stastny's program).
 _SCAN_GROUND_M, _ROBOT_GROUND_M = -1.4, 0.1
@@ -123,7 +125,8 @@ def fuse(frame: Frame, config: FusionConfig | None = None) -> Cloud:
 
     Raises:
         DataError: the frame lacks a sensor, a calibration or a robot pose that the configuration
-            needs, and the message names it; or an image does not have the calibration's size.
+            needs, and the message names it; an image does not have the calibration's size; or
+            most points are farther away than any LiDAR sees.
     """
     config = config or FusionConfig()
     cloud = remove_ground(frame, color_cloud(frame, config), config)
@@ -214,6 +217,23 @@ def _stereo_cloud(frame: Frame, config: FusionConfig) -> Cloud:
     return Cloud(points, colors)
 
 
+def check_scan(points: NDArray[np.float32]) -> int:
+    """Return the number of points at the scanner itself, where some drivers put missing returns.
+
+    Raises:
+        DataError: most of the points are farther away than any LiDAR sees (code "far-points").
+    """
+    far = int(((np.abs(points) > _FARTHEST_M) & np.isfinite(points)).any(axis=1).sum())
+    if 2 * far > len(points):
+        raise DataError(
+            f"{far} of {len(points)} points are farther than {_FARTHEST_M / 1000:g} km, expected "
+            "metres from the scanner: is the data damaged, or in another unit or frame?",
+            code="far-points",
+            fields=(str(far), str(len(points))),
+        )
+    return len(points) - int(points.any(axis=1).sum())
+
+
 def _scan(frame: Frame) -> Cloud:
     """The frame's scan without invalid points."""
     if frame.points is None:
@@ -225,6 +245,13 @@ def _scan(frame: Frame) -> Cloud:
             f"frame {frame.number}: colors have shape {scan.colors.shape}, expected "
             f"({len(scan)}, 3), one of each point",
             fields=("colors",),
+        )
+    here = check_scan(scan.points)
+    if 2 * here > len(scan):
+        logger.warning(
+            "frame %d: %d of %d points lie at the scanner (0, 0, 0)",
+            *(frame.index, here, len(scan)),
+            extra={PER_FRAME: "most points lie at the scanner (0, 0, 0)"},
         )
     valid = drop_invalid(scan.points)
     if len(valid) < len(scan):

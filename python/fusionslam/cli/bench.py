@@ -43,7 +43,7 @@ def compare(
             descriptors,
             configs=configs,
             jobs=opt.cores(jobs),
-            bad_frames="skip" if skip_bad_frames else "error",
+            bad_frames=opt.bad_frames(skip_bad_frames),
             command=opt.command_line(),
             step=step,
             demo=demo,

@@ -38,7 +38,7 @@ def describe_frames(
     from fusionslam.pipelines.describe import describable
     from fusionslam.pipelines.reusable_runs import describe_recording
 
-    bad_frames = "skip" if skip_bad_frames else "error"
+    bad_frames = opt.bad_frames(skip_bad_frames)
     with progress() as step:
         step(OPENING, 0, 1)
         dataset = recording.open(config.fusion.source)

@@ -46,6 +46,7 @@ def fuse(
         int, typer.Option("--pictures", metavar="N", min=0, help="Draw the steps of N frames.")
     ] = 0,
     pipeline_config: "Callable[[], PipelineConfig]",
+    skip_bad_frames: opt.SkipBad = False,
     jobs: opt.Jobs = None,
 ) -> None:
     """Write DATA's coloured clouds as a folder or bag to open again.
@@ -69,7 +70,7 @@ def fuse(
         opt.check_folder_name(output, BAG_SUFFIXES, "--format ply")
     if pictures:
         needs_extra("report", module="matplotlib")
-    recording = build_recording()
+    recording, bad_frames = build_recording(), opt.bad_frames(skip_bad_frames)
     chosen = for_source(chosen, opt.choose_source(source, chosen, recording))
     if chosen.fusion.source == "cloud" and not asked_for:
         _warn_of_missing_colors(recording)
@@ -77,7 +78,12 @@ def fuse(
         show = label_progress(step, "fusing")
         if is_bag:
             count = write_cloud_bag(
-                recording, output, chosen.fusion, jobs=opt.cores(jobs), progress=show
+                recording,
+                output,
+                chosen.fusion,
+                jobs=opt.cores(jobs),
+                bad_frames=bad_frames,
+                progress=show,
             )
         else:
             keep(ctx, output)
@@ -87,6 +93,7 @@ def fuse(
                 chosen.fusion,
                 format=format or "ply",
                 jobs=opt.cores(jobs),
+                bad_frames=bad_frames,
                 command=opt.command_line(),
                 progress=show,
             )

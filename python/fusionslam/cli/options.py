@@ -225,6 +225,11 @@ Verbose = Annotated[
 ]
 
 
+def bad_frames(skip: bool) -> str:
+    """Return the pipelines' name for what --skip-bad-frames chooses."""
+    return "skip" if skip else "error"
+
+
 def options_of(**functions: Callable[..., Any]) -> Callable[[Command], Command]:
     """Give a command the options that functions declare, and --verbose.
 

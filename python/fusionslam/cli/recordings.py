@@ -190,6 +190,7 @@ def open_scenes(
     skip_empty: Annotated[
         bool, typer.Option("--skip-empty", help="Leave out scans without points above the floor.")
     ] = False,
+    skip_bad_frames: opt.SkipBad = False,
     jobs: opt.Jobs = None,
 ) -> "SceneSet":
     """Return a stored scene set, or make one from a recording."""
@@ -208,6 +209,7 @@ def open_scenes(
         features=features,
         descriptors=whole.descriptors,
         jobs=opt.cores(jobs),
+        bad_frames=opt.bad_frames(skip_bad_frames),
         source={"path": recording.path, "config": settings.model_dump(mode="json")},
         progress=label_progress(step, "reading" if from_ranges else "fusing"),
     )

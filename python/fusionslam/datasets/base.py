@@ -6,10 +6,10 @@ import functools
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
-from typing import cast
+from typing import Any, Self, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,12 +47,13 @@ class OdometryOrigin(Enum):
     TF = "TF"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Dataset(ABC):
     """Frames of one recording, ordered by number and loaded on access.
 
     ``dataset[i]`` is the i-th frame present (its ``index`` is i, its number in the recording is
-    ``dataset.numbers[i]``); iterating yields all of them.
+    ``dataset.numbers[i]``); iterating yields all of them. ``dataset[a:b]`` is a dataset of these
+    frames, whose indices begin with 0 again.
 
     Attributes:
         kind: "kitti-odometry", "kitti-raw", "kitti-object", "folder", "ranges", "rosbag1",
@@ -179,18 +180,55 @@ class Dataset(ABC):
     def __iter__(self) -> Iterator[Frame]:
         return (self[i] for i in range(len(self)))
 
-    def __getitem__(self, index: int) -> Frame:
-        """The i-th frame present; negative counts from the end. Reads no scan and no image.
+    @overload
+    def __getitem__(self, index: int) -> Frame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Self: ...
+
+    def __getitem__(self, index: int | slice) -> Frame | Self:
+        """The i-th frame present; negative counts from the end. Of a slice, a dataset.
+
+        Reads no scan and no image.
 
         Raises:
             IndexError: there is no such frame.
-            DataError: its calibration cannot be read. A scan or an image that cannot be read
-                raises on first access.
+            DataError: its calibration cannot be read, or a slice runs backwards. A scan or an
+                image that cannot be read raises on first access.
         """
-        return self._frame(range(len(self))[operator.index(index)])
+        rows = range(len(self))
+        if isinstance(index, slice):
+            return self.only(rows[index])
+        row = operator.index(index)
+        if not -len(self) <= row < len(self):
+            raise IndexError(f"{self.name} has no frame {row}: expected 0 to {len(self) - 1}")
+        return self._frame(rows[row])
+
+    def only(self, rows: Sequence[int]) -> Self:
+        """The dataset of the frames with these indices, which must rise. Reads no frame.
+
+        ``gaps`` stay those of the recording, and ``counts`` those of its sensors.
+        """
+        kept = np.asarray(rows, dtype=np.int64)
+        if (np.diff(kept) <= 0).any():
+            message = f"{self.name}: the indices of frames must rise, as stamps do"
+            raise DataError(message, code="frame-order", fields=(self.name,))
+        poses = None if self.poses is None else self.poses[kept]
+        numbers, stamps_ns = self.numbers[kept], self.stamps_ns[kept]
+        own = self._only(kept)
+        return replace(self, numbers=numbers, stamps_ns=stamps_ns, poses=poses, **own)
+
+    def _only(self, rows: NDArray[np.int64]) -> dict[str, Any]:
+        """The attributes of a subclass that change with the frames, for those of some rows."""
+        return {}
+
+    def __repr__(self) -> str:
+        sensors = ", ".join(self.sensors)
+        count = counted(len(self), "frame")
+        return f"<{type(self).__name__} {self.kind} {self.root}: {count} of {sensors}>"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FileDataset(Dataset):
     """A recording with one file per scan and per image.
 
@@ -274,7 +312,7 @@ class FileDataset(Dataset):
         return image
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class CloudDataset(Dataset):
     """Scans that are already coloured clouds in the robot's frame and need no fusion."""
 

@@ -49,7 +49,7 @@ class RecordingConfig(Section):
     )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class RangeRecording(CloudDataset):
     """Scans of a recording, all in memory; ``cloud(i)`` is one of them.
 
@@ -117,6 +117,17 @@ class RangeRecording(CloudDataset):
             colors=colors,
             offsets=offsets,
         )
+
+    def _only(self, rows: NDArray[np.int64]) -> dict[str, Any]:
+        sizes = np.diff(self.offsets)[rows]
+        kept = np.isin(np.repeat(np.arange(len(self)), np.diff(self.offsets)), rows)
+        return {
+            "seconds": self.seconds[rows],
+            "places": None if self.places is None else self.places[rows],
+            "points": self.points[kept],
+            "colors": self.colors[kept],
+            "offsets": np.cumsum([0, *sizes]).astype(np.int64),
+        }
 
     def cloud(self, index: int, config: RecordingConfig, measured: Floats | None = None) -> Cloud:
         """The cloud of a scan in the configured frame, without ground.

@@ -28,10 +28,11 @@ from fusionslam.descriptors import (
     for_sequence,
     in_file_names,
 )
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
 from fusionslam.fusion import SENSORS_OF, FusionConfig, fuse
 from fusionslam.loop_closure.detector import LoopConfig
+from fusionslam.pipelines.frame_check import check_bad_frames
 from fusionslam.pipelines.recording import name_frame
 from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.machine import peak_memory
@@ -51,8 +52,6 @@ Arrays = Mapping[str, NDArray[Any]]
 
 CHUNK = 16
 """Number of frames written together. An interruption loses at most these and those in progress."""
-BAD_FRAMES = ("error", "skip")
-"""Ways to treat frames that cannot be read, fused or described."""
 
 
 class PipelineConfig(Section):
@@ -94,12 +93,7 @@ def describe_dataset(
         ConfigError: an unknown descriptor, preset or value of ``bad_frames``.
     """
     settings = config or PipelineConfig()
-    if bad_frames not in BAD_FRAMES:
-        raise ConfigError(
-            f"bad_frames is {bad_frames!r}, expected one of {', '.join(BAD_FRAMES)}",
-            code="choice",
-            fields=("bad_frames", bad_frames),
-        )
+    check_bad_frames(bad_frames)
     for name in names:
         find_descriptor(name)
     settings = fix_radius(dataset, names, settings, bad_frames)
@@ -169,9 +163,6 @@ def first_that_works(dataset: "Dataset", action: Callable[[int], T], bad_frames:
             if bad_frames == "error":
                 raise
     raise DataError(f"{dataset.name}: no frame can be described", code="no-frame")
-
-
-_HOW_TO_SKIP = "--skip-bad-frames, bad_frames='skip', leaves such frames out"
 
 
 @dataclass(frozen=True)
@@ -267,10 +258,8 @@ class _Work:
         except DataError as error:
             if self.bad_frames == "skip":
                 return _Described(index, reason=str(error))
-            # What is wrong with the first frame is wrong with all, more often than not.
-            hint = f" ({_HOW_TO_SKIP})" if index else ""
-            with name_frame(self.dataset, index):
-                raise DataError(f"{error}{hint}", code=error.code, fields=error.fields) from error
+            with name_frame(self.dataset, index, can_skip=True):
+                raise
 
     def _describe(self, index: int) -> "_Described":
         watch, vectors = Stopwatch(), {}

@@ -15,6 +15,7 @@ from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.pipelines.export_folder import log_empty
+from fusionslam.pipelines.frame_check import readable_frames
 from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.pipelines.results import refuse_input
 from fusionslam.sensors.frame import Frame
@@ -47,6 +48,7 @@ def write_cloud_bag(
     config: FusionConfig,
     *,
     jobs: int = 1,
+    bad_frames: str = "error",
     progress: Progress | None = None,
 ) -> int:
     """Write a bag of clouds on /rgb_cloud, with the known motion of the robot.
@@ -61,6 +63,7 @@ def write_cloud_bag(
         path: file ending in .bag or .mcap, or a folder ending in .db3.
         config: how frames become clouds.
         jobs: number of frames processed in parallel.
+        bad_frames: "error" fails on a frame that cannot be read; "skip" leaves it out and logs it.
         progress: called with (frames done, total frames).
 
     Returns:
@@ -74,7 +77,7 @@ def write_cloud_bag(
 
     target = Path(path).expanduser()
     _refuse_own_input(recording, target)
-    dataset = recording.open(config.source)
+    dataset = readable_frames(recording.open(config.source), bad_frames, jobs=jobs)
     if target.exists():
         logger.warning("%s is there already and will be replaced", target)
     maker = _Maker(dataset, config, _find_fixed_frames(dataset))
@@ -141,7 +144,7 @@ class _Maker:
 
     def events(self, index: int) -> list[Event]:
         frame, stamp_ns = self.dataset[index], int(self.dataset.stamps_ns[index])
-        with name_frame(self.dataset, index):
+        with name_frame(self.dataset, index, can_skip=True):
             cloud = fuse(frame, self.config)
         name = _FRAME_IDS[self.config.frame]
         scan = Scan(stamp_ns=stamp_ns, frame_id=name, points=cloud.points, colors=cloud.colors)

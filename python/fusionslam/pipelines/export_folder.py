@@ -15,6 +15,7 @@ from fusionslam.datasets import write_cloud, write_poses_tum
 from fusionslam.datasets.calibration import ON_ROBOT
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
+from fusionslam.pipelines.frame_check import readable_frames
 from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.pipelines.results import Work, claim, refuse_input
 from fusionslam.storage.arrays import Matrix
@@ -40,6 +41,7 @@ def write_clouds(
     format: str = "ply",
     jobs: int = 1,
     command: str = "",
+    bad_frames: str = "error",
     progress: Progress | None = None,
 ) -> int:
     """Write ``clouds/NNNNNN.<format>``, times.txt and, if known, the poses of the clouds.
@@ -56,6 +58,7 @@ def write_clouds(
         format: one of ``FORMATS``.
         jobs: number of frames processed in parallel.
         command: the command line to store with the results.
+        bad_frames: "error" fails on a frame that cannot be read; "skip" leaves it out and logs it.
         progress: called with (frames done, total frames).
 
     Returns:
@@ -70,7 +73,7 @@ def write_clouds(
     root = Path(folder).expanduser()
     refuse_input(recording, root)
     _refuse_foreign(root)
-    dataset = recording.open(config.source)
+    dataset = readable_frames(recording.open(config.source), bad_frames, jobs=jobs)
     about = {
         "fusion": config.model_dump(mode="json"),
         "format": format,
@@ -85,7 +88,7 @@ def write_clouds(
         path = root / "clouds" / f"{index:06d}.{format}"
         if path.exists():
             return False
-        with name_frame(dataset, index):
+        with name_frame(dataset, index, can_skip=True):
             cloud = fuse(dataset[index], config)
             write_cloud(path, cloud)
         return not len(cloud)

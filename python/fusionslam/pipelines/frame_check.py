@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read every frame of a recording and report what cannot be read or used."""
 
-from collections.abc import Iterator
+import logging
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fusionslam.errors import FusionSlamError, one_line
+from fusionslam.errors import ConfigError, DataError, FusionSlamError, one_line
+from fusionslam.fusion import check_scan
 from fusionslam.help_texts import counted
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
@@ -16,6 +18,10 @@ from fusionslam.storage.progress import Progress
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
 
+logger = logging.getLogger(__name__)
+
+BAD_FRAMES = ("error", "skip")
+"""Ways to treat frames that cannot be read, fused or described."""
 _NAMED = 20
 """Most frames that a row names."""
 
@@ -29,12 +35,14 @@ class FrameCheck:
         errors: why a scan or image cannot be read, by sensor.
         points: number of points; None without a readable scan.
         invalid: number of points with NaN or infinity.
+        at_scanner: number of points at the scanner itself.
     """
 
     number: int
     errors: dict[str, FusionSlamError]
     points: int | None = None
     invalid: int = 0
+    at_scanner: int = 0
 
 
 def check_frames(
@@ -58,7 +66,7 @@ def check_frames(
 
 def _check(dataset: "Dataset", index: int) -> FrameCheck:
     number, errors = int(dataset.numbers[index]), {}
-    points, invalid = None, 0
+    points, invalid, at_scanner = None, 0, 0
     try:
         frame = dataset[index]
     except FusionSlamError as error:  # the calibration of the frame
@@ -70,9 +78,39 @@ def _check(dataset: "Dataset", index: int) -> FrameCheck:
             elif frame.points is not None:
                 points = len(frame.points)
                 invalid = int((~np.isfinite(frame.points)).any(axis=1).sum())
+                at_scanner = check_scan(frame.points)
         except FusionSlamError as error:
             errors[sensor] = error
-    return FrameCheck(number, errors, points, invalid)
+    return FrameCheck(number, errors, points, invalid, at_scanner)
+
+
+def readable_frames(dataset: "Dataset", bad_frames: str = "error", *, jobs: int = 1) -> "Dataset":
+    """Return the dataset; with "skip", without the frames that cannot be read, which are logged.
+
+    Raises:
+        DataError: no frame is left. ConfigError: an unknown value of ``bad_frames``.
+    """
+    check_bad_frames(bad_frames)
+    if bad_frames == "error":
+        return dataset
+    checks = check_frames(dataset, jobs=jobs)
+    for check in checks:
+        for error in check.errors.values():
+            logger.warning("%s, frame %d left out: %s", dataset.name, check.number, error)
+    good = [row for row, check in enumerate(checks) if not check.errors]
+    if not good:
+        raise DataError(f"{dataset.name}: no frame can be read", code="no-frame")
+    return dataset.only(good)
+
+
+def check_bad_frames(value: str) -> None:
+    """Raise ConfigError unless a value is one of ``BAD_FRAMES``."""
+    if value not in BAD_FRAMES:
+        raise ConfigError(
+            f"bad_frames is {value!r}, expected one of {', '.join(BAD_FRAMES)}",
+            code="choice",
+            fields=("bad_frames", value),
+        )
 
 
 def check_rows(checks: list[FrameCheck]) -> Iterator[tuple[str, str]]:
@@ -87,14 +125,24 @@ def check_rows(checks: list[FrameCheck]) -> Iterator[tuple[str, str]]:
     empty = [check.number for check in checks if check.points == 0]
     if empty:
         yield "empty scans", _name(empty)
-    holed = [check for check in checks if check.invalid]
-    if holed:
-        shares = [check.invalid / (check.points or 1) for check in holed]
-        worst = holed[int(np.argmax(shares))].number
+    yield from _shares(checks, "invalid points", "with NaN or infinity", lambda one: one.invalid)
+    yield from _shares(
+        checks, "no distance", "at the scanner (0, 0, 0)", lambda one: one.at_scanner
+    )
+
+
+def _shares(
+    checks: list[FrameCheck], label: str, what: str, number: Callable[[FrameCheck], int]
+) -> Iterator[tuple[str, str]]:
+    """Yield a row about the share of some points, if a frame has such points."""
+    found = [check for check in checks if number(check)]
+    if found:
+        shares = [number(check) / (check.points or 1) for check in found]
+        worst = found[int(np.argmax(shares))].number
         yield (
-            "invalid points",
-            f"{min(shares):.1%} to {max(shares):.1%} with NaN or infinity (most in frame {worst}) "
-            f"in {_name([check.number for check in holed])}",
+            label,
+            f"{min(shares):.1%} to {max(shares):.1%} {what} (most in frame {worst}) "
+            f"in {_name([check.number for check in found])}",
         )
 
 

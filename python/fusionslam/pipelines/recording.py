@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusionslam.config import merged
 from fusionslam.datasets import Dataset, open_dataset
@@ -29,6 +30,9 @@ from fusionslam.sensors.synchronizer import SyncConfig
 from fusionslam.views.scene_set import SceneSet, is_scene_set
 
 logger = logging.getLogger(__name__)
+
+
+_HOW_TO_SKIP = "--skip-bad-frames, bad_frames='skip', leaves such frames out"
 
 
 @dataclass(frozen=True)
@@ -159,13 +163,20 @@ def settle_frame(config: FusionConfig, dataset: Dataset) -> FusionConfig:
 
 
 @contextmanager
-def name_frame(dataset: Dataset, index: int) -> Iterator[None]:
-    """Add the names of recording and frame to a DataError of the block."""
+def name_frame(dataset: Dataset, index: int, *, can_skip: bool = False) -> Iterator[None]:
+    """Add the names of recording and frame to a DataError of the block.
+
+    Args:
+        dataset, index: of the frame.
+        can_skip: whether the caller can leave out such frames, which the error then says.
+    """
     try:
         yield
     except DataError as error:
+        # What is wrong with the first frame is wrong with all, more often than not.
+        hint = f" ({_HOW_TO_SKIP})" if can_skip and index else ""
         raise DataError(
-            f"{dataset.name}, frame {dataset.numbers[index]}: {error}",
+            f"{dataset.name}, frame {dataset.numbers[index]}: {error}{hint}",
             code=error.code,
             fields=error.fields,
         ) from error
@@ -179,7 +190,7 @@ ON_ROBOT = ("robot", "scan")
 """Frames of clouds that move with the robot; a scene set is in the scan's if only that is known."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class SceneRecording(CloudDataset):
     """A scene set as a recording of clouds; it has none if the set holds only scenes."""
 
@@ -220,6 +231,9 @@ class SceneRecording(CloudDataset):
                 f"{self.name} holds no clouds: record it without --only-scenes", code="no-clouds"
             )
         return self.scenes.clouds[index]
+
+    def _only(self, rows: NDArray[np.int64]) -> dict[str, Any]:
+        return {"scenes": self.scenes.subset(rows)}
 
     def rows(self) -> list[tuple[str, str]]:
         """Return (label, value) pairs about the content of the set other than clouds."""

@@ -20,6 +20,7 @@ from fusionslam.descriptors import (
 from fusionslam.errors import DataError
 from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
 from fusionslam.geometry.se2 import places_of
+from fusionslam.pipelines.frame_check import readable_frames
 from fusionslam.pipelines.recording import SceneRecording, name_frame
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.parallel import ordered_results
@@ -41,6 +42,7 @@ def record_scenes(
     descriptors: DescriptorConfig | None = None,
     jobs: int = 1,
     source: dict[str, Any] | None = None,
+    bad_frames: str = "error",
     progress: Progress | None = None,
 ) -> SceneSet:
     """Record every scan as a coloured cloud, with its time and ground-truth pose.
@@ -55,6 +57,7 @@ def record_scenes(
         descriptors: configuration of the descriptors.
         jobs: number of frames processed in parallel; does not change the result.
         source: information to store about the origin of the data.
+        bad_frames: "error" fails on a frame that cannot be read; "skip" leaves it out and logs it.
         progress: called with (scans done, total scans).
 
     Raises:
@@ -68,6 +71,7 @@ def record_scenes(
     if isinstance(data, RangeRecording):
         scenes = _of_recording(data, recording or RecordingConfig(), progress)
     else:
+        data = readable_frames(data, bad_frames, jobs=jobs)
         scenes = _of_dataset(data, fusion, jobs, progress)
     rows = {name: _feature(scenes, name, descriptors or DescriptorConfig()) for name in features}
     return SceneSet(**scenes, features=rows, source=source or {})
@@ -121,7 +125,7 @@ def _of_dataset(
     clouds: list[Cloud] = []
 
     def fuse_frame(index: int) -> Cloud:
-        with name_frame(data, index):
+        with name_frame(data, index, can_skip=True):
             return fuse(data[index], config)
 
     with ordered_results(fuse_frame, range(len(data)), jobs) as fused:

@@ -125,6 +125,17 @@ class Frame:
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state, images=_LazyMapping(state["images"]))
 
+    def __repr__(self) -> str:
+        """One line; loads nothing."""
+        seconds, nanoseconds = divmod(self.stamp_ns, 1_000_000_000)
+        content = []
+        if self.has_points:
+            is_loaded = not callable(self._points) and self._points is not None
+            content.append(f"{len(self._points)} points" if is_loaded else "points")  # type: ignore[arg-type]
+        content += [f"{name} image" for name in self.images]
+        about = ", ".join(content) or "empty"
+        return f"<Frame {self.index} at {seconds}.{nanoseconds:09d} s: {about}>"
+
     @property
     def points(self) -> NDArray[np.float32] | None:
         """float32 (N, 3) in metres, or None if this frame has no scan."""

@@ -159,6 +159,9 @@ def test_info_reads_all_frames_if_asked_and_names_those_that_are_damaged(tmp_pat
     scan = np.fromfile(root / "velodyne/000003.bin", np.float32)
     scan[:400:4] = np.nan
     scan.tofile(root / "velodyne/000003.bin")
+    scan[:900] = 0
+    scan[:1200].tofile(root / "velodyne/000002.bin")
+    (root / "velodyne/000000.bin").write_bytes(np.random.default_rng(0).bytes(16 * 300))
     recording = Recording.at(tmp_path)
     assert "--all" in dict(look_at(recording).rows)["checked"]
     checks: list[FrameCheck] = []
@@ -168,12 +171,17 @@ def test_info_reads_all_frames_if_asked_and_names_those_that_are_damaged(tmp_pat
         return checks
 
     rows = look_at(recording, check).rows
-    assert {c.number: (*c.errors,) for c in checks if c.errors} == {2: ("left",), 4: ("points",)}
+    assert {c.number: (*c.errors,) for c in checks if c.errors} == {
+        **{0: ("points",), 2: ("left",), 4: ("points",)}
+    }
+    assert checks[0].errors["points"].code == "far-points"
+    assert [c.at_scanner for c in checks] == [0, 0, 225, 0, 0]
     assert [c.points for c in checks] == [300, 0, 300, 400, None]
-    assert [c.invalid for c in checks] == [0, 0, 0, 100, 0]
+    assert [c.invalid for c in checks][1:] == [0, 0, 100, 0]
     found = dict(rows)
     assert {"frame 2", "frame 4"} <= found.keys() and "000004.bin" in found["frame 4"]
     assert "1" in found["empty scans"] and "25.0%" in found["invalid points"]
+    assert "75.0%" in found["no distance"] and "frame 2" in found["no distance"]
     printed = succeeds("info", tmp_path, "--all")
     assert "000002.png" in printed.stdout
 

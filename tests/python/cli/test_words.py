@@ -16,10 +16,11 @@ import pytest
 
 import fusionslam
 from cli import FRAMES, NO_WINDOW, error_of, fails, fusionslam_descriptors, run, succeeds
-from fusionslam.datasets import write_cloud
+from fusionslam.datasets import open_dataset, write_cloud
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
 from fusionslam.pipelines.compare_descriptors import evaluate_stored
 from fusionslam.sensors.frame import Cloud
+from fusionslam.views.scene_set import SceneSet
 
 
 def test_a_source_in_the_configuration_is_used_even_if_it_is_the_default(
@@ -68,6 +69,28 @@ def test_bad_frames_are_left_out_on_request_and_counted(recording: Path, tmp_pat
     )
     found = succeeds("loops", recording, "-d", "m2dp", "-o", tmp_path / "l", skip, *NO_WINDOW)
     assert "in 19 queries" in found.stdout and "1 left out" in found.stdout
+
+
+def test_every_command_that_reads_frames_leaves_out_bad_ones_on_request(
+    recording: Path, tmp_path: Path
+) -> None:
+    garbage = np.random.default_rng(0).bytes(16 * 500)
+    (recording / "velodyne/000004.bin").write_bytes(bytes(17))
+    (recording / "velodyne/000007.bin").write_bytes(garbage)
+    commands = {"fuse": "fused", "views record": "scenes.npz", "views match": "matches"}
+    for command, name in {**commands, "fuse ": "fused.bag"}.items():
+        words = (*command.split(), recording, "-o")
+        text = " ".join(fails(1, *words, tmp_path / f"bad-{name}").split())
+        assert "frame 4" in text and "--skip-bad-frames" in text
+        succeeds(*words, tmp_path / name, "--skip-bad-frames")
+    for name in ("fused", "fused.bag"):
+        assert open_dataset(tmp_path / name).stamps_ns.tolist() == [
+            stamp
+            for number, stamp in enumerate(open_dataset(recording).stamps_ns.tolist())
+            if number not in (4, 7)
+        ]
+    scenes = SceneSet.load(tmp_path / "scenes.npz")
+    assert scenes.numbers.tolist() == [*range(4), 5, 6, *range(8, 20)]
 
 
 def test_loops_name_frames_by_their_number_whatever_is_missing(

@@ -15,6 +15,7 @@ from fusionslam.datasets import (
 )
 from fusionslam.errors import DataError
 from fusionslam.fusion import fuse
+from fusionslam.sensors.frame import Frame
 from kitti import COLORS, P2, POINTS, POSE_LINE, folder, put_image, put_scan, put_text
 
 
@@ -25,6 +26,33 @@ def test_a_folder_of_coloured_clouds_gives_colours(tmp_path: Path, suffix: str) 
     assert np.array_equal(dataset[1].points, POINTS)
     assert np.array_equal(dataset[1].colors, COLORS)
     assert dataset.cameras == {} and dataset[1].images["left"].shape == (3, 4, 3)
+
+
+def test_a_slice_is_a_dataset_of_these_frames(tmp_path: Path) -> None:
+    put_text(folder(tmp_path, ("1", "3", "4", "6")) / "poses.txt", POSE_LINE.format(2) * 7)
+    dataset = open_dataset(tmp_path, gaps="skip")
+    some = dataset[1:-1]
+    assert some.numbers.tolist() == [3, 4] and len(some) == 2
+    assert some.stamps_ns.tolist() == dataset.stamps_ns[1:3].tolist()
+    assert some.poses is not None and some.poses.shape == (2, 4, 4)
+    assert [frame.index for frame in some] == [0, 1]
+    assert np.array_equal(some[-1].points, dataset[2].points)
+    assert dataset[-1].stamp_ns == dataset[3].stamp_ns and len(dataset[:0]) == 0
+    with pytest.raises(DataError, check=has_code("frame-order", dataset.name)):
+        dataset[::-1]
+    for index in (4, -5):
+        with pytest.raises(IndexError, match=f"{index}: expected 0 to 3"):
+            dataset[index]
+
+
+def test_datasets_and_frames_say_in_a_line_what_they_are(tmp_path: Path) -> None:
+    dataset = open_dataset(folder(tmp_path))
+    assert repr(dataset) == f"<FileDataset folder {tmp_path}: 3 frames of points, left>"
+    frame = dataset[1]
+    assert repr(frame) == "<Frame 1 at 0.100000000 s: points, left image>"
+    assert len(frame.points) == len(POINTS)
+    assert f"{len(POINTS)} points" in repr(frame)
+    assert repr(Frame()) == "<Frame 0 at 0.000000000 s: empty>"
 
 
 def test_clouds_may_lie_in_the_folder_itself(tmp_path: Path) -> None:

@@ -53,6 +53,18 @@ def test_in_odometrys_frame_points_move_with_the_robot(tmp_path: Path) -> None:
     assert np.array_equal(drifted.true_poses(), robot.true_poses())
 
 
+def test_a_slice_has_the_clouds_of_its_scans(tmp_path: Path) -> None:
+    write_recording(tmp_path / "r.npz", LAPS)
+    data = RangeRecording.open(tmp_path / "r.npz")
+    some, config = data[2:7:2], RecordingConfig(frame="odometry")
+    assert some.numbers.tolist() == [2, 4, 6] and some.places is not None
+    for row in range(3):
+        assert np.array_equal(some[row].points, data[2 + 2 * row].points)
+        assert np.array_equal(some[row].colors, data[2 + 2 * row].colors)
+    found = record_scenes(some, recording=config)
+    assert found.numbers.tolist() == [2, 4, 6] and found.stamps_ns[1] == data.stamps_ns[4]
+
+
 def test_odometry_at_places_is_that_of_the_simulator() -> None:
     seconds = np.arange(0, 20, 0.5)
     places = np.column_stack([np.cos(seconds), np.sin(seconds), seconds + np.pi / 2])

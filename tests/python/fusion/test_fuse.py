@@ -37,6 +37,24 @@ def test_fuse_uses_the_place_of_the_scanner() -> None:
     assert np.array_equal(made.points, expected[0]) and np.array_equal(made.colors, expected[1])
 
 
+def test_points_farther_than_any_lidar_sees_are_refused_and_dropouts_at_the_scanner_are_not(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    config, points = FusionConfig(source="cloud"), np.ones((100, 3), np.float32)
+    points[:50, 1] = 2e4
+    assert len(fusionslam.fuse(Frame(points=points), config)) == 100
+    points[50, 1] = -2e4
+    with pytest.raises(DataError, check=has_code("far-points", "51", "100")):
+        fusionslam.fuse(Frame(points=points), config)
+    points[:60] = 0
+    assert len(fusionslam.fuse(Frame(points=points), config)) == 100
+    (record,) = caplog.records
+    assert record.args == (0, 60, 100)
+    # No return, for many drivers.
+    points[:60] = np.inf
+    assert len(fusionslam.fuse(Frame(points=points), config)) == 40
+
+
 def test_fuse_drops_and_counts_invalid_points(caplog: pytest.LogCaptureFixture) -> None:
     points, _ = scene(19)
     clean = fusionslam.fuse(frame(points=points))

@@ -33,7 +33,7 @@ _FUSED = {"points", "left"}
 _STEREO = {"left", "right"}
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class BagDataset(Dataset):
     """Frames of a bag; scans and images are read one at a time, from any thread.
 
@@ -126,6 +126,15 @@ class BagDataset(Dataset):
                 fields=(topic,),
             )
         return sorted(found, key=lambda message: message.stamp_ns)
+
+    def _only(self, rows: NDArray[np.int64]) -> dict[str, Any]:
+        places = self.matched.cameras_from_points
+        matched = self.matched._replace(
+            rows={name: found[rows] for name, found in self.matched.rows.items()},
+            numbers=self.matched.numbers[rows],
+            cameras_from_points=None if places is None else places[rows],
+        )
+        return {"matched": matched}
 
     def _frame(self, index: int) -> Frame:
         scan = functools.cache(functools.partial(self._scan, index))
