@@ -5,11 +5,11 @@
 python -m benchmarks.accuracy.loop_thresholds            # towns from the cache, recorded if missing
 python -m benchmarks.accuracy.loop_thresholds --write    # and store the thresholds and the table
 
-A threshold is the largest one at which 95 % of the loops are right in each fitted town: towns differ
-more than the loops of one town, so one fitted to all of them together is wrong in some. Where no
-threshold is, it lies below the nearest match of a town, which is false: such a descriptor finds
-hardly anything until it is given another threshold. Recording and describing a town takes about five
-minutes of processor time.
+A threshold is the largest one at which 95 % of the loops are right in each fitted town: towns
+differ so much that one fitted to all of them together is wrong in some. Where no threshold is, it
+lies below the nearest match of a town, which is false: such a descriptor finds hardly anything
+until it is given another threshold. Recording and describing a town takes about five minutes of
+processor time.
 """
 
 import argparse
