@@ -100,7 +100,7 @@ Raises:
 The file keeps its mode; a new one gets what the umask leaves.
 
 Raises:
-    DataError: naming the path.)")
+    DataError: it cannot be written (code "cannot-write", fields: the path).)")
       .def_static(
           "load",
           [](const std::filesystem::path& path) {

@@ -6,15 +6,28 @@
 namespace fusionslam::bindings {
 namespace {
 
-void raise(const char* name, const char* message) {
+using namespace py::literals;
+
+/// A path need not be UTF-8.
+py::str text_of(const std::string& bytes) {
+  return py::reinterpret_steal<py::str>(
+      PyUnicode_DecodeFSDefaultAndSize(bytes.data(), static_cast<py::ssize_t>(bytes.size())));
+}
+
+template <class... Options>
+void raise(const char* name, const char* message, Options&&... options) {
   const py::object type = py::module_::import("fusionslam.errors").attr(name);
-  PyErr_SetString(type.ptr(), message);
+  const py::object error = type(text_of(message), std::forward<Options>(options)...);
+  PyErr_SetObject(type.ptr(), error.ptr());
 }
 
 void translate_errors() {
   py::register_exception_translator([](std::exception_ptr failure) {
     try {
       std::rethrow_exception(failure);
+    } catch (const WriteError& error) {
+      raise("DataError", error.what(), "code"_a = "cannot-write",
+            "fields"_a = py::make_tuple(text_of(error.path())));
     } catch (const DataError& error) {
       raise("DataError", error.what());
     } catch (const ConfigError& error) {

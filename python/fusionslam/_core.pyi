@@ -323,7 +323,7 @@ class DescriptorIndex:
         The file keeps its mode; a new one gets what the umask leaves.
         
         Raises:
-            DataError: naming the path.
+            DataError: it cannot be written (code "cannot-write", fields: the path).
         """
     @property
     def dimension(self) -> int:

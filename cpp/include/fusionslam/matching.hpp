@@ -49,7 +49,7 @@ class DescriptorIndex {
   std::vector<Match> query(std::span<const float> descriptor, std::size_t k = 1,
                            std::optional<std::int64_t> stamp_ns = std::nullopt) const;
 
-  /// Writes one file, whole or not at all. Throws DataError naming the path.
+  /// Writes one file, whole or not at all. Throws WriteError.
   void save(const std::string& path) const;
 
   /// Throws DataError naming the path if the file is not an index, of another version, cut or

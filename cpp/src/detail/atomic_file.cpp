@@ -89,7 +89,7 @@ void sync_folder(const fs::path& folder) {
 
 }  // namespace
 
-AtomicFile::AtomicFile(const std::string& path) : path_(path), target_(without_links(path)) {
+AtomicFile::AtomicFile(const std::string& path) : target_(without_links(path)) {
   std::error_code ignored;
   if (fs::is_symlink(target_, ignored)) fail(ELOOP);
   struct stat old{};
@@ -143,9 +143,7 @@ void AtomicFile::replace() {
   sync_folder(folder_of(target_));
 }
 
-void AtomicFile::fail(const std::string& why) const {
-  throw DataError(path_ + ": cannot be written: " + why);
-}
+void AtomicFile::fail(const std::string& why) const { throw WriteError(target_.string(), why); }
 
 void AtomicFile::fail(int error) const { fail(std::generic_category().message(error)); }
 

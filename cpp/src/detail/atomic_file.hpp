@@ -17,7 +17,7 @@ namespace fusionslam::detail {
 /// follows the same rules.
 class AtomicFile {
  public:
-  /// Throws DataError naming the path, as the others do.
+  /// Throws WriteError, as the others do.
   explicit AtomicFile(const std::string& path);
   AtomicFile(const AtomicFile&) = delete;
   AtomicFile& operator=(const AtomicFile&) = delete;
@@ -32,7 +32,6 @@ class AtomicFile {
   [[noreturn]] void fail(const std::string& why) const;
   [[noreturn]] void fail(int error) const;
 
-  std::string path_;              ///< as given
   std::filesystem::path target_;  ///< without links
   std::filesystem::path temporary_;
   int file_ = -1;
