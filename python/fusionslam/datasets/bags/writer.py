@@ -54,7 +54,7 @@ def open_writer(
             topics that are not named.
 
     Raises:
-        DataError: ``path`` cannot be written, or exists and is not a bag.
+        DataError: ``path`` cannot be written (code "cannot-write"), or exists and is not a bag.
         ConfigError: an unknown format of the bag or of pictures.
     """
     target, kind = Path(path).expanduser(), _kind(Path(path), format)
@@ -70,7 +70,9 @@ def open_writer(
             with delay_interrupts():
                 kept = writer._keep()
             if writer.broken:
-                raise DataError(f"{error}; {kept}") from error
+                raise DataError(
+                    f"{error}; {kept}", code="cannot-write", fields=(str(target),)
+                ) from error
             logger.warning("%s is not complete; %s", target, kept)
             raise
         writer._put_in_place(target)
