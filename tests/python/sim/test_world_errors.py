@@ -3,6 +3,7 @@
 """Worlds with something missing or damaged: what the error says, and what lenient loading keeps."""
 
 import logging
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -59,6 +60,13 @@ def test_a_missing_texture_or_material_of_an_obj_is_named(room: Path) -> None:
     expect_missing(room, "texture shade.png", "lamp.obj")
     (room / "models/lamp/meshes/lamp.mtl").unlink()
     expect_missing(room, "material lamp.mtl", "lamp.obj")
+
+
+def test_an_obj_whose_texture_coordinates_lack_one_is_refused(room: Path) -> None:
+    obj = room / "models/lamp/meshes/lamp.obj"
+    obj.write_text(re.sub(r"^(vt \d) .*$", r"\1", obj.read_text(), flags=re.MULTILINE))
+    with pytest.raises(DataError, match=r"lamp\.obj"):
+        load_world(room)
 
 
 def test_a_missing_model_is_named(room: Path) -> None:

@@ -178,6 +178,14 @@ def test_an_obj_mesh_brings_its_materials_and_is_scaled() -> None:
     assert any((texture[0, 0, :3] == [200, 100, 50]).all() for texture in scene.textures)
 
 
+def test_the_third_texture_coordinate_of_an_obj_is_not_used(room: Path) -> None:
+    obj = room / "models/lamp/meshes/lamp.obj"
+    before = load_world(room).visual.mesh.uv
+    obj.write_text(re.sub("^(vt .*)$", r"\1 0.5", obj.read_text(), flags=re.MULTILINE))
+    after = load_world(room).visual.mesh.uv
+    np.testing.assert_array_equal(before, after)
+
+
 def test_mirrored_meshes_keep_their_outside_outside() -> None:
     scene = load_world(ROOM).visual
     chosen = scene.part == list(scene.names).index("lamp")

@@ -119,6 +119,5 @@ def _trimesh_piece(mesh: Any, looks: bool) -> Piece:
     uv = mesh.visual.uv
     if material.image is None or uv is None:
         return Piece(corners, None, Look(np.asarray(material.main_color[:3]) / 255.0))
-    return Piece(
-        corners, np.asarray(uv, np.float32)[mesh.faces], Look(_WHITE, rgb_of(material.image))
-    )
+    at = np.asarray(uv, np.float32)[:, :2]  # the third of a volume's texture is not used
+    return Piece(corners, at[mesh.faces], Look(_WHITE, rgb_of(material.image)))

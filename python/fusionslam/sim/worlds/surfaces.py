@@ -71,6 +71,8 @@ def check_piece(piece: Piece) -> Piece:
         raise ValueError(f"corners are {piece.triangles.shape[1:]}, expected (3, 3) a triangle")
     if not np.isfinite(piece.triangles).all():
         raise ValueError("a corner is not finite")
+    if piece.uv is not None and piece.uv.shape[1:] != (3, 2):
+        raise ValueError(f"texture coordinates are {piece.uv.shape[1:]}, expected (3, 2)")
     if piece.uv is not None and not np.isfinite(piece.uv).all():
         raise ValueError("a texture coordinate is not finite")
     return piece
