@@ -43,7 +43,7 @@ Read = Callable[[Path], Any]
 def foreign_file_targets() -> Iterator[Target]:
     """One target for each kind of file."""
     for suffix in (".ply", ".pcd", ".bin"):
-        yield _file(f"cloud{suffix}", _cloud_seeds(suffix), read_cloud)
+        yield _file(f"cloud{suffix}", _cloud_seeds(suffix), _read_cloud)
     for suffix in (".png", ".jpg", ".pgm"):
         yield _file(f"image{suffix}", _image_seeds(suffix), read_image)
     yield _text("poses.txt", _POSES, read_poses)
@@ -98,6 +98,12 @@ def _cloud_seeds(suffix: str) -> Callable[[Path], list[bytes]]:
         return found
 
     return make
+
+
+def _read_cloud(path: Path) -> None:
+    cloud = read_cloud(path)
+    fusionslam.drop_invalid(cloud.points)  # NaN marks a ray without return; fuse leaves it out
+    check_numbers(cloud.colors)
 
 
 def _image_seeds(suffix: str) -> Callable[[Path], list[bytes]]:
@@ -210,7 +216,9 @@ def _read_dataset(path: Path) -> None:
     dataset = fusionslam.open_dataset(path)
     for index in range(min(len(dataset), 3)):
         frame = dataset[index]
-        check_numbers((frame.points, frame.images))
+        if frame.points is not None:
+            fusionslam.drop_invalid(frame.points)
+        check_numbers(frame.images)
 
 
 def _range_seeds(folder: Path) -> list[bytes]:
