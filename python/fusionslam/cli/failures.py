@@ -43,6 +43,7 @@ class Guarded(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Allow command names of two words: "bench views" beside "bench"."""
+        _refuse_empty(args)
         two = " ".join(args[:2])
         if two in self.commands:
             return two, self.commands[two], args[2:]
@@ -132,6 +133,20 @@ def missing_extras() -> list[str]:
         for extra, each in EXTRAS.items()
         if any(find_spec(module) is None for module in each.modules.values())
     ]
+
+
+def _refuse_empty(args: list[str]) -> None:
+    """Raise UsageError for an empty argument, such as an unset variable of the shell.
+
+    Empty paths would be the working folder.
+    """
+    for before, argument in zip(["DATA", *args], args, strict=False):
+        name = argument.removesuffix("=")
+        is_option = argument.startswith("--") and argument.endswith("=") and "=" not in name
+        if not argument or is_option:
+            option = name if is_option else before
+            hint = option if option.startswith("-") else "an argument"
+            raise typer.BadParameter("it is empty, expected a value", param_hint=hint)
 
 
 def _report_usage(error: Any) -> Exception:

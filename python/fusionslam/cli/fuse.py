@@ -11,7 +11,7 @@ import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress
-from fusionslam.cli.failures import keep, needs_extra
+from fusionslam.cli.failures import keep, keep_partial, needs_extra
 from fusionslam.cli.recordings import build_recording
 from fusionslam.help_texts import counted
 from fusionslam.storage.progress import label_progress
@@ -77,6 +77,7 @@ def fuse(
     with progress() as step:
         show = label_progress(step, "fusing")
         if is_bag:
+            keep_partial(ctx, output)
             count = write_cloud_bag(
                 recording,
                 output,

@@ -3,14 +3,24 @@
 """Describe files of results that fusionslam stored: their kind, metadata and counts."""
 
 from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from fusionslam.config import flatten
 from fusionslam.errors import DataError
+from fusionslam.evaluation import DescriptorRun
+from fusionslam.help_texts import counted
+from fusionslam.pipelines.describe import PipelineConfig, run_files
+from fusionslam.pipelines.results import FILE, Work, runs_folder
 from fusionslam.storage.archive import format_of, load_archive, load_json
 
 _PREFIX = "fusionslam."
-_IN_FOLDERS = ("detector.json", "run.json")
+_IN_FOLDERS = (
+    *("run.json", "detector.npz", "detector.json", "run.npz", "matcher.npz"),
+    *("curve.json", "calib_check.json"),
+)
+"""Files by which a folder of results is described, the first of them that is there."""
 _KINDS: Mapping[str, str] = {
     "aligned_loops": "loops with their transforms",
     "calib_check": "result of calib-check",
@@ -38,6 +48,7 @@ _KINDS: Mapping[str, str] = {
 
 _COUNTS: Mapping[str, Mapping[str, str]] = {
     "descriptor_run": {"frames": "frames"},
+    "loop_detector": {"frames": "numbers"},
     "ratslam": {"nodes": "map.nodes", "links": "map.ends"},
     "ratslam_run": {"nodes": "nodes", "links": "links", "steps": "stamps_ns"},
     "view_matcher": {"views": "slots"},
@@ -60,12 +71,43 @@ def stored_rows(path: Path) -> list[tuple[str, str]] | None:
     format = _json_format(file) if file.suffix == ".json" else format_of(file)
     if format is None or not format.startswith(_PREFIX):
         return None
+    rows = _json_rows if file.suffix == ".json" else _archive_rows
     return [
         ("name", path.name),
         ("kind", f"{describe_format(format)} ({format}); no recording"),
         ("folder", str(path.parent)),
-        *(_json_rows(file, format) if file.suffix == ".json" else _archive_rows(file, format)),
+        *(_work_rows(file.parent) if _name_of(format) == "work" else rows(file, format)),
+        *([("files", _files_in(path))] if path.is_dir() else []),
     ]
+
+
+def _files_in(folder: Path) -> str:
+    """Name the stored files in a folder, with what each holds."""
+    found = []
+    for path in sorted(folder.iterdir()):
+        format = _json_format(path) if path.suffix == ".json" else format_of(path)
+        if format is not None and format.startswith(_PREFIX):
+            found.append(f"{path.name} ({describe_format(format)})")
+    return "; ".join(found)
+
+
+def _work_rows(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield what was done with which data, and what differs from the defaults."""
+    work = Work.load(folder)
+    assert work is not None  # its file is there
+    yield "dataset", f"{work.dataset} ({work.recording.path})"
+    yield "command", work.command or "none: written by a program"
+    written = datetime.fromtimestamp((folder / FILE).stat().st_mtime, UTC)
+    yield "written", f"{written:%Y-%m-%d %H:%M} UTC"
+    defaults = flatten(PipelineConfig().model_dump(mode="json"))
+    for source, config in work.configs.items():
+        values = {**flatten(config), "fusion.source": defaults["fusion.source"]}
+        other = [f"{key}={value}" for key, value in values.items() if value != defaults.get(key)]
+        yield f"source {source}", ", ".join(other) or "defaults"
+    for path in run_files(runs_folder(folder)):
+        run = DescriptorRun.load(path)
+        skipped = f", {len(run.skipped)} left out" if run.skipped else ""
+        yield f"{run.source} {run.descriptor}", f"{counted(len(run), 'frame')}{skipped}"
 
 
 def describe_format(format: str) -> str:
@@ -97,9 +139,12 @@ def _json_rows(path: Path, format: str) -> Iterator[tuple[str, str]]:
 def _archive_rows(path: Path, format: str) -> Iterator[tuple[str, str]]:
     with load_archive(path, format, describe_format(format)) as (about, arrays):
         yield from _values(about)
-        for thing, name in _COUNTS.get(_name_of(format), {}).items():
+        counts = _COUNTS.get(_name_of(format), {})
+        for thing, name in counts.items():
             if name in arrays:
                 yield thing, str(len(arrays[name]))
+        if counts:
+            return
         shapes = {name: " x ".join(map(str, rows.shape)) for name, rows in arrays.items()}
         yield "arrays", ", ".join(f"{name} {shape or 1}" for name, shape in shapes.items())
 

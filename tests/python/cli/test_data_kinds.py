@@ -14,6 +14,7 @@ from fusionslam import datasets
 from fusionslam.datasets.base import OdometryOrigin, PosesOrigin
 from fusionslam.datasets.streams import MissingSensorError
 from fusionslam.fusion import FusionConfig
+from fusionslam.loop_closure import LoopDetector
 from fusionslam.pipelines.drives import open_drive
 from fusionslam.pipelines.export_bag import write_cloud_bag
 from fusionslam.pipelines.export_folder import write_clouds
@@ -21,6 +22,7 @@ from fusionslam.pipelines.first_frame import first_cloud
 from fusionslam.pipelines.frame_check import FrameCheck, check_frames
 from fusionslam.pipelines.overview import look_at
 from fusionslam.pipelines.recording import Recording
+from fusionslam.sensors.frame import Cloud
 from kitti import write_sequence
 from recordings import write_drive
 
@@ -134,18 +136,27 @@ def test_info_says_what_stored_results_are(fused: dict[str, Path], tmp_path: Pat
     words = ("--no-report", "--views", "objects", "--save", tmp_path / "map/state.npz")
     succeeds("ratslam", folder, "-o", tmp_path / "map", *words)
     succeeds("views", "match", folder, "-o", tmp_path / "views", "--no-report")
-    succeeds("describe", folder, "-o", tmp_path / "runs", "-d", "m2dp")
+    succeeds("describe", folder, "-o", tmp_path / "runs", "-d", "m2dp", "--set", "fusion.voxel=0.5")
+    detector = LoopDetector("m2dp")
+    detector.add(Cloud(datasets.open_dataset(folder)[0].points))
+    detector.save(tmp_path / "loops")
     for name, format, counts in (
         ("map/state.npz", "ratslam", {"nodes", "links"}),
         ("map/run.npz", "ratslam_run", {"nodes", "links", "steps"}),
         ("map/map.json", "experience_map", {"counts"}),
         ("views/matcher.npz", "view_matcher", {"views"}),
         ("runs/cloud-m2dp.npz", "descriptor_run", {"frames"}),
-        ("runs", "work", {"command"}),
+        ("map", "ratslam_run", {"nodes", "files"}),
+        ("views", "view_matcher", {"views"}),
+        ("loops", "loop_detector", {"frames"}),
+        ("runs", "work", {"command", "written", "cloud m2dp"}),
     ):
         rows = dict(look_at(Recording.at(tmp_path / name)).rows)
         assert f"(fusionslam.{format}." in rows["kind"] and counts <= rows.keys()
         succeeds("info", tmp_path / name)
+    rows = dict(look_at(Recording.at(tmp_path / "runs")).rows)
+    assert rows["source cloud"] == "fusion.voxel=0.5" and "demo" not in rows
+    assert str(folder) in rows["dataset"] and rows["cloud m2dp"].startswith("6 ")
     state = tmp_path / "map/state.npz"
     error = error_of(1, "fuse", state, "-o", tmp_path / "out")
     assert (error.code, error.fields) == ("no-recording", (str(state), "fusionslam.ratslam.1"))

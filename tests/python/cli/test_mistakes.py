@@ -32,6 +32,9 @@ from fusionslam.sensors.frame import Cloud
         (("info",), "Missing argument 'DATA'"),
         (("describe", "DATA", "-o", "x", "--jobs", "0"), "'--jobs'"),
         (("eval", "x", "--radius", "wide"), "Invalid value for '--radius'"),
+        (("sim", "house", "-o", ""), "Invalid value for -o"),
+        (("fuse", "DATA", "--output="), "Invalid value for --output"),
+        (("info", ""), "Invalid value for an argument"),
     ],
     ids=lambda value: str(value)[:30],
 )
