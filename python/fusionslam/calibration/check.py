@@ -264,7 +264,11 @@ def _verdict(
         return f"cannot say: {doubt}", None
     uncertain += [name for name, curve in curves.items() if name == DELAY and curve.flat]
     about = f" (little can be said about {' and '.join(uncertain)})" if uncertain else ""
-    return f"calibration fits{about}", True
+    # A best value may differ from 0 for sure and still be too small to matter.
+    within = f"{config.turn_tolerance:g} deg, {config.shift_tolerance:g} m"
+    if DELAY in curves:
+        within += f", {config.delay_tolerance:g} s"
+    return f"calibration fits{about}; tolerances: {within}", True
 
 
 def _remedy(used: int, available: int) -> str:

@@ -31,6 +31,7 @@ def compare(
 ) -> None:
     """Compare descriptors, write the report, or only its figures, and print its tables."""
     from fusionslam.pipelines.compare_descriptors import benchmark
+    from fusionslam.pipelines.results import delete_page
     from fusionslam.report.loops.stored import write_stored_metrics, write_stored_report
 
     first = next(iter(configs.values()))
@@ -49,6 +50,7 @@ def compare(
             demo=demo,
         )
         if no_report:
+            delete_page(output, "report")
             page = write_stored_metrics(output, evaluations, command=opt.command_line())
         else:
             step("writing the report", 0, 1)

@@ -125,6 +125,8 @@ def write(
     no_report: bool = False,
 ) -> list[Path]:
     """Write Markdown, JSON and one page per frame; return the paths of the pages."""
+    from fusionslam.pipelines.drives import FRAMES
+    from fusionslam.pipelines.results import delete_page
     from fusionslam.report.views.comparison_tables import write_view_bench
     from fusionslam.report.views.page import write_view_report
     from fusionslam.storage.machine import machine, versions
@@ -134,6 +136,8 @@ def write(
     frames = list(dict.fromkeys(result.frame for result in results))
     pages = [output / "views.md"]
     if no_report:
+        for folder in (output, *(output / frame for frame in FRAMES)):
+            delete_page(folder, "views")
         return pages
     for number, frame in enumerate(frames):
         step("writing the reports", number, len(frames))

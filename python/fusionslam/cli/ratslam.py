@@ -289,11 +289,13 @@ def _process_events(recorder: "RunRecorder", step: Step, watch: "Watch | None") 
 def _page(run: "RatSlamRun", output: Path, no_report: bool) -> Path:
     """Print how good the map is and write the page if wanted; return the file to look at."""
     from fusionslam.evaluation.maps.judge import judge_map
+    from fusionslam.pipelines.results import delete_page
 
     judged = judge_map(run)
     judged.save(output / "map_report.json")
     print(judged)
     if no_report:
+        delete_page(output, "ratslam")
         return output / "map.json"
     from fusionslam.report.maps.page import write_ratslam_report
 

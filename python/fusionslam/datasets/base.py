@@ -66,7 +66,7 @@ class Dataset(ABC):
         body_from_points: float64 (4, 4), maps points of the scan to that body; None if unknown.
         body_is_camera: whether that body is a camera, z ahead and y down, instead of a robot or a
             scanner, x ahead and z up.
-        poses: float64 (N, 4, 4), world_from_body; None if there are none.
+        poses: float64 (N, 4, 4), world_from_body, of ``poses_origin``; None if there are none.
         cameras: calibration by camera name; the first frame's if each frame has its own.
         gaps: numbers of the incomplete frames, which were left out.
     """
@@ -92,6 +92,11 @@ class Dataset(ABC):
     def poses_origin(self) -> PosesOrigin:
         """Origin of the poses."""
         return PosesOrigin.NONE if self.poses is None else PosesOrigin.FILE
+
+    @property
+    def true_poses(self) -> Matrix | None:
+        """The poses, unless they are odometry, which drifts: what results are judged by."""
+        return None if self.poses_origin is PosesOrigin.ODOMETRY else self.poses
 
     @property
     def body_from_robot(self) -> Matrix:

@@ -51,7 +51,7 @@ def open_folder(path: Path, request: Request) -> Dataset:
     chosen = choose(streams, request, root)
     numbers, gaps = frame_numbers(chosen, request)
     poses = request.poses or find_existing(root / "poses.txt")
-    stamps = _stamps(root, numbers, name_stamps, poses)
+    stamps, recorded = _stamps(root, numbers, name_stamps, poses)
     calibration = request.calibration or find_existing(root / "calib.yaml")
     return FileDataset(
         kind="folder",
@@ -62,7 +62,9 @@ def open_folder(path: Path, request: Request) -> Dataset:
         stamps_ns=stamps,
         pose_frame="points",
         body_from_points=np.eye(4),
-        poses=match_poses(poses, numbers, stamps) if poses else None,
+        poses=match_poses(poses, numbers, stamps, recorded=recorded, strict=poses == request.poses)
+        if poses
+        else None,
         cameras=_cameras(calibration, chosen),
         gaps=gaps,
         robot_from_points=read_place_on_robot(calibration) if calibration else None,
@@ -113,17 +115,21 @@ def _stamps(
     numbers: NDArray[np.int64],
     name_stamps: NDArray[np.int64] | None,
     poses: Path | None,
-) -> NDArray[np.int64]:
-    """Stamps from the file names, else times.txt, else TUM poses, else at 10 Hz."""
+) -> tuple[NDArray[np.int64], int | None]:
+    """Stamps from the file names, else times.txt, else TUM poses, else at 10 Hz; their number.
+
+    The number is that of the whole recording; None if nothing tells it.
+    """
     times = root / "times.txt"
     if name_stamps is not None:
-        return name_stamps[numbers]
+        return name_stamps[numbers], len(name_stamps)
     if times.exists():
-        return pick(read_times(times), numbers, times)
+        stamps = read_times(times)
+        return pick(stamps, numbers, times), len(stamps)
     pose_stamps = read_poses(poses)[0] if poses else None
     if poses is None or pose_stamps is None:
-        return regular_stamps(numbers, str(times))
-    return pick(pose_stamps, numbers, poses)
+        return regular_stamps(numbers, str(times)), None
+    return pick(pose_stamps, numbers, poses), None
 
 
 def _cameras(path: Path | None, streams: dict[str, Stream]) -> dict[str, Camera]:

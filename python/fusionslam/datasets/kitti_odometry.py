@@ -44,7 +44,7 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
     cameras, streams = find_streams(root, "velodyne", "image_{}")
     chosen = choose(streams, request, root)
     numbers, gaps = frame_numbers(chosen, request)
-    stamps = _stamps(root, numbers)
+    stamps, recorded = _stamps(root, numbers)
     calibration = _calibration(root, chosen)
     poses = request.poses or find_existing(
         root / "poses.txt",
@@ -63,7 +63,9 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
         pose_frame=POSE_FRAME,
         body_is_camera=True,
         body_from_points=_camera0_from_points(calibration, chosen),
-        poses=match_poses(poses, numbers, stamps) if poses else None,
+        poses=match_poses(poses, numbers, stamps, recorded=recorded, strict=poses == request.poses)
+        if poses
+        else None,
         cameras=_cameras(calibration, cameras, chosen) if calibration else {},
         gaps=gaps,
         robot_from_points=ROBOT_FROM_VELODYNE,
@@ -99,14 +101,16 @@ def _sequence(path: Path, name: str | None) -> Path:
     return one_of(path / "sequences", available, name)
 
 
-def _stamps(root: Path, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+def _stamps(root: Path, numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], int | None]:
+    """Return the frames' stamps, and the number of frames of the whole sequence if it is known."""
     path = find_existing(
         root / "times.txt",
         *(one.parent.parent / "times" / f"times_{one.name}.txt" for one in named_and_linked(root)),
     )
     if path is None:
-        return regular_stamps(numbers, str(root / "times.txt"))
-    return pick(read_times(path), numbers, path)
+        return regular_stamps(numbers, str(root / "times.txt")), None
+    times = read_times(path)
+    return pick(times, numbers, path), len(times)
 
 
 def _calibration(root: Path, streams: dict[str, Stream]) -> Calibration | None:

@@ -42,7 +42,7 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
     camera_numbers, streams = find_streams(root, "velodyne_points/data", "image_{:02d}/data")
     chosen = choose(streams, request, root)
     numbers, gaps = frame_numbers(chosen, request)
-    stamps = _stamps(root, numbers, chosen)
+    stamps, recorded = _stamps(root, numbers, chosen)
     cam_to_cam = _calibration(root, "calib_cam_to_cam.txt")
     velo_to_cam = _calibration(root, "calib_velo_to_cam.txt")
     rectified_from_camera = homogeneous(cam_to_cam.matrix("R_rect_00", 3, 3))
@@ -57,7 +57,9 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
         pose_frame=POSE_FRAME,
         body_is_camera=True,
         body_from_points=rectified_from_points,
-        poses=match_poses(request.poses, numbers, stamps) if request.poses else None,
+        poses=match_poses(request.poses, numbers, stamps, recorded=recorded)
+        if request.poses
+        else None,
         cameras={
             name: _camera(cam_to_cam, number, rectified_from_points)
             for name, number in camera_numbers.items()
@@ -84,14 +86,18 @@ def _is_drive(path: Path) -> bool:
 
 def _stamps(
     root: Path, numbers: NDArray[np.int64], streams: dict[str, Stream]
-) -> NDArray[np.int64]:
-    """Stamps of the scans or, if they have none, of the first sensor that has some."""
+) -> tuple[NDArray[np.int64], int | None]:
+    """Stamps of the scans or, if they have none, of the first sensor that has some; their number.
+
+    The number is that of the whole drive; None without a file of stamps.
+    """
     folders = [stream.expected(int(numbers[0])).parent.parent for stream in streams.values()]
     paths = [folder / "timestamps.txt" for folder in folders]
     path = find_existing(*paths)
     if path is None:
-        return regular_stamps(numbers, str(paths[0]))
-    return pick(read_timestamps(path), numbers, path)
+        return regular_stamps(numbers, str(paths[0])), None
+    times = read_timestamps(path)
+    return pick(times, numbers, path), len(times)
 
 
 def _camera(

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads and writes text files of poses and times, and matches them to frames."""
 
+import logging
 import warnings
 from decimal import Decimal
 from pathlib import Path
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.storage.files import PathLike, atomic_path, reading
+
+logger = logging.getLogger(__name__)
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -131,7 +134,12 @@ def read_timestamps(path: PathLike) -> NDArray[np.int64]:
 
 
 def match_poses(
-    path: PathLike, numbers: NDArray[np.int64], stamps_ns: NDArray[np.int64]
+    path: PathLike,
+    numbers: NDArray[np.int64],
+    stamps_ns: NDArray[np.int64],
+    *,
+    recorded: int | None = None,
+    strict: bool = True,
 ) -> NDArray[np.float64]:
     """Read the poses of frames: KITTI lines are matched by frame number, TUM lines by time.
 
@@ -139,27 +147,61 @@ def match_poses(
         path: file in KITTI or TUM format.
         numbers: int64 (N), ascending.
         stamps_ns: int64 (N).
+        recorded: number of frames of the whole recording, of which some may be missing here; None
+            if unknown. Of KITTI lines, which have no times, only the number tells whether they
+            belong to it.
+        strict: whether lines beyond the frames are an error if ``recorded`` is known, too; they are
+            logged otherwise.
 
     Returns:
         float64 (N, 4, 4) world_from_body.
 
     Raises:
-        DataError: the file cannot be read, is too short, or has no pose within 10 ms of a frame.
+        DataError: the file cannot be read, is too short, has more KITTI lines than there are
+            frames, or has no pose within 10 ms of a frame.
     """
     path = Path(path)
     pose_stamps, poses = read_poses(path)
     if pose_stamps is None:
+        _check_count(path, len(poses), int(numbers[-1]) + 1, recorded, strict)
         return pick(poses, numbers, path)
     nearest = _nearest(pose_stamps, stamps_ns)
     distance = np.abs(pose_stamps[nearest] - stamps_ns)
     if (far := np.flatnonzero(distance > POSE_TOLERANCE_NS)).size:
         raise DataError(
             f"{path} has no pose within 10 ms of {far.size} of {len(numbers)} frames; the first "
-            f"is frame {numbers[far[0]]} at {stamps_ns[far[0]] / 1e9:.9f} s",
+            f"is frame {numbers[far[0]]} at {stamps_ns[far[0]] / 1e9:.9f} s; the poses are from "
+            f"{_span(pose_stamps)}, the frames from {_span(stamps_ns)}",
             code="no-pose",
             fields=(str(path), str(numbers[far[0]])),
         )
     return poses[nearest]
+
+
+def _span(stamps_ns: NDArray[np.int64]) -> str:
+    return f"{stamps_ns.min() / 1e9:.3f} to {stamps_ns.max() / 1e9:.3f} s"
+
+
+def _check_count(path: Path, count: int, needed: int, recorded: int | None, strict: bool) -> None:
+    """Refuse or log KITTI lines that neither the frames here nor those of the drive account for."""
+    if count <= needed or count == recorded:
+        return
+    if recorded is None or not strict:
+        logger.warning(
+            "%s has %d poses and the frames end with number %d: the first %d are used, if the file "
+            "is of this drive",
+            path,
+            count,
+            needed - 1,
+            needed,
+        )
+        return
+    raise DataError(
+        f"{path} has {count} poses without times and the recording has {recorded} frames: expected "
+        f"the poses of this drive, {recorded} lines (or {needed}, up to the last frame here)",
+        code="other-drive",
+        fields=(str(path), str(count), str(recorded)),
+    )
 
 
 def pick(values: NDArray[Scalar], numbers: NDArray[np.int64], path: Path) -> NDArray[Scalar]:

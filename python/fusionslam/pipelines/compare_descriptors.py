@@ -20,7 +20,7 @@ from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun, Evaluation, EvaluationConfig, evaluate
 from fusionslam.pipelines.describe import PipelineConfig, describable, for_source, load_runs
 from fusionslam.pipelines.loops import find_loops
-from fusionslam.pipelines.recording import Recording
+from fusionslam.pipelines.recording import Recording, warn_of_odometry
 from fusionslam.pipelines.results import Work, runs_folder
 from fusionslam.pipelines.reusable_runs import describe_recording
 from fusionslam.storage.progress import Step, label_progress
@@ -92,6 +92,7 @@ def benchmark(
     for source, config in configs.items():
         own = for_source(config, source)
         dataset = recording.open(source)
+        warn_of_odometry(dataset)
         usable = describable(dataset, wanted[source], own, bad_frames)
         runs = describe_recording(
             recording,

@@ -289,7 +289,7 @@ class _Work:
         return skipped
 
     def _descriptor_run(self, name: str, joined: Arrays, skipped: dict[int, str]) -> DescriptorRun:
-        rows, poses = joined["rows"], self.dataset.poses
+        rows, poses = joined["rows"], self.dataset.true_poses
         return DescriptorRun(
             source=self.config.fusion.source,
             descriptor=find_descriptor(name).name,

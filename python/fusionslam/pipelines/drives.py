@@ -26,7 +26,13 @@ from fusionslam.fusion import ROBOT_FUSION
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, add_odometry_errors
 from fusionslam.geometry.se2 import places_of, transform_points
 from fusionslam.geometry.trajectory import Trajectory, read_trajectory
-from fusionslam.pipelines.recording import ON_ROBOT, Recording, SceneRecording, settle_frame
+from fusionslam.pipelines.recording import (
+    ON_ROBOT,
+    Recording,
+    SceneRecording,
+    settle_frame,
+    warn_of_odometry,
+)
 from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.image_series import ImageSeries
@@ -101,9 +107,12 @@ class Drive:
             poses = np.stack([message.pose for message in messages]) @ dataset.body_from_robot
             seconds = np.array([message.stamp_ns for message in messages]) / 1e9
             return _between(seconds, places_of(poses))
-        if dataset.poses is None or dataset.poses_origin is PosesOrigin.ODOMETRY:
+        warn_of_odometry(dataset)
+        if dataset.true_poses is None:
             return None
-        return _between(self.stamps_ns / 1e9, places_of(dataset.poses @ dataset.body_from_robot))
+        return _between(
+            self.stamps_ns / 1e9, places_of(dataset.true_poses @ dataset.body_from_robot)
+        )
 
     def true_way(self) -> Trajectory:
         """Return the ground-truth trajectory. Raises DataError if it is unknown."""

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 FORMATS = ("ply", "pcd", "bin")
+_POSES = ("poses.txt", "odometry.txt")
 # Most frames that a warning names.
 _NAMED = 20
 
@@ -123,7 +124,7 @@ def _refuse_foreign(root: Path) -> None:
     """Raise DataError if files not written by an earlier call have the names of ours."""
     if Work.load(root) is not None:
         return
-    for name in ("clouds", "times.txt", "poses.txt", "calib.yaml"):
+    for name in ("clouds", "times.txt", *_POSES, "calib.yaml"):
         if (root / name).exists():
             raise DataError(
                 f"{root} holds {name}, which no earlier fuse wrote: choose another folder",
@@ -138,7 +139,10 @@ def _write_texts(root: Path, dataset: "Dataset", config: FusionConfig) -> None:
         temporary.write_text("".join(f"{second:f}\n" for second in seconds), encoding="ascii")
     poses = cloud_poses(dataset, config)
     if poses is not None:
-        write_poses_tum(root / "poses.txt", dataset.stamps_ns, poses)
+        # Where the folder is read, poses.txt counts as true.
+        true, drifting = _POSES
+        name = drifting if dataset.true_poses is None else true
+        write_poses_tum(root / name, dataset.stamps_ns, poses)
     place = _place_on_robot(dataset, config)
     if place is not None:
         with atomic_path(root / "calib.yaml") as temporary:
@@ -176,7 +180,7 @@ def cloud_poses(dataset: "Dataset", config: FusionConfig) -> NDArray[np.float64]
         return scans
     if config.frame == "odometry":
         logger.warning(
-            "poses.txt says where odometry begins, as the clouds lie in it: "
+            "the poses written say where odometry begins, as the clouds lie in it: "
             "loops cannot be judged by it"
         )
     moved = [frame_from_points(dataset[i], config.frame) for i in range(len(dataset))]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fusionslam.config import merged
 from fusionslam.datasets import Dataset, open_dataset
-from fusionslam.datasets.base import CloudDataset
+from fusionslam.datasets.base import CloudDataset, PosesOrigin
 from fusionslam.datasets.streams import (
     GapsError,
     absolute_path,
@@ -160,6 +160,16 @@ def settle_frame(config: FusionConfig, dataset: Dataset) -> FusionConfig:
         dataset.name,
     )
     return merged(config, {"frame": "scan"})
+
+
+def warn_of_odometry(dataset: Dataset) -> None:
+    """Say of a recording whose only poses are odometry that nothing is judged by them."""
+    if dataset.poses_origin is PosesOrigin.ODOMETRY:
+        logger.warning(
+            "%s: its only poses are odometry, which drifts: nothing is judged by them, only by a "
+            "file of true poses (--gt)",
+            dataset.name,
+        )
 
 
 @contextmanager

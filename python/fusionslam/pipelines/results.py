@@ -3,7 +3,7 @@
 """Folders of results, described by ``run.json`` so that a later command can continue."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -107,9 +107,28 @@ def forget_demo(folder: str | os.PathLike[str], recording: Recording) -> None:
             code="other-results",
             fields=(str(folder), earlier.dataset),
         )
+    _delete([*_runs_of(earlier, folder), Path(folder) / FILE])
+
+
+def delete_page(folder: str | os.PathLike[str], name: str) -> None:
+    """Delete a page of earlier results and its figures: new results without a page differ.
+
+    Args:
+        folder: of the results.
+        name: of the page, without its suffix.
+
+    Raises:
+        DataError: a file cannot be deleted.
+    """
+    page = Path(folder) / f"{name}.html"
+    if page.exists():
+        _delete([page, page.with_suffix(".json"), page.with_suffix(".csv")])
+
+
+def _delete(paths: Iterable[Path]) -> None:
     try:
-        for path in [*_runs_of(earlier, folder), Path(folder) / FILE]:
-            path.unlink()
+        for path in paths:
+            path.unlink(missing_ok=True)
     except OSError as error:
         raise DataError(f"cannot delete {error.filename}: {error.strerror}") from error
 

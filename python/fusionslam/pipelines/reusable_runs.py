@@ -26,7 +26,7 @@ from fusionslam.pipelines.describe import (
     run_path,
 )
 from fusionslam.pipelines.recording import Recording
-from fusionslam.pipelines.results import Work, claim
+from fusionslam.pipelines.results import Work, claim, delete_page
 from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
@@ -77,6 +77,8 @@ def describe_recording(
     runs = {name: stored.load(name) for name in names}
     missing = [name for name, run in runs.items() if run is None]
     if missing:
+        if any(run_path(path, source, name).exists() for name in missing):
+            delete_page(folder, "report")
         made = describe_dataset(
             dataset,
             missing,
@@ -87,7 +89,7 @@ def describe_recording(
             progress=label_progress(step, f"describing {source} clouds"),
         )
         runs |= dict(zip(missing, made, strict=True))
-    poses = dataset.poses
+    poses = dataset.true_poses
     return [
         replace(run, poses=None if poses is None else poses[run.frames])
         for run in runs.values()

@@ -21,7 +21,7 @@ from fusionslam.errors import DataError
 from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
 from fusionslam.geometry.se2 import places_of
 from fusionslam.pipelines.frame_check import readable_frames
-from fusionslam.pipelines.recording import SceneRecording, name_frame
+from fusionslam.pipelines.recording import SceneRecording, name_frame, warn_of_odometry
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
@@ -133,7 +133,9 @@ def _of_dataset(
             clouds.append(cloud)
             if progress is not None:
                 progress(len(clouds), len(data))
-    poses = None if data.poses is None else places_of(data.poses @ data.body_from_robot)
+    warn_of_odometry(data)
+    true = data.true_poses
+    poses = None if true is None else places_of(true @ data.body_from_robot)
     return _fields(data, clouds, config.frame, poses)
 
 

@@ -126,7 +126,7 @@ class SceneSet:
         if self.poses is None:
             raise DataError(
                 f"{self.name} has no true poses: it can be matched, but not judged or tuned on; "
-                "record data with poses, or name a file of poses when recording (--gt)",
+                "name a file of poses (--gt), for a scene set when it is recorded",
                 code="no-poses",
             )
         return self.poses

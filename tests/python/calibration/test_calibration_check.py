@@ -132,6 +132,7 @@ def test_a_doubtful_best_is_not_said_to_fit(roll: float, score: float, words: st
     turn = Turn(degrees=(roll, 0.0, 0.0), ranges=ranges, score=score, errors=1.5)
     verdict, fits = _verdict(0.0138, turn, {}, CalibrationCheckConfig(), "try more")
     assert verdict.startswith(words) and fits is (True if "fits" in words else None)
+    assert ("0.4 deg" in verdict and "0.06 m" in verdict) == bool(fits)
 
 
 @pytest.mark.parametrize(("bound", "fits"), [(0.9, True), (1.4, None)])

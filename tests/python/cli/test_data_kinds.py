@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bags import translation
-from cli import error_of, fails, run, succeeds
+from bags import changed, drive, translation, write_bag
+from cli import error_of, fails, last_line, run, succeeds
 from fusionslam import datasets
 from fusionslam.datasets.base import OdometryOrigin, PosesOrigin
 from fusionslam.datasets.streams import MissingSensorError
+from fusionslam.evaluation import DescriptorRun
 from fusionslam.fusion import FusionConfig
 from fusionslam.loop_closure import LoopDetector
 from fusionslam.pipelines.drives import open_drive
@@ -264,3 +265,57 @@ def test_options_are_checked_before_a_world_is_recorded(
 ) -> None:
     monkeypatch.setattr("fusionslam.sim.recordings.record_world", pytest.fail)
     fails(2, *words, "warehouse", "-o", tmp_path / "out")
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag with odometry and without ground truth, and poses.txt, its true poses."""
+    pytest.importorskip("rosbags")
+    folder, rng = tmp_path_factory.mktemp("driven"), np.random.default_rng(5)
+    points = rng.uniform((2, -3, -0.2), (6, 3, 1), (300, 3)).astype(np.float32)
+    path = write_bag(folder / "drive.bag", changed(drive(4.0), "/points", points=points, fields={}))
+    dataset = datasets.open_dataset(path)
+    assert dataset.poses is not None and dataset.true_poses is None
+    datasets.write_poses_tum(folder / "poses.txt", dataset.stamps_ns, dataset.poses)
+    return path
+
+
+@pytest.mark.parametrize(
+    "command", ["views match", "views curve", "bench", "bench views", "ratslam"]
+)
+def test_nothing_is_judged_by_odometry(command: str, driven: Path, tmp_path: Path) -> None:
+    words = [*COMMANDS[command], driven, "-o", tmp_path / "out"]
+    words += ["--no-report"] if command == "bench" else []
+    if command in ("views curve", "bench views"):
+        assert error_of(1, *words).code == "no-poses"
+    else:
+        result = succeeds(*words)
+        assert result.stderr.count("--gt") == 1
+        assert "no true poses" in result.stdout
+    if command != "bench views":  # compares several recordings and takes no file of poses
+        judged = succeeds(*words, "--gt", driven.parent / "poses.txt")
+        assert "no true poses" not in judged.stdout and "--gt" not in judged.stderr
+
+
+def test_odometry_does_not_become_truth_where_it_is_written(driven: Path, tmp_path: Path) -> None:
+    succeeds("describe", driven, "-d", "m2dp", "-o", tmp_path / "runs")
+    assert DescriptorRun.load(tmp_path / "runs/lidar-m2dp.npz").poses is None
+    succeeds("fuse", driven, "-o", tmp_path / "fused")
+    assert datasets.open_dataset(tmp_path / "fused").poses is None
+    stamps, _ = datasets.read_poses(tmp_path / "fused/odometry.txt")
+    assert stamps is not None and len(stamps) == 9
+
+
+@pytest.mark.parametrize(
+    ("command", "page"),
+    [("views match", "views.html"), ("bench", "report.html"), ("ratslam", "ratslam.html")],
+)
+def test_no_page_of_earlier_results_stays_beside_new_ones(
+    command: str, page: str, fused: dict[str, Path], tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib")
+    words = [word for word in COMMANDS[command] if word != "--no-report"]
+    words += [str(fused["folder"]), "-o", str(tmp_path)]
+    assert last_line(succeeds(*words)) == str(tmp_path / page)
+    assert last_line(succeeds(*words, "--no-report")) != str(tmp_path / page)
+    assert not list(tmp_path.glob("*.html"))

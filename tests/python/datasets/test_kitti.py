@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The readers of KITTI against real files, and against layouts that are made up."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from error_codes import has_code
 from fusionslam.datasets import open_dataset, write_poses_tum
 from fusionslam.errors import DataError
 from kitti import P2, P3, POSE_LINE, TR, folder, odometry, put_image, put_scan, put_text, raw_drive
+from refusals import refuses
 
 
 def test_scans_of_kitti_00_come_with_their_numbers_times_and_poses(test_data: Path) -> None:
@@ -237,3 +239,43 @@ def test_names_that_do_not_count_frames_are_no_endless_gap(tmp_path: Path) -> No
         put_scan(tmp_path / f"velodyne/{name}.bin")
     with pytest.raises(DataError, check=has_code("no-frame-numbers")):
         open_dataset(tmp_path, gaps="skip")
+
+
+@pytest.mark.parametrize("make", [odometry, raw_drive, folder])
+def test_poses_of_another_drive_are_refused_by_their_number(
+    make: Callable[[Path], Path], tmp_path: Path
+) -> None:
+    root = make(tmp_path / "drive")
+    count = len(open_dataset(root))
+    if make is folder:
+        put_text(root / "times.txt", "".join(f"{n}\n" for n in range(count)))
+    given = tmp_path / "other.txt"
+    put_text(given, "".join(POSE_LINE.format(n) for n in range(9)))
+    with refuses("other-drive", str(given), "9", str(count)):
+        open_dataset(root, poses=given)
+    put_text(given, "".join(POSE_LINE.format(n) for n in range(count)))
+    assert len(open_dataset(root, poses=given)) == count
+
+
+def test_poses_fit_the_frames_that_are_here_or_all_that_were_recorded(tmp_path: Path) -> None:
+    odometry(tmp_path, range(4))
+    given = tmp_path / "given.txt"
+    for lines in (4, 6):  # times.txt has 6
+        put_text(given, "".join(POSE_LINE.format(n) for n in range(lines)))
+        assert open_dataset(tmp_path, poses=given).poses[:, 0, 3].tolist() == [0, 1, 2, 3]
+    put_text(given, "".join(POSE_LINE.format(n) for n in range(5)))
+    with refuses("other-drive", str(given), "5", "6"):
+        open_dataset(tmp_path, poses=given)
+
+
+def test_lines_beyond_the_frames_are_said_where_nothing_tells_whose_they_are(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    sequence = odometry(tmp_path)
+    put_text(tmp_path / "poses/03.txt", "".join(POSE_LINE.format(n) for n in range(9)))
+    assert open_dataset(tmp_path).poses[:, 0, 3].tolist() == [0, 1, 2, 3, 4, 5]
+    assert [record.args[1] for record in caplog.records] == [9]  # beside the data, not named
+    (sequence / "times.txt").unlink()
+    caplog.clear()
+    open_dataset(tmp_path, poses=tmp_path / "poses/03.txt")
+    assert [record.args[1] for record in caplog.records if len(record.args) > 1] == [9]

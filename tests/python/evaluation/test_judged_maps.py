@@ -319,3 +319,14 @@ def test_other_files_are_no_report(tmp_path: Path, content: str) -> None:
         MapReport.load(path)
     with pytest.raises(DataError, match=r"none\.json"):
         MapReport.load(tmp_path / "none.json")
+
+
+def test_odometry_that_is_the_truth_is_said_beside_its_errors() -> None:
+    exact = judge_map(square_run(odometry="truth"))
+    assert exact.unjudged == () and "truth+noise" in exact.remarks[0]
+    assert exact.remarks[0] in str(exact)
+    for odometry in ("truth with errors (scale 1.02)", "topic /odom"):
+        assert judge_map(square_run(odometry=odometry)).remarks == ()
+    assert judge_map(square_run(odometry="truth", truth=None)).remarks == (
+        "not judged: the run has no true poses",
+    )

@@ -33,7 +33,7 @@ def match(
     no_report: opt.NoReport = False,
 ) -> None:
     """Give each scan the id of its place, as on a robot; judge the ids if true poses are known."""
-    from fusionslam.pipelines.results import refuse_input
+    from fusionslam.pipelines.results import delete_page, refuse_input
     from fusionslam.pipelines.views import run_views
     from fusionslam.views.matcher import ViewMatcher
     from fusionslam.views.recognisers import describe_method
@@ -55,6 +55,7 @@ def match(
     _save_figures(output / "matches.json", run, values)
     print_run(run, None if judged is None else judged.judge(rule))
     if judged is None or no_report:
+        delete_page(output, "views")
         print(output / "matches.csv")
     else:
         print(_write_report(judged, output, rule))

@@ -49,7 +49,7 @@ def print_run(run: "MatchRun", report: "ViewReport | None") -> None:
         f"{stats.dropped} dropped; building {times[0]:.3f} ms, matching {times[1]:.3f} ms (medians)"
     )
     if report is None:
-        print("no true poses: the ids are not judged (views record --gt names a file of poses)")
+        print("no true poses: the ids are not judged (--gt names a file of poses)")
         return
     rows = [["this", *figures(report)], *without_sensor(run.scenes, report.rule_name)]
     print_table([f"rule {report.rule_name}", *HEADS], rows)

@@ -199,7 +199,9 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
         matched = with_poses(source, matched, moved)
     stamps_ns = _stamps(source, matched, sensors[0])
     if request.poses is not None:
-        poses, origin = match_poses(request.poses, matched.numbers, stamps_ns), PosesOrigin.FILE
+        recorded = len(source.series(sensors[0]).stamps)
+        poses = match_poses(request.poses, matched.numbers, stamps_ns, recorded=recorded)
+        origin = PosesOrigin.FILE
     has_points = moved.body and ("points" in sensors or matched.cameras_from_points is not None)
     return BagDataset(
         kind=source.bag.kind,

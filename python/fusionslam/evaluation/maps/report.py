@@ -12,6 +12,8 @@ from fusionslam.geometry.rigid import RigidMotion
 from fusionslam.help_texts import counted
 from fusionslam.storage.archive import check_types, load_json, save_json
 
+TRUTH = "truth"
+"""Name of odometry that equals the ground truth."""
 FORMAT = "fusionslam.map_report.1"
 
 
@@ -97,6 +99,17 @@ class MapReport:
     unjudged: tuple[str, ...] = ()
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """What to know before the figures are quoted, as text for users."""
+        if self.odometry != TRUTH or self.trajectory is None:
+            return self.unjudged
+        return (
+            "odometry is the ground truth itself: the errors of poses say nothing of a robot's; "
+            "--odometry truth+noise adds those of wheels",
+            *self.unjudged,
+        )
+
+    @property
     def near_link_share(self) -> float | None:
         """Share of the links that join places nearer than the view radius."""
         return _share(self.near_links, self.judged_links)
@@ -124,7 +137,7 @@ class MapReport:
         return figures | {f"{one}_share": getattr(self, f"{one}_share") for one in shares}
 
     def __str__(self) -> str:
-        return "\n".join([*_heading(self), *_errors(self), *_topology(self), *self.unjudged])
+        return "\n".join([*_heading(self), *_errors(self), *_topology(self), *self.remarks])
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write JSON, whole or not at all. Raises DataError where that is impossible."""

@@ -56,16 +56,16 @@ def drive_part(folder: Path, id: str, name: str, judged: Judged) -> dict[str, An
     runs, reports = [run for run, _ in judged], [report for _, report in judged]
     labels = run_labels(runs)
     scenes = [scene_of(run, report) for run, report in judged]
-    unjudged = (
+    remarks = (
         f"{label}: {why}"
         for label, report in zip(labels, reports, strict=True)
-        for why in report.unjudged
+        for why in report.remarks
     )
     return {
         "name": name,
         "id": id,
         "answer": answer(labels, reports),
-        "unjudged": list(dict.fromkeys(unjudged)),
+        "remarks": list(dict.fromkeys(remarks)),
         "errors": error_table(labels, reports),
         "joins": joins_table(labels, scenes),
         "maps": _draw_maps(folder, name, labels, scenes),
