@@ -12,6 +12,7 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.bench import compare
 from fusionslam.cli.console import progress
 from fusionslam.cli.failures import keep, needs_extra
+from fusionslam.errors import ConfigError
 from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
@@ -28,6 +29,10 @@ def demo(
         str,
         opt.one_of("--world", names=opt.WORLDS, help="Of a car (town) or a robot (the others)."),
     ] = "town",
+    quick: Annotated[
+        bool,
+        typer.Option("--quick", help="Two rounds of one block of a town: does it all work?"),
+    ] = False,
     settings: opt.Settings = None,
     config: opt.ConfigFile = None,
     jobs: opt.Jobs = None,
@@ -43,14 +48,21 @@ def demo(
         DEMO_DESCRIPTORS,
         INDOOR,
         INDOOR_DESCRIPTORS,
+        QUICK_TOWN,
     )
 
+    if quick and world != "town":
+        raise ConfigError(
+            f"--quick is for the town, not for {world}", code="choice", fields=("--quick", world)
+        )
     for extra in ("sim",) if world == "town" else ("sim", "bags"):
         needs_extra(extra)
     if not no_report:
         needs_extra("report", unless="--no-report")
     own = [setting for setting in settings or [] if setting.strip().startswith("sim.")]
     others = [setting for setting in settings or [] if setting not in own]
+    if quick:
+        own = [*QUICK_TOWN, *own]
     indoor = world != "town"
     descriptors = INDOOR_DESCRIPTORS if indoor else DEMO_DESCRIPTORS
     configs = {

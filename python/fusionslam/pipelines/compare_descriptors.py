@@ -35,6 +35,21 @@ DEMO_DESCRIPTORS: Mapping[str, Sequence[str]] = {
 }
 """The demo's sources and the descriptors computed from each."""
 
+QUICK_TOWN = (
+    "sim.town.blocks=[1,1]",
+    "sim.town.block_m=44",
+    "sim.drive.laps=[[[0,0],[1,0],[1,1],[0,1],[0,0]],[[0,0],[1,0],[1,1],[0,1],[0,0]]]",
+    "sim.drive.lap_shift_m=[0,-1.2]",
+    "sim.drive.spacing_m=3",
+    "sim.car.lidar.rings=32",
+    "sim.car.lidar.azimuths=360",
+    "sim.car.camera.width=310",
+    "sim.car.camera.height=94",
+    "sim.car.camera.focal_px=180",
+    "sim.car.camera.centre_px=[152,46]",
+)
+"""Settings of the quick demo: two rounds of one block with small sensors."""
+
 INDOOR: Mapping[str, Any] = {
     "evaluation": {"radius": 0.8, "window": 40},
     "loop_closure": {"window": 40},

@@ -314,6 +314,17 @@ def test_the_demo_needs_no_data_and_runs_twice(tmp_path: Path) -> None:
     assert stored["lidar"]["fusion"]["voxel"] == 0
 
 
+def test_the_quick_demo_judges_revisits_of_the_town(tmp_path: Path) -> None:
+    pytest.importorskip("embreex")
+    sensors = [word for setting in TINY_TOWN if "sim.car" in setting for word in ("--set", setting)]
+    out = succeeds("demo", "--quick", "-o", tmp_path, "--no-report", *sensors).stdout
+    assert int(re.search(r"(\d+) revisits", out)[1]) > 20  # type: ignore[index]
+    simulated = json.loads((tmp_path / "drive/sim.json").read_text())["config"]
+    assert simulated["car"]["lidar"]["rings"] == 16 and simulated["town"]["blocks"] == [1, 1]
+    error = error_of(2, "demo", "--quick", "--world", "house", "-o", tmp_path / "house")
+    assert (error.code, error.fields) == ("choice", ("--quick", "house"))
+
+
 def test_the_demo_drives_a_robot_through_an_indoor_world_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -27,12 +27,19 @@ from error_codes import has_code
 from fusionslam import DescriptorIndex, LoopDetector
 from fusionslam.datasets import open_bag, read_cloud, write_cloud
 from fusionslam.errors import DataError
+from fusionslam.evaluation import DescriptorRun
+from fusionslam.fusion import FusionConfig
+from fusionslam.pipelines.export_folder import write_clouds
+from fusionslam.pipelines.recording import Recording
 from fusionslam.ratslam import RatSlam
+from fusionslam.report.page.html import about_report, write_page
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage import files
 from fusionslam.storage.archive import load_archive, load_json, save_archive, save_json
 from fusionslam.storage.files import atomic_path, scratch_folder
 from fusionslam.views import SceneSet, ViewMatcher
+from kitti import write_sequence
+from pages import Page
 from scenes import LAPS, drive, place
 
 KILLS = int(os.environ.get("FUSIONSLAM_KILLS", "30"))
@@ -195,8 +202,36 @@ def read_drive(folder: Path) -> None:
         assert bag.topics
 
 
+def descriptor_run() -> DescriptorRun:
+    count = 300
+    return DescriptorRun(
+        source="lidar",
+        descriptor="m2dp",
+        dataset="a test",
+        descriptors=np.ones((count, 192), np.float32),
+        frames=np.arange(count),
+        stamps_ns=np.arange(count),
+        poses=np.tile(np.eye(4), (count, 1, 1)),
+        seconds={"describe": np.ones(count)},
+        peak_memory_bytes=1,
+        points=np.ones(count, np.int64),
+    )
+
+
+def write_report(folder: Path) -> None:
+    notes = ["a note of this report"] * 5_000
+    write_page(folder / "a.html", "page.html.j2", ABOUT, title="a test", notes=notes)
+
+
+def check_report(folder: Path) -> None:
+    text = (folder / "a.html").read_text()
+    Page(text)
+    assert text.count("a note") == 5_000 and text.rstrip().endswith("</html>")
+
+
 DETECTOR, SLAM, MATCHER, SCENES, INDEX = detector(), slam(), matcher(), drive(LAPS), filled(500)
-CLOUD = Cloud(np.ones((20_000, 3), np.float32))
+CLOUD, RUN = Cloud(np.ones((20_000, 3), np.float32)), descriptor_run()
+ABOUT = about_report("a test", "fusionslam", {})
 WRITERS: dict[str, tuple[Callable[[Path], Any], Callable[[Path], Any], int]] = {
     "archive": (
         lambda folder: save_archive(folder / "a.npz", FORMAT, {}, {"rows": ROWS}),
@@ -215,6 +250,12 @@ WRITERS: dict[str, tuple[Callable[[Path], Any], Callable[[Path], Any], int]] = {
     "index": (lambda at: INDEX.save(at / "a"), lambda at: DescriptorIndex.load(at / "a"), 1),
     "cloud": (lambda at: write_cloud(at / "a.ply", CLOUD), lambda at: read_cloud(at / "a.ply"), 1),
     "bag": (write_drive, read_drive, 1),
+    "descriptor run": (
+        lambda at: RUN.save(at / "a.npz"),
+        lambda at: DescriptorRun.load(at / "a.npz"),
+        1,
+    ),
+    "page of a report": (write_report, check_report, 1),
 }
 
 
@@ -229,6 +270,36 @@ def test_a_killed_writer_leaves_the_old_or_the_new_file(tmp_path: Path, name: st
     files._cleaned.clear()
     save(tmp_path)
     assert len(os.listdir(tmp_path)) == count
+
+
+def test_a_killed_fuse_leaves_whole_clouds_and_the_next_completes_them(tmp_path: Path) -> None:
+    sequence = write_sequence(tmp_path, [0, 1, 2, 3] * 5, [4000] * 20, metres=3, width=64)
+    recording = Recording.at(sequence)
+
+    def write(folder: Path, last: int = -1) -> None:
+        def kill(done: int, _: int) -> None:
+            if done == last:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        write_clouds(recording, folder, FusionConfig(), jobs=2, progress=kill)
+
+    def clouds(folder: Path) -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in (folder / "clouds").iterdir()}
+
+    write(tmp_path / "whole")
+    whole, names = clouds(tmp_path / "whole"), sorted(os.listdir(tmp_path / "whole"))
+    for last in np.linspace(1, 19, math.ceil(KILLS / len(WRITERS))).astype(int):
+        folder = tmp_path / str(last)
+        child = os.fork()
+        if not child:
+            write(folder, last)
+            os._exit(0)
+        assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
+        found = {name: data for name, data in clouds(folder).items() if name[0] != "."}
+        assert len(found) >= last and found.items() <= whole.items()
+        files._cleaned.clear()
+        write(folder)
+        assert clouds(folder) == whole and sorted(os.listdir(folder)) == names
 
 
 @pytest.mark.parametrize("name", WRITERS)
