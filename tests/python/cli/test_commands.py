@@ -318,7 +318,7 @@ def test_the_quick_demo_judges_revisits_of_the_town(tmp_path: Path) -> None:
     pytest.importorskip("embreex")
     sensors = [word for setting in TINY_TOWN if "sim.car" in setting for word in ("--set", setting)]
     out = succeeds("demo", "--quick", "-o", tmp_path, "--no-report", *sensors).stdout
-    assert int(re.search(r"(\d+) revisits", out)[1]) > 20  # type: ignore[index]
+    assert int(re.search(r"(\d+) revisits", out)[1]) > 20
     simulated = json.loads((tmp_path / "drive/sim.json").read_text())["config"]
     assert simulated["car"]["lidar"]["rings"] == 16 and simulated["town"]["blocks"] == [1, 1]
     error = error_of(2, "demo", "--quick", "--world", "house", "-o", tmp_path / "house")
