@@ -16,9 +16,7 @@ def write_table(outcomes: Iterable[Outcome]) -> None:
     """Write one row a target, and the sums."""
     done = sorted(outcomes, key=lambda outcome: outcome.target)
     rows = [_row(outcome.target, [outcome]) for outcome in done]
-    text = table(["target", "inputs", *FIGURES], [*rows, _row("all", done)])
-    commits = ", ".join(sorted({commit for outcome in done for commit in outcome.commits}))
-    write_between(PAGE, "fuzz", f"{text}\n\nTried at commit {commits}.")
+    write_between(PAGE, "fuzz", table(["target", "inputs", *FIGURES], [*rows, _row("all", done)]))
 
 
 def _row(name: str, outcomes: Sequence[Outcome]) -> list[str]:

@@ -351,6 +351,14 @@ TEST_CASE("another version and another kind of file are told apart") {
   check_refused<DataError>([&] { DescriptorIndex::load(folder.path.string()); }, "cannot be read");
 }
 
+TEST_CASE("the bytes of an empty index give an empty index") {
+  const auto bytes = DescriptorIndex(5, {3, 0}).to_bytes();
+  const auto index = DescriptorIndex::from_bytes(bytes);
+  CHECK(index.size() == 0);
+  CHECK(index.dimension() == 5);
+  CHECK(index.to_bytes() == bytes);
+}
+
 TEST_CASE("a path that cannot be written is named and nothing is left behind") {
   const Folder folder;
   const std::string inside_none = folder.file("none/a.index");

@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <span>
@@ -93,7 +94,7 @@ struct MemorySource {
   std::uintmax_t size() const { return bytes.size(); }
   void read(std::span<std::byte> to) {
     if (to.size() > bytes.size()) refuse(name, "cannot be read to its end");
-    std::memcpy(to.data(), bytes.data(), to.size());
+    std::ranges::copy(std::as_bytes(bytes.first(to.size())), to.begin());
     bytes = bytes.subspan(to.size());
   }
 };
