@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fusionslam._core import M2dpConfig, cloud_resolution, cm2dp, cshot, m2dp, shot
 from fusionslam.config import Section, core_section, explain_choice, merged, option, split_preset
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.sensors.frame import Cloud
 
 if TYPE_CHECKING:
@@ -66,10 +66,13 @@ def describe(
 
     Raises:
         ConfigError: unknown name or preset.
+        ShapeError: not a cloud.
         DataError: colours are needed and missing, or the cloud cannot be described (empty, NaN,
             all points equal, ...).
     """
     kind = find_descriptor(name)
+    if not isinstance(cloud, Cloud):
+        raise ShapeError(f"{name} needs a Cloud, got {type(cloud).__name__}")
     if kind.needs_colors and cloud.colors is None:
         raise DataError(f"{name} needs colours and the cloud has none", code="no-colors")
     return kind.compute(cloud, for_preset(config or DescriptorConfig(), name))

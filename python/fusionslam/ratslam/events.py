@@ -85,6 +85,16 @@ def stamp_of(event: Event) -> int:
     return stamp_ns
 
 
+def check_sighting(sighting: Sighting) -> None:
+    """Raise DataError if the view's id is no whole number, or its reason no text."""
+    try:
+        operator.index(sighting.view_id)
+    except TypeError:
+        raise DataError(f"view id {sighting.view_id!r}: expected a whole number") from None
+    if not isinstance(sighting.reason, str):
+        raise DataError(f"reason {sighting.reason!r}: expected text")
+
+
 def is_looking(event: Event) -> bool:
     """True if the event is a view or can be recognised as one, not only odometry."""
     return not isinstance(event, Odometry | Motion)

@@ -26,7 +26,14 @@ from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam.actions import Action
-from fusionslam.ratslam.events import Event, Look, Sighting, is_looking, stamp_of
+from fusionslam.ratslam.events import (
+    Event,
+    Look,
+    Sighting,
+    check_sighting,
+    is_looking,
+    stamp_of,
+)
 from fusionslam.ratslam.experience_map import (
     ExperienceMap,
     ExperienceMapConfig,
@@ -292,6 +299,8 @@ class RatSlam:
 
     def _check(self, event: Event) -> tuple[Odometry2D | None, MotionStep | None]:
         stamp_ns, known = stamp_of(event), self.memory
+        if isinstance(event, Sighting):
+            check_sighting(event)
         if known.newest_ns is not None and stamp_ns < known.newest_ns:
             raise DataError(f"stamp {stamp_ns} ns: expected {known.newest_ns} ns or later")
         if is_looking(event) and stamp_ns == known.looked_ns:

@@ -97,6 +97,8 @@ def test_describe_names_what_is_missing_or_unknown() -> None:
         fusionslam.describe(fusionslam.Cloud(points), "cm2dp")
     with pytest.raises(fusionslam.ConfigError, match=r"m3dp.*m2dp, cm2dp, shot, cshot"):
         fusionslam.describe(fusionslam.Cloud(points), "m3dp")
+    with pytest.raises(fusionslam.ShapeError, match="ndarray"):
+        fusionslam.describe(points, "m2dp")
 
 
 def test_two_visits_of_a_place_are_nearer_than_other_places() -> None:

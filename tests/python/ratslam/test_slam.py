@@ -43,6 +43,14 @@ def test_what_is_no_event_is_refused_by_its_type(event: Any) -> None:
         RatSlam().step(event)
 
 
+@pytest.mark.parametrize("values", [{"view_id": 0.5}, {"view_id": np.zeros(2)}, {"reason": 3}])
+def test_a_sighting_of_other_types_is_refused_and_changes_nothing(values: Any) -> None:
+    slam = RatSlam()
+    with pytest.raises(DataError):
+        slam.step(Sighting(**{"stamp_ns": SECOND, "view_id": 0, **values}))
+    assert slam.seen_ns == (None, None)
+
+
 def test_odometry_of_a_frame_must_be_a_transform() -> None:
     with pytest.raises(ShapeError, check=lambda error: error.fields == ("odometry",)):
         RatSlam().step(Frame(odometry=np.eye(2)))
